@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
+from sim2vr_harness.base.errors import shown
 from sim2vr_harness.base.settings import (
     MOST_STEPS,
     Chance,
@@ -72,3 +73,11 @@ class SkillsConfig(Settings):
     straight tool that goes on forward from the controller, m."""
     q_learning: QLearningConfig = QLearningConfig()
     """Q-learning of what to do with what is seen."""
+
+    @field_validator("tool", mode="before")
+    @classmethod
+    def _known_tool(cls, tool: object) -> object:
+        length = isinstance(tool, int | float) and not isinstance(tool, bool) and 0 < tool <= 3
+        if tool not in ("auto", "none") and not length:
+            raise ValueError(f"got {shown(tool)}, expected 'auto', 'none' or a length of up to 3 m")
+        return tool

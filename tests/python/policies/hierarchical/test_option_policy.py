@@ -122,21 +122,57 @@ def test_a_decision_is_seen_through_for_as_long_as_it_pays() -> None:
     assert [force for _, force in shown] == [True, *[False] * 5], "one line at once"
 
 
+SMALL = (
+    "skills.q_learning.users=3",
+    "skills.q_learning.user_steps=243",
+    "skills.q_learning.try_steps=90",
+    "skills.q_learning.explore_steps=100",
+    "env.app.options.round_seconds=2",
+)
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A whole run, very small."""
     folder = tmp_path_factory.mktemp("runs") / "decider"
-    small = config(
-        "skills.q_learning.users=3",
-        "skills.q_learning.user_steps=243",
-        "skills.q_learning.try_steps=90",
-        "skills.q_learning.explore_steps=100",
-        "env.app.options.round_seconds=2",
-    )
-    result = train(small, folder)
+    result = train(config(*SMALL), folder)
     assert not result.interrupted
     assert result.step == 243
     return folder
+
+
+def test_a_run_that_stops_on_the_way_goes_on_to_the_bit(run: Path, tmp_path: Path) -> None:
+    parts = tmp_path / "parts"
+    first = train(config(*SMALL), parts, timesteps=100)
+    assert (first.step, first.interrupted) == (108, False)  # 3 users, 3 steps a decision
+    assert train(config(*SMALL), parts, timesteps=100, resume=True).step == 108
+    assert evaluate(parts, Request(episodes=1, steps=False, out=tmp_path / "early")).summaries
+    assert train(config(*SMALL), parts, resume=True).step == 243
+    whole, both = (torch.load(each / "looking" / "values.pt")["values"] for each in (run, parts))
+    assert all(torch.equal(values, both[name]) for name, values in whole.items())
+
+
+INPUTS = "env.user.inputs=[right.trigger, right.thumbstick_x]"
+
+
+def test_a_user_with_inputs_works_them(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    assert train(config(*SMALL, INPUTS, "skills.tool=none"), folder).step == 243
+    user = load_user_policy(folder)
+    env = user.make_env()
+    observation, _ = env.reset(seed=3)
+    action, _ = user.predict(observation, None, np.array([True]))
+    assert action.shape == env.action_space.shape == (user._policy.layer.drives.count + 2,)  # type: ignore[union-attr, operator]
+    env.close()
+
+
+def test_a_student_learns_to_work_them(tmp_path: Path) -> None:
+    student = (
+        "skills.user=student",
+        *("student.n_envs=2", "student.frames=60", "student.samples_per_frame=1"),
+        *("ppo.n_envs=2", "ppo.n_steps=10", "ppo.batch_size=20", "total_timesteps=20"),
+    )
+    assert train(config(*SMALL, INPUTS, *student), tmp_path / "run").step == 20
 
 
 def test_it_plays_at_the_end_of_a_run_alike_alone_and_beside_others(run: Path) -> None:

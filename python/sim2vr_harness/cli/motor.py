@@ -20,6 +20,7 @@ from sim2vr_harness.cli.options import (
 if TYPE_CHECKING:
     from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
     from sim2vr_harness.training.motor_control.goal_task import MotorTrainer
+    from sim2vr_harness.training.motor_control.human_task import HumanMotorTrainer
     from sim2vr_harness.users import Body
 
 __all__ = ["app", "old_app"]
@@ -45,6 +46,10 @@ _MotorSet = Annotated[
         "be repeated.",
     ),
 ]
+_People = Annotated[
+    bool,
+    typer.Option("--people", help="Of a simulated population (docs/concepts/people.md)."),
+]
 
 
 def train_layer(
@@ -56,6 +61,7 @@ def train_layer(
     step_s: StepOption = 0.05,
     seed: Annotated[int, typer.Option(help="Of what is drawn.", min=0)] = 1,
     set_: _MotorSet = None,
+    people: _People = False,
     trust_app: TrustOption = False,
 ) -> int:
     """Train a body's motor layer; a stopped training continues.
@@ -63,7 +69,10 @@ def train_layer(
     Examples:
         sim2vr-harness users motor train mobl_arms_wrist --out layer.pt
         sim2vr-harness users motor train mobl_arms_wrist --out l.pt --set cycles=36
+        sim2vr-harness users motor train mobl_arms_wrist --people --out people.pt
     """
+    if people:
+        return _train_people(body, out, begin, step_s, seed, set_ or (), trust_app)
     from sim2vr_harness.base.signals import sigterm_interrupts
     from sim2vr_harness.policies.hierarchical.motor_store import load_motor_layer, save_motor_layer
     from sim2vr_harness.runs.config import apply_overrides, parse_config
@@ -90,13 +99,62 @@ def train_layer(
     return 0
 
 
-def _changes(given: Sequence[str]) -> list[str]:
+def _train_people(
+    body: str,
+    out: Path,
+    begin: Path | None,
+    step_s: float,
+    seed: int,
+    changes: Sequence[str],
+    trust_app: bool,
+) -> int:
+    """Train a human motor policy, from the body's plain motor layer where there is one."""
+    from sim2vr_harness.base.errors import InputError
+    from sim2vr_harness.base.signals import sigterm_interrupts
+    from sim2vr_harness.envs.config import UserConfig, body_of
+    from sim2vr_harness.envs.people_preset import as_population
+    from sim2vr_harness.policies.hierarchical.motor_store import (
+        load_motor_layer,
+        motor_layer_for,
+        save_motor_layer,
+    )
+    from sim2vr_harness.runs.config import apply_overrides, parse_config
+    from sim2vr_harness.runs.trust import require_trusted_body
+    from sim2vr_harness.training.motor_control.human_task import human_trainer
+
+    require_trusted_body(body, body, trust=trust_app)
+    given = _changes(changes, "skills.people_training.")
+    config = parse_config(apply_overrides({}, given)).skills.people_training
+    user = as_population(UserConfig(model=body))
+    try:
+        of = body_of(user)
+        first = (
+            motor_layer_for(of, step_s) if begin is None else load_motor_layer(begin, of, step_s)
+        )
+    except InputError:
+        if begin is not None:
+            raise
+        first = None
+    trainer = human_trainer(config, user, step_s, seed=seed, begin=first)
+    begun = out.with_name(out.name + ".part")
+    try:
+        with sigterm_interrupts():
+            known = _cycles(trainer, begun)
+    except KeyboardInterrupt:
+        typer.echo(f"Stopped after cycle {trainer.cycle}; the same command goes on.", err=True)
+        return 130
+    save_motor_layer(out, trainer.task.policy, body=of.name, **known)
+    begun.unlink(missing_ok=True)
+    typer.echo(f"Written: {out}")
+    return 0
+
+
+def _changes(given: Sequence[str], below: str = "skills.motor_training.") -> list[str]:
     """Return overrides with whole keys; ``cycles=36`` may be short for that of the training."""
-    below = "skills.motor_training."
     return [change if change.lstrip().startswith(below) else below + change for change in given]
 
 
-def _cycles(practice: MotorTrainer, begun: Path) -> dict[str, Any]:
+def _cycles(practice: MotorTrainer | HumanMotorTrainer, begun: Path) -> dict[str, Any]:
     from dataclasses import asdict
 
     from sim2vr_harness.cli.progress import Share
@@ -141,12 +199,16 @@ def measure(
         typer.Option(metavar="FILE.png", help="Draw it into this file.", callback=writable_file),
     ] = None,
     json: JsonOption = False,
+    people: _People = False,
     trust_app: TrustOption = False,
 ) -> None:
     """Measure a motor layer: end points, speeds, effort and Fitts' law.
 
+    With --people, a population aims at targets of nine indices of difficulty.
+
     Examples:
         sim2vr-harness users motor measure mobl_arms_wrist
+        sim2vr-harness users motor measure mobl_arms_wrist --people --layer people.pt
         sim2vr-harness users motor measure mobl_arms_wrist --noise --out layer.png
     """
     from sim2vr_harness.cli.progress import Share
@@ -154,6 +216,9 @@ def measure(
     from sim2vr_harness.training.motor_control.benchmark_figure import draw_measures
     from sim2vr_harness.users.noise import MotorNoiseSettings
 
+    if people:
+        _measure_people(body, layer, step_s, seed, json, trust_app)
+        return
     found = _layer(_body(body, trust_app), layer, step_s)
     human = MotorNoiseSettings(signal_dependent="white", constant="white")
     with Share("Measuring movements") as share:
@@ -174,6 +239,35 @@ def measure(
         typer.echo(f"{name:40s} {value:.4g}")
     if out is not None:
         typer.echo(f"Written: {out}")
+
+
+def _measure_people(
+    body: str, layer: Path | None, step_s: float, seed: int, json: bool, trust_app: bool
+) -> None:
+    from sim2vr_harness.cli.progress import Share
+    from sim2vr_harness.envs.config import UserConfig
+    from sim2vr_harness.envs.people_preset import as_population
+    from sim2vr_harness.policies.hierarchical.motor_store import (
+        human_policy_for,
+        load_human_policy,
+    )
+    from sim2vr_harness.runs.trust import require_trusted_body
+    from sim2vr_harness.training.motor_control.human_benchmark import measure_people
+
+    require_trusted_body(body, body, trust=trust_app)
+    user = as_population(UserConfig(model=body))
+    policy = (
+        human_policy_for(user, step_s) if layer is None else load_human_policy(layer, user, step_s)
+    )
+    with Share("Measuring movements") as share:
+        measures = measure_people(policy, user, seed=seed, on_progress=share.show)
+    if json:
+        print_json(measures.summary())
+        return
+    for row in measures.rows():
+        typer.echo(row)
+    for name, value in measures.summary().items():
+        typer.echo(f"{name:40s} {value:.4g}")
 
 
 def _body(name: str, trust_app: bool) -> Body:

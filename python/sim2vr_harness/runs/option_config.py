@@ -10,11 +10,12 @@ from sim2vr_harness.base.settings import (
     MOST_STEPS,
     Chance,
     Settings,
+    Weight,
     Width,
 )
 from sim2vr_harness.runs.ppo_config import MOST_USERS
 
-__all__ = ["MotorTrainingConfig", "QLearningConfig", "SkillsConfig"]
+__all__ = ["MotorTrainingConfig", "PeopleTrainingConfig", "QLearningConfig", "SkillsConfig"]
 
 
 class MotorTrainingConfig(Settings):
@@ -30,6 +31,44 @@ class MotorTrainingConfig(Settings):
     strikes: bool = False
     """True: hands come through places when and as fast as they are told, as those do who follow
     other hands; they wait and wind up where there is time. Games' moves say where, not when."""
+
+
+class PeopleTrainingConfig(Settings):
+    """Training of a human motor policy: movements that a person starts, corrects and ends."""
+
+    cycles: int = Field(default=30, ge=1, le=100_000)
+    """Cycles of training, as of the motor policy."""
+    bodies: int = Field(default=48, ge=1, le=MOST_USERS)
+    """Simulated persons that move in a cycle."""
+    users: int = Field(default=160, ge=1, le=MOST_USERS)
+    """Imagined persons."""
+    width: Width = 256
+    """Width of the two hidden layers of the policy, and of the critic's."""
+    body_width: Width = 128
+    """Width of the hidden layers of the forward model of the body."""
+    success_reward: Weight = 5.0
+    """Reward of a movement that ends as its goal says."""
+    miss_cost: Weight = 5.0
+    """Cost of a movement that ends otherwise."""
+    time_cost: Weight = 5.0
+    """Cost of time while a goal is pursued, 1/s."""
+    distance_cost: Weight = 15.0
+    """Cost of the distance to the goal at the end of a movement, 1/m."""
+    effort_cost: Weight = 2.0
+    """Cost of the mean square of activations per user step, weighted by muscle volume."""
+    action_rate_cost: Weight = 0.5
+    """Cost of the mean square of commanded changes of activation per user step."""
+    weber: Chance = 0.05
+    """Standard deviation of a goal's perceived place, of its distance from the hand."""
+    least_m: Weight = 0.002
+    """The same of a goal at the hand, m."""
+    late_steps: int = Field(default=2, ge=0, le=100)
+    """User steps by which the distance between hand and goal is seen late."""
+
+    @property
+    def perception(self) -> dict[str, float]:
+        """How goals are misjudged."""
+        return {"weber": self.weber, "least_m": self.least_m, "late_steps": self.late_steps}
 
 
 class QLearningConfig(Settings):
@@ -54,10 +93,15 @@ class SkillsConfig(Settings):
     """Who plays in the end. ``student``: a policy from senses to muscles, which then goes on by PPO
     with the true effort. ``hierarchical``: the Q-network, with the motor layer below it; it plays
     as soon as it has learned, and completes each action that it has selected."""
+    people: bool = False
+    """True: users see late, need time to decide, and move by the human motor policy of their body;
+    the cost of effort counts in what they decide. ``train GAME --people`` sets it."""
     motor: str | None = None
     """File of the motor layer; None: the one that ships for the body, or, where none does, one that
     the run makes first."""
     motor_training: MotorTrainingConfig = MotorTrainingConfig()
     """Training of the motor layer."""
+    people_training: PeopleTrainingConfig = PeopleTrainingConfig()
+    """Training of a human motor policy."""
     q_learning: QLearningConfig = QLearningConfig()
     """Q-learning of what to do with what is seen."""

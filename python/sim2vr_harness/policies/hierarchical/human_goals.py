@@ -121,9 +121,12 @@ class GoalPerception:
         return (self._least_m + self._weber * self._seen_m[0])[..., None] * self._error
 
     def state_dict(self) -> dict[str, Tensor]:
-        """Everything that its future depends on, but for the generator."""
-        return {"error": self._error.clone(), "seen_m": self._seen_m.clone()}
+        """Everything that its future depends on, but for torch's global generator."""
+        own = {"error": self._error.clone(), "seen_m": self._seen_m.clone()}
+        return own | ({} if self._generator is None else {"drawn": self._generator.get_state()})
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
         """Continue from :meth:`state_dict`."""
         self._error, self._seen_m = state["error"].clone(), state["seen_m"].clone()
+        if self._generator is not None:
+            self._generator.set_state(state["drawn"])

@@ -7,6 +7,7 @@ The policy acts on that prediction, and decides when a movement is over.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -16,6 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from sim2vr_harness.envs.config import UserConfig, body_of, people_of
 from sim2vr_harness.policies.hierarchical.human_goals import (
     HUMAN_GOAL_SIZE,
     GoalPerception,
@@ -24,12 +26,12 @@ from sim2vr_harness.policies.hierarchical.human_goals import (
 )
 from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, tips
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
-from sim2vr_harness.users import Body, UserBatch, held
+from sim2vr_harness.users import Body, Physique, UserBatch, held
 from sim2vr_harness.world_models.body_dynamics import BodyModel, mlp
 from sim2vr_harness.world_models.person_features import ImaginedPersons
 from sim2vr_harness.world_models.transitions import Motion
 
-__all__ = ["HumanHands", "HumanMotorPolicy"]
+__all__ = ["HumanHands", "HumanMotorPolicy", "people_policy"]
 
 _CLIP = 8.0
 _LOGIT, _FIRST_LOGIT = 4.0, -0.6
@@ -45,6 +47,7 @@ class HumanMotorPolicy(nn.Module):
         persons: how persons stand in tensors.
         width: of the two hidden layers.
         body_width: of the forward model's hidden layers.
+        perception: arguments of :class:`GoalPerception`: how users misjudge goals.
     """
 
     mean: Tensor
@@ -58,8 +61,10 @@ class HumanMotorPolicy(nn.Module):
         *,
         width: int = 256,
         body_width: int = 128,
+        perception: Mapping[str, float] | None = None,
     ) -> None:
         super().__init__()
+        self._misjudged = dict(perception or {})
         self.body, self.step_s, self.hands = body, step_s, held(body.devices)
         self.persons, self.width, self.body_width = persons, width, body_width
         self.forward_model = BodyModel(
@@ -111,6 +116,19 @@ class HumanMotorPolicy(nn.Module):
         now, soon = both.chunk(2)
         return now, soon
 
+    def perception(self, n: int, generator: torch.Generator | None = None) -> GoalPerception:
+        """Return where N users believe that goals are; errors are drawn from the generator."""
+        known = self._misjudged
+        return GoalPerception(
+            n,
+            len(self.hands),
+            self.step_s,
+            weber=known.get("weber", 0.0),
+            least_m=known.get("least_m", 0.0),
+            late_steps=int(known.get("late_steps", 0)),
+            generator=generator,
+        )
+
     def observe(self, believed: Motion, goals: Tensor) -> Tensor:
         """(B, size) what it acts on; ``goals`` as :func:`describe_human` returns them."""
         unit = 2.0 * (believed.angles - self._low) / self._span - 1.0
@@ -142,6 +160,7 @@ class HumanMotorPolicy(nn.Module):
             "width": self.width,
             "body_width": self.body_width,
             "people": True,
+            "perception": self._misjudged,
         }
 
     def weights(self) -> Mapping[str, Tensor]:
@@ -152,6 +171,31 @@ class HumanMotorPolicy(nn.Module):
     def take(self, weights: Mapping[str, Tensor]) -> None:
         """Take over :meth:`weights` of a policy of the same body, step and widths."""
         self.load_state_dict({**self.state_dict(), **weights})
+
+
+class _Cut:
+    """The bodies of a configuration's persons, as :class:`ImaginedPersons` reads them."""
+
+    def __init__(self, user: UserConfig) -> None:
+        self._user, self.people = user, people_of(user)
+
+    def body_for(self, physique: Physique) -> Body:
+        return body_of(self._user.model_copy(update={"person": physique}))
+
+
+def people_policy(
+    user: UserConfig,
+    step_s: float,
+    *,
+    width: int = 256,
+    body_width: int = 128,
+    perception: Mapping[str, float] | None = None,
+) -> HumanMotorPolicy:
+    """Return an untrained policy for the persons of a configuration."""
+    persons = ImaginedPersons(_Cut(user))  # type: ignore[arg-type]
+    return HumanMotorPolicy(
+        body_of(user), step_s, persons, width=width, body_width=body_width, perception=perception
+    )
 
 
 class HumanHands:
@@ -171,6 +215,19 @@ class HumanHands:
         self._did = torch.zeros(n, policy.drives.count)
         self._new = torch.ones(n, dtype=torch.bool)
         self._placed: tuple[Tensor, Tensor] | None = None
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> HumanHands:
+        """Return a copy with the same policy: the memory of an episode is copied, no weights."""
+        new = copy.copy(self)
+        for name, value in vars(self).items():
+            if name != "policy":
+                setattr(new, name, copy.deepcopy(value, memo))
+        return new
+
+    def aim_anew(self, ids: Tensor, far: Tensor) -> None:
+        """Let goals of users (K,) be new ones, at distances (K, H) from their hands."""
+        if self._perception is not None and len(ids):
+            self._perception.forget(ids, far)
 
     def forget(self, ids: NDArray[np.int64]) -> None:
         """Let users (K,) be in new episodes: they know their first posture."""

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 from sim2vr_harness.envs.config import UserConfig
-from sim2vr_harness.policies.hierarchical.human_goals import GoalPerception, HumanGoals
+from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
 from sim2vr_harness.policies.hierarchical.human_motor import HumanHands, HumanMotorPolicy
 from sim2vr_harness.training.motor_control.human_task import Bodies
-from sim2vr_harness.world_models.person_features import ImaginedPersons
 
 __all__ = ["DISTANCES_M", "WIDTHS_M", "AimedMovements", "HumanMeasures", "measure_people"]
 
@@ -95,7 +94,7 @@ class HumanMeasures:
         names = ("peak_over_mean", "time_of_peak", "straightness", "speed_peaks")
         by_distance = {
             d: float(np.mean([cell.peak_mps.mean() for cell in cells if cell.distance_m == d]))
-            for d in DISTANCES_M
+            for d in sorted({cell.distance_m for cell in cells})
         }
         fast, slow = self._spread_by_speed()
         return {
@@ -111,6 +110,15 @@ class HumanMeasures:
             "spread_slow_m": slow,
             "reaction_s": float(np.nanmedian([np.nanmedian(cell.reaction_s) for cell in cells])),
         }
+
+    def rows(self) -> list[str]:
+        """Return a line per index of difficulty, for people."""
+        return [
+            f"{cell.difficulty:.2f} bits ({100 * cell.distance_m:.0f} cm, width "
+            f"{1000 * cell.width_m:.0f} mm): {np.nanmean(cell.time_s):.2f} s, "
+            f"{cell.missed.mean():.2f} missed, end points spread {1000 * cell.spread_m:.0f} mm"
+            for cell in self.cells
+        ]
 
     def _spread_by_speed(self) -> tuple[float, float]:
         """End points' spread of the faster and the slower half of each cell, mean over cells, m."""
@@ -128,7 +136,6 @@ def measure_people(
     policy: HumanMotorPolicy,
     user: UserConfig,
     *,
-    perception: dict[str, float],
     persons: int = 12,
     repeats: int = 4,
     threads: int = 0,
@@ -140,14 +147,13 @@ def measure_people(
     Args:
         policy: what moves them.
         user: configuration with people.
-        perception: arguments of :class:`GoalPerception`.
         persons: number of persons.
         repeats: movements of each to each index of difficulty.
         threads: of the physics; 0: all.
         seed: of persons, places and noise.
         on_progress: receives the proportion that is done.
     """
-    course = _Course(policy, user, perception, persons, repeats, threads, seed)
+    course = _Course(policy, user, persons, repeats, threads, seed)
     cells = []
     for distance in DISTANCES_M:
         for width in WIDTHS_M:
@@ -163,7 +169,6 @@ class _Course:
         self,
         policy: HumanMotorPolicy,
         user: UserConfig,
-        perception: dict[str, float],
         persons: int,
         repeats: int,
         threads: int,
@@ -176,20 +181,11 @@ class _Course:
         self._persons = [
             people.sample(seed + 7919, k) for k in range(persons) for _ in range(repeats)
         ]
-        self._who = ImaginedPersons(self._bodies)  # type: ignore[arg-type]
+        self._who = policy.persons
         generator = torch.Generator().manual_seed(seed + 93)
-        hands = len(policy.hands)
-        self._seen = GoalPerception(
-            self._n,
-            hands,
-            policy.step_s,
-            weber=perception["weber"],
-            least_m=perception["least_m"],
-            late_steps=int(perception["late_steps"]),
-            generator=generator,
-        )
+        self._seen = policy.perception(self._n, generator)
         self._hands = HumanHands(policy, self._n, self._seen)
-        self._hand = hands - 1
+        self._hand = len(policy.hands) - 1
 
     def aim(self, distance_m: float, width_m: float) -> AimedMovements:
         """Let everyone settle at a place, and aim at another one."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -13,8 +12,9 @@ from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
 from sim2vr_harness.policies.hierarchical.human_motor import HumanMotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, tips
 from sim2vr_harness.policies.hierarchical.workspace import INSIDE
+from sim2vr_harness.runs.option_config import PeopleTrainingConfig
 
-__all__ = ["HumanGoalSampler", "Worth"]
+__all__ = ["HumanGoalSampler"]
 
 REST, STOP, SELECT, PASS, HOLD = range(5)
 _SHARES = (0.06, 0.54, 0.16, 0.24)
@@ -37,23 +37,6 @@ _EDGE = 0.12
 """Softness of a target's edge, of its width."""
 
 
-@dataclass(frozen=True)
-class Worth:
-    """What a movement's end is worth, and its time.
-
-    Attributes:
-        success: reward of ending in the target.
-        miss: cost of ending elsewhere.
-        second: cost of time, 1/s.
-        metre: cost of ending so far away, 1/m.
-    """
-
-    success: float = 5.0
-    miss: float = 5.0
-    second: float = 5.0
-    metre: float = 15.0
-
-
 class HumanGoalSampler:
     """Goals of B users' H hands.
 
@@ -61,10 +44,12 @@ class HumanGoalSampler:
         policy: whose body reaches them.
         n: number of users B.
         seed: of goals.
-        worth: of movements.
+        worth: rewards and costs of movements.
     """
 
-    def __init__(self, policy: HumanMotorPolicy, n: int, seed: int, worth: Worth) -> None:
+    def __init__(
+        self, policy: HumanMotorPolicy, n: int, seed: int, worth: PeopleTrainingConfig
+    ) -> None:
         self._policy, self.n, self.hands = policy, n, len(policy.hands)
         self.worth, self._step_s = worth, policy.step_s
         self._low, self._high = torch.tensor(policy.body.joint_ranges.T.copy()).float()
@@ -198,12 +183,17 @@ class HumanGoalSampler:
         succeeds, off, slow = self.success(place, soon)
         pointed = (goals.axis.abs().sum(-1) > 0.0).float()
         askew = pointed * (1.0 - (goals.axis * place[..., :3, 0]).sum(-1))
-        ends = worth.success * succeeds - worth.miss * (1.0 - succeeds)
+        ends = worth.success_reward * succeeds - worth.miss_cost * (1.0 - succeeds)
         away = (off.square() + 1e-4).sqrt() - 0.01
-        ends = ends - worth.metre * away - 0.5 * worth.success * askew - 0.1 * worth.success * slow
+        ends = (
+            ends
+            - worth.distance_cost * away
+            - 0.5 * worth.success_reward * askew
+            - 0.1 * worth.success_reward * slow
+        )
         near = torch.exp(-0.5 * (off / (0.5 * goals.width)).square())
-        holds = self._step_s * worth.second * (near - 1.0 - slow - 10.0 * away)
-        runs = torch.where(self.kind == HOLD, holds, -self._step_s * worth.second)
+        holds = self._step_s * worth.time_cost * (near - 1.0 - slow - 10.0 * away)
+        runs = torch.where(self.kind == HOLD, holds, -self._step_s * worth.time_cost)
         runs = torch.where(self.kind == REST, torch.zeros(()), runs)
         self._jump()
         return runs, ends

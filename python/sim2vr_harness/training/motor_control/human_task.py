@@ -13,23 +13,28 @@ from torch import Tensor
 
 from sim2vr_harness.envs.config import UserConfig, body_of, motor_noise, people_of
 from sim2vr_harness.policies.hierarchical.human_goals import GoalPerception, describe_human
-from sim2vr_harness.policies.hierarchical.human_motor import HumanHands, HumanMotorPolicy
+from sim2vr_harness.policies.hierarchical.human_motor import (
+    HumanHands,
+    HumanMotorPolicy,
+    people_policy,
+)
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.workspace import INSIDE
+from sim2vr_harness.runs.option_config import PeopleTrainingConfig
 from sim2vr_harness.runs.teacher_config import ImaginedConfig
 from sim2vr_harness.training.model_based.task import Task
 from sim2vr_harness.training.model_based.trainer import ModelBasedTrainer, value_function
-from sim2vr_harness.training.motor_control.human_sampler import HumanGoalSampler, Worth
+from sim2vr_harness.training.motor_control.human_sampler import HumanGoalSampler
 from sim2vr_harness.users import Physique, UserBatch
 from sim2vr_harness.world_models.effort import Effort, volume_shares
-from sim2vr_harness.world_models.person_features import ImaginedPersons
 from sim2vr_harness.world_models.rollout_env import ImaginedUsers
 from sim2vr_harness.world_models.transitions import Motion, TransitionStore
 
-__all__ = ["HumanMotorConfig", "HumanMotorTask", "HumanMotorTrainer", "human_trainer", "Bodies"]
+__all__ = ["Bodies", "HumanMotorTask", "HumanMotorTrainer", "human_trainer"]
 
 _EPISODE_STEPS, _RANDOM_EPISODE_STEPS = 60, 20
-_ACTION_LIMIT = 0.5
+FIRST_PLAY_STEPS = 400
+"""User steps of each person in the first cycle, at random."""
 
 
 class _Cycles(ImaginedConfig):
@@ -38,52 +43,21 @@ class _Cycles(ImaginedConfig):
     critic_first_updates: ClassVar[int] = 30
 
 
-@dataclass(frozen=True)
-class HumanMotorConfig:
-    """Settings of the training.
-
-    Attributes:
-        cycles: of the training.
-        bodies: simulated persons that move in a cycle.
-        users: imagined ones.
-        width: of the policy's hidden layers.
-        body_width: of the forward model's hidden layers.
-        worth: of a movement's end and time.
-        effort: cost of the mean square of activations per user step, weighted by volume.
-        rate: cost of the mean square of commanded changes of activation per user step.
-        weber: misjudgement of a goal's place, of its distance.
-        least_m: misjudgement of a goal at the hand, m.
-        late_steps: user steps by which the distance to the goal is seen late.
-    """
-
-    cycles: int = 12
-    bodies: int = 96
-    users: int = 256
-    width: int = 256
-    body_width: int = 128
-    worth: Worth = Worth()
-    effort: float = 2.0
-    rate: float = 0.5
-    weber: float = 0.05
-    least_m: float = 0.002
-    late_steps: int = 2
-
-    def cycle_settings(self) -> ImaginedConfig:
-        """Return the settings of the cycles."""
-        return _Cycles(
-            cycles=self.cycles,
-            first_play_steps=400,
-            body_width=self.body_width,
-            users=self.users,
-            window_steps=16,
-            critic_width=self.width,
-            gamma=0.98,
-            learning_rate=1e-3,
-            action_noise=0.03,
-            restart_share=0.1,
-            actuator_range_cost=0.1,
-            average_updates=60,
-        )
+def _settings(config: PeopleTrainingConfig) -> ImaginedConfig:
+    return _Cycles(
+        cycles=config.cycles,
+        first_play_steps=FIRST_PLAY_STEPS,
+        body_width=config.body_width,
+        users=config.users,
+        window_steps=16,
+        critic_width=config.width,
+        gamma=0.98,
+        learning_rate=5e-4,
+        action_noise=0.03,
+        restart_share=0.1,
+        actuator_range_cost=0.1,
+        average_updates=60,
+    )
 
 
 class Bodies:
@@ -172,7 +146,7 @@ class HumanMotorTask(Task):
 
     def __init__(
         self,
-        config: HumanMotorConfig,
+        config: PeopleTrainingConfig,
         user: UserConfig,
         step_s: float,
         *,
@@ -184,16 +158,20 @@ class HumanMotorTask(Task):
         self.rng = np.random.default_rng([seed, 31])
         self._bodies = Bodies(user, config.bodies, step_s, threads)
         self.batch, body = self._bodies.users, self._bodies.body
-        self._who = ImaginedPersons(self._bodies)  # type: ignore[arg-type]
-        self.policy = HumanMotorPolicy(
-            body, step_s, self._who, width=config.width, body_width=config.body_width
+        self.policy = people_policy(
+            user,
+            step_s,
+            width=config.width,
+            body_width=config.body_width,
+            perception=config.perception,
         )
+        self._who = self.policy.persons
         self.starts, self._begun = 8, begin is not None
         if begin is not None:
             self.policy.begin_with(begin)
         self.actor = list(self.policy.net.parameters())
         self.body = self.policy.forward_model
-        settings = config.cycle_settings()
+        settings = _settings(config)
         self.users = ImaginedUsers(
             body,
             self.body,
@@ -202,17 +180,15 @@ class HumanMotorTask(Task):
             noise=motor_noise(user.noise),
             persons=self._who,
             actuator_range_cost=settings.actuator_range_cost,
-            action_rate_cost=config.rate,
+            action_rate_cost=config.action_rate_cost,
         )
-        self.goals = HumanGoalSampler(self.policy, config.users, seed + 5, config.worth)
-        self._played = HumanGoalSampler(self.policy, config.bodies, seed + 6, config.worth)
-        self._seen = self._perception(config.users, None)
+        self.goals = HumanGoalSampler(self.policy, config.users, seed + 5, config)
+        self._played = HumanGoalSampler(self.policy, config.bodies, seed + 6, config)
+        self._seen = self.policy.perception(config.users)
         self._hands = self._new_hands(seed)
         self.parts = (self.goals,)
-        self.motions: Motion | None = None
-        self._felt: Motion | None = None
         self._believed: Motion | None = None
-        self._present: Tensor | None = None
+        self._placed: tuple[Motion, tuple[Tensor, Tensor]] | None = None
         self.alive = torch.ones(config.users, self.goals.hands)
         """(B, H) probability that a movement has not ended yet in this window."""
         self.ended: list[Tensor] = []
@@ -220,24 +196,13 @@ class HumanMotorTask(Task):
         self._random = False
         self._known: list[tuple[float, float, float]] = []
 
-    def _perception(self, n: int, generator: torch.Generator | None) -> GoalPerception:
-        config, policy = self.config, self.policy
-        return GoalPerception(
-            n,
-            len(policy.hands),
-            policy.step_s,
-            weber=config.weber,
-            least_m=config.least_m,
-            late_steps=config.late_steps,
-            generator=generator,
-        )
-
     def _new_hands(self, seed: int) -> HumanHands:
-        self._judged = self._perception(self.config.bodies, torch.Generator().manual_seed(seed + 7))
+        drawn = torch.Generator().manual_seed(seed + 7)
+        self._judged = self.policy.perception(self.config.bodies, drawn)
         return HumanHands(self.policy, self.config.bodies, self._judged)
 
     def _effort(self) -> Effort:
-        muscles, weight = self.policy.drives.muscle_columns, self.config.effort
+        muscles, weight = self.policy.drives.muscle_columns, self.config.effort_cost
         shares = volume_shares(self.policy.body)
 
         def activations(after: Tensor, control: Tensor) -> Tensor:
@@ -350,29 +315,37 @@ class HumanMotorTask(Task):
             for name in ("angles", "speeds", "drives", "persons"):
                 getattr(believed, name)[ids] = getattr(begin.after, name)
             self._believed = believed
-        self._present = None
+        self._placed = None
+
+    def _places(self) -> tuple[Tensor, Tensor]:
+        """(B, H, 4, 4) each: where devices are, and a moment later; once per motion."""
+        now = self.users.motion
+        if self._placed is None or self._placed[0] is not now:
+            self._placed = (now, self.policy.places(now))
+        return self._placed[1]
 
     def observe(self) -> Tensor:
-        """See :class:`Task`: of the present as believed, and of goals where they seem to be."""
-        now = self.users.motion
-        believed = now
+        """See :class:`Task`: of the present as believed, and of goals where they seem to be.
+
+        Gradients are those of the present itself: beliefs differ from it by noise alone.
+        """
+        now, believed, placed = self.users.motion, self.users.motion, self._places()
         if self._believed is not None:
+            with torch.no_grad():
+                seemed = self.policy.places(self._believed)
+            placed = (_as(placed[0], seemed[0]), _as(placed[1], seemed[1]))
             parts = (
-                getattr(now, name) + (getattr(self._believed, name) - getattr(now, name)).detach()
+                _as(getattr(now, name), getattr(self._believed, name))
                 for name in ("angles", "speeds", "drives")
             )
             believed = Motion(*parts, now.persons)
-        placed = self.policy.places(believed)
         goals = replace(self.goals.goals, place=self.goals.goals.place + self._seen.error())
         return self.policy.observe(believed, describe_human(goals, *placed))
 
     def present(self) -> Tensor:
         """See :class:`Task`."""
-        if self._present is None:
-            now = self.users.motion
-            told = describe_human(self.goals.goals, *self.policy.places(now))
-            self._present = self.policy.observe(now, told)
-        return self._present
+        told = describe_human(self.goals.goals, *self._places())
+        return self.policy.observe(self.users.motion, told)
 
     def normalise(self, observations: Tensor) -> None:
         """See :class:`Task`; a policy that goes on keeps its own."""
@@ -396,8 +369,7 @@ class HumanMotorTask(Task):
 
     def step(self, actions: Tensor, done: float) -> Tensor:
         """See :class:`Task`: the reward expected, given what has ended already."""
-        self._present = None
-        placed = self.policy.places(self.users.motion)
+        placed = self._places()
         runs, ends = self.goals.step(*placed)
         each = runs + self._hazard * ends
         reward = (self.alive * each).sum(1)
@@ -410,13 +382,13 @@ class HumanMotorTask(Task):
 
     def cut(self) -> None:
         """See :class:`Task`: movements that ended in the window are followed by others."""
-        self._present = None
+        self._placed = None
         with torch.no_grad():
             drawn = torch.rand_like(self.alive)
             over = drawn > self.alive.detach()
             motion = self.users.motion
             users = self.goals.go_on(over, motion.angles, motion.persons)
-            place, _ = self.policy.places(motion)
+            place, _ = self._places()
             self._seen.forget(users, self.goals.distance(place)[users])
         self.alive, self.ended = torch.ones_like(self.alive), []
         if self._believed is not None:
@@ -426,20 +398,29 @@ class HumanMotorTask(Task):
 
     def state_dict(self) -> dict[str, Any]:
         """See :class:`Task`; the simulated persons begin every cycle anew."""
+        believed = self._believed
         return {
             "goals": self.goals.state_dict(),
             "played": self._played.state_dict(),
-            "seen": self._seen.state_dict(),
+            "perceived": self._seen.state_dict(),
             "judged": self._judged.state_dict(),
+            "believed": {} if believed is None else dict(vars(believed)),
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """See :class:`Task`."""
         self.goals.load_state_dict(state["goals"])
         self._played.load_state_dict(state["played"])
-        self._seen.load_state_dict(state["seen"])
+        self._seen.load_state_dict(state["perceived"])
         self._judged.load_state_dict(state["judged"])
-        self._believed = self._present = None
+        believed = {name: value.clone() for name, value in state["believed"].items()}
+        self._believed = Motion(**believed) if believed else None
+        self._placed = None
+
+
+def _as(now: Tensor, believed: Tensor) -> Tensor:
+    """Return what is believed, with the gradients of what is."""
+    return now + (believed - now).detach()
 
 
 class HumanMotorTrainer(ModelBasedTrainer[HumanMotorTask]):
@@ -464,7 +445,7 @@ class HumanMotorTrainer(ModelBasedTrainer[HumanMotorTask]):
 
 
 def human_trainer(
-    config: HumanMotorConfig,
+    config: PeopleTrainingConfig,
     user: UserConfig,
     step_s: float,
     *,
@@ -473,7 +454,7 @@ def human_trainer(
     begin: MotorPolicy | None = None,
 ) -> HumanMotorTrainer:
     """Return the training of a body's human motor policy."""
-    settings = config.cycle_settings()
+    settings = _settings(config)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         task = HumanMotorTask(config, user, step_s, threads=threads, seed=seed, begin=begin)

@@ -92,22 +92,20 @@ class HumanMotorPolicy(nn.Module):
 
     def begin_with(self, plain: MotorPolicy) -> None:
         """Take over a plain motor policy of the body; what is new counts nothing yet."""
-        old, new = plain.net, self.net
-        hands, motion = len(self.hands), self.motion_size
+        hands, motion, count = len(self.hands), self.motion_size, self.drives.count
         goal = (plain.size - motion) // hands
         columns = list(range(motion))
         for hand in range(hands):
             first = motion + hand * HUMAN_GOAL_SIZE
             columns += range(first, first + goal)
-        with torch.no_grad():
-            new[0].weight.zero_()
-            new[0].weight[:, columns] = old[0].weight
-            new[0].bias.copy_(old[0].bias)
-            new[2].load_state_dict(old[2].state_dict())
-            new[4].weight[: self.drives.count] = old[4].weight
-            new[4].weight[self.drives.count :] = 0.0
-            new[4].bias[: self.drives.count] = old[4].bias
-            self.mean[columns], self.std[columns] = plain.mean, plain.std
+        old, new = plain.net.state_dict(), self.net.state_dict()
+        new["0.weight"].zero_()[:, columns] = old["0.weight"]
+        new["4.weight"][count:] = 0.0
+        new["4.weight"][:count], new["4.bias"][:count] = old["4.weight"], old["4.bias"]
+        for name in ("0.bias", "2.weight", "2.bias"):
+            new[name] = old[name]
+        self.net.load_state_dict(new)
+        self.mean[columns], self.std[columns] = plain.mean, plain.std
 
     def places(self, motion: Motion) -> tuple[Tensor, Tensor]:
         """(B, H, 4, 4) each: where the hands' devices are, and ``MOMENT_S`` later."""
@@ -142,7 +140,7 @@ class HumanMotorPolicy(nn.Module):
     def forward(self, observation: Tensor) -> Tensor:
         """(B, A + H) actions, not clipped, and logits of movements that are over."""
         out: Tensor = self.net(self.normalised(observation))
-        actions, over = out.split([self.drives.count, len(self.hands)], 1)
+        actions, over = out[:, : self.drives.count], out[:, self.drives.count :]
         return torch.cat([0.5 * actions, _LOGIT * over], 1)
 
     def predicted(self, felt: Motion, actions: Tensor) -> Motion:
@@ -255,11 +253,12 @@ class HumanHands:
         with torch.no_grad():
             believed = now if self._felt is None else policy.predicted(self._felt, self._did)
             new = self._new[:, None]
-            pairs = (
-                (getattr(now, name), getattr(believed, name))
-                for name in ("angles", "speeds", "drives")
+            believed = Motion(
+                torch.where(new, now.angles, believed.angles),
+                torch.where(new, now.speeds, believed.speeds),
+                torch.where(new, now.drives, believed.drives),
+                now.persons,
             )
-            believed = Motion(*(torch.where(new, a, b) for a, b in pairs), now.persons)
             placed = policy.places(believed)
             seen = self._seen(goals, placed[0])
             observed = policy.observe(believed, describe_human(seen, *placed))

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, MotorGoals, tips
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
 
 __all__ = ["MOVES", "OptionChoice", "PrimitiveController", "is_swing"]
 
@@ -115,7 +115,7 @@ class PrimitiveController:
         poses: (P, H, 4, 4) places that the devices can be at.
     """
 
-    def __init__(self, layer: MotorPolicy, tool: Tensor, poses: Tensor) -> None:
+    def __init__(self, layer: MotorLayer, tool: Tensor, poses: Tensor) -> None:
         self.layer, self.tool = layer, tool
         self._reach = [
             [_Reach(_at(poses, tool[:, which])[:, hand]) for which in range(2)]

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from sim2vr_harness.policies.hierarchical.depth_grid import FAR_M, rotation
 from sim2vr_harness.policies.hierarchical.goal_sampler import GoalSampler
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
 
 __all__ = ["Tool", "ToolView", "find_tools", "tools_in"]
 
@@ -96,7 +96,7 @@ class Tool:
             self.middle = np.asarray(points[far > _HANDLE * far.max()].mean(0))
 
 
-def find_tools(simulation: Any, layer: MotorPolicy, poses: Tensor, *, seed: int) -> list[Tool]:
+def find_tools(simulation: Any, layer: MotorLayer, poses: Tensor, *, seed: int) -> list[Tool]:
     """Return what each hand holds, of users who move their hands about for some seconds.
 
     The users' present rounds are lost.
@@ -158,7 +158,7 @@ def _look(simulation: Any, places: Tensor) -> ToolView:
     return ToolView(far, cameras, places.numpy().astype(np.float64))
 
 
-def _placed(simulation: Any, layer: MotorPolicy) -> tuple[Tensor, Tensor]:
+def _placed(simulation: Any, layer: MotorLayer) -> tuple[Tensor, Tensor]:
     angles, speeds, _ = layer.motion(simulation.users)
     with torch.inference_mode():
         return layer.places(angles, speeds)

@@ -334,11 +334,13 @@ class HumanMotorTask(Task):
             with torch.no_grad():
                 seemed = self.policy.places(self._believed)
             placed = (_as(placed[0], seemed[0]), _as(placed[1], seemed[1]))
-            parts = (
-                _as(getattr(now, name), getattr(self._believed, name))
-                for name in ("angles", "speeds", "drives")
+            seen = self._believed
+            believed = Motion(
+                _as(now.angles, seen.angles),
+                _as(now.speeds, seen.speeds),
+                _as(now.drives, seen.drives),
+                now.persons,
             )
-            believed = Motion(*parts, now.persons)
         goals = replace(self.goals.goals, place=self.goals.goals.place + self._seen.error())
         return self.policy.observe(believed, describe_human(goals, *placed))
 

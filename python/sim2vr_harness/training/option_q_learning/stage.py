@@ -22,7 +22,7 @@ from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
 from sim2vr_harness.policies.hierarchical.human_motor import HumanMotorPolicy
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer, MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import (
     human_policy_for,
     load_human_policy,
@@ -114,7 +114,7 @@ class QLearningStage:
             return load_human_policy(Path(given), env.user, step_s)
         return human_policy_for(env.user, step_s)
 
-    def _hands(self, simulation: Simulation) -> MotorPolicy | PersonLayer:
+    def _hands(self, simulation: Simulation) -> MotorLayer:
         """What moves the simulated users' hands."""
         if not self._config.skills.people:
             return self._layer()
@@ -202,13 +202,14 @@ class QLearningStage:
         return seen_late_steps(env.user.people.visual_delay_s, 1.0 / env.action_frequency_hz)
 
     def _decider(
-        self, layer: MotorPolicy | PersonLayer, net: ActionValueMap, tool: Tensor, hold: int
+        self, layer: MotorLayer, net: ActionValueMap, tool: Tensor, hold: int
     ) -> HierarchicalPolicy:
         """The user that this stage has made."""
         if isinstance(layer, PersonLayer):
             person = PersonPolicy(self._config)
             person.learned_by(layer.policy, net, tool, hold)
             return person
+        assert isinstance(layer, MotorPolicy)
         user = HierarchicalPolicy(self._config)
         user.learned(layer, net, tool, hold)
         return user
@@ -216,7 +217,7 @@ class QLearningStage:
     def _prepared(
         self,
         simulation: Simulation,
-        layer: MotorPolicy | PersonLayer,
+        layer: MotorLayer,
         poses: Tensor,
         callbacks: Callbacks,
     ) -> tuple[Tensor, dict[str, float], float]:

@@ -20,7 +20,7 @@ from sim2vr_harness.cli.options import (
 if TYPE_CHECKING:
     from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
     from sim2vr_harness.training.motor_control.goal_task import MotorTrainer
-    from sim2vr_harness.training.motor_control.human_task import HumanMotorTrainer
+    from sim2vr_harness.training.motor_control.people_training import PeopleTrainer
     from sim2vr_harness.users import Body
 
 __all__ = ["app", "old_app"]
@@ -71,8 +71,12 @@ def train_layer(
         sim2vr-harness users motor train mobl_arms_wrist --out l.pt --set cycles=36
         sim2vr-harness users motor train mobl_arms_wrist --people --out people.pt
     """
+    from sim2vr_harness.base.errors import InputError
+
     if people:
-        return _train_people(body, out, begin, step_s, seed, set_ or (), trust_app)
+        if begin is not None:
+            raise InputError("--begin", "it together with --people", "one of them")
+        return _train_people(body, out, step_s, seed, set_ or (), trust_app)
     from sim2vr_harness.base.signals import sigterm_interrupts
     from sim2vr_harness.policies.hierarchical.motor_store import load_motor_layer, save_motor_layer
     from sim2vr_harness.runs.config import apply_overrides, parse_config
@@ -102,40 +106,24 @@ def train_layer(
 def _train_people(
     body: str,
     out: Path,
-    begin: Path | None,
     step_s: float,
     seed: int,
     changes: Sequence[str],
     trust_app: bool,
 ) -> int:
-    """Train a human motor policy, from the body's plain motor layer where there is one."""
-    from sim2vr_harness.base.errors import InputError
+    """Train a human motor policy."""
     from sim2vr_harness.base.signals import sigterm_interrupts
-    from sim2vr_harness.envs.config import UserConfig, body_of
+    from sim2vr_harness.envs.config import UserConfig
     from sim2vr_harness.envs.people_preset import as_population
-    from sim2vr_harness.policies.hierarchical.motor_store import (
-        load_motor_layer,
-        motor_layer_for,
-        save_motor_layer,
-    )
+    from sim2vr_harness.policies.hierarchical.motor_store import save_motor_layer
     from sim2vr_harness.runs.config import apply_overrides, parse_config
     from sim2vr_harness.runs.trust import require_trusted_body
-    from sim2vr_harness.training.motor_control.human_task import human_trainer
+    from sim2vr_harness.training.motor_control.people_training import PeopleTrainer
 
     require_trusted_body(body, body, trust=trust_app)
     given = _changes(changes, "skills.people_training.")
     config = parse_config(apply_overrides({}, given)).skills.people_training
-    user = as_population(UserConfig(model=body))
-    try:
-        of = body_of(user)
-        first = (
-            motor_layer_for(of, step_s) if begin is None else load_motor_layer(begin, of, step_s)
-        )
-    except InputError:
-        if begin is not None:
-            raise
-        first = None
-    trainer = human_trainer(config, user, step_s, seed=seed, begin=first)
+    trainer = PeopleTrainer(config, as_population(UserConfig(model=body)), step_s, seed=seed)
     begun = out.with_name(out.name + ".part")
     try:
         with sigterm_interrupts():
@@ -143,7 +131,7 @@ def _train_people(
     except KeyboardInterrupt:
         typer.echo(f"Stopped after cycle {trainer.cycle}; the same command goes on.", err=True)
         return 130
-    save_motor_layer(out, trainer.task.policy, body=of.name, **known)
+    save_motor_layer(out, trainer.policy, body=trainer.policy.body.name, **known)
     begun.unlink(missing_ok=True)
     typer.echo(f"Written: {out}")
     return 0
@@ -154,7 +142,7 @@ def _changes(given: Sequence[str], below: str = "skills.motor_training.") -> lis
     return [change if change.lstrip().startswith(below) else below + change for change in given]
 
 
-def _cycles(practice: MotorTrainer | HumanMotorTrainer, begun: Path) -> dict[str, Any]:
+def _cycles(practice: MotorTrainer | PeopleTrainer, begun: Path) -> dict[str, Any]:
     from dataclasses import asdict
 
     from sim2vr_harness.cli.progress import Share

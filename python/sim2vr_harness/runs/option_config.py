@@ -36,16 +36,24 @@ class MotorTrainingConfig(Settings):
 class PeopleTrainingConfig(Settings):
     """Training of a human motor policy: movements that a person starts, corrects and ends."""
 
-    cycles: int = Field(default=30, ge=1, le=100_000)
-    """Cycles of training, as of the motor policy."""
+    cycles: int = Field(default=6, ge=2, le=100_000)
+    """Cycles of training: in each, persons move, and the forward model of the body is fitted to it.
+    The last one ends with the training of the policy in space."""
     bodies: int = Field(default=48, ge=1, le=MOST_USERS)
     """Simulated persons that move in a cycle."""
-    users: int = Field(default=160, ge=1, le=MOST_USERS)
-    """Imagined persons."""
-    width: Width = 256
-    """Width of the two hidden layers of the policy, and of the critic's."""
+    random_steps: int = Field(default=400, ge=1, le=1_000_000)
+    """User steps of each person in the first cycle, at random."""
+    goal_steps: int = Field(default=120, ge=1, le=1_000_000)
+    """User steps of each person in a later cycle, to goals."""
+    fit_minibatches: int = Field(default=500, ge=1, le=1_000_000)
+    """Minibatches that the forward model is fitted to in a cycle; three times as many in the
+    first."""
+    updates: int = Field(default=600, ge=1, le=1_000_000)
+    """Updates of the policy in space, of 512 movements each."""
+    width: Width = 64
+    """Width of the two hidden layers of the policy in space."""
     body_width: Width = 128
-    """Width of the hidden layers of the forward model of the body."""
+    """Width of the hidden layers of the forward model."""
     success_reward: Weight = 5.0
     """Reward of a movement that ends as its goal says."""
     miss_cost: Weight = 5.0
@@ -54,10 +62,8 @@ class PeopleTrainingConfig(Settings):
     """Cost of time while a goal is pursued, 1/s."""
     distance_cost: Weight = 15.0
     """Cost of the distance to the goal at the end of a movement, 1/m."""
-    effort_cost: Weight = 2.0
-    """Cost of the mean square of activations per user step, weighted by muscle volume."""
-    action_rate_cost: Weight = 0.5
-    """Cost of the mean square of commanded changes of activation per user step."""
+    effort_cost: Weight = 0.2
+    """Cost of the time integral of the hand's squared acceleration, s^3/m^2."""
     weber: Chance = 0.05
     """Standard deviation of a goal's perceived place, of its distance from the hand."""
     least_m: Weight = 0.002

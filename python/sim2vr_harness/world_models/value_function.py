@@ -47,8 +47,6 @@ class ValueFunction:
         self._value = mlp(size, width, width, 1)
         self._slow = copy.deepcopy(self._value).requires_grad_(False)
         self._optimizer = torch.optim.Adam(self._value.parameters(), lr=learning_rate)
-        self.goes_on: Tensor | None = None
-        """(T, B) probability that an episode goes on after a user step; None: 1."""
 
     def __call__(self, observation: Tensor) -> Tensor:
         """(B,) values of observations (B, size), by the slow copy."""
@@ -71,8 +69,6 @@ class ValueFunction:
             returns, following = torch.zeros_like(rewards), values[-1]
             for t in reversed(range(steps)):
                 mixed = (1.0 - self._lam) * values[t + 1] + self._lam * following
-                if self.goes_on is not None:
-                    mixed = self.goes_on[t] * mixed
                 following = rewards[t] + self._gamma * mixed
                 returns[t] = following
         known, worth = seen[:-1].flatten(0, 1), returns.flatten()

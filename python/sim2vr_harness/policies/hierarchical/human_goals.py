@@ -7,21 +7,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from sim2vr_harness.policies.hierarchical.motor_goals import (
-    GOAL_SIZE,
-    MOMENT_S,
-    MotorGoals,
-    describe,
-    tips,
-)
+from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
 
-__all__ = ["HUMAN_GOAL_SIZE", "GoalPerception", "HumanGoals", "describe_human"]
+__all__ = ["GoalPerception", "HumanGoals"]
 
-HUMAN_GOAL_SIZE = GOAL_SIZE + 4
-"""Numbers that a hand's goal has in an observation."""
-_WIDTH_M, _LEAST_M = 0.04, 0.002
-_USUAL_MPS, _SHORTEST_S, _LONGEST_S = 0.9, 0.05, 1.2
-"""Speed by which a plain motor policy's input of the time left is filled in."""
+_WIDTH_M = 0.04
 _FIXATION_S = 0.2
 """Correlation time of what is misjudged: about a fixation."""
 
@@ -44,29 +34,6 @@ class HumanGoals(MotorGoals):
         plain = MotorGoals.none(users, hands)
         width = torch.full((users, hands), _WIDTH_M)
         return HumanGoals(**plain.tensors(), width=width, stops=torch.ones(users, hands))
-
-
-def describe_human(goals: HumanGoals, place: Tensor, soon: Tensor) -> Tensor:
-    """(B, H, HUMAN_GOAL_SIZE) what a human motor policy observes of its goals.
-
-    Args:
-        goals: of H hands.
-        place: (B, H, 4, 4) where the user believes the hands' devices to be.
-        soon: the same ``MOMENT_S`` later.
-    """
-    now = tips(place, goals.tip)
-    velocity = (tips(soon, goals.tip) - now) / MOMENT_S
-    way = goals.place - now
-    far = way.square().sum(-1).add(1e-8).sqrt()
-    closing = (velocity * way).sum(-1) / far.clamp(min=1e-3)
-    left = (far / closing.clamp(min=_USUAL_MPS)).clamp(_SHORTEST_S, _LONGEST_S)
-    timed = MotorGoals(goals.tip, goals.place, goals.velocity, left, goals.axis, goals.active)
-    size = (goals.width / _WIDTH_M).log()
-    inside = ((far + _LEAST_M) / (0.5 * goals.width + _LEAST_M)).log()
-    speed = velocity.square().sum(-1).add(1e-6).sqrt()
-    more = torch.stack([size, inside, goals.stops, speed], -1)
-    more = more * goals.active[..., None]
-    return torch.cat([describe(timed, place, soon), more.clamp(-8.0, 8.0)], -1)
 
 
 class GoalPerception:

@@ -1,15 +1,15 @@
-"""The human motor policy: moves hands by a delayed sense of the body and an internal model.
+"""The human motor policy: feedback in space, an internal model of the body, and late senses.
 
-The user feels its body late. A learned forward model of the body predicts the present from what is
-felt and from the user's own last commands (Wolpert and Ghahramani 2000, Nature Neuroscience 3).
-The policy acts on that prediction, and decides when a movement is over.
+The user feels its body late. A learned forward model predicts the present from what is felt and
+from the user's own last commands (Wolpert and Ghahramani 2000, Nature Neuroscience 3). A policy in
+space chooses the next velocity of the hand from that prediction and decides when a movement is
+over; an inverse model finds the muscle commands.
 """
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -18,40 +18,36 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from sim2vr_harness.envs.config import UserConfig, body_of, people_of
-from sim2vr_harness.policies.hierarchical.human_goals import (
-    HUMAN_GOAL_SIZE,
-    GoalPerception,
-    HumanGoals,
-    describe_human,
-)
-from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, tips
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.hand_policy import HandPolicy
+from sim2vr_harness.policies.hierarchical.human_goals import GoalPerception, HumanGoals
+from sim2vr_harness.policies.hierarchical.inverse_model import InverseModel, InverseSettings
+from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S
 from sim2vr_harness.users import Body, Physique, UserBatch, held
-from sim2vr_harness.world_models.body_dynamics import BodyModel, mlp
+from sim2vr_harness.world_models.body_dynamics import BodyModel
+from sim2vr_harness.world_models.effort import volume_shares
 from sim2vr_harness.world_models.person_features import ImaginedPersons
 from sim2vr_harness.world_models.transitions import Motion
 
 __all__ = ["HumanHands", "HumanMotorPolicy", "people_policy"]
 
-_CLIP = 8.0
-_LOGIT, _FIRST_LOGIT = 4.0, -0.6
-"""Of the decision that a movement is over: factor on the network's output, and its first bias."""
+Rule = Callable[[Tensor, Tensor], Tensor]
+"""(B, H, 3) velocities wanted, by the ways to the goals and by the hands' velocities."""
+
+_ADAPTS = 0.3
+"""Share of the forward model's last error by which its correction changes, per user step."""
 
 
 class HumanMotorPolicy(nn.Module):
-    """A motor policy for all persons of a population.
+    """What all persons of a population move by.
 
     Args:
         body: what persons share.
         step_s: duration of a user step.
         persons: how persons stand in tensors.
-        width: of the two hidden layers.
+        width: of the hidden layers of the policy in space.
         body_width: of the forward model's hidden layers.
         perception: arguments of :class:`GoalPerception`: how users misjudge goals.
     """
-
-    mean: Tensor
-    std: Tensor
 
     def __init__(
         self,
@@ -59,53 +55,29 @@ class HumanMotorPolicy(nn.Module):
         step_s: float,
         persons: ImaginedPersons,
         *,
-        width: int = 256,
+        width: int = 64,
         body_width: int = 128,
         perception: Mapping[str, float] | None = None,
     ) -> None:
         super().__init__()
-        self._misjudged = dict(perception or {})
         self.body, self.step_s, self.hands = body, step_s, held(body.devices)
         self.persons, self.width, self.body_width = persons, width, body_width
+        self._misjudged = dict(perception or {})
         self.forward_model = BodyModel(
             body, self.hands, step_s, width=body_width, persons=persons
         ).requires_grad_(False)
         self.drives = self.forward_model.drives
-        low, high = torch.tensor(body.joint_ranges.T.copy(), dtype=torch.float32)
-        self._low, self._span = low, high - low
-        self.motion_size = 2 * len(body.independent_joints) + len(self.drives.names)
-        self.size = self.motion_size + HUMAN_GOAL_SIZE * len(self.hands) + len(persons.names)
-        self.register_buffer("mean", torch.zeros(self.size))
-        self.register_buffer("std", torch.ones(self.size))
-        self.net = mlp(self.size, width, width, self.drives.count + len(self.hands))
-        with torch.no_grad():
-            last = self.net[-1]
-            assert isinstance(last, nn.Linear)
-            last.weight.mul_(0.1)
-            last.bias.zero_()
-            last.bias[self.drives.count :] = _FIRST_LOGIT
+        self.hand_policy = HandPolicy(width)
+        middle = torch.tensor(body.joint_ranges.mean(1)).float()
+        shares = torch.ones(self.drives.count)
+        if len(self.drives.muscles):
+            shares[self.drives.muscle_columns] = volume_shares(body)
+        self.inverse = InverseModel(self.forward_model, middle, shares, InverseSettings())
 
     def __repr__(self) -> str:
-        """Return the body, the hands and the sizes of observation and action."""
-        sizes = f"{self.size} numbers observed, {self.drives.count} actions"
-        return f"HumanMotorPolicy({self.body.name}, {' and '.join(self.hands)}: {sizes})"
-
-    def begin_with(self, plain: MotorPolicy) -> None:
-        """Take over a plain motor policy of the body; what is new counts nothing yet."""
-        hands, motion, count = len(self.hands), self.motion_size, self.drives.count
-        goal = (plain.size - motion) // hands
-        columns = list(range(motion))
-        for hand in range(hands):
-            first = motion + hand * HUMAN_GOAL_SIZE
-            columns += range(first, first + goal)
-        old, new = plain.net.state_dict(), self.net.state_dict()
-        new["0.weight"].zero_()[:, columns] = old["0.weight"]
-        new["4.weight"][count:] = 0.0
-        new["4.weight"][:count], new["4.bias"][:count] = old["4.weight"], old["4.bias"]
-        for name in ("0.bias", "2.weight", "2.bias"):
-            new[name] = old[name]
-        self.net.load_state_dict(new)
-        self.mean[columns], self.std[columns] = plain.mean, plain.std
+        """Return the body, the hands and the number of actions."""
+        hands = " and ".join(self.hands)
+        return f"HumanMotorPolicy({self.body.name}, {hands}: {self.drives.count} actions)"
 
     def places(self, motion: Motion) -> tuple[Tensor, Tensor]:
         """(B, H, 4, 4) each: where the hands' devices are, and ``MOMENT_S`` later."""
@@ -126,22 +98,6 @@ class HumanMotorPolicy(nn.Module):
             late_steps=int(known.get("late_steps", 0)),
             generator=generator,
         )
-
-    def observe(self, believed: Motion, goals: Tensor) -> Tensor:
-        """(B, size) what it acts on; ``goals`` as :func:`describe_human` returns them."""
-        unit = 2.0 * (believed.angles - self._low) / self._span - 1.0
-        parts = [unit, believed.speeds, self.drives.observe(believed.drives), goals.flatten(1)]
-        return torch.cat([*parts, self.persons.features(believed.persons)], 1)
-
-    def normalised(self, observation: Tensor) -> Tensor:
-        """(B, size) observations in units of what is usual."""
-        return ((observation - self.mean) / self.std).clamp(-_CLIP, _CLIP)
-
-    def forward(self, observation: Tensor) -> Tensor:
-        """(B, A + H) actions, not clipped, and logits of movements that are over."""
-        out: Tensor = self.net(self.normalised(observation))
-        actions, over = out[:, : self.drives.count], out[:, self.drives.count :]
-        return torch.cat([0.5 * actions, _LOGIT * over], 1)
 
     def predicted(self, felt: Motion, actions: Tensor) -> Motion:
         """Return the present, as predicted from the motion a step ago and the actions since."""
@@ -185,7 +141,7 @@ def people_policy(
     user: UserConfig,
     step_s: float,
     *,
-    width: int = 256,
+    width: int = 64,
     body_width: int = 128,
     perception: Mapping[str, float] | None = None,
 ) -> HumanMotorPolicy:
@@ -210,9 +166,18 @@ class HumanHands:
     ) -> None:
         self.policy, self._perception = policy, perception
         self._felt: Motion | None = None
+        self._predicted: Motion | None = None
+        """The last user step's prediction, not corrected."""
         self._did = torch.zeros(n, policy.drives.count)
+        self._bias = torch.zeros(n, len(policy.body.independent_joints))
+        """What the forward model has got wrong of joint speeds lately, rad/s."""
         self._new = torch.ones(n, dtype=torch.bool)
-        self._placed: tuple[Tensor, Tensor] | None = None
+        self._fresh = torch.ones(n, dtype=torch.bool)
+        """Whether users have not felt a movement of their own yet."""
+        self.velocity = torch.zeros(n, len(policy.hands), 3)
+        """Velocities that hands were believed to have when they were chosen, m/s."""
+        self.wanted = torch.zeros_like(self.velocity)
+        """Velocities that hands were to have at the end of the last user step, m/s."""
 
     def __deepcopy__(self, memo: dict[int, Any]) -> HumanHands:
         """Return a copy with the same policy: the memory of an episode is copied, no weights."""
@@ -222,14 +187,14 @@ class HumanHands:
                 setattr(new, name, copy.deepcopy(value, memo))
         return new
 
+    def forget(self, ids: NDArray[np.int64]) -> None:
+        """Let users (K,) be in new episodes: they know their first posture."""
+        self._new[torch.from_numpy(ids)] = True
+
     def aim_anew(self, ids: Tensor, far: Tensor) -> None:
         """Let goals of users (K,) be new ones, at distances (K, H) from their hands."""
         if self._perception is not None and len(ids):
             self._perception.forget(ids, far)
-
-    def forget(self, ids: NDArray[np.int64]) -> None:
-        """Let users (K,) be in new episodes: they know their first posture."""
-        self._new[torch.from_numpy(ids)] = True
 
     def motion(self, users: UserBatch, persons: NDArray[np.float64]) -> Motion:
         """Return the true motion of simulated users who are persons (N, P)."""
@@ -242,34 +207,53 @@ class HumanHands:
         )
         return Motion(*(torch.from_numpy(np.asarray(part)).float() for part in parts))
 
-    def act(self, now: Motion, goals: HumanGoals) -> tuple[NDArray[np.float32], Tensor]:
+    def act(
+        self, now: Motion, goals: HumanGoals, rule: Rule | None = None
+    ) -> tuple[NDArray[np.float32], Tensor]:
         """(N, A) actions of a user step, and (N, H) probabilities that movements are over.
 
         Args:
             now: the true motion; users feel it a user step later.
             goals: of this user step.
+            rule: what chooses velocities in the place of the policy.
         """
         policy = self.policy
         with torch.no_grad():
-            believed = now if self._felt is None else policy.predicted(self._felt, self._did)
-            new = self._new[:, None]
-            believed = Motion(
-                torch.where(new, now.angles, believed.angles),
-                torch.where(new, now.speeds, believed.speeds),
-                torch.where(new, now.drives, believed.drives),
-                now.persons,
+            believed = self._believed(now)
+            place, velocity = policy.inverse.velocities(believed, goals.tip)
+            way, self.velocity = goals.place - place, velocity
+            if self._perception is not None:
+                self._perception.look(way.norm(dim=-1))
+                way = way + self._perception.error()
+            noise = policy.persons.motor_noise(now.persons)
+            effort = policy.persons.effort(now.persons)
+            assert isinstance(noise, Tensor) and isinstance(effort, Tensor)
+            self.wanted, over = policy.hand_policy(way, velocity, goals, noise, effort[:, None])
+            if rule is not None:
+                self.wanted = rule(way, velocity)
+            controls = policy.inverse.controls(
+                believed, goals.tip, self.wanted, goals.active, self._bias
             )
-            placed = policy.places(believed)
-            seen = self._seen(goals, placed[0])
-            observed = policy.observe(believed, describe_human(seen, *placed))
-            actions, over = policy(observed).split([policy.drives.count, len(policy.hands)], 1)
-            self._did = actions.clamp(-1.0, 1.0)
+            self._did = (controls - believed.drives).clamp(-1.0, 1.0)
             self._felt, self._new = now, torch.zeros_like(self._new)
         return self._did.numpy(), torch.sigmoid(over)
 
-    def _seen(self, goals: HumanGoals, place: Tensor) -> HumanGoals:
-        if self._perception is None:
-            return goals
-        far = (goals.place - tips(place, goals.tip)).norm(dim=-1)
-        self._perception.look(far)
-        return replace(goals, place=goals.place + self._perception.error())
+    def _believed(self, now: Motion) -> Motion:
+        """The present as users believe it to be, with what their model gets wrong taken off."""
+        if self._felt is None:
+            self._felt = now
+        new, felt = self._new[:, None], self._felt
+        if self._predicted is not None:
+            error = felt.speeds - self._predicted.speeds
+            adapted = self._bias + _ADAPTS * (error - self._bias)
+            self._bias = torch.where(self._fresh[:, None], self._bias, adapted)
+        self._bias = torch.where(new, torch.zeros(()), self._bias)
+        self._fresh = self._new
+        raw = self._predicted = self.policy.predicted(felt, self._did)
+        half = 0.5 * self.policy.step_s
+        return Motion(
+            torch.where(new, now.angles, raw.angles + half * self._bias),
+            torch.where(new, now.speeds, raw.speeds + self._bias),
+            torch.where(new, now.drives, raw.drives),
+            now.persons,
+        )

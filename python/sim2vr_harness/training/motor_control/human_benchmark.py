@@ -17,7 +17,7 @@ from scipy.signal import find_peaks
 from sim2vr_harness.envs.config import UserConfig
 from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
 from sim2vr_harness.policies.hierarchical.human_motor import HumanHands, HumanMotorPolicy
-from sim2vr_harness.training.motor_control.human_task import Bodies
+from sim2vr_harness.training.motor_control.people_training import Bodies
 
 __all__ = ["DISTANCES_M", "WIDTHS_M", "AimedMovements", "HumanMeasures", "measure_people"]
 

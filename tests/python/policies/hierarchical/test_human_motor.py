@@ -9,21 +9,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from scipy.optimize import lsq_linear
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import UserConfig, body_of, people_of
 from sim2vr_harness.envs.people_preset import as_population
-from sim2vr_harness.policies.hierarchical.human_goals import (
-    GoalPerception,
-    HumanGoals,
-    describe_human,
-)
+from sim2vr_harness.policies.hierarchical.hand_policy import HandPolicy
+from sim2vr_harness.policies.hierarchical.human_goals import GoalPerception, HumanGoals
 from sim2vr_harness.policies.hierarchical.human_motor import (
     HumanHands,
     HumanMotorPolicy,
     people_policy,
 )
-from sim2vr_harness.policies.hierarchical.motor_goals import describe, tips
+from sim2vr_harness.policies.hierarchical.inverse_model import (
+    InverseModel,
+    InverseSettings,
+    _within_range,
+)
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import (
     load_human_policy,
@@ -114,22 +116,62 @@ def test_goals_are_misjudged_by_the_distance_seen_late() -> None:
         seen.look(distance)
 
 
-def test_it_begins_with_what_a_plain_policy_does(
+def test_a_hand_does_the_same_in_every_direction() -> None:
+    """Everything turned and mirrored: so is the velocity, and the end is as likely."""
+    torch.manual_seed(5)
+    policy, drawn = HandPolicy(16), torch.randn(3, USERS, 1, 3)
+    turned = torch.linalg.qr(torch.randn(3, 3))[0]
+    target, ones = HumanGoals.none(USERS, 1), torch.ones(USERS, 1)
+    target.velocity = drawn[2]
+    velocity, over = policy(drawn[0], drawn[1], target, ones, ones)
+    target.velocity = drawn[2] @ turned
+    again, again_over = policy(drawn[0] @ turned, drawn[1] @ turned, target, ones, ones)
+    torch.testing.assert_close(again, velocity @ turned, atol=1e-4, rtol=1e-4)
+    torch.testing.assert_close(again_over, over, atol=1e-4, rtol=1e-4)
+
+
+def test_commands_are_the_cheapest_between_nothing_and_all() -> None:
+    """Of random problems, 5 % beside the best cost at most; SciPy solves them to the end."""
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        rows, wanted, start = rng.normal(size=(3, 8)), rng.normal(size=3), rng.uniform(size=8)
+        square = torch.tensor(rows.T @ rows + 0.3 * np.eye(8))[None].float()
+        pull = torch.tensor(rows.T @ wanted)[None].float()
+        found = _within_range(square, pull, torch.tensor(start)[None].float())[0].double().numpy()
+        best = lsq_linear(
+            np.vstack([rows, 0.3**0.5 * np.eye(8)]),
+            np.concatenate([wanted + rows @ start, 0.3**0.5 * start]),
+            bounds=(0.0, 1.0),
+        ).x
+        cost = [
+            float(np.square(wanted - rows @ (u - start)).sum() + 0.3 * np.square(u - start).sum())
+            for u in (found, best)
+        ]
+        assert found.min() >= 0.0 and found.max() <= 1.0
+        assert cost[0] <= 1.05 * cost[1] + 1e-6
+
+
+def test_the_inverse_model_reaches_what_the_forward_model_predicts(
     policy: HumanMotorPolicy, user: UserConfig
 ) -> None:
-    """At 0.9 m/s, the least speed of approach: as a plain policy with so much time left."""
-    plain = MotorPolicy(body_of(user), STEP_S, width=16)
-    begun = copy.deepcopy(policy)
-    begun.begin_with(plain)
-    now, target = motion(policy, user, 4), goals(policy)
-    now = replace(now, speeds=torch.zeros_like(now.speeds))
-    placed = begun.places(now)
-    far = (target.place - tips(placed[0], target.tip)).norm(dim=-1)
-    timed = replace(target, left_s=(far / 0.9).clamp(0.05, 1.2))
-    told = describe(timed, *placed).flatten(1)
-    expected = plain(plain.observe(now.angles, now.speeds, now.drives, told))
-    found = begun(begun.observe(now, describe_human(target, *placed)))[:, :-1]
-    torch.testing.assert_close(found, expected, atol=1e-4, rtol=1e-4)
+    """Commands for a velocity that differs little from the one without: within a fifth."""
+    now, tip = motion(policy, user, 6), torch.zeros(USERS, 1, 3)
+    now = replace(now, drives=0.3 + 0.4 * now.drives)
+    cheap = InverseSettings(velocity_mps=1e-3, effort=0.0, change=1e-4, speed_radps=1e3)
+    inverse = InverseModel(
+        policy.forward_model, torch.zeros(7), torch.ones(policy.drives.count), cheap
+    )
+    nothing, active = torch.zeros(USERS, 7), torch.ones(USERS, 1)
+
+    def reached(controls: torch.Tensor) -> torch.Tensor:
+        after = policy.forward_model(now, controls)
+        return inverse.velocities(after, tip)[1]
+
+    with torch.no_grad():
+        before = reached(now.drives)
+        wanted = before + 0.01 * torch.tensor([1.0, -1.0, 0.5])
+        found = reached(inverse.controls(now, tip, wanted, active, nothing))
+    assert float((found - wanted).norm(dim=-1).max()) < 0.2 * 0.015
 
 
 def test_it_is_kept_in_a_file(policy: HumanMotorPolicy, user: UserConfig, tmp_path: Path) -> None:

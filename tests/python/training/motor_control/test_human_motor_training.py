@@ -8,70 +8,84 @@ import torch
 
 from sim2vr_harness.envs.config import UserConfig
 from sim2vr_harness.envs.people_preset import as_population
+from sim2vr_harness.policies.hierarchical.hand_policy import HandPolicy
+from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
 from sim2vr_harness.runs.option_config import PeopleTrainingConfig
-from sim2vr_harness.training.motor_control import human_task
+from sim2vr_harness.training.motor_control import hand_training
+from sim2vr_harness.training.motor_control.hand_training import (
+    Execution,
+    ending,
+    train_hand_policy,
+)
 from sim2vr_harness.training.motor_control.human_benchmark import (
     AimedMovements,
     HumanMeasures,
     _profile,
 )
-from sim2vr_harness.training.motor_control.human_sampler import PASS, STOP, HumanGoalSampler
-from sim2vr_harness.training.motor_control.human_task import HumanMotorTrainer, human_trainer
+from sim2vr_harness.training.motor_control.people_training import PeopleTrainer, _least_absolute
 
-TINY = PeopleTrainingConfig(cycles=2, bodies=4, users=8, width=16, body_width=16)
-
-
-@pytest.fixture
-def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in (
-        ("first_fit_minibatches", 4),
-        ("fit_minibatches", 3),
-        ("updates", 3),
-        ("play_steps", 6),
-        ("critic_first_updates", 1),
-    ):
-        monkeypatch.setattr(human_task._Cycles, name, value)
-    monkeypatch.setattr(human_task, "FIRST_PLAY_STEPS", 24)
+TINY = PeopleTrainingConfig(
+    cycles=2,
+    bodies=4,
+    random_steps=24,
+    goal_steps=12,
+    fit_minibatches=3,
+    updates=2,
+    width=16,
+    body_width=16,
+)
 
 
-def trainer() -> HumanMotorTrainer:
-    return human_trainer(TINY, as_population(UserConfig()), 0.05, threads=1, seed=4)
+def trainer() -> PeopleTrainer:
+    return PeopleTrainer(TINY, as_population(UserConfig()), 0.05, threads=1, seed=4)
 
 
-def test_a_training_that_goes_on_ends_in_the_same_bits(short: None) -> None:
+def test_a_training_that_goes_on_ends_in_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hand_training, "_HANDS", 16)
     whole, first, second = trainer(), trainer(), trainer()
     whole.step()
-    whole.step()
+    last = whole.step()
     first.step()
     second.load_state_dict(first.state_dict())
     second.step()
-    ends = (one.task.policy.state_dict() for one in (whole, second))
-    for name, (expected, found) in zip(
-        whole.task.policy.state_dict(),
-        zip(*(state.values() for state in ends), strict=True),
-        strict=True,
-    ):
-        assert torch.equal(expected, found), name
-    assert whole.finished
+    for name, expected in whole.policy.state_dict().items():
+        assert torch.equal(expected, second.policy.state_dict()[name]), name
+    assert whole.finished and last.cycle == 2 and last.velocity_mps > 0.0
+
+
+def test_hands_learn_to_reach(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hand_training, "_HANDS", 64)
+    torch.manual_seed(3)
+    policy, config = HandPolicy(32), PeopleTrainingConfig()
+    worth = [
+        train_hand_policy(policy, config, Execution(), 0.05, updates=updates, seed=2)
+        for updates in (1, 60, 1)
+    ]
+    assert worth[2] > worth[0] + 2.0
+
+
+def test_the_noise_of_a_body_is_found() -> None:
+    """Errors of 0.03 + 0.2 |change| m/s along each axis: the norm's median is 1.538 of that."""
+    rng = np.random.default_rng(1)
+    change = rng.uniform(0.0, 1.0, 4000)
+    error = np.linalg.norm(rng.normal(size=(4000, 3)), axis=1) * (0.03 + 0.2 * change)
+    known = np.stack([np.ones(4000), change], 1)
+    found = _least_absolute(known, error) / 1.538
+    assert found == pytest.approx((0.03, 0.2), rel=0.1)
 
 
 def test_a_movement_ends_well_in_its_target_and_at_its_speed() -> None:
     """On the edge of a target half; at rest there and not, and at the speed that was asked for."""
-    task = trainer().task
-    sampler = HumanGoalSampler(task.policy, 5, 1, TINY)
-    goals = sampler.goals
+    goals, way, velocity = HumanGoals.none(5, 1), torch.zeros(5, 1, 3), torch.zeros(5, 1, 3)
     goals.width[:] = 0.04
-    goals.place[:, 0, 0] = torch.tensor([0.0, 0.02, 0.05, 0.0, 0.0])
-    goals.velocity[4, 0, 0] = 1.0
-    sampler.kind[:4], sampler.kind[4] = STOP, PASS
-    place = torch.eye(4).expand(5, 1, 4, 4)
-    soon = place.clone()
-    soon[3:, :, 0, 3] = 0.005  # 1 m/s
-    succeeds, off, slow = sampler.success(place, soon)
+    way[:, 0, 0] = torch.tensor([0.0, 0.02, 0.05, 0.0, 0.0])
+    goals.velocity[4, 0, 0], goals.stops[4] = 1.0, 0.0
+    velocity[3:, 0, 0] = 1.0
+    succeeds, off, wrong = ending(way, velocity, goals)
     assert succeeds[:3, 0].tolist() == pytest.approx([0.985, 0.5, 0.002], abs=0.01)
     assert float(succeeds[3]) < 1e-6 < 0.95 < float(succeeds[4])
     assert off[:3, 0].tolist() == pytest.approx([0.0, 0.02, 0.05], abs=2e-4)
-    assert slow[3:, 0].tolist() == pytest.approx([1.0, 0.0], abs=0.01)
+    assert wrong[3:, 0].tolist() == pytest.approx([1.0, 0.0], abs=0.01)
 
 
 def test_a_profile_s_measures_are_those_of_minimum_jerk() -> None:

@@ -48,7 +48,7 @@ class PeopleTrainingConfig(Settings):
     fit_minibatches: int = Field(default=500, ge=1, le=1_000_000)
     """Minibatches that the forward model is fitted to in a cycle; three times as many in the
     first."""
-    updates: int = Field(default=600, ge=1, le=1_000_000)
+    updates: int = Field(default=450, ge=1, le=1_000_000)
     """Updates of the policy in space, of 512 movements each."""
     width: Width = 64
     """Width of the two hidden layers of the policy in space."""
@@ -56,17 +56,17 @@ class PeopleTrainingConfig(Settings):
     """Width of the hidden layers of the forward model."""
     success_reward: Weight = 5.0
     """Reward of a movement that ends as its goal says."""
-    miss_cost: Weight = 5.0
+    miss_cost: Weight = 3.0
     """Cost of a movement that ends otherwise."""
-    time_cost: Weight = 5.0
+    time_cost: Weight = 7.0
     """Cost of time while a goal is pursued, 1/s."""
     distance_cost: Weight = 15.0
     """Cost of the distance to the goal at the end of a movement, 1/m."""
-    effort_cost: Weight = 0.2
+    effort_cost: Weight = 0.15
     """Cost of the time integral of the hand's squared acceleration, s^3/m^2."""
     weber: Chance = 0.05
     """Standard deviation of a goal's perceived place, of its distance from the hand."""
-    least_m: Weight = 0.002
+    least_m: Weight = 0.001
     """The same of a goal at the hand, m."""
     late_steps: int = Field(default=2, ge=0, le=100)
     """User steps by which the distance between hand and goal is seen late."""

@@ -68,11 +68,11 @@ class HumanMotorPolicy(nn.Module):
         ).requires_grad_(False)
         self.drives = self.forward_model.drives
         self.hand_policy = HandPolicy(width)
-        middle = torch.tensor(body.joint_ranges.mean(1)).float()
+        low, high = torch.tensor(body.joint_ranges.T.copy()).float()
         shares = torch.ones(self.drives.count)
         if len(self.drives.muscles):
             shares[self.drives.muscle_columns] = volume_shares(body)
-        self.inverse = InverseModel(self.forward_model, middle, shares, InverseSettings())
+        self.inverse = InverseModel(self.forward_model, low, high, shares, InverseSettings())
 
     def __repr__(self) -> str:
         """Return the body, the hands and the number of actions."""

@@ -30,15 +30,17 @@ class InverseSettings:
         velocity_mps: error of a wanted velocity that costs 1.
         speed_radps: joint speed away from the way back that costs 1.
         return_hz: how fast joints go back to the middle of their ranges where nothing else counts.
+        limit: how many times as much that counts at the ends of their ranges as in the middle.
         effort: cost of the sum of squared controls, weighted by muscle volume.
         change: cost of the sum of squared changes of activation.
     """
 
-    velocity_mps: float = 0.05
-    speed_radps: float = 2.0
-    return_hz: float = 0.3
-    effort: float = 1.0
-    change: float = 0.5
+    velocity_mps: float = 0.01
+    speed_radps: float = 1.0
+    return_hz: float = 1.5
+    limit: float = 3.0
+    effort: float = 0.2
+    change: float = 0.1
 
 
 class InverseModel:
@@ -46,16 +48,22 @@ class InverseModel:
 
     Args:
         model: the forward model of the body, of its hands.
-        middle: (J,) comfortable joint angles, rad.
+        low: (J,) least joint angles, rad; in the middle of their ranges joints are comfortable.
+        high: (J,) greatest joint angles, rad.
         shares: (A,) relative volume of the muscles.
         settings: costs.
     """
 
     def __init__(
-        self, model: BodyModel, middle: Tensor, shares: Tensor, settings: InverseSettings
+        self,
+        model: BodyModel,
+        low: Tensor,
+        high: Tensor,
+        shares: Tensor,
+        settings: InverseSettings,
     ) -> None:
-        self._model, self._middle, self._settings = model, middle, settings
-        self._shares = shares
+        self._model, self._shares, self._settings = model, shares, settings
+        self._middle, self._half = 0.5 * (low + high), 0.5 * (high - low)
 
     def velocities(self, motion: Motion, tip: Tensor) -> tuple[Tensor, Tensor]:
         """(B, H, 3) each: where points (B, H, 3) of the devices are, and how they move."""
@@ -103,12 +111,14 @@ class InverseModel:
         weight = (active / costs.velocity_mps)[..., None]
         reached = (jacobian @ then.speeds[:, None, :, None])[..., 0]
         back = costs.return_hz * (self._middle - now.angles)
+        away = ((now.angles - self._middle) / self._half).clamp(-1.2, 1.2)
+        counts = (1.0 + (costs.limit - 1.0) * away**6) / costs.speed_radps
         wrong = torch.cat(
-            [((velocity - reached) * weight).flatten(1), (back - then.speeds) / costs.speed_radps],
+            [((velocity - reached) * weight).flatten(1), (back - then.speeds) * counts],
             1,
         )
         moved = (jacobian * weight[..., None]).flatten(1, 2) @ by_control
-        rows = torch.cat([moved, by_control / costs.speed_radps], 1)
+        rows = torch.cat([moved, by_control * counts[..., None]], 1)
         effort = costs.effort * self._shares
         square = rows.transpose(1, 2) @ rows + torch.diag(effort + costs.change)
         pull = (rows.transpose(1, 2) @ wrong[..., None])[..., 0] - effort * start

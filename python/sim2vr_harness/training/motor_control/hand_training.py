@@ -33,7 +33,11 @@ _LEARNING_RATE, _CLIP = 2e-3, 1.0
 
 @dataclass(frozen=True)
 class Execution:
-    """How well a body's hands do what is wanted, per user step; measured in simulation.
+    """How well hands do what is wanted, per user step.
+
+    Measured in reaches of ``mobl_arms_wrist`` (docs/research/human_motor.md). Of the error that
+    grows with the change of velocity, half is taken to be noise; the rest is the same for a person
+    and a posture, and is adapted to.
 
     Attributes:
         gain: share of a wanted change of velocity that happens within the user step.
@@ -43,10 +47,10 @@ class Execution:
         kept: correlation of the error from one user step to the next.
     """
 
-    gain: float = 0.8
-    constant_mps: float = 0.04
-    change: float = 0.2
-    speed: float = 0.05
+    gain: float = 0.76
+    constant_mps: float = 0.014
+    change: float = 0.14
+    speed: float = 0.01
     kept: float = 0.5
 
 

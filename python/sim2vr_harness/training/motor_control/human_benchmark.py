@@ -29,7 +29,9 @@ _SETTLE_S, _LONGEST_S, _SAMPLE_S = 0.8, 2.0, 0.01
 _OF_PEAK = 0.1
 _FRONT_M, _HEIGHTS_M = 0.2, (0.9, 1.5)
 """Places of targets: so far before the body's axis, and so high."""
-_POOL, _AT_DISTANCE_M = 3000, 0.01
+_POOL, _AT_DISTANCE_M, _COMFORT = 3000, 0.01, 0.6
+"""Postures that places are taken from, the tolerance of distances, and the part of the joints'
+ranges that postures are drawn from: people reach from comfortable ones."""
 _PROMINENCE = 0.1
 """Of speed peaks, of the highest one."""
 
@@ -222,7 +224,7 @@ class _Course:
         """(K, 3) starts, with everyone's posture there, and targets at a distance from them."""
         low, high = self._bodies.body.joint_ranges.T
         rng, n = self._rng, self._n
-        spread = rng.uniform(-0.9, 0.9, (_POOL, len(low)))
+        spread = rng.uniform(-_COMFORT, _COMFORT, (_POOL, len(low)))
         angles = 0.5 * (low + high) + 0.5 * spread * (high - low)
         pool = torch.from_numpy(angles).float()
         postures, goal = [], np.empty((n, 3))
@@ -261,7 +263,8 @@ class _Course:
         samples = round(self._policy.step_s / _SAMPLE_S)
         users.step(actions, pose_samples=samples)
         places = np.stack([users.device_poses(name, k)[0] for k in range(samples)], 1)
-        return over[:, self._hand].numpy() > 0.5, places
+        ends: NDArray[np.bool_] = over[:, self._hand].numpy() > self._rng.random(self._n)
+        return ends, places
 
     def _measured(
         self,

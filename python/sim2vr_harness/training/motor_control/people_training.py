@@ -1,8 +1,7 @@
 """The training of a human motor policy: a forward model of the body, and feedback in space.
 
 In each cycle simulated persons move, at first at random and then to goals, and the forward model is
-fitted to what they did. Then the execution of wanted velocities is measured, and the policy in
-space learns with the noise and the delays of these persons.
+fitted to what they did. Then the policy in space learns with the noise and delays of persons.
 """
 
 from __future__ import annotations
@@ -137,7 +136,6 @@ class PeopleTrainer:
                 perception=config.perception,
             )
         self._seen: list[TransitionStore] = []
-        self.execution = Execution()
 
     @property
     def finished(self) -> bool:
@@ -159,8 +157,6 @@ class PeopleTrainer:
             self._seen.append(collected.steps(steps, randomly=first, on_progress=on_progress))
             model_m = self._fit(on_progress)
             self.cycle += 1
-            if not first:
-                self.execution = collected.execution()
             if self.finished:
                 self._train(on_progress)
         return PeopleCycle(self.cycle, model_m, collected.velocity_mps)
@@ -185,7 +181,7 @@ class PeopleTrainer:
         train_hand_policy(
             self.policy.hand_policy,
             self.config,
-            self.execution,
+            Execution(),
             self.policy.step_s,
             updates=self.config.updates,
             seed=self._seed,
@@ -326,29 +322,3 @@ class _Collection:
         if not self._rows:
             return 0.0
         return float(torch.cat([row[2] - row[0] for row in self._rows]).norm(dim=-1).median())
-
-    def execution(self) -> Execution:
-        """Noise of velocities by a robust fit: medians of errors in bins of change and speed."""
-        wanted, velocity, happened = (torch.cat([row[k] for row in self._rows]) for k in range(3))
-        change, speed = wanted.norm(dim=-1), velocity.norm(dim=-1)
-        along = (happened * wanted).sum(-1) / change.square().clamp(min=1e-6)
-        gain = float(along[change > change.median()].median().clamp(0.2, 1.0))
-        error = (happened - gain * wanted).norm(dim=-1)
-        known = torch.stack([torch.ones_like(change), change, speed], 1)
-        # The median of the norm of three normal numbers is 1.538 standard deviations.
-        weight = 1.0 / (0.1 + change)
-        lhs = (known * weight[:, None]).double().numpy()
-        fit = _least_absolute(lhs, (error * weight).double().numpy()) / 1.538
-        one, two, three = np.maximum(fit, (0.005, 0.0, 0.0)).tolist()
-        return Execution(gain, one, two, three)
-
-
-def _least_absolute(known: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the coefficients of a median regression, by reweighted least squares."""
-    weight = np.ones(len(wanted))
-    found = np.zeros(known.shape[1])
-    for _ in range(30):
-        scaled = known * weight[:, None]
-        found = np.linalg.lstsq(scaled, wanted * weight, rcond=None)[0]
-        weight = 1.0 / np.sqrt(np.maximum(np.abs(wanted - known @ found), 1e-4))
-    return found

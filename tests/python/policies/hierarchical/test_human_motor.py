@@ -159,7 +159,7 @@ def test_the_inverse_model_reaches_what_the_forward_model_predicts(
     now = replace(now, drives=0.3 + 0.4 * now.drives)
     cheap = InverseSettings(velocity_mps=1e-3, effort=0.0, change=1e-4, speed_radps=1e3)
     inverse = InverseModel(
-        policy.forward_model, torch.zeros(7), torch.ones(policy.drives.count), cheap
+        policy.forward_model, -torch.ones(7), torch.ones(7), torch.ones(policy.drives.count), cheap
     )
     nothing, active = torch.zeros(USERS, 7), torch.ones(USERS, 1)
 

@@ -22,7 +22,7 @@ from sim2vr_harness.training.motor_control.human_benchmark import (
     HumanMeasures,
     _profile,
 )
-from sim2vr_harness.training.motor_control.people_training import PeopleTrainer, _least_absolute
+from sim2vr_harness.training.motor_control.people_training import PeopleTrainer
 
 TINY = PeopleTrainingConfig(
     cycles=2,
@@ -62,16 +62,6 @@ def test_hands_learn_to_reach(monkeypatch: pytest.MonkeyPatch) -> None:
         for updates in (1, 60, 1)
     ]
     assert worth[2] > worth[0] + 2.0
-
-
-def test_the_noise_of_a_body_is_found() -> None:
-    """Errors of 0.03 + 0.2 |change| m/s along each axis: the norm's median is 1.538 of that."""
-    rng = np.random.default_rng(1)
-    change = rng.uniform(0.0, 1.0, 4000)
-    error = np.linalg.norm(rng.normal(size=(4000, 3)), axis=1) * (0.03 + 0.2 * change)
-    known = np.stack([np.ones(4000), change], 1)
-    found = _least_absolute(known, error) / 1.538
-    assert found == pytest.approx((0.03, 0.2), rel=0.1)
 
 
 def test_a_movement_ends_well_in_its_target_and_at_its_speed() -> None:

@@ -103,7 +103,7 @@ def train(
     _check_people(people, from_, resume)
     overrides = [*(set_ or []), *([] if seed is None else [f"seed={seed}"]), *as_overrides(remote)]
     if from_ is None and not resume:
-        config, overrides = _configuration(config, remote, overrides)
+        config, overrides = _configuration(config, remote, overrides, people=people)
     settings = _settings(config, from_, out if resume else None, overrides)
     if people:
         settings = _of_people(settings)
@@ -190,10 +190,14 @@ def _run_or_file(
 
 
 def _configuration(
-    config: str | None, app: Mapping[str, Any], overrides: list[str]
+    config: str | None, app: Mapping[str, Any], overrides: list[str], *, people: bool
 ) -> tuple[str | None, list[str]]:
-    """Return the configuration for a page, an app, a game or a file, and its overrides."""
+    """Return the configuration for a page, an app, a game or a file, and its overrides.
+
+    With people a game counts before a configuration of its name.
+    """
     from sim2vr_harness.base.errors import InputError
+    from sim2vr_harness.client import list_games
 
     if config is None and "page" in app:
         if "task" not in app:
@@ -201,7 +205,7 @@ def _configuration(
         return "webxr", [*overrides, f"name={app['game']}"]
     if config is None and (app.get("executable") or app.get("connect")):
         return "skills", overrides
-    if config is not None and _is_game(config):
+    if config is not None and ((people and config in list_games()) or _is_game(config)):
         return "skills", [f"env.app.game={config}", f"name={config}", *overrides]
     return config, overrides
 

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 __all__ = ["RECOGNITION_S", "REFRACTORY_S", "PersonMemory", "PersonPolicy", "seen_late_steps"]
 
-RECOGNITION_S = 0.05
-"""From what is seen to what is recognised, beside the visual delay (docs/concepts/people.md)."""
+RECOGNITION_S = 0.1
+"""From what is seen to a decision by it, beside the visual delay (docs/concepts/people.md)."""
 REFRACTORY_S = 0.15
 """Psychological refractory period: least time between two decisions (Pashler 1994)."""
 _SAME_M = 0.06
@@ -50,12 +50,16 @@ class PersonMemory(Intention):
     Attributes:
         hands: what it feels and does.
         pictures: the last pictures, the newest last.
+        seen: the picture that is seen now.
+        recognised: the picture that decisions are made by now.
         decided: user steps since the last new decision.
         goal: (1, H, 3) of the last user step.
     """
 
     hands: HumanHands | None = None
     pictures: list[NDArray[np.uint8]] = field(default_factory=list)
+    seen: NDArray[np.uint8] | None = None
+    recognised: NDArray[np.uint8] | None = None
     decided: int = 1000
     goal: Tensor | None = None
 
@@ -124,20 +128,33 @@ class PersonPolicy(HierarchicalPolicy):
     def _look(
         self, picture: NDArray[np.uint8], memory: PersonMemory, who: NDArray[np.float64]
     ) -> None:
-        delay_s = self.human.persons.visual_delay_s(who)
-        late = seen_late_steps(delay_s, self.layer.step_s)
-        memory.pictures = [*memory.pictures[-late:], np.array(picture)] if late else [picture]
+        delay_s, step_s = self.human.persons.visual_delay_s(who), self.layer.step_s
+        late = seen_late_steps(delay_s, step_s)
+        memory.pictures = [*memory.pictures, np.array(picture)][-1 - late :]
+        seen = min(len(memory.pictures), 1 + round(delay_s / step_s))
+        memory.seen, memory.recognised = memory.pictures[-seen], memory.pictures[0]
 
     def _reconsider(
         self, memory: PersonMemory, head: Tensor, placed: tuple[Tensor, Tensor]
     ) -> None:
-        """Decide anew, or follow what was decided where the last decision is too recent."""
+        """Follow the target by what is seen, or decide anew by what is recognised.
+
+        A decision that follows the last one too soon is not made.
+        """
         before = copy.deepcopy(memory.choice)
-        self._decide(memory.pictures[0], memory.choice, head, placed)
-        after = memory.choice
-        moved = (after.place - before.place).norm(dim=-1) > _SAME_M
-        new = bool(((after.move != before.move) | (moved & (after.move >= 0))).any())
-        if new and memory.decided * self.layer.step_s < REFRACTORY_S - 1e-9:
-            memory.choice = before
-        elif new:
+        assert memory.seen is not None and memory.recognised is not None
+        self._decide(memory.seen, memory.choice, head, placed)
+        if not _differs(memory.choice, before):
+            return
+        memory.choice = copy.deepcopy(before)
+        if memory.decided * self.layer.step_s < REFRACTORY_S - 1e-9:
+            return
+        self._decide(memory.recognised, memory.choice, head, placed)
+        if _differs(memory.choice, before):
             memory.decided = 0
+
+
+def _differs(after: OptionChoice, before: OptionChoice) -> bool:
+    """Whether a choice is another decision: another move, or another target."""
+    moved = (after.place - before.place).norm(dim=-1) > _SAME_M
+    return bool(((after.move != before.move) | (moved & (after.move >= 0))).any())

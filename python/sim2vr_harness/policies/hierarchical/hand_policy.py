@@ -1,4 +1,4 @@
-"""Where a hand shall move next, and whether its movement is over: feedback in space.
+"""Policy in space: the next velocity of a hand, and whether its movement is over.
 
 The policy sees a goal relative to the hand, and answers with a velocity. It does not depend on
 where the goal is or in which direction: its inputs are lengths and angles, its output is a

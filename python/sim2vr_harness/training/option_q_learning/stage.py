@@ -187,7 +187,8 @@ class QLearningStage:
             self._learn(learner, callbacks, log, before, rate)
         if self._user is not None:
             steps = learner.step_count
-            hold = _best_hold(learner, callbacks)
+            # A person may decide in every user step: its refractory period says how often it does.
+            hold = 1 if self._config.skills.people else _best_hold(learner, callbacks)
             write_user(self._user, self._decider(layer, learner.net, tool, hold), steps)
         learned = {"values": learner.net.state_dict(), "tool": tool}
         write_tensors(self.folder / _VALUES, learned)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.command import CommandGroup
 from sim2vr_harness.cli.options import (
     JsonOption,
@@ -20,6 +21,7 @@ from sim2vr_harness.cli.options import (
 if TYPE_CHECKING:
     from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
     from sim2vr_harness.training.motor_control.goal_task import MotorTrainer
+    from sim2vr_harness.training.motor_control.people_training import PeopleTrainer
     from sim2vr_harness.users import Body
 
 __all__ = ["app", "measure", "train_layer"]
@@ -45,6 +47,10 @@ _MotorSet = Annotated[
         "be repeated.",
     ),
 ]
+_People = Annotated[
+    bool,
+    typer.Option("--people", help="Of a simulated population (docs/concepts/people.md)."),
+]
 
 
 def train_layer(
@@ -56,6 +62,7 @@ def train_layer(
     step_s: StepOption = 0.05,
     seed: Annotated[int, typer.Option(help="Of what is drawn.", min=0)] = 1,
     set_: _MotorSet = None,
+    people: _People = False,
     trust_app: TrustOption = False,
 ) -> int:
     """Train a body's motor layer; a stopped training continues.
@@ -63,7 +70,14 @@ def train_layer(
     Examples:
         sim2vr-harness users motor train mobl_arms_wrist --out layer.pt
         sim2vr-harness users motor train mobl_arms_wrist --out l.pt --set cycles=36
+        sim2vr-harness users motor train mobl_arms_wrist --people --out people.pt
     """
+    from sim2vr_harness.base.errors import InputError
+
+    if people:
+        if begin is not None:
+            raise InputError("--begin", "it together with --people", "one of them")
+        return _train_people(body, out, step_s, seed, set_ or (), trust_app)
     from sim2vr_harness.base.signals import sigterm_interrupts
     from sim2vr_harness.policies.hierarchical.motor_store import load_motor_layer, save_motor_layer
     from sim2vr_harness.runs.config import apply_overrides, parse_config
@@ -90,13 +104,50 @@ def train_layer(
     return 0
 
 
-def _changes(given: Sequence[str]) -> list[str]:
+def _train_people(
+    body: str,
+    out: Path,
+    step_s: float,
+    seed: int,
+    changes: Sequence[str],
+    trust_app: bool,
+) -> int:
+    """Train a human motor policy."""
+    from sim2vr_harness.base.signals import sigterm_interrupts
+    from sim2vr_harness.envs.config import UserConfig
+    from sim2vr_harness.envs.people_preset import as_population
+    from sim2vr_harness.policies.hierarchical.motor_store import save_motor_layer
+    from sim2vr_harness.runs.config import apply_overrides, parse_config
+    from sim2vr_harness.runs.option_config import PeopleTraining
+    from sim2vr_harness.runs.trust import require_trusted_body
+    from sim2vr_harness.training.motor_control.people_training import PeopleTrainer
+
+    require_trusted_body(body, body, trust=trust_app)
+    given = parse_config(apply_overrides({}, _changes(changes))).skills.motor_training
+    set_here = {name: getattr(given, name) for name in given.model_fields_set}
+    for name in set_here.keys() - {"cycles", "bodies"}:
+        raise InputError(f"--set {name}", "it with --people", "cycles or bodies")
+    config = PeopleTraining(**set_here)
+    trainer = PeopleTrainer(config, as_population(UserConfig(model=body)), step_s, seed=seed)
+    begun = out.with_name(out.name + ".part")
+    try:
+        with sigterm_interrupts():
+            known = _cycles(trainer, begun)
+    except KeyboardInterrupt:
+        typer.echo(f"Stopped after cycle {trainer.cycle}; the same command goes on.", err=True)
+        return 130
+    save_motor_layer(out, trainer.policy, body=trainer.policy.body.name, **known)
+    begun.unlink(missing_ok=True)
+    typer.echo(f"Written: {out}")
+    return 0
+
+
+def _changes(given: Sequence[str], below: str = "skills.motor_training.") -> list[str]:
     """Return overrides with whole keys; ``cycles=36`` may be short for that of the training."""
-    below = "skills.motor_training."
     return [change if change.lstrip().startswith(below) else below + change for change in given]
 
 
-def _cycles(practice: MotorTrainer, begun: Path) -> dict[str, Any]:
+def _cycles(practice: MotorTrainer | PeopleTrainer, begun: Path) -> dict[str, Any]:
     from dataclasses import asdict
 
     from sim2vr_harness.cli.progress import Share
@@ -141,12 +192,16 @@ def measure(
         typer.Option(metavar="FILE.png", help="Draw it into this file.", callback=writable_file),
     ] = None,
     json: JsonOption = False,
+    people: _People = False,
     trust_app: TrustOption = False,
 ) -> None:
     """Measure a motor layer: end points, speeds, effort and Fitts' law.
 
+    With --people, a population aims at targets of nine indices of difficulty.
+
     Examples:
         sim2vr-harness users motor measure mobl_arms_wrist
+        sim2vr-harness users motor measure mobl_arms_wrist --people --layer people.pt
         sim2vr-harness users motor measure mobl_arms_wrist --noise --out layer.png
     """
     from sim2vr_harness.cli.progress import Share
@@ -154,6 +209,9 @@ def measure(
     from sim2vr_harness.training.motor_control.benchmark_figure import draw_measures
     from sim2vr_harness.users.noise import MotorNoiseSettings
 
+    if people:
+        _measure_people(body, layer, step_s, seed, json, trust_app)
+        return
     found = _layer(_body(body, trust_app), layer, step_s)
     human = MotorNoiseSettings(signal_dependent="white", constant="white")
     with Share("Measuring movements") as share:
@@ -174,6 +232,35 @@ def measure(
         typer.echo(f"{name:40s} {value:.4g}")
     if out is not None:
         typer.echo(f"Written: {out}")
+
+
+def _measure_people(
+    body: str, layer: Path | None, step_s: float, seed: int, json: bool, trust_app: bool
+) -> None:
+    from sim2vr_harness.cli.progress import Share
+    from sim2vr_harness.envs.config import UserConfig
+    from sim2vr_harness.envs.people_preset import as_population
+    from sim2vr_harness.policies.hierarchical.motor_store import (
+        human_policy_for,
+        load_human_policy,
+    )
+    from sim2vr_harness.runs.trust import require_trusted_body
+    from sim2vr_harness.training.motor_control.human_benchmark import measure_people
+
+    require_trusted_body(body, body, trust=trust_app)
+    user = as_population(UserConfig(model=body))
+    policy = (
+        human_policy_for(user, step_s) if layer is None else load_human_policy(layer, user, step_s)
+    )
+    with Share("Measuring movements") as share:
+        measures = measure_people(policy, user, seed=seed, on_progress=share.show)
+    if json:
+        print_json(measures.summary())
+        return
+    for row in measures.rows():
+        typer.echo(row)
+    for name, value in measures.summary().items():
+        typer.echo(f"{name:40s} {value:.4g}")
 
 
 def _body(name: str, trust_app: bool) -> Body:

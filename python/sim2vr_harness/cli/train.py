@@ -46,6 +46,10 @@ _From = Annotated[
         help="Instead of CONFIG: go on from a trained user, with what --set changes.",
     ),
 ]
+_People = Annotated[
+    bool,
+    typer.Option("--people", help="Users are a simulated population (docs/concepts/people.md)."),
+]
 _Timesteps = Annotated[
     int | None,
     typer.Option(
@@ -72,6 +76,7 @@ def train(
     config: _Config = None,
     set_: SetOption = None,
     from_: _From = None,
+    people: _People = False,
     timesteps: _Timesteps = None,
     out: _Out = None,
     seed: Annotated[int | None, typer.Option(help="Short for --set seed=SEED.")] = None,
@@ -86,6 +91,7 @@ def train(
 
     Examples:
         sim2vr-harness train sample --timesteps 100000
+        sim2vr-harness train sample --people
         sim2vr-harness train --resume runs/sample
     """
     from sim2vr_harness.envs.games import with_task
@@ -94,10 +100,13 @@ def train(
 
     _check_together(config, from_, resume, overwrite, set_aside)
     config, out = _run_or_file(config, out, resume)
+    _check_people(people, from_, resume)
     overrides = [*(set_ or []), *([] if seed is None else [f"seed={seed}"]), *as_overrides(remote)]
     if from_ is None and not resume:
-        config, overrides = _configuration(config, remote, overrides)
+        config, overrides = _configuration(config, remote, overrides, people=people)
     settings = _settings(config, from_, out if resume else None, overrides)
+    if people:
+        settings = _of_people(settings)
     folder = out or Path("runs") / settings.name
     source = Path(from_ or config or folder)
     require_trust(settings.env, source, named=named_app(overrides), trust=trust_app)
@@ -131,6 +140,38 @@ def _check_together(
         raise InputError("--from", f"it together with {other}", "one of them")
 
 
+def _check_people(people: bool, from_: str | None, resume: bool) -> None:
+    """Refuse a population where the users are given already."""
+    from sim2vr_harness.base.errors import InputError
+
+    if people and (from_ is not None or resume):
+        other = "--resume" if resume else "--from"
+        raise InputError("--people", f"it together with {other}", "one of them")
+
+
+def _of_people(settings: TrainingConfig) -> TrainingConfig:
+    """Return the settings with users who are persons.
+
+    Raises:
+        InputError: another recipe than ``skills``, or a student.
+    """
+    from sim2vr_harness.base.errors import InputError
+    from sim2vr_harness.envs.people_preset import as_population
+    from sim2vr_harness.perception.registry import SenseConfig
+
+    if settings.recipe != "skills" or settings.policy_kind != "hierarchical":
+        got = f"it with recipe {settings.recipe!r} and skills.user {settings.skills.user!r}"
+        raise InputError("--people", got, "recipe 'skills' with skills.user 'hierarchical'")
+    env = settings.env
+    senses = [*env.senses]
+    if all(sense.sense != "person" for sense in senses):
+        senses.append(SenseConfig(sense="person"))
+    update = {"user": as_population(env.user), "senses": tuple(senses)}
+    skills = settings.skills.model_copy(update={"user": "person"})
+    changed = settings.model_copy(update={"env": env.model_copy(update=update), "skills": skills})
+    return type(settings).model_validate(changed.model_dump())
+
+
 def _run_or_file(
     config: str | None, out: Path | None, resume: bool
 ) -> tuple[str | None, Path | None]:
@@ -149,10 +190,14 @@ def _run_or_file(
 
 
 def _configuration(
-    config: str | None, app: Mapping[str, Any], overrides: list[str]
+    config: str | None, app: Mapping[str, Any], overrides: list[str], *, people: bool
 ) -> tuple[str | None, list[str]]:
-    """Return the configuration for a page, an app, a game or a file, and its overrides."""
+    """Return the configuration for a page, an app, a game or a file, and its overrides.
+
+    With people a game counts before a configuration of its name.
+    """
     from sim2vr_harness.base.errors import InputError
+    from sim2vr_harness.client import list_games
 
     if config is None and "page" in app:
         if "task" not in app:
@@ -160,7 +205,7 @@ def _configuration(
         return "webxr", [*overrides, f"name={app['game']}"]
     if config is None and (app.get("executable") or app.get("connect")):
         return "skills", overrides
-    if config is not None and _is_game(config):
+    if config is not None and ((people and config in list_games()) or _is_game(config)):
         return "skills", [f"env.app.game={config}", f"name={config}", *overrides]
     return config, overrides
 

@@ -352,7 +352,8 @@ def facts_of_outside(name: str) -> GameFacts:
     That of the runtime's game of the same name, if there is one; see :meth:`GameFacts.with_log`.
     """
     if name in list_games():
-        return replace(describe_game(name), published=False, devices=(), inputs=(), hand_option=None)
+        told = describe_game(name)
+        return replace(told, published=False, devices=(), inputs=(), hand_option=None)
     return GameFacts(name=name, published=False)
 
 

@@ -16,6 +16,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.python_classes import words_of
 from sim2vr_harness.envs.config import body_of
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy
+from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy
 from sim2vr_harness.policies.protocol import (
     Observation,
     Policy,
@@ -156,7 +157,7 @@ def _visual(
 def _hierarchical(
     config: TrainingConfig, observations: spaces.Dict, actions: spaces.Box
 ) -> HierarchicalPolicy:
-    return HierarchicalPolicy(config)
+    return PersonPolicy(config) if config.skills.people else HierarchicalPolicy(config)
 
 
 NETWORKS: dict[

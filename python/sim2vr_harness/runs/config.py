@@ -168,7 +168,7 @@ class TrainingConfig(Settings):
         """Kind of the trained policy; a key of ``policies.registry.NETWORKS``."""
         if self.recipe == "sac":
             return "sac"
-        hierarchical = self.recipe == "skills" and self.skills.user == "hierarchical"
+        hierarchical = self.recipe == "skills" and self.skills.user != "student"
         return "hierarchical" if hierarchical else "visual"
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
@@ -15,7 +16,7 @@ from sim2vr_harness.base.settings import (
 )
 from sim2vr_harness.runs.ppo_config import MOST_USERS
 
-__all__ = ["MotorTrainingConfig", "QLearningConfig", "SkillsConfig"]
+__all__ = ["MotorTrainingConfig", "PeopleTraining", "QLearningConfig", "SkillsConfig"]
 
 
 class MotorTrainingConfig(Settings):
@@ -31,6 +32,54 @@ class MotorTrainingConfig(Settings):
     strikes: bool = False
     """True: goals have a time and a speed, as in motion tracking; hands wait and wind up where
     there is time. The motor options of games have a place and no time."""
+
+
+@dataclass(frozen=True)
+class PeopleTraining:
+    """Training of a human motor policy: movements that a person starts, corrects and ends.
+
+    Constants, so that one set of parameters holds for all apps (docs/concepts/people.md).
+    """
+
+    cycles: int = 6
+    """Cycles of training: in each, persons move, and the forward model of the body is fitted to it.
+    The last one ends with the training of the policy in space."""
+    bodies: int = 48
+    """Simulated persons that move in a cycle."""
+    random_steps: int = 400
+    """User steps of each person in the first cycle, at random."""
+    goal_steps: int = 120
+    """User steps of each person in a later cycle, to goals."""
+    fit_minibatches: int = 500
+    """Minibatches that the forward model is fitted to in a cycle; three times as many in the
+    first."""
+    updates: int = 450
+    """Updates of the policy in space, of 512 movements each."""
+    width: int = 64
+    """Width of the two hidden layers of the policy in space."""
+    body_width: int = 128
+    """Width of the hidden layers of the forward model."""
+    success_reward: float = 5.0
+    """Reward of a movement that ends as its goal says."""
+    miss_cost: float = 3.0
+    """Cost of a movement that ends otherwise."""
+    time_cost: float = 7.0
+    """Cost of time while a goal is pursued, 1/s."""
+    distance_cost: float = 15.0
+    """Cost of the distance to the goal at the end of a movement, 1/m."""
+    effort_cost: float = 0.15
+    """Cost of the time integral of the hand's squared acceleration, s^3/m^2."""
+    weber: float = 0.05
+    """Standard deviation of a goal's perceived place, of its distance from the hand."""
+    least_m: float = 0.001
+    """The same of a goal at the hand, m."""
+    late_steps: int = 2
+    """User steps by which the distance between hand and goal is seen late."""
+
+    @property
+    def perception(self) -> dict[str, float]:
+        """How goals are misjudged."""
+        return {"weber": self.weber, "least_m": self.least_m, "late_steps": self.late_steps}
 
 
 class QLearningConfig(Settings):
@@ -56,10 +105,12 @@ OptionName = Literal[
 class SkillsConfig(Settings):
     """Users who bring a motor layer to a game and learn what is worth doing with what they see."""
 
-    user: Literal["student", "hierarchical"] = "student"
+    user: Literal["student", "hierarchical", "person"] = "student"
     """Who plays in the end. ``student``: a policy from senses to muscles, which then goes on by PPO
     with the true effort. ``hierarchical``: the Q-network, with the motor layer below it; it plays
-    as soon as it has learned, and completes each action that it has selected."""
+    as soon as it has learned, and completes each action that it has selected. ``person``: the same,
+    but it sees late, needs time to decide, counts the cost of effort, and moves by the human motor
+    policy of its body; ``train GAME --people`` sets it."""
     motor: str | None = None
     """File of the motor layer; None: the one that ships for the body, or, where none does, one that
     the run makes first."""
@@ -73,6 +124,11 @@ class SkillsConfig(Settings):
     straight tool that goes on forward from the controller, m."""
     q_learning: QLearningConfig = QLearningConfig()
     """Q-learning of what to do with what is seen."""
+
+    @property
+    def people(self) -> bool:
+        """Whether persons play, with the limits of people."""
+        return self.user == "person"
 
     @field_validator("tool", mode="before")
     @classmethod

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from torch import Tensor
 
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.users import FEATURES, Body, Person, Population
+from sim2vr_harness.users.people.traits import TOLD
 
 __all__ = ["ImaginedPersons"]
 
@@ -61,6 +63,22 @@ class ImaginedPersons:
             for person in simulation.users.persons
         ]
         return np.array(rows, dtype=np.float64)
+
+    def told(self, features: NDArray[np.float32]) -> NDArray[np.float64]:
+        """(P,) a person by what a policy observes of it, :attr:`Person.features`."""
+        assert self._people is not None
+        values: dict[str, Any] = {
+            trait.name: trait.of_feature(f) for trait, f in zip(TOLD, features, strict=False)
+        }
+        person = replace(self._people.alike, **values)
+        row = (*features, *self._sizes_of(person), person.motor_noise, person.effort_weight)
+        return np.array(row, dtype=np.float64)
+
+    @staticmethod
+    def visual_delay_s(person: NDArray[np.float64]) -> float:
+        """How late a person (P,) sees, s."""
+        column = FEATURES.index("visual_delay_s")
+        return TOLD[column].of_feature(float(person[column]))
 
     def _sizes_of(self, person: Person) -> tuple[float, ...]:
         assert self._people is not None

@@ -7,16 +7,25 @@ from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.base.errors import InputError, UnusableFile
+from sim2vr_harness.envs.config import UserConfig
+from sim2vr_harness.policies.hierarchical.human_motor import HumanMotorPolicy, people_policy
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.runs.checkpoint import DAMAGE, in_words, read_tensors, write_tensors
 from sim2vr_harness.users import Body
 
-__all__ = ["load_motor_layer", "motor_layer_for", "save_motor_layer", "shipped_layers"]
+__all__ = [
+    "human_policy_for",
+    "load_human_policy",
+    "load_motor_layer",
+    "motor_layer_for",
+    "save_motor_layer",
+    "shipped_layers",
+]
 
 _FOLDER = Path(__file__).resolve().parents[2] / "motor_layers"
 
 
-def save_motor_layer(file: Path, layer: MotorPolicy, **known: Any) -> None:
+def save_motor_layer(file: Path, layer: MotorPolicy | HumanMotorPolicy, **known: Any) -> None:
     """Write a layer, and what is known of it."""
     header = json.dumps(layer.header() | known)
     write_tensors(file, {"header": header, "weights": dict(layer.weights())})
@@ -43,6 +52,8 @@ def load_motor_layer(file: Path, body: Body, step_s: float) -> MotorPolicy:
         UnusableFile: it cannot be read.
     """
     header, weights = _header(file)
+    if header.get("people"):
+        raise InputError(str(file), "a human motor policy", "a motor layer, or --people")
     layer = MotorPolicy(body, step_s, width=header["width"])
     differs = _difference(header, layer.header())
     if differs:
@@ -73,7 +84,7 @@ def motor_layer_for(body: Body, step_s: float, *, following: bool = False) -> Mo
     fit = []
     for file in shipped_layers():
         header, _ = _header(file)
-        if header.get("body") == body.name:
+        if header.get("body") == body.name and not header.get("people"):
             fit.append((bool(header.get("following")) != following, file))
     for _, file in sorted(fit):
         try:
@@ -85,4 +96,45 @@ def motor_layer_for(body: Body, step_s: float, *, following: bool = False) -> Mo
         "motor layer",
         f"none for the body {body.name!r} in steps of {step_s} s",
         f"one of those that ship ({shipped}), or a run with the stage that makes one",
+    )
+
+
+def load_human_policy(file: Path, user: UserConfig, step_s: float) -> HumanMotorPolicy:
+    """Read a human motor policy for the persons of a configuration.
+
+    Raises:
+        InputError: it is another body's, for another action frequency, or no human motor policy.
+        UnusableFile: it cannot be read.
+    """
+    header, weights = _header(file)
+    if not header.get("people"):
+        raise InputError(str(file), "a plain motor layer", "a human motor policy")
+    policy = people_policy(
+        user,
+        step_s,
+        width=header["width"],
+        body_width=header["body_width"],
+        perception=header["perception"],
+    )
+    differs = _difference(header, policy.header())
+    if differs:
+        raise InputError(str(file), f"a motor layer whose {differs}", "one that was made for it")
+    policy.take({name: values.float() for name, values in weights.items()})
+    return policy.requires_grad_(False)
+
+
+def human_policy_for(user: UserConfig, step_s: float) -> HumanMotorPolicy:
+    """Return the human motor policy that ships for a configuration's body.
+
+    Raises:
+        InputError: there is none.
+    """
+    for file in shipped_layers():
+        header, _ = _header(file)
+        if header.get("body") == user.model and header.get("people"):
+            return load_human_policy(file, user, step_s)
+    raise InputError(
+        "human motor policy",
+        f"none for the body {user.model!r}",
+        "--layer FILE.pt, from sim2vr-harness users motor train BODY --people --out FILE.pt",
     )

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from sim2vr_harness.policies.hierarchical.controller_inputs import ROLES, ControllerInputs
 from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, MotorGoals, tips
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
 from sim2vr_harness.policies.hierarchical.options import (
     FREE,
     MOVES,
@@ -151,7 +151,7 @@ class PrimitiveController:
     """
 
     def __init__(
-        self, layer: MotorPolicy, tool: Tensor, poses: Tensor, options: OptionSet = PLAIN
+        self, layer: MotorLayer, tool: Tensor, poses: Tensor, options: OptionSet = PLAIN
     ) -> None:
         self.layer, self.tool, self.options = layer, tool, options
         self._pointing = Pointing(poses)

@@ -21,7 +21,7 @@ from sim2vr_harness.client.frames import AIM_DIRECTION
 from sim2vr_harness.policies.hierarchical.controller_inputs import with_inputs_at_rest
 from sim2vr_harness.policies.hierarchical.depth_grid import FAR_M, rotation
 from sim2vr_harness.policies.hierarchical.goal_sampler import GoalSampler
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
 
 __all__ = ["Tool", "ToolView", "find_tools", "straight_tool", "tools_in"]
 
@@ -110,7 +110,7 @@ def straight_tool(length_m: float) -> Tool:
     return Tool(points, f"a tool of {100 * length_m:.0f} cm, as skills.tool says")
 
 
-def find_tools(simulation: Any, layer: MotorPolicy, poses: Tensor, *, seed: int) -> list[Tool]:
+def find_tools(simulation: Any, layer: MotorLayer, poses: Tensor, *, seed: int) -> list[Tool]:
     """Return what each hand holds, of users who move their hands about for some seconds.
 
     The users' present rounds are lost.
@@ -196,7 +196,7 @@ def _look(simulation: Any, places: Tensor) -> ToolView:
     return ToolView(far, cameras, places.numpy().astype(np.float64))
 
 
-def _placed(simulation: Any, layer: MotorPolicy) -> tuple[Tensor, Tensor]:
+def _placed(simulation: Any, layer: MotorLayer) -> tuple[Tensor, Tensor]:
     angles, speeds, _ = layer.motion(simulation.users)
     with torch.inference_mode():
         return layer.places(angles, speeds)

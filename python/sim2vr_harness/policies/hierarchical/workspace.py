@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
 
 __all__ = ["INSIDE", "reachable_poses"]
 
@@ -15,7 +15,7 @@ INSIDE = 0.94
 _COUNT = 20_000
 
 
-def reachable_poses(layer: MotorPolicy, seed: int) -> Tensor:
+def reachable_poses(layer: MotorLayer, seed: int) -> Tensor:
     """(P, H, 4, 4) places of the hands' devices in postures drawn at random, world frame."""
     rng = np.random.default_rng([seed, 58])
     low, high = layer.body.joint_ranges.T

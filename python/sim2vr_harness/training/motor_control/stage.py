@@ -24,7 +24,7 @@ __all__ = ["MotorStage", "needs_motor_policy"]
 
 def needs_motor_policy(config: TrainingConfig) -> bool:
     """Whether a run has to make its motor layer first."""
-    if config.skills.motor is not None:
+    if config.skills.motor is not None or config.skills.people:
         return False
     env = config.env
     try:

@@ -98,6 +98,8 @@ class OptionQLearning:
         primitives: turns moves into goals.
         pictures: the file that what is seen goes to; made or reused.
         seed: of everything drawn here.
+        late_steps: user steps by which pictures are seen late.
+        effort: whether the cost of effort counts.
     """
 
     def __init__(
@@ -108,12 +110,16 @@ class OptionQLearning:
         pictures: Path,
         *,
         seed: int,
+        late_steps: int = 0,
+        effort: bool = False,
     ) -> None:
         self.config, self.simulation, self.primitives = config, simulation, primitives
+        self._effort = effort
         self.n: int = simulation.n
         self.hands = len(primitives.tool)
         vision = simulation.config.vision
-        self._selector = ActionSelector(simulation, primitives, FrameHistory(simulation))
+        past = FrameHistory(simulation, late_steps)
+        self._selector = ActionSelector(simulation, primitives, past)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             self.net = ActionValueMap(self._selector.sight, self.hands, primitives.options)
@@ -304,7 +310,8 @@ class OptionQLearning:
             actions = self._selector.actions(self._choice)
             result = self.simulation.step(actions)
             self.step_count += self.n
-            reward += np.where(over, 0.0, result.game_reward).astype(np.float32)
+            worth = result.reward if self._effort else result.game_reward
+            reward += np.where(over, 0.0, worth).astype(np.float32)
             again = self.simulation.renew(result)
             self._choice.forget(again)
             self._trying[again] = 0

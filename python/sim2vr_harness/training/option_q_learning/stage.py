@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from sim2vr_harness.base.errors import InputError
@@ -21,13 +22,18 @@ from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.controller_inputs import with_inputs_at_rest
 from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.human_motor import HumanMotorPolicy
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer, MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import (
+    human_policy_for,
+    load_human_policy,
     load_motor_layer,
     motor_layer_for,
 )
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, require_senses
 from sim2vr_harness.policies.hierarchical.options import OptionSet, option_set
+from sim2vr_harness.policies.hierarchical.person_layer import PersonLayer
+from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy, seen_late_steps
 from sim2vr_harness.policies.hierarchical.primitives import PrimitiveController
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools, straight_tool
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
@@ -111,6 +117,24 @@ class QLearningStage:
         done = self._steps_saved
         return f"{done:,} of {self.total:,.0f} user steps" if done else ""
 
+    def _human(self) -> HumanMotorPolicy:
+        env, given = self._config.env, self._config.skills.motor
+        step_s = 1.0 / env.action_frequency_hz
+        if given is not None:
+            return load_human_policy(Path(given), env.user, step_s)
+        return human_policy_for(env.user, step_s)
+
+    def _hands(self, simulation: Simulation) -> MotorLayer:
+        """What moves the simulated users' hands."""
+        if not self._config.skills.people:
+            return self._layer()
+        human = self._human()
+
+        def persons() -> NDArray[np.float64]:
+            return human.persons.of(simulation)
+
+        return PersonLayer(human, simulation.n, persons, self._config.seed)
+
     def _layer(self) -> MotorPolicy:
         env, given = self._config.env, self._config.skills.motor
         body, step_s = body_of(env.user), 1.0 / env.action_frequency_hz
@@ -142,7 +166,9 @@ class QLearningStage:
         self._options  # noqa: B018  # refuses options without their input
         if self._run is not None:
             require_senses(self._config.env)
-            width = self._layer().width if self._motor is None else config.motor_training.width
+            width = config.motor_training.width
+            if self._motor is None and not config.people:
+                width = self._layer().width
             if width != config.motor_training.width:
                 got = f"{config.motor_training.width}, with a motor layer of width {width}"
                 raise InputError(
@@ -155,7 +181,7 @@ class QLearningStage:
         simulation, seed = self._simulation, self._config.seed
         assert simulation is not None
         self.folder.mkdir(parents=True, exist_ok=True)
-        layer = self._layer()
+        layer = self._hands(simulation)
         poses = reachable_poses(layer, seed)
         with torch_threads(1):
             tool, before, rate = self._prepared(simulation, layer, poses, callbacks)
@@ -165,6 +191,8 @@ class QLearningStage:
                 PrimitiveController(layer, tool, poses, self._options),
                 self.folder / _PICTURES,
                 seed=seed,
+                late_steps=self._late_steps,
+                effort=self._config.skills.people,
             )
             if (self.folder / _STATE).is_file():
                 take_in(self.folder / _STATE, "the state of Q-learning", learner.load_state_dict)
@@ -177,22 +205,40 @@ class QLearningStage:
         if self._run is not None:
             steps = learner.step_count
             file = self._run.checkpoint_file(self.stop if finished else steps)
-            hold = _best_hold(learner, callbacks)
+            # A person may decide in every user step: its refractory period says how often it does.
+            hold = 1 if self._config.skills.people else _best_hold(learner, callbacks)
             write_user(file, self._hierarchical_user(layer, learner.net, tool, hold), steps)
         if finished:
             write_tensors(self.folder / _VALUES, learned)
             self.tidy()
 
+    @property
+    def _late_steps(self) -> int:
+        """User steps by which persons see what they decide by."""
+        env = self._config.env
+        if not self._config.skills.people or env.user.people is None:
+            return 0
+        return seen_late_steps(env.user.people.visual_delay_s, 1.0 / env.action_frequency_hz)
+
     def _hierarchical_user(
-        self, layer: MotorPolicy, net: ActionValueMap, tool: Tensor, hold: int
+        self, layer: MotorLayer, net: ActionValueMap, tool: Tensor, hold: int
     ) -> HierarchicalPolicy:
         """The user that this stage has made."""
+        if isinstance(layer, PersonLayer):
+            person = PersonPolicy(self._config)
+            person.learned_by(layer.policy, net, tool, hold)
+            return person
+        assert isinstance(layer, MotorPolicy)
         user = HierarchicalPolicy(self._config)
         user.learned(layer, net, tool, hold)
         return user
 
     def _prepared(
-        self, simulation: Simulation, layer: MotorPolicy, poses: Tensor, callbacks: Callbacks
+        self,
+        simulation: Simulation,
+        layer: MotorLayer,
+        poses: Tensor,
+        callbacks: Callbacks,
     ) -> tuple[Tensor, dict[str, float], float]:
         """What is in the hands, what is earned by who does nothing, and user steps a second.
 
@@ -223,7 +269,7 @@ class QLearningStage:
         write_tensors(file, {"tool": tool, "earned": rewards})
         return tool, earned, rate
 
-    def _tools(self, simulation: Simulation, layer: MotorPolicy, poses: Tensor) -> list[Tool]:
+    def _tools(self, simulation: Simulation, layer: MotorLayer, poses: Tensor) -> list[Tool]:
         """What each hand holds, as ``skills.tool`` says or as it is seen."""
         wanted = self._config.skills.tool
         if wanted == "auto":

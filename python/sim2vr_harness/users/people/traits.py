@@ -72,9 +72,15 @@ class Trait:
         away = math.log(value / self.mean) if self.logarithmic else value - self.mean
         return away / self.half_range
 
+    def of_feature(self, feature: float) -> float:
+        """The value that has this feature."""
+        away = float(feature) * self.half_range
+        return self.mean * math.exp(away) if self.logarithmic else self.mean + away
+
 
 FRAME_S = 0.01
 """Delays are multiples of a frame at 100 Hz, which `frames_per_step: 5` at 20 Hz keeps exactly."""
+
 
 TRAITS: tuple[Trait, ...] = (
     # ANSUR II (Gordon et al. 2014): men 1.756 +- .069 m, women 1.629 +- .064 m.

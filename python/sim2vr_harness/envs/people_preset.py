@@ -1,0 +1,40 @@
+"""The settings of a simulated population, the same for every app (docs/concepts/people.md)."""
+
+from __future__ import annotations
+
+from sim2vr_harness.envs.config import NoiseConfig, UserConfig
+from sim2vr_harness.users import PeopleSettings, Physique, load_body
+from sim2vr_harness.users.bodies.options import JointOptions
+
+__all__ = ["as_population"]
+
+_STRENGTH = 1.28
+"""The body's raised arm is weak (docs/concepts/people.md#strength)."""
+_LIGHT = JointOptions(armature=0.0, damping=0.03)
+_HAND_JOINTS = ("flexion", "deviation", "pro_sup")
+_NOISE = NoiseConfig(
+    signal_dependent="white",
+    signal_dependent_level=0.01,
+    constant="white",
+    constant_level=0.001,
+)
+
+
+def as_population(user: UserConfig) -> UserConfig:
+    """Return a user's configuration with persons who differ, motor noise and light hands.
+
+    What the configuration sets itself stays.
+    """
+    given = user.model_fields_set
+    update: dict[str, object] = {}
+    if user.people is None:
+        update["people"] = PeopleSettings(strength=_STRENGTH)
+    if "noise" not in given:
+        update["noise"] = _NOISE
+    if not user.person.joints:
+        names = load_body(user.model).independent_joints
+        joints = {name: _LIGHT for name in names if name.startswith(_HAND_JOINTS)}
+        update["person"] = Physique(
+            **{**user.person.model_dump(exclude_unset=True), "joints": joints}
+        )
+    return user.model_copy(update=update)

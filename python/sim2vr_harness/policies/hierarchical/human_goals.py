@@ -1,0 +1,99 @@
+"""Goals of a human motor policy: a place, its width, and what counts as done; no duration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
+
+__all__ = ["GoalPerception", "HumanGoals"]
+
+_WIDTH_M = 0.04
+_FIXATION_S = 0.2
+"""Correlation time of what is misjudged: about a fixation."""
+
+
+@dataclass
+class HumanGoals(MotorGoals):
+    """Goals of B users' H hands.
+
+    Attributes:
+        width: (B, H) diameter of the target, m.
+        stops: (B, H) 1 for hands that come to rest in the target, 0 for those that select or pass.
+    """
+
+    width: Tensor
+    stops: Tensor
+
+    @staticmethod
+    def none(users: int, hands: int) -> HumanGoals:
+        """Return goals of hands that rest."""
+        plain = MotorGoals.none(users, hands)
+        width = torch.full((users, hands), _WIDTH_M)
+        return HumanGoals(**plain.tensors(), width=width, stops=torch.ones(users, hands))
+
+
+class GoalPerception:
+    """Where users believe that goals are: misjudged in proportion to the distance last seen.
+
+    Args:
+        n: number of users.
+        hands: H of each.
+        step_s: duration of a user step.
+        weber: standard deviation of the error along each axis, of the distance from the hand.
+        least_m: standard deviation of the error of a goal at the hand.
+        late_steps: user steps by which the distance is seen late.
+        generator: of the errors; None: torch's global one.
+    """
+
+    def __init__(
+        self,
+        n: int,
+        hands: int,
+        step_s: float,
+        *,
+        weber: float,
+        least_m: float,
+        late_steps: int,
+        generator: torch.Generator | None = None,
+    ) -> None:
+        self._weber, self._least_m, self._generator = weber, least_m, generator
+        self._keep = float(torch.exp(torch.tensor(-step_s / _FIXATION_S)))
+        self._error = torch.zeros(n, hands, 3)
+        """In standard deviations."""
+        self._seen_m = torch.zeros(late_steps + 1, n, hands)
+
+    def _drawn(self, count: int) -> Tensor:
+        shape = (count, *self._error.shape[1:])
+        return torch.randn(*shape, generator=self._generator)
+
+    def forget(self, ids: Tensor, far: Tensor) -> None:
+        """Let goals of users (K,) be new ones, at distances (K, H) from their hands."""
+        self._error = self._error.clone()
+        self._error[ids] = self._drawn(len(ids))
+        self._seen_m = self._seen_m.clone()
+        self._seen_m[:, ids] = far
+
+    def look(self, far: Tensor) -> None:
+        """Take in a user step, at whose end the goals are (B, H) from the hands."""
+        fresh = (1.0 - self._keep**2) ** 0.5
+        self._error = self._keep * self._error + fresh * self._drawn(len(self._error))
+        self._seen_m = torch.cat([self._seen_m[1:], far[None]])
+
+    def error(self) -> Tensor:
+        """(B, H, 3) how far from their places goals seem to be, m."""
+        return (self._least_m + self._weber * self._seen_m[0])[..., None] * self._error
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Everything that its future depends on, but for torch's global generator."""
+        own = {"error": self._error.clone(), "seen_m": self._seen_m.clone()}
+        return own | ({} if self._generator is None else {"drawn": self._generator.get_state()})
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Continue from :meth:`state_dict`."""
+        self._error, self._seen_m = state["error"].clone(), state["seen_m"].clone()
+        if self._generator is not None:
+            self._generator.set_state(state["drawn"])

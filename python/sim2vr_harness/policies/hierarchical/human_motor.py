@@ -1,0 +1,259 @@
+"""The human motor policy: feedback in space, an internal model of the body, and late senses.
+
+The user feels its body late. A learned forward model predicts the present from what is felt and
+from the user's own last commands (Wolpert and Ghahramani 2000, Nature Neuroscience 3). A policy in
+space chooses the next velocity of the hand from that prediction and decides when a movement is
+over; an inverse model finds the muscle commands.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from sim2vr_harness.envs.config import UserConfig, body_of, people_of
+from sim2vr_harness.policies.hierarchical.hand_policy import HandPolicy
+from sim2vr_harness.policies.hierarchical.human_goals import GoalPerception, HumanGoals
+from sim2vr_harness.policies.hierarchical.inverse_model import InverseModel, InverseSettings
+from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S
+from sim2vr_harness.users import Body, Physique, UserBatch, held
+from sim2vr_harness.world_models.body_dynamics import BodyModel
+from sim2vr_harness.world_models.effort import volume_shares
+from sim2vr_harness.world_models.person_features import ImaginedPersons
+from sim2vr_harness.world_models.transitions import Motion
+
+__all__ = ["HumanHands", "HumanMotorPolicy", "people_policy"]
+
+Rule = Callable[[Tensor, Tensor], Tensor]
+"""(B, H, 3) velocities wanted, by the ways to the goals and by the hands' velocities."""
+
+_ADAPTS = 0.3
+"""Share of the forward model's last error by which its correction changes, per user step."""
+
+
+class HumanMotorPolicy(nn.Module):
+    """What all persons of a population move by.
+
+    Args:
+        body: what persons share.
+        step_s: duration of a user step.
+        persons: how persons stand in tensors.
+        width: of the hidden layers of the policy in space.
+        body_width: of the forward model's hidden layers.
+        perception: arguments of :class:`GoalPerception`: how users misjudge goals.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        step_s: float,
+        persons: ImaginedPersons,
+        *,
+        width: int = 64,
+        body_width: int = 128,
+        perception: Mapping[str, float] | None = None,
+    ) -> None:
+        super().__init__()
+        self.body, self.step_s, self.hands = body, step_s, held(body.devices)
+        self.persons, self.width, self.body_width = persons, width, body_width
+        self._misjudged = dict(perception or {})
+        self.forward_model = BodyModel(
+            body, self.hands, step_s, width=body_width, persons=persons
+        ).requires_grad_(False)
+        self.drives = self.forward_model.drives
+        self.hand_policy = HandPolicy(width)
+        low, high = torch.tensor(body.joint_ranges.T.copy()).float()
+        shares = torch.ones(self.drives.count)
+        if len(self.drives.muscles):
+            shares[self.drives.muscle_columns] = volume_shares(body)
+        self.inverse = InverseModel(self.forward_model, low, high, shares, InverseSettings())
+
+    def __repr__(self) -> str:
+        """Return the body, the hands and the number of actions."""
+        hands = " and ".join(self.hands)
+        return f"HumanMotorPolicy({self.body.name}, {hands}: {self.drives.count} actions)"
+
+    def places(self, motion: Motion) -> tuple[Tensor, Tensor]:
+        """(B, H, 4, 4) each: where the hands' devices are, and ``MOMENT_S`` later."""
+        angles = torch.cat([motion.angles, motion.angles + MOMENT_S * motion.speeds])
+        both = self.forward_model.places(angles, motion.persons.repeat(2, 1))
+        now, soon = both.chunk(2)
+        return now, soon
+
+    def perception(self, n: int, generator: torch.Generator | None = None) -> GoalPerception:
+        """Return where N users believe that goals are; errors are drawn from the generator."""
+        known = self._misjudged
+        return GoalPerception(
+            n,
+            len(self.hands),
+            self.step_s,
+            weber=known.get("weber", 0.0),
+            least_m=known.get("least_m", 0.0),
+            late_steps=int(known.get("late_steps", 0)),
+            generator=generator,
+        )
+
+    def predicted(self, felt: Motion, actions: Tensor) -> Motion:
+        """Return the present, as predicted from the motion a step ago and the actions since."""
+        motion: Motion = self.forward_model(felt, self.drives.control(felt.drives, actions))
+        return motion
+
+    def header(self) -> dict[str, Any]:
+        """Return what it is made for."""
+        return {
+            "actions": list(self.body.action_names),
+            "joints": list(self.body.independent_joints),
+            "hands": list(self.hands),
+            "step_s": self.step_s,
+            "width": self.width,
+            "body_width": self.body_width,
+            "people": True,
+            "perception": self._misjudged,
+        }
+
+    def weights(self) -> Mapping[str, Tensor]:
+        """Return what is learned; where the hands are follows from the body."""
+        own = self.state_dict()
+        return {name: own[name] for name in own if "._chains." not in name}
+
+    def take(self, weights: Mapping[str, Tensor]) -> None:
+        """Take over :meth:`weights` of a policy of the same body, step and widths."""
+        self.load_state_dict({**self.state_dict(), **weights})
+
+
+class _Cut:
+    """The bodies of a configuration's persons, as :class:`ImaginedPersons` reads them."""
+
+    def __init__(self, user: UserConfig) -> None:
+        self._user, self.people = user, people_of(user)
+
+    def body_for(self, physique: Physique) -> Body:
+        return body_of(self._user.model_copy(update={"person": physique}))
+
+
+def people_policy(
+    user: UserConfig,
+    step_s: float,
+    *,
+    width: int = 64,
+    body_width: int = 128,
+    perception: Mapping[str, float] | None = None,
+) -> HumanMotorPolicy:
+    """Return an untrained policy for the persons of a configuration."""
+    persons = ImaginedPersons(_Cut(user))  # type: ignore[arg-type]
+    return HumanMotorPolicy(
+        body_of(user), step_s, persons, width=width, body_width=body_width, perception=perception
+    )
+
+
+class HumanHands:
+    """N simulated users that move by a human motor policy, one user step after the other.
+
+    Args:
+        policy: of the body.
+        n: number of users.
+        perception: of their goals; None: they see goals where they are.
+    """
+
+    def __init__(
+        self, policy: HumanMotorPolicy, n: int, perception: GoalPerception | None = None
+    ) -> None:
+        self.policy, self._perception = policy, perception
+        self._felt: Motion | None = None
+        self._predicted: Motion | None = None
+        """The last user step's prediction, not corrected."""
+        self._did = torch.zeros(n, policy.drives.count)
+        self._bias = torch.zeros(n, len(policy.body.independent_joints))
+        """What the forward model has got wrong of joint speeds lately, rad/s."""
+        self._new = torch.ones(n, dtype=torch.bool)
+        self._fresh = torch.ones(n, dtype=torch.bool)
+        """Whether users have not felt a movement of their own yet."""
+        self.velocity = torch.zeros(n, len(policy.hands), 3)
+        """Velocities that hands were believed to have when they were chosen, m/s."""
+        self.wanted = torch.zeros_like(self.velocity)
+        """Velocities that hands were to have at the end of the last user step, m/s."""
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> HumanHands:
+        """Return a copy with the same policy: the memory of an episode is copied, no weights."""
+        new = copy.copy(self)
+        for name, value in vars(self).items():
+            if name != "policy":
+                setattr(new, name, copy.deepcopy(value, memo))
+        return new
+
+    def forget(self, ids: NDArray[np.int64]) -> None:
+        """Let users (K,) be in new episodes: they know their first posture."""
+        self._new[torch.from_numpy(ids)] = True
+
+    def aim_anew(self, ids: Tensor, far: Tensor) -> None:
+        """Let goals of users (K,) be new ones, at distances (K, H) from their hands."""
+        if self._perception is not None and len(ids):
+            self._perception.forget(ids, far)
+
+    def motion(self, users: UserBatch, persons: NDArray[np.float64]) -> Motion:
+        """Return the true motion of simulated users who are persons (N, P)."""
+        body = self.policy.body
+        parts = (
+            users.qpos[:, body.qpos_independent],
+            users.qvel[:, body.qvel_independent],
+            self.policy.drives.of(users),
+            persons,
+        )
+        return Motion(*(torch.from_numpy(np.asarray(part)).float() for part in parts))
+
+    def act(
+        self, now: Motion, goals: HumanGoals, rule: Rule | None = None
+    ) -> tuple[NDArray[np.float32], Tensor]:
+        """(N, A) actions of a user step, and (N, H) probabilities that movements are over.
+
+        Args:
+            now: the true motion; users feel it a user step later.
+            goals: of this user step.
+            rule: what chooses velocities in the place of the policy.
+        """
+        policy = self.policy
+        with torch.no_grad():
+            believed = self._believed(now)
+            place, velocity = policy.inverse.velocities(believed, goals.tip)
+            way, self.velocity = goals.place - place, velocity
+            if self._perception is not None:
+                self._perception.look(way.norm(dim=-1))
+                way = way + self._perception.error()
+            noise = policy.persons.motor_noise(now.persons)
+            effort = policy.persons.effort(now.persons)
+            assert isinstance(noise, Tensor) and isinstance(effort, Tensor)
+            self.wanted, over = policy.hand_policy(way, velocity, goals, noise, effort[:, None])
+            if rule is not None:
+                self.wanted = rule(way, velocity)
+            controls = policy.inverse.controls(
+                believed, goals.tip, self.wanted, goals.active, self._bias
+            )
+            self._did = (controls - believed.drives).clamp(-1.0, 1.0)
+            self._felt, self._new = now, torch.zeros_like(self._new)
+        return self._did.numpy(), torch.sigmoid(over)
+
+    def _believed(self, now: Motion) -> Motion:
+        """The present as users believe it to be, with what their model gets wrong taken off."""
+        if self._felt is None:
+            self._felt = now
+        new, felt = self._new[:, None], self._felt
+        if self._predicted is not None:
+            error = felt.speeds - self._predicted.speeds
+            adapted = self._bias + _ADAPTS * (error - self._bias)
+            self._bias = torch.where(self._fresh[:, None], self._bias, adapted)
+        self._bias = torch.where(new, torch.zeros(()), self._bias)
+        self._fresh = self._new
+        raw = self._predicted = self.policy.predicted(felt, self._did)
+        half = 0.5 * self.policy.step_s
+        return Motion(
+            torch.where(new, now.angles, raw.angles + half * self._bias),
+            torch.where(new, now.speeds, raw.speeds + self._bias),
+            torch.where(new, now.drives, raw.drives),
+            now.persons,
+        )

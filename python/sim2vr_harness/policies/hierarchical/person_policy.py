@@ -1,0 +1,162 @@
+"""A hierarchical policy of a person: late pictures, a refractory period, human movements."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
+from sim2vr_harness.policies.hierarchical.human_motor import (
+    HumanHands,
+    HumanMotorPolicy,
+    people_policy,
+)
+from sim2vr_harness.policies.hierarchical.motor_goals import tips
+from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, Intention
+from sim2vr_harness.policies.hierarchical.person_layer import human_goals
+from sim2vr_harness.policies.hierarchical.primitives import OptionChoice
+from sim2vr_harness.policies.protocol import Observation, require_observation
+from sim2vr_harness.runs.option_config import PeopleTraining
+from sim2vr_harness.users import FEATURES
+from sim2vr_harness.world_models.transitions import Motion
+
+if TYPE_CHECKING:
+    from sim2vr_harness.runs.config import TrainingConfig
+
+__all__ = ["RECOGNITION_S", "REFRACTORY_S", "PersonMemory", "PersonPolicy", "seen_late_steps"]
+
+RECOGNITION_S = 0.1
+"""From what is seen to a decision by it, beside the visual delay (docs/concepts/people.md)."""
+REFRACTORY_S = 0.15
+"""Psychological refractory period: least time between two decisions (Pashler 1994)."""
+_TRAINING = PeopleTraining()
+_SAME_M = 0.06
+"""A target that has moved less is followed without a new decision."""
+
+
+def seen_late_steps(visual_delay_s: float, step_s: float) -> int:
+    """Return by how many user steps pictures are late that decisions are made by."""
+    return round((visual_delay_s + RECOGNITION_S) / step_s)
+
+
+@dataclass
+class PersonMemory(Intention):
+    """What a person has decided, seen and felt.
+
+    Attributes:
+        hands: what it feels and does.
+        pictures: the last pictures, the newest last.
+        seen: the picture that is seen now.
+        recognised: the picture that decisions are made by now.
+        decided: user steps since the last new decision.
+        goal: (1, H, 3) of the last user step.
+    """
+
+    hands: HumanHands | None = None
+    pictures: list[NDArray[np.uint8]] = field(default_factory=list)
+    seen: NDArray[np.uint8] | None = None
+    recognised: NDArray[np.uint8] | None = None
+    decided: int = 1000
+    goal: Tensor | None = None
+
+
+class PersonPolicy(HierarchicalPolicy):
+    """Decides by late pictures and moves as a person; see :class:`HierarchicalPolicy`.
+
+    Args:
+        config: of the run, with people and the sense ``person``.
+    """
+
+    def __init__(self, config: TrainingConfig) -> None:
+        super().__init__(config)
+        training = _TRAINING
+        self.human: HumanMotorPolicy = people_policy(
+            config.env.user,
+            self.layer.step_s,
+            width=training.width,
+            body_width=training.body_width,
+            perception=training.perception,
+        ).requires_grad_(False)
+        self._seed = config.seed
+        self._wanted["person"] = (len(FEATURES),)
+
+    def learned_by(
+        self, human: HumanMotorPolicy, values: ActionValueMap, tool: Tensor, hold: int
+    ) -> None:
+        """Take over what was learned."""
+        self.human.take(human.weights())
+        self.values.load_state_dict(values.state_dict())
+        self.tool.copy_(tool)
+        self.hold.fill_(hold)
+        self._primitives = None
+
+    def reset(self) -> PersonMemory:
+        """Return the memory of an episode that begins."""
+        generator = torch.Generator().manual_seed(self._seed)
+        hands = HumanHands(self.human, 1, self.human.perception(1, generator))
+        return PersonMemory(OptionChoice(1, len(self.layer.hands)), hands=hands)
+
+    def act(
+        self, observation: Observation, memory: Intention, rng: np.random.Generator | None
+    ) -> NDArray[np.float32]:
+        """Return the action of one user, (A,) in [-1, 1]; see :class:`HierarchicalPolicy`."""
+        require_observation(self._shapes(observation), observation)
+        assert isinstance(memory, PersonMemory) and memory.hands is not None
+        with torch.no_grad():
+            who = self.human.persons.told(observation["person"])
+            motion = self._read(observation["proprioception"])
+            now = Motion(*motion, torch.from_numpy(who[None]).float())
+            placed = self.human.places(now)
+            head = self._head(motion[0])[:, 0]
+            self._look(observation["vision"], memory, who)
+            if memory.left == 0:
+                self._reconsider(memory, head, placed)
+                memory.left = int(self.hold)
+            memory.left -= 1
+            memory.decided += 1
+            goals = self.primitives.goals(memory.choice, head[:, :3, 3], *placed)
+            if memory.goal is None or float((goals.place - memory.goal).norm()) > _SAME_M:
+                far = (goals.place - tips(placed[0], goals.tip)).norm(dim=-1)
+                memory.hands.aim_anew(torch.arange(1), far)
+            memory.goal = goals.place.clone()
+            return memory.hands.act(now, human_goals(goals))[0][0]
+
+    def _look(
+        self, picture: NDArray[np.uint8], memory: PersonMemory, who: NDArray[np.float64]
+    ) -> None:
+        delay_s, step_s = self.human.persons.visual_delay_s(who), self.layer.step_s
+        late = seen_late_steps(delay_s, step_s)
+        memory.pictures = [*memory.pictures, np.array(picture)][-1 - late :]
+        seen = min(len(memory.pictures), 1 + round(delay_s / step_s))
+        memory.seen, memory.recognised = memory.pictures[-seen], memory.pictures[0]
+
+    def _reconsider(
+        self, memory: PersonMemory, head: Tensor, placed: tuple[Tensor, Tensor]
+    ) -> None:
+        """Follow the target by what is seen, or decide anew by what is recognised.
+
+        A decision that follows the last one too soon is not made.
+        """
+        before = copy.deepcopy(memory.choice)
+        assert memory.seen is not None and memory.recognised is not None
+        self._decide(memory.seen, memory.choice, head, placed)
+        if not _differs(memory.choice, before):
+            return
+        memory.choice = copy.deepcopy(before)
+        if memory.decided * self.layer.step_s < REFRACTORY_S - 1e-9:
+            return
+        self._decide(memory.recognised, memory.choice, head, placed)
+        if _differs(memory.choice, before):
+            memory.decided = 0
+
+
+def _differs(after: OptionChoice, before: OptionChoice) -> bool:
+    """Whether a choice is another decision: another move, or another target."""
+    moved = (after.place - before.place).norm(dim=-1) > _SAME_M
+    return bool(((after.move != before.move) | (moved & (after.move >= 0))).any())

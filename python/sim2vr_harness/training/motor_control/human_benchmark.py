@@ -1,0 +1,309 @@
+"""Aimed movements of a human motor policy: Fitts' law, errors and speed profiles.
+
+Simulated persons hold still at a place, then a target appears. The policy itself says when a
+movement is over. Times count from the onset: the first 10 % of the peak speed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.signal import find_peaks
+
+from sim2vr_harness.envs.config import UserConfig
+from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
+from sim2vr_harness.policies.hierarchical.human_motor import HumanHands, HumanMotorPolicy
+from sim2vr_harness.training.motor_control.people_training import Bodies
+
+__all__ = ["DISTANCES_M", "WIDTHS_M", "AimedMovements", "HumanMeasures", "measure_people"]
+
+FloatArray = NDArray[np.float64]
+
+DISTANCES_M, WIDTHS_M = (0.1, 0.2, 0.4), (0.02, 0.035, 0.06)
+"""Nine indices of difficulty, 1.4 to 4.4 bits."""
+_SETTLE_S, _LONGEST_S, _SAMPLE_S = 0.8, 2.0, 0.01
+_OF_PEAK = 0.1
+_FRONT_M, _HEIGHTS_M = 0.2, (0.9, 1.5)
+"""Places of targets: so far before the body's axis, and so high."""
+_POOL, _AT_DISTANCE_M, _COMFORT = 3000, 0.01, 0.6
+"""Postures that places are taken from, the tolerance of distances, and the part of the joints'
+ranges that postures are drawn from: people reach from comfortable ones."""
+_PROMINENCE = 0.1
+"""Of speed peaks, of the highest one."""
+
+
+@dataclass(frozen=True)
+class AimedMovements:
+    """K movements to targets at a distance, of a width.
+
+    Attributes:
+        distance_m: from the start to the target.
+        width_m: diameter of the target.
+        time_s: (K,) from onset to end; NaN for movements that were not ended.
+        reaction_s: (K,) from the target's appearance to the onset.
+        end: (K, 3) from the target to the hand at the end, m.
+        way: (K, 3) from the start to the target, m.
+        profile: (K, 4) peak over mean speed, time of the peak over duration, straightness, and
+            number of speed peaks, from onset to stop; NaN where there was no stop.
+        peak_mps: (K,) highest speed.
+    """
+
+    distance_m: float
+    width_m: float
+    time_s: FloatArray
+    reaction_s: FloatArray
+    end: FloatArray
+    way: FloatArray
+    profile: FloatArray
+    peak_mps: FloatArray
+
+    @property
+    def difficulty(self) -> float:
+        """Index of difficulty, bits."""
+        return float(np.log2(self.distance_m / self.width_m + 1.0))
+
+    @property
+    def missed(self) -> NDArray[np.bool_]:
+        """(K,) whether a movement ended outside the target, or did not end."""
+        missed: NDArray[np.bool_] = np.linalg.norm(self.end, axis=1) > 0.5 * self.width_m
+        return missed | np.isnan(self.time_s)
+
+    @property
+    def spread_m(self) -> float:
+        """Standard deviation of the end points, root mean square over three axes."""
+        ended = ~np.isnan(self.time_s)
+        return float(np.sqrt(self.end[ended].var(0).mean()))
+
+
+@dataclass(frozen=True)
+class HumanMeasures:
+    """Aimed movements of all nine indices of difficulty."""
+
+    cells: tuple[AimedMovements, ...]
+
+    def summary(self) -> dict[str, float]:
+        """Return the measures by name with unit."""
+        cells = self.cells
+        difficulty = np.array([cell.difficulty for cell in cells])
+        time_s = np.array([np.nanmean(cell.time_s) for cell in cells])
+        slope, start = np.polyfit(difficulty, time_s, 1)
+        left = time_s - (start + slope * difficulty)
+        profiles = np.concatenate([cell.profile for cell in cells])
+        names = ("peak_over_mean", "time_of_peak", "straightness", "speed_peaks")
+        by_distance = {
+            d: float(np.mean([cell.peak_mps.mean() for cell in cells if cell.distance_m == d]))
+            for d in sorted({cell.distance_m for cell in cells})
+        }
+        fast, slow = self._spread_by_speed()
+        return {
+            "fitts_intercept_s": float(start),
+            "fitts_slope_s_per_bit": float(slope),
+            "fitts_r2": float(1.0 - left.var() / time_s.var()),
+            "error_rate": float(np.mean([cell.missed.mean() for cell in cells])),
+            "unended_rate": float(np.mean([np.isnan(cell.time_s).mean() for cell in cells])),
+            "throughput_bits_per_s": float((difficulty / time_s).mean()),
+            **dict(zip(names, np.nanmean(profiles, 0).tolist(), strict=True)),
+            **{f"peak_speed_{d:g}m_mps": value for d, value in by_distance.items()},
+            "spread_fast_m": fast,
+            "spread_slow_m": slow,
+            "reaction_s": float(np.nanmedian([np.nanmedian(cell.reaction_s) for cell in cells])),
+        }
+
+    def rows(self) -> list[str]:
+        """Return a line per index of difficulty, for people."""
+        return [
+            f"{cell.difficulty:.2f} bits ({100 * cell.distance_m:.0f} cm, width "
+            f"{1000 * cell.width_m:.0f} mm): {np.nanmean(cell.time_s):.2f} s, "
+            f"{cell.missed.mean():.2f} missed, end points spread {1000 * cell.spread_m:.0f} mm"
+            for cell in self.cells
+        ]
+
+    def _spread_by_speed(self) -> tuple[float, float]:
+        """End points' spread of the faster and the slower half of each cell, mean over cells, m."""
+        fast, slow = [], []
+        for cell in self.cells:
+            ended = ~np.isnan(cell.time_s)
+            speed = cell.distance_m / np.where(ended, cell.time_s, np.inf)
+            half = speed > np.median(speed[ended])
+            fast.append(np.sqrt(cell.end[ended & half].var(0).mean()))
+            slow.append(np.sqrt(cell.end[ended & ~half].var(0).mean()))
+        return float(np.mean(fast)), float(np.mean(slow))
+
+
+def measure_people(
+    policy: HumanMotorPolicy,
+    user: UserConfig,
+    *,
+    persons: int = 12,
+    repeats: int = 4,
+    threads: int = 0,
+    seed: int = 1,
+    on_progress: Callable[[float], None] = lambda share: None,
+) -> HumanMeasures:
+    """Measure aimed movements of persons that no training has had.
+
+    Args:
+        policy: what moves them.
+        user: configuration with people.
+        persons: number of persons.
+        repeats: movements of each to each index of difficulty.
+        threads: of the physics; 0: all.
+        seed: of persons, places and noise.
+        on_progress: receives the proportion that is done.
+    """
+    course = _Course(policy, user, persons, repeats, threads, seed)
+    cells = []
+    for distance in DISTANCES_M:
+        for width in WIDTHS_M:
+            cells.append(course.aim(distance, width))
+            on_progress(len(cells) / (len(DISTANCES_M) * len(WIDTHS_M)))
+    return HumanMeasures(tuple(cells))
+
+
+class _Course:
+    """Persons that are given one target after the other."""
+
+    def __init__(
+        self,
+        policy: HumanMotorPolicy,
+        user: UserConfig,
+        persons: int,
+        repeats: int,
+        threads: int,
+        seed: int,
+    ) -> None:
+        self._policy, self._n = policy, persons * repeats
+        self._rng = np.random.default_rng([seed, 92])
+        self._bodies = Bodies(user, self._n, policy.step_s, threads)
+        people = self._bodies.people
+        self._persons = [
+            people.sample(seed + 7919, k) for k in range(persons) for _ in range(repeats)
+        ]
+        self._who = policy.persons
+        generator = torch.Generator().manual_seed(seed + 93)
+        self._seen = policy.perception(self._n, generator)
+        self._hands = HumanHands(policy, self._n, self._seen)
+        self._hand = len(policy.hands) - 1
+
+    def aim(self, distance_m: float, width_m: float) -> AimedMovements:
+        """Let everyone settle at a place, and aim at another one."""
+        start, goal = self._pairs(distance_m)
+        goals = HumanGoals.none(self._n, len(self._policy.hands))
+        goals.active[:, self._hand] = 1.0
+        goals.width[:, self._hand] = 0.03
+        self._go(goals, start)
+        for _ in range(round(_SETTLE_S / self._policy.step_s)):
+            self._step(goals)
+        goals.width[:, self._hand] = width_m
+        self._go(goals, goal)
+        path, ended = [self._place()[:, None]], np.full(self._n, -1)
+        end = np.full((self._n, 3), np.nan)
+        steps = round(_LONGEST_S / self._policy.step_s)
+        for step in range(steps):
+            over, places = self._step(goals)
+            path.append(places)
+            now = (ended < 0) & over
+            ended[now] = step + 1
+            end[now] = places[now, -1]
+            if step > 4 and (ended >= 0).all() and step - ended.max() >= 4:
+                break
+        return self._measured(np.concatenate(path, 1), ended, end, start, goal, width_m)
+
+    def _go(self, goals: HumanGoals, place: FloatArray) -> None:
+        goals.place = goals.place.clone()
+        goals.place[:, self._hand] = torch.from_numpy(place).float()
+        everyone = torch.arange(self._n)
+        far = np.linalg.norm(place - self._place(), axis=1)
+        self._seen.forget(everyone, torch.from_numpy(far).float()[:, None])
+
+    def _pairs(self, distance_m: float) -> tuple[FloatArray, FloatArray]:
+        """(K, 3) starts, with everyone's posture there, and targets at a distance from them."""
+        low, high = self._bodies.body.joint_ranges.T
+        rng, n = self._rng, self._n
+        spread = rng.uniform(-_COMFORT, _COMFORT, (_POOL, len(low)))
+        angles = 0.5 * (low + high) + 0.5 * spread * (high - low)
+        pool = torch.from_numpy(angles).float()
+        postures, goal = [], np.empty((n, 3))
+        ids, seeds = np.arange(n), rng.integers(2**31, size=n)
+        rngs = [np.random.default_rng(seed) for seed in seeds]
+        self._bodies.users.reset(ids, rngs, None, self._persons)
+        persons = torch.from_numpy(self._who.of(self._bodies)).float()  # type: ignore[arg-type]
+        for i in range(n):
+            with torch.no_grad():
+                model = self._policy.forward_model
+                placed = model.places(pool, persons[[i]].expand(_POOL, -1))
+            places = placed[:, self._hand, :3, 3].double().numpy()
+            level = (places[:, 2] > _HEIGHTS_M[0]) & (places[:, 2] < _HEIGHTS_M[1])
+            fit = np.flatnonzero(level & (places[:, 0] > _FRONT_M))
+            first = rng.choice(fit)
+            off = np.abs(np.linalg.norm(places[fit] - places[first], axis=1) - distance_m)
+            near = np.flatnonzero(off < _AT_DISTANCE_M)
+            second = fit[rng.choice(near)] if len(near) else fit[np.argmin(off)]
+            postures.append(angles[first])
+            way = places[second] - places[first]
+            goal[i] = places[first] + distance_m * way / np.linalg.norm(way)
+        rngs = [np.random.default_rng(seed) for seed in seeds]
+        self._bodies.users.reset(ids, rngs, postures, self._persons)
+        self._hands.forget(ids)
+        return self._place(), goal
+
+    def _place(self) -> FloatArray:
+        name = self._policy.hands[self._hand]
+        return self._bodies.users.device_poses(name)[0]
+
+    def _step(self, goals: HumanGoals) -> tuple[NDArray[np.bool_], FloatArray]:
+        """Advance by a user step: (N,) who ends the movement, and (N, S, 3) where hands were."""
+        users, name = self._bodies.users, self._policy.hands[self._hand]
+        now = self._hands.motion(users, self._who.of(self._bodies))  # type: ignore[arg-type]
+        actions, over = self._hands.act(now, goals)
+        samples = round(self._policy.step_s / _SAMPLE_S)
+        users.step(actions, pose_samples=samples)
+        places = np.stack([users.device_poses(name, k)[0] for k in range(samples)], 1)
+        ends: NDArray[np.bool_] = over[:, self._hand].numpy() > self._rng.random(self._n)
+        return ends, places
+
+    def _measured(
+        self,
+        path: FloatArray,
+        ended: NDArray[np.int64],
+        end: FloatArray,
+        start: FloatArray,
+        goal: FloatArray,
+        width_m: float,
+    ) -> AimedMovements:
+        speed = np.linalg.norm(np.diff(path, axis=1), axis=2) / _SAMPLE_S
+        step = round(self._policy.step_s / _SAMPLE_S)
+        time_s, reaction_s = np.full((2, self._n), np.nan)
+        profile, peak = np.full((self._n, 4), np.nan), np.full(self._n, np.nan)
+        for i in range(self._n):
+            last = ended[i] * step if ended[i] > 0 else speed.shape[1]
+            onset, profile[i], peak[i] = _profile(path[i], speed[i], last)
+            reaction_s[i] = onset * _SAMPLE_S
+            if ended[i] > 0:
+                time_s[i] = (last - onset) * _SAMPLE_S
+        way = goal - path[:, 0]
+        distance = float(np.round(np.linalg.norm(goal - start, axis=1).mean(), 3))
+        return AimedMovements(distance, width_m, time_s, reaction_s, end - goal, way, profile, peak)
+
+
+def _profile(path: FloatArray, speed: FloatArray, last: int) -> tuple[int, FloatArray, float]:
+    """Onset, measures of the profile from onset to stop, and peak of a movement's speed."""
+    top = int(np.argmax(speed[:last])) if last else 0
+    peak = float(speed[top])
+    below = np.flatnonzero(speed[:top] < _OF_PEAK * peak)
+    onset = int(below[-1]) + 1 if len(below) else 0
+    after = np.flatnonzero(speed[top:] < _OF_PEAK * peak)
+    if not len(after):
+        return onset, np.full(4, np.nan), peak
+    stop = top + int(after[0])
+    part = speed[onset:stop]
+    length = part.sum() * _SAMPLE_S
+    straight = np.linalg.norm(path[stop] - path[onset]) / max(length, 1e-9)
+    peaks = len(find_peaks(part, prominence=_PROMINENCE * peak)[0])
+    lasts = max(stop - onset, 1)
+    values = [peak / part.mean(), (top - onset + 0.5) / lasts, straight, max(peaks, 1)]
+    return onset, np.array(values), peak

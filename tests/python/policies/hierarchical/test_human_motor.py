@@ -1,0 +1,190 @@
+"""The human motor policy: what it feels late, how it misjudges goals, and where it begins."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from scipy.optimize import lsq_linear
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.envs.config import UserConfig, body_of, people_of
+from sim2vr_harness.envs.people_preset import as_population
+from sim2vr_harness.policies.hierarchical.hand_policy import HandPolicy
+from sim2vr_harness.policies.hierarchical.human_goals import GoalPerception, HumanGoals
+from sim2vr_harness.policies.hierarchical.human_motor import (
+    HumanHands,
+    HumanMotorPolicy,
+    people_policy,
+)
+from sim2vr_harness.policies.hierarchical.inverse_model import (
+    InverseModel,
+    InverseSettings,
+    _within_range,
+)
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.motor_store import (
+    load_human_policy,
+    load_motor_layer,
+    save_motor_layer,
+)
+from sim2vr_harness.world_models.transitions import Motion
+
+STEP_S, USERS = 0.05, 4
+
+
+@pytest.fixture(scope="module")
+def user() -> UserConfig:
+    return as_population(UserConfig())
+
+
+@pytest.fixture(scope="module")
+def policy(user: UserConfig) -> HumanMotorPolicy:
+    torch.manual_seed(3)
+    return people_policy(user, STEP_S, width=16, body_width=8).requires_grad_(False)
+
+
+def persons(policy: HumanMotorPolicy, user: UserConfig) -> torch.Tensor:
+    people = people_of(user)
+    assert people is not None
+    rows = [policy.persons.told(people.sample(0, k).features) for k in range(USERS)]
+    return torch.tensor(np.array(rows)).float()
+
+
+def motion(policy: HumanMotorPolicy, user: UserConfig, seed: int) -> Motion:
+    drawn = torch.Generator().manual_seed(seed)
+    joints, drives = len(policy.body.independent_joints), policy.drives.count
+    sizes = (joints, joints, drives)
+    values = (0.3 * torch.rand(USERS, size, generator=drawn) for size in sizes)
+    return Motion(*values, persons(policy, user))
+
+
+def goals(policy: HumanMotorPolicy) -> HumanGoals:
+    made = HumanGoals.none(USERS, 1)
+    made.place[..., 0], made.place[..., 2] = 0.4, 1.2
+    made.active += 1.0
+    return made
+
+
+def test_a_person_is_known_by_its_features(policy: HumanMotorPolicy, user: UserConfig) -> None:
+    people = people_of(user)
+    assert people is not None
+    person = people.sample(0, 5)
+    told = policy.persons.told(person.features)
+    expected = (person.stature_m, person.stature_m * person.upper_arm_factor)
+    assert told[9:11] == pytest.approx(expected, rel=1e-5)
+    assert told[-2:] == pytest.approx((person.motor_noise, person.effort_weight), rel=1e-5)
+    assert policy.persons.visual_delay_s(told) == pytest.approx(person.visual_delay_s, abs=1e-6)
+
+
+def test_the_body_is_felt_a_step_late(policy: HumanMotorPolicy, user: UserConfig) -> None:
+    """What happens to the body now changes the action of the next step, not of this one."""
+    hands, target = HumanHands(policy, USERS), goals(policy)
+    first, now, pushed = (motion(policy, user, seed) for seed in (1, 2, 3))
+    hands.act(first, target)
+    other = copy.deepcopy(hands)
+    assert other.policy is hands.policy
+    same, _ = hands.act(now, target)
+    as_well, _ = other.act(pushed, target)
+    np.testing.assert_array_equal(same, as_well)
+    assert np.abs(hands.act(now, target)[0] - other.act(now, target)[0]).max() > 1e-6
+
+
+def test_a_new_episode_starts_from_a_posture_that_is_known(
+    policy: HumanMotorPolicy, user: UserConfig
+) -> None:
+    hands, target, now = HumanHands(policy, USERS), goals(policy), motion(policy, user, 2)
+    hands.act(motion(policy, user, 1), target)
+    hands.forget(np.arange(USERS))
+    np.testing.assert_array_equal(
+        hands.act(now, target)[0], HumanHands(policy, USERS).act(now, target)[0]
+    )
+
+
+def test_goals_are_misjudged_by_the_distance_seen_late() -> None:
+    """5 % of the 0.4 m of two steps ago and 2 mm: 22 mm along each axis; of 0.1 m 7 mm."""
+    drawn = torch.Generator().manual_seed(1)
+    seen = GoalPerception(4000, 1, STEP_S, weber=0.05, least_m=0.002, late_steps=2, generator=drawn)
+    far, near = torch.full((4000, 1), 0.4), torch.full((4000, 1), 0.1)
+    seen.forget(torch.arange(4000), far)
+    for distance, expected in ((near, 0.022), (near, 0.022), (near, 0.022), (near, 0.007)):
+        assert float(seen.error().std()) == pytest.approx(expected, rel=0.05)
+        seen.look(distance)
+
+
+def test_a_hand_does_the_same_in_every_direction() -> None:
+    """Everything turned and mirrored: so is the velocity, and the end is as likely."""
+    torch.manual_seed(5)
+    policy, drawn = HandPolicy(16), torch.randn(3, USERS, 1, 3)
+    turned = torch.linalg.qr(torch.randn(3, 3))[0]
+    target, ones = HumanGoals.none(USERS, 1), torch.ones(USERS, 1)
+    target.velocity = drawn[2]
+    velocity, over = policy(drawn[0], drawn[1], target, ones, ones)
+    target.velocity = drawn[2] @ turned
+    again, again_over = policy(drawn[0] @ turned, drawn[1] @ turned, target, ones, ones)
+    torch.testing.assert_close(again, velocity @ turned, atol=1e-4, rtol=1e-4)
+    torch.testing.assert_close(again_over, over, atol=1e-4, rtol=1e-4)
+
+
+def test_commands_are_the_cheapest_between_nothing_and_all() -> None:
+    """Of random problems, 5 % beside the best cost at most; SciPy solves them to the end."""
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        rows, wanted, start = rng.normal(size=(3, 8)), rng.normal(size=3), rng.uniform(size=8)
+        square = torch.tensor(rows.T @ rows + 0.3 * np.eye(8))[None].float()
+        pull = torch.tensor(rows.T @ wanted)[None].float()
+        found = _within_range(square, pull, torch.tensor(start)[None].float())[0].double().numpy()
+        best = lsq_linear(
+            np.vstack([rows, 0.3**0.5 * np.eye(8)]),
+            np.concatenate([wanted + rows @ start, 0.3**0.5 * start]),
+            bounds=(0.0, 1.0),
+        ).x
+        cost = [
+            float(np.square(wanted - rows @ (u - start)).sum() + 0.3 * np.square(u - start).sum())
+            for u in (found, best)
+        ]
+        assert found.min() >= 0.0 and found.max() <= 1.0
+        assert cost[0] <= 1.05 * cost[1] + 1e-6
+
+
+def test_the_inverse_model_reaches_what_the_forward_model_predicts(
+    policy: HumanMotorPolicy, user: UserConfig
+) -> None:
+    """Commands for a velocity that differs little from the one without: within a fifth."""
+    now, tip = motion(policy, user, 6), torch.zeros(USERS, 1, 3)
+    now = replace(now, drives=0.3 + 0.4 * now.drives)
+    cheap = InverseSettings(velocity_mps=1e-3, effort=0.0, change=1e-4, speed_radps=1e3)
+    inverse = InverseModel(
+        policy.forward_model, -torch.ones(7), torch.ones(7), torch.ones(policy.drives.count), cheap
+    )
+    nothing, active = torch.zeros(USERS, 7), torch.ones(USERS, 1)
+
+    def reached(controls: torch.Tensor) -> torch.Tensor:
+        after = policy.forward_model(now, controls)
+        return inverse.velocities(after, tip)[1]
+
+    with torch.no_grad():
+        before = reached(now.drives)
+        wanted = before + 0.01 * torch.tensor([1.0, -1.0, 0.5])
+        found = reached(inverse.controls(now, tip, wanted, active, nothing))
+    assert float((found - wanted).norm(dim=-1).max()) < 0.2 * 0.015
+
+
+def test_it_is_kept_in_a_file(policy: HumanMotorPolicy, user: UserConfig, tmp_path: Path) -> None:
+    file = tmp_path / "people.pt"
+    save_motor_layer(file, policy, body="mobl_arms_wrist")
+    again = load_human_policy(file, user, STEP_S)
+    now, target = motion(policy, user, 4), goals(policy)
+    np.testing.assert_array_equal(
+        HumanHands(again, USERS).act(now, target)[0], HumanHands(policy, USERS).act(now, target)[0]
+    )
+    with pytest.raises(InputError, match="human motor policy"):
+        load_motor_layer(file, body_of(user), STEP_S)
+    plain = tmp_path / "plain.pt"
+    save_motor_layer(plain, MotorPolicy(body_of(user), STEP_S, width=16))
+    with pytest.raises(InputError, match="plain motor layer"):
+        load_human_policy(plain, user, STEP_S)

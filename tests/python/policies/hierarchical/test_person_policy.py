@@ -1,0 +1,75 @@
+"""What a person decides by: late pictures, and time between decisions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.cli.train import _of_people
+from sim2vr_harness.perception.proprioception import Proprioception
+from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy, seen_late_steps
+from sim2vr_harness.policies.hierarchical.primitives import OptionChoice
+from sim2vr_harness.runs.config import load_config
+from sim2vr_harness.users import FEATURES
+
+
+class Following(PersonPolicy):
+    """Touches at a height that the picture's first pixel says, 10 cm for each unit."""
+
+    def _decide(
+        self,
+        picture: Any,
+        choice: OptionChoice,
+        head: Tensor,
+        placed: tuple[Tensor, Tensor],
+    ) -> None:
+        choice.move[:] = 0
+        choice.place[..., 2] = 0.1 * float(picture[0, 0, 0]) / 1.0
+        choice.place[..., 0] = 0.4
+
+
+@pytest.fixture(scope="module")
+def policy() -> Following:
+    return Following(_of_people(load_config("skills", [])))
+
+
+def places(policy: Following, heights: list[float]) -> list[float]:
+    """Return where it wants to be, 0.1 m, after pictures with these heights, one per user step."""
+    vision = policy._wanted["vision"]
+    memory, found = policy.reset(), []
+    for height in heights:
+        observation = {
+            "vision": np.full((2 * vision[0], *vision[1:]), height, dtype=np.float32),
+            "proprioception": np.zeros(len(Proprioception(policy.layer.body).names), np.float32),
+            "person": np.zeros(len(FEATURES), np.float32),
+        }
+        policy.act(observation, memory, None)
+        found.append(round(10.0 * float(memory.choice.place[0, 0, 2]), 3))
+    return found
+
+
+def test_new_targets_are_recognised_and_known_ones_are_followed(policy: Following) -> None:
+    """Sight is 2 user steps late, recognition 2 more; 4 cm are the same target, 1 m another."""
+    assert seen_late_steps(0.1, 0.05) == 4
+    assert places(policy, [5.0] * 5 + [5.4] * 5) == [5.0] * 7 + [5.4] * 3
+    assert places(policy, [5.0] * 5 + [15.0] * 6) == [5.0] * 9 + [15.0] * 2
+
+
+def test_a_decision_takes_time(policy: Following) -> None:
+    """Two new targets 0.05 s apart: the second is decided for 0.15 s after the first."""
+    heights = [5.0] * 5 + [15.0] + [25.0] * 8
+    assert places(policy, heights) == [5.0] * 9 + [15.0] * 3 + [25.0] * 2
+
+
+def test_people_need_decisions_by_themselves() -> None:
+    with pytest.raises(InputError, match="--people"):
+        _of_people(load_config("skills", ["skills.user=student"]))
+    config = _of_people(load_config("skills", []))
+    assert config.skills.people and config.env.user.people is not None
+    assert [sense.sense for sense in config.env.senses].count("person") == 1
+    assert torch.is_tensor(PersonPolicy(config).hold)

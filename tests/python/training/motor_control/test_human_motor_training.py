@@ -1,0 +1,111 @@
+"""The training of human motor policies, and its measures, against numbers worked out by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from sim2vr_harness.envs.config import UserConfig
+from sim2vr_harness.envs.people_preset import as_population
+from sim2vr_harness.policies.hierarchical.hand_policy import HandPolicy
+from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
+from sim2vr_harness.runs.option_config import PeopleTraining
+from sim2vr_harness.training.motor_control import hand_training
+from sim2vr_harness.training.motor_control.hand_training import (
+    Execution,
+    ending,
+    train_hand_policy,
+)
+from sim2vr_harness.training.motor_control.human_benchmark import (
+    AimedMovements,
+    HumanMeasures,
+    _profile,
+)
+from sim2vr_harness.training.motor_control.people_training import PeopleTrainer
+
+TINY = PeopleTraining(
+    cycles=2,
+    bodies=4,
+    random_steps=24,
+    goal_steps=12,
+    fit_minibatches=3,
+    updates=2,
+    width=16,
+    body_width=16,
+)
+
+
+def trainer() -> PeopleTrainer:
+    return PeopleTrainer(TINY, as_population(UserConfig()), 0.05, threads=1, seed=4)
+
+
+def test_a_training_that_goes_on_ends_in_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hand_training, "_HANDS", 16)
+    whole, first, second = trainer(), trainer(), trainer()
+    whole.step()
+    last = whole.step()
+    first.step()
+    second.load_state_dict(first.state_dict())
+    second.step()
+    for name, expected in whole.policy.state_dict().items():
+        assert torch.equal(expected, second.policy.state_dict()[name]), name
+    assert whole.finished and last.cycle == 2 and last.velocity_mps > 0.0
+
+
+def test_hands_learn_to_reach(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hand_training, "_HANDS", 64)
+    torch.manual_seed(3)
+    policy, config = HandPolicy(32), PeopleTraining()
+    worth = [
+        train_hand_policy(policy, config, Execution(), 0.05, updates=updates, seed=2)
+        for updates in (1, 60, 1)
+    ]
+    assert worth[2] > worth[0] + 2.0
+
+
+def test_a_movement_ends_well_in_its_target_and_at_its_speed() -> None:
+    """On the edge of a target half; at rest there and not, and at the speed that was asked for."""
+    goals, way, velocity = HumanGoals.none(5, 1), torch.zeros(5, 1, 3), torch.zeros(5, 1, 3)
+    goals.width[:] = 0.04
+    way[:, 0, 0] = torch.tensor([0.0, 0.02, 0.05, 0.0, 0.0])
+    goals.velocity[4, 0, 0], goals.stops[4] = 1.0, 0.0
+    velocity[3:, 0, 0] = 1.0
+    succeeds, off, wrong = ending(way, velocity, goals)
+    assert succeeds[:3, 0].tolist() == pytest.approx([0.985, 0.5, 0.002], abs=0.01)
+    assert float(succeeds[3]) < 1e-6 < 0.95 < float(succeeds[4])
+    assert off[:3, 0].tolist() == pytest.approx([0.0, 0.02, 0.05], abs=2e-4)
+    assert wrong[3:, 0].tolist() == pytest.approx([1.0, 0.0], abs=0.01)
+
+
+def test_a_profile_s_measures_are_those_of_minimum_jerk() -> None:
+    """Above 10 % of its peak, a minimum-jerk reach has peak over mean 1.57, and it is symmetric."""
+    t = np.linspace(0.0, 1.0, 101)
+    s = 10 * t**3 - 15 * t**4 + 6 * t**5
+    path = np.concatenate([np.zeros((20, 3)), s[:, None] * [0.3, 0.0, 0.0], np.full((20, 3), 0.3)])
+    path[-20:] = path[-21]
+    speed = np.linalg.norm(np.diff(path, axis=0), axis=1) / 0.01
+    onset, profile, peak = _profile(path, speed, len(speed))
+    assert onset == pytest.approx(28, abs=1)
+    assert peak == pytest.approx(1.875 * 0.3, rel=0.01)
+    assert profile.tolist() == pytest.approx([1.57, 0.5, 1.0, 1.0], abs=0.02)
+
+
+def test_fitts_law_is_found_in_movements_that_follow_it() -> None:
+    """.1 + .2 s/bit at 1, 2 and 3 bits; a fifth ends 2 cm beside targets of 1 cm."""
+    cells = []
+    for bits in (1.0, 2.0, 3.0):
+        end = np.zeros((10, 3))
+        end[::5, 1] = 0.02
+        profile, ones = np.tile([1.9, 0.4, 0.9, 1.0], (10, 1)), np.ones(10)
+        times = 0.1 + 0.2 * bits + 0.0 * ones
+        times[0] -= 1e-6
+        cells.append(
+            AimedMovements(0.01 * (2**bits - 1), 0.01, times, ones, end, end, profile, ones)
+        )
+    found = HumanMeasures(tuple(cells)).summary()
+    assert found["fitts_slope_s_per_bit"] == pytest.approx(0.2, abs=1e-4)
+    assert found["fitts_intercept_s"] == pytest.approx(0.1, abs=1e-3)
+    assert found["fitts_r2"] == pytest.approx(1.0)
+    assert found["error_rate"] == pytest.approx(0.2)
+    assert found["peak_over_mean"] == pytest.approx(1.9)

@@ -148,6 +148,13 @@ class QLearningStage:
     def open(self) -> None:
         """See the protocol."""
         config = self._config.skills
+        if config.people:
+            if self._config.env.user.people is None or self._user is None:
+                wanted = (
+                    "env.user.people and skills.user 'hierarchical', as train --people has them"
+                )
+                raise InputError("skills.people", "true", wanted)
+            self._human()
         if self._user is not None:
             require_senses(self._config.env)
             width = config.motor_training.width

@@ -234,7 +234,8 @@ class HumanHands:
             controls = policy.inverse.controls(
                 believed, goals.tip, self.wanted, goals.active, self._bias
             )
-            self._did = (controls - believed.drives).clamp(-1.0, 1.0)
+            done = policy.drives.actions(believed.drives.numpy(), controls.numpy())
+            self._did = torch.from_numpy(done).float()
             self._felt, self._new = now, torch.zeros_like(self._new)
         return self._did.numpy(), torch.sigmoid(over)
 

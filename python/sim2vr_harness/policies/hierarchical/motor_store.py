@@ -136,5 +136,5 @@ def human_policy_for(user: UserConfig, step_s: float) -> HumanMotorPolicy:
     raise InputError(
         "human motor policy",
         f"none for the body {user.model!r}",
-        "--layer FILE.pt, from sim2vr-harness users motor train BODY --people --out FILE.pt",
+        "a file (--layer, or skills.motor) of sim2vr-harness users motor train BODY --people",
     )

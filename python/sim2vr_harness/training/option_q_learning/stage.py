@@ -163,6 +163,12 @@ class QLearningStage:
     def open(self) -> None:
         """See the protocol."""
         config = self._config.skills
+        if config.people:
+            if self._config.env.user.people is None:
+                raise InputError(
+                    "skills.user", "'person' without env.user.people", "train --people"
+                )
+            self._human()
         self._options  # noqa: B018  # refuses options without their input
         if self._run is not None:
             require_senses(self._config.env)

@@ -37,7 +37,7 @@ def export(
         bool, typer.Option("--iwer", help="Write recordings for IWER's ActionPlayer instead.")
     ] = False,
 ) -> None:
-    """Write rounds for other programs: OpenSim, or tests of WebXR pages with IWER.
+    """Write rounds for OpenSim, or for tests of WebXR pages.
 
     Angles go to .mot files, activations and forces to .sto files. Of a study, every cell has a
     folder of its name. With --iwer, head, controllers and inputs of a round go to one .json file.

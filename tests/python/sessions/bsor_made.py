@@ -57,6 +57,4 @@ def _box(box: Mapping[str, Any]) -> bytes:
     out += struct.pack("<f3fi", box["speed_mps"], 0.0, 1.0, 0.0, box["colour"])
     out += struct.pack("<2f", box["time_deviation_s"], box["direction_deviation_deg"])
     out += struct.pack("<6f", *box["cut"], 1.0, 0.0, 0.0)
-    return out + struct.pack(
-        "<4f", box["distance_to_centre_m"], 0.0, box["before"], box["after"]
-    )
+    return out + struct.pack("<4f", box["distance_to_centre_m"], 0.0, box["before"], box["after"])

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from python.sessions.bsor_made import bsor_bytes
 from python.sessions.sessions_made import FRAMES, full_session
-
 from sim2vr_harness.base import files
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import main

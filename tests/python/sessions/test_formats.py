@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from python.sessions.sessions_made import FRAMES, ROOT, full_session
 
+from python.sessions.sessions_made import FRAMES, ROOT, full_session
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.sessions import Session, read_session, write_session
 from sim2vr_harness.sessions.frames import aim_of, composed, grip_of, relative, to_webxr

@@ -59,6 +59,10 @@ def read_bsor(path: Path) -> Session:
         raise InputError(name, "no frame", "poses of head and sabers")
     if not np.isfinite(rows["time"]).all():
         raise InputError(name, "a time that is not finite", "the time of every frame")
+    # Recorders begin with frames from before the devices are tracked, rotations 1 1 1 1.
+    tracked = ~(rows["poses"][:, :, 3:] == 1.0).all(axis=2).any(axis=1)
+    first = int(np.argmax(tracked)) if tracked.any() else 0
+    rows = rows[first:]
     poses = rows["poses"].astype(np.float64)
     times = np.rint(rows["time"].astype(np.float64) / speed * 1e9).astype(np.int64)
     start = min(0, int(times[0]), *(event.time_ns for event in events))
@@ -72,6 +76,7 @@ def read_bsor(path: Path) -> Session:
         app=app,
         headset=headset,
         source="bsor",
+        notes=(f"{first} frames from before the devices were tracked are left out",) * bool(first),
     )
 
 

@@ -149,7 +149,7 @@ REFUSED: dict[str, tuple[str, Callable[[], bytes], str]] = {
         "a.jsonl", changed(lambda c: c[-1].update(data=[1])), "data: got [1]",
     ),
     "key twice": (
-        "a.jsonl", lambda: WHOLE.replace('"t": 0,', '"t": 0, "t": 1,').encode(), "the key 't' twice",
+        "a.jsonl", lambda: WHOLE.replace('"t": 0,', '"t": 0, "t": 1,').encode(), "key 't' twice",
     ),
     "UTF-16": ("a.jsonl", lambda: WHOLE.encode("utf-16"), "got UTF-16, expected a session"),
     "Latin-1": (
@@ -174,7 +174,7 @@ REFUSED: dict[str, tuple[str, Callable[[], bytes], str]] = {
     "IWER: no frames": ("a.json", iwer(lambda c: c["frames"].clear()), "got 0 frames"),
     "JSON of another kind": ("a.json", lambda: b'{"a": 1}', "expected a recording of IWER"),
     "table without head": (
-        "a.csv", good("a.csv", lambda t: t.replace("head_", "hat_")), "line 1: got no column head_x",
+        "a.csv", good("a.csv", lambda t: t.replace("head_", "hat_")), "got no column head_x",
     ),
     "table with a short row": (
         "a.csv", good("a.csv", lambda t: t.rstrip().rsplit(",", 3)[0]), "line 41: got ",

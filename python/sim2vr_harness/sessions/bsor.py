@@ -15,6 +15,7 @@ import numpy as np
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import MOST_TEXT, file_name, read_bytes
+from sim2vr_harness.client import OptionValue
 from sim2vr_harness.sessions.checks import MOST_EVENTS, MOST_FRAMES
 from sim2vr_harness.sessions.frames import grip_of
 from sim2vr_harness.sessions.session import AppIdentity, Controller, Session, SessionEvent
@@ -59,8 +60,8 @@ def read_bsor(path: Path) -> Session:
         raise InputError(name, "no frame", "poses of head and sabers")
     if not np.isfinite(rows["time"]).all():
         raise InputError(name, "a time that is not finite", "the time of every frame")
-    # Recorders begin with frames from before the devices are tracked, rotations 1 1 1 1.
-    tracked = ~(rows["poses"][:, :, 3:] == 1.0).all(axis=2).any(axis=1)
+    # Recorders begin with a frame from before tracking: all at the origin, rotations no rotations.
+    tracked = (rows["poses"][:, :, :3] != 0.0).any(axis=(1, 2))
     first = int(np.argmax(tracked)) if tracked.any() else 0
     rows = rows[first:]
     poses = rows["poses"].astype(np.float64)
@@ -102,7 +103,7 @@ def _info(data: _Data) -> tuple[AppIdentity, str]:
     jump_m, left_handed = data.number("f"), bool(data.byte())
     data.number("f")  # height
     start_s, fail_s, practice_speed = (data.number("f") for _ in range(3))
-    options = {
+    options: dict[str, OptionValue] = {
         "game_version": game_version,
         "platform": platform,
         "level_hash": level,

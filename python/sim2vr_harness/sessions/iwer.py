@@ -73,7 +73,7 @@ def read_iwer(path: Path) -> Session:
         raise InputError(name, f"{len(frames):,} frames", f"1 to {MOST_FRAMES:,}")
     times = np.zeros(len(frames))
     head = np.zeros((len(frames), 7))
-    hands = {side: _Hand(len(frames)) for side in SIDES}
+    hands: dict[str, _Hand] = {side: _Hand(len(frames)) for side in SIDES}
     for i, frame in enumerate(frames):
         place = f"{name}, frame {i}"
         if not isinstance(frame, list) or len(frame) < _FIRST_INPUT:

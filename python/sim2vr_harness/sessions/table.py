@@ -67,8 +67,8 @@ def read_table(path: Path) -> Session:
         row = int(np.flatnonzero(~np.isfinite(times))[0])
         raise InputError(f"{name}, row {row}", f"no number in {time}", "the time of the frame")
     head = np.stack([table[each] for each in _pose_names("head")], axis=1)
-    hands = {side: _controller(table, side) for side in SIDES}
-    return Session(np.rint(times).astype(np.int64), head, **hands, source="csv")
+    left, right = (_controller(table, side) for side in SIDES)
+    return Session(np.rint(times).astype(np.int64), head, left, right, source="csv")
 
 
 def _check_header(names: Sequence[str], place: str) -> None:

@@ -70,8 +70,6 @@ class ImaginedPersons:
         values: dict[str, Any] = {
             trait.name: trait.of_feature(f) for trait, f in zip(TOLD, features, strict=False)
         }
-            trait.name: trait.of_feature(f) for trait, f in zip(TOLD, features, strict=False)
-        }
         person = replace(self._people.alike, **values)
         row = (*features, *self._sizes_of(person), person.motor_noise, person.effort_weight)
         return np.array(row, dtype=np.float64)

@@ -13,13 +13,14 @@ NAME = "sim2vr_harness"
 
 _ENVIRONMENTS = ("base", "client", "users", "perception", "games", "envs")
 _POLICIES = (*_ENVIRONMENTS, "runs", "world_models", "policies")
-_EVALUATION = (*_POLICIES, "figures", "statistics", "evaluation")
+_EVALUATION = (*_POLICIES, "figures", "statistics", "sessions", "evaluation")
 _TOP = (*_EVALUATION, "human_comparison", "training")
 
 BELOW: dict[str, tuple[str, ...]] = {
     "base": (),
     "statistics": (),
     "client": ("base",),
+    "sessions": ("base", "client"),
     "users": ("base", "client"),
     "games": ("base", "client"),
     "figures": ("base", "client"),
@@ -29,7 +30,7 @@ BELOW: dict[str, tuple[str, ...]] = {
     "runs": _ENVIRONMENTS,
     "policies": (*_ENVIRONMENTS, "runs", "world_models"),
     "training": _POLICIES,
-    "evaluation": (*_POLICIES, "figures", "statistics"),
+    "evaluation": (*_POLICIES, "figures", "statistics", "sessions"),
     "human_comparison": _EVALUATION,
     "studies": _TOP,
     "tools": _TOP,

@@ -7,16 +7,18 @@ what was found and what was expected.
 
 from __future__ import annotations
 
+import gzip
 import io
 import json
 import os
 import stat
 import warnings
 import zipfile
+import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar, cast
 
 from sim2vr_harness.base.errors import InputError, reason, shown
 
@@ -27,7 +29,9 @@ __all__ = [
     "parse_tensors",
     "read_arrays",
     "read_bytes",
+    "read_head",
     "read_json",
+    "read_lines_of",
     "read_members",
     "read_tensors",
     "read_text",
@@ -38,6 +42,8 @@ MOST_TEXT = 256 * 2**20
 """Bytes of a text file: JSON, CSV, logs."""
 MOST_YAML = 2**18
 """Bytes of a YAML file; those that ship have some thousand."""
+MOST_LINE = 2**20
+"""Bytes of a line of a file that is read line by line."""
 MOST_BINARY = 2**36
 """Bytes of a file of tensors or arrays, packed or not."""
 
@@ -62,13 +68,21 @@ def read_bytes(path: Path_, expected: str, *, most: int = MOST_BINARY) -> bytes:
     Raises:
         InputError: it is missing, a folder, a device or a pipe, too long, or cannot be read.
     """
+    try:
+        with _opened(path, expected, most) as stream:
+            return stream.read()
+    except (OSError, MemoryError) as error:
+        raise InputError(file_name(path), reason(error), expected) from error
+
+
+def _opened(path: Path_, expected: str, most: int) -> BinaryIO:
+    """Open a regular file of at most ``most`` bytes."""
     name = file_name(path)
     try:
         about = os.stat(path)
         if stat.S_ISREG(about.st_mode) and about.st_size <= most:
-            with open(path, "rb") as stream:
-                return stream.read()
-    except (OSError, ValueError, MemoryError) as error:  # ValueError: a zero byte in the name
+            return open(path, "rb")
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
         missing = isinstance(error, FileNotFoundError)
         got = "nothing: there is no such file" if missing else reason(error)
         raise InputError(name, got, expected) from error
@@ -76,6 +90,57 @@ def read_bytes(path: Path_, expected: str, *, most: int = MOST_BINARY) -> bytes:
         got = "a folder" if stat.S_ISDIR(about.st_mode) else "no regular file"
         raise InputError(name, got, expected)
     raise InputError(name, f"more than {most:,} bytes", expected)
+
+
+def read_head(path: Path_, expected: str, count: int) -> bytes:
+    """Return the first ``count`` bytes of a file of any length, by which its format is known.
+
+    Raises:
+        InputError: as :func:`read_bytes`.
+    """
+    try:
+        with _opened(path, expected, MOST_BINARY) as stream:
+            return stream.read(count)
+    except OSError as error:
+        raise InputError(file_name(path), reason(error), expected) from error
+
+
+def read_lines_of(path: Path_, expected: str, *, most: int = MOST_TEXT) -> Iterator[str]:
+    """Yield a text file's lines, packed with gzip or not, one at a time, without their ends.
+
+    Args:
+        path: of a regular file, or a link to one.
+        expected: what it should hold, for the error.
+        most: bytes that it may have, unpacked.
+
+    Raises:
+        InputError: as :func:`read_text`; a line is longer than ``MOST_LINE``; damaged gzip.
+    """
+    name = file_name(path)
+    left, number = most, 0
+    with _opened(path, expected, most) as plain:
+        packed = plain.read(2) == b"\x1f\x8b"
+        plain.seek(0)
+        stream = cast(BinaryIO, gzip.GzipFile(fileobj=plain) if packed else plain)
+        while True:
+            try:
+                line = stream.readline(MOST_LINE + 1)
+            except (OSError, EOFError, zlib.error) as error:
+                got = f"gzip data that is cut off or damaged, after line {number}"
+                raise InputError(name, got, expected) from error
+            if not line:
+                return
+            number, left = number + 1, left - len(line)
+            if left < 0:
+                raise InputError(name, f"more than {most:,} bytes", expected)
+            if len(line) > MOST_LINE:
+                got = f"a line of more than {MOST_LINE:,} bytes"
+                raise InputError(f"{name}, line {number}", got, expected)
+            try:
+                yield line.decode("utf-8-sig" if number == 1 else "utf-8").rstrip("\r\n")
+            except UnicodeDecodeError as error:
+                got = "UTF-16" if line[:2] in (b"\xff\xfe", b"\xfe\xff") else "no UTF-8 text"
+                raise InputError(f"{name}, line {number}", got, f"{expected}, in UTF-8") from error
 
 
 def read_text(path: Path_, expected: str, *, most: int = MOST_TEXT) -> str:

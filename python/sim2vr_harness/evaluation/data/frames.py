@@ -10,7 +10,7 @@ import numpy as np
 
 from sim2vr_harness.evaluation.data.columns import Column, number_table
 from sim2vr_harness.evaluation.data.steps import pose_columns
-from sim2vr_harness.evaluation.replay.state_log import read_state_log
+from sim2vr_harness.sessions.state_log import read_state_log
 
 __all__ = ["frame_table"]
 

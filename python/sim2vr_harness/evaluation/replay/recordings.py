@@ -21,9 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.base.errors import InputError, shown
-from sim2vr_harness.base.files import file_name, parse_json, read_arrays, read_json
+from sim2vr_harness.base.files import file_name, read_arrays, read_json
 from sim2vr_harness.client import OptionValue
-from sim2vr_harness.evaluation.replay.state_log import read_lines, read_state_log
+from sim2vr_harness.sessions.logs import logged_options
+from sim2vr_harness.sessions.state_log import read_lines, read_state_log
 
 __all__ = ["GAME", "Event", "Recording", "read_events", "read_recordings"]
 
@@ -179,7 +180,7 @@ def _logged_round(states: Path, unconstrained: bool) -> Recording:
     plain = states.name == "states.csv"
     name = states.stem.removesuffix("states").rstrip("_-. ")
     ends = [line for line in read_lines(events) if line.strip(" ,\t")][-3:]
-    options = _logged_options(events)
+    options = logged_options(events)
     found = read_events(events)
     if not any("target" in line for line in read_lines(events)):
         expected = "a round of Whac-A-Mole; rounds of other games are filmed as they are played"
@@ -224,20 +225,6 @@ def _logged_places(events: Path) -> dict[int, tuple[float, float]]:
                 int(match["cell"]): (float(match["x"]), float(match["y"]))
                 for match in _PLACE.finditer(line)
             }
-    return {}
-
-
-def _logged_options(events: Path) -> dict[str, OptionValue]:
-    for number, line in enumerate(read_lines(events)[:3], start=1):
-        _, found, text = line.rstrip(" ,\t").partition(", game options ")
-        if not found:
-            continue
-        try:
-            return parse_json(text, "", "")
-        except InputError as error:
-            place = f"{file_name(events)}, line {number}"
-            expected = "the game's options as a JSON object"
-            raise InputError(place, shown(text, 60), expected) from error
     return {}
 
 

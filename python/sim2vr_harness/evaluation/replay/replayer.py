@@ -9,11 +9,14 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from sim2vr_harness.base.files import file_name
 from sim2vr_harness.client import AppClient, AppReply, DevicePoses, InProcessApp, OptionValue
 from sim2vr_harness.evaluation.replay.film import ReplayFilm
 from sim2vr_harness.evaluation.replay.recordings import GAME, Event, Recording, read_events
 from sim2vr_harness.evaluation.replay.timing import Timing, spawn_schedule, timing_of
+from sim2vr_harness.sessions.replay import drive
 
 __all__ = ["Replay", "replay", "replay_all"]
 
@@ -106,26 +109,18 @@ def _options(recording: Recording, timing: Timing, closed_loop: bool) -> dict[st
 
 
 def _play(app: AppClient, recording: Recording, timing: Timing, watch: Watch | None) -> None:
-    times_ns = timing.frame_times_ns
-    reply = app.reset(recording.seed, _poses(recording, 0), time_ns=int(times_ns[0]))
-    if watch is not None:
-        watch(app, timing, 0, reply)
-    if timing.play_start_ns is not None:
+    times_ns, start = timing.frame_times_ns, timing.play_start_ns
+    frames = np.arange(len(times_ns))
+    if start is not None:
         # The log has no row for the frame that started play; the hammer is where it is next.
-        app.step(timing.play_start_ns, _poses(recording, 1))
-    if watch is None:
-        app.step_frames(times_ns[1:], _poses(recording, slice(1, None)))
-        return
-    for i in range(1, len(times_ns)):
-        if reply.finished:
-            break
-        reply = app.step(int(times_ns[i]), _poses(recording, i))
-        watch(app, timing, i, reply)
+        times_ns, frames = np.insert(times_ns, 1, start), np.insert(frames, 1, 1)
 
+    def seen(i: int, reply: AppReply) -> None:
+        if watch is not None and not (start is not None and i == 1):
+            watch(app, timing, int(frames[i]), reply)
 
-def _poses(recording: Recording, frames: int | slice) -> DevicePoses:
-    left = None if recording.left is None else recording.left[frames]
-    return DevicePoses(recording.head[frames], recording.right[frames], left)
+    devices = DevicePoses(recording.head, recording.right, recording.left)[frames]
+    drive(app, recording.seed, times_ns, devices, None if watch is None else seen)
 
 
 def replay_all(

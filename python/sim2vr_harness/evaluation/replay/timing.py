@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.client import ClockSettings, frame_time_ns
+from sim2vr_harness.client import ClockSettings
 from sim2vr_harness.evaluation.replay.recordings import Recording
+from sim2vr_harness.sessions.logs import DIGITS, rounding_s, times_of_log
 
 __all__ = ["Timing", "printed", "timing_of"]
 
-_DIGITS = 7
-_LOCKSTEP_RATES = range(1, 1001)
 # Of simulated users and of people in the original (binary32 in both).
 _FIXED_STEPS_S = (1.0 / 70.0, 0.002)
 _STUDY_STEP_S = 0.014285714
@@ -53,7 +52,7 @@ class Timing:
 
 def printed(time_s: float) -> float:
     """A time as the original's log prints it: binary32, 7 significant digits."""
-    return float(f"{np.float32(time_s):.{_DIGITS}g}")
+    return float(f"{np.float32(time_s):.{DIGITS}g}")
 
 
 def timing_of(recording: Recording, fixed_step_s: float | None = None) -> Timing:
@@ -67,13 +66,7 @@ def timing_of(recording: Recording, fixed_step_s: float | None = None) -> Timing
     Raises:
         InputError: The events fit neither fixed step, or the frames are no round.
     """
-    rate = _lockstep_rate(recording.times_s)
-    if rate is not None:
-        period_s = frame_time_ns(1, rate) / 1e9
-        frames = np.rint(recording.times_s / period_s).astype(int)
-        times_ns = np.array([frame_time_ns(int(n), rate) for n in frames], dtype=np.int64)
-    else:
-        times_ns = np.rint(recording.times_s * 1e9).astype(np.int64)
+    times_ns, rate = times_of_log(recording.times_s)
     step_s = fixed_step_s or recording.fixed_step_s or _fixed_step(recording)
     clock = ClockSettings(
         fixed_delta_time_s=step_s,
@@ -89,36 +82,16 @@ def timing_of(recording: Recording, fixed_step_s: float | None = None) -> Timing
     return Timing(times_ns, start_ns, countdown_s, round_s, clock, rate is not None)
 
 
-def _rounding_s(times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Largest difference between a time and its print."""
-    size = np.maximum(np.abs(times_s), 1e-3)
-    digits = 10.0 ** (np.floor(np.log10(size)) + 1 - _DIGITS)
-    return 0.51 * digits + size * 2.0**-23
-
-
-def _lockstep_rate(times_s: NDArray[np.float64]) -> int | None:
-    """Frames per second of a lockstep clock that all times lie on, or None."""
-    median_s = float(np.median(np.diff(times_s)))
-    if median_s <= 0.0:
-        return None
-    rate = round(1.0 / median_s)
-    if rate not in _LOCKSTEP_RATES:
-        return None
-    period_s = frame_time_ns(1, rate) / 1e9
-    off_s = np.abs(np.rint(times_s / period_s) * period_s - times_s)
-    return rate if bool((off_s <= _rounding_s(times_s)).all()) else None
-
-
 def _fixed_step(recording: Recording) -> float:
     """The original's fixed step whose multiples the events' times are."""
     times = np.array([event.time_s for event in recording.events if event.kind != "spawn"])
     if len(times) == 0:
-        return _STUDY_STEP_S if _lockstep_rate(recording.times_s) is None else 0.002
+        return _STUDY_STEP_S if times_of_log(recording.times_s)[1] is None else 0.002
     for exact_s in _FIXED_STEPS_S:
         step_s = _STUDY_STEP_S if exact_s == _FIXED_STEPS_S[0] else exact_s
         grid_s = float(np.float32(step_s))
         off_s = np.abs(np.rint(times / grid_s) * grid_s - times)
-        if np.mean(off_s <= _rounding_s(times) + 1e-6) > 0.9:
+        if np.mean(off_s <= rounding_s(times) + 1e-6) > 0.9:
             return step_s
     raise InputError(
         "--fixed-step",

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.evaluation.replay.state_log import read_state_log
+from sim2vr_harness.sessions.state_log import read_state_log
 from sim2vr_harness.human_comparison.fitts.movements import Block, Movement, blocks_of, movements_of
 from sim2vr_harness.human_comparison.fitts.submovements import submovements
 from sim2vr_harness.human_comparison.fitts.taps import Tap, read_taps

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Literal
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.evaluation.replay.state_log import read_lines
+from sim2vr_harness.sessions.state_log import read_lines
 
 __all__ = ["Tap", "read_taps"]
 

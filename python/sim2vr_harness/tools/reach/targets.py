@@ -18,7 +18,7 @@ from sim2vr_harness.client import AppScene, SceneObject
 from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.evaluation.environment import make_simulation
-from sim2vr_harness.evaluation.replay.state_log import read_lines
+from sim2vr_harness.sessions.state_log import read_lines
 from sim2vr_harness.users.kinematics.forward import Point
 
 __all__ = ["Target", "given_target", "logged_targets", "seen_targets", "tool_point"]

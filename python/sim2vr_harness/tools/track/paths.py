@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name, read_text
 from sim2vr_harness.evaluation.replay.recordings import Recording, read_recordings
-from sim2vr_harness.evaluation.replay.state_log import StateLog, read_state_log
+from sim2vr_harness.sessions.state_log import StateLog, read_state_log
 
 __all__ = [
     "FRAMES",

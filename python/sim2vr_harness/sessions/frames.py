@@ -1,0 +1,70 @@
+"""Coordinate frames of session files: WebXR's and the app's, grip and aim.
+
+WebXR is right-handed with z backward, the app's frame left-handed with z forward (Unity). Both have
+x right, y up, metres and rotations x y z w.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["aim_of", "composed", "from_webxr", "grip_of", "relative", "to_webxr"]
+
+FloatArray = NDArray[np.float64]
+
+_FLIPS = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0, 1.0])
+_GRIP_TO_AIM = np.array([0.0, 0.0, 0.0, 0.5, 0.0, 0.0, math.sqrt(0.75)])
+"""A Touch controller's ray is 60 degrees below its grip's axis, as ``webxr/scripts`` has it."""
+_INVERSE = np.array([-1.0, -1.0, -1.0, 1.0])
+
+
+def from_webxr(poses: FloatArray) -> FloatArray:
+    """Return (..., 7) poses of WebXR's frame in the app's."""
+    return poses * _FLIPS
+
+
+def to_webxr(poses: FloatArray) -> FloatArray:
+    """Return (..., 7) poses of the app's frame in WebXR's."""
+    return poses * _FLIPS
+
+
+def aim_of(grip: FloatArray) -> FloatArray:
+    """Return (..., 7) poses of the ray of a Touch controller whose grip is given."""
+    return composed(grip, _GRIP_TO_AIM)
+
+
+def grip_of(aim: FloatArray) -> FloatArray:
+    """Return (..., 7) poses of the grip of a Touch controller whose ray is given."""
+    return composed(aim, np.concatenate([np.zeros(3), _GRIP_TO_AIM[3:] * _INVERSE]))
+
+
+def composed(outer: FloatArray, inner: FloatArray) -> FloatArray:
+    """Return (..., 7): the pose ``inner``, given in the coordinates of ``outer``, in the world."""
+    p, q = _turned(outer[..., 3:], inner[..., :3]), _product(outer[..., 3:], inner[..., 3:])
+    return np.concatenate([outer[..., :3] + p, q], axis=-1)
+
+
+def relative(outer: FloatArray, pose: FloatArray) -> FloatArray:
+    """Return (..., 7): a pose of the world in the coordinates of ``outer``."""
+    back = outer[..., 3:] * _INVERSE
+    p = _turned(back, pose[..., :3] - outer[..., :3])
+    return np.concatenate([p, _product(back, pose[..., 3:])], axis=-1)
+
+
+def _product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Hamilton product of quaternions x y z w."""
+    u, v, s, t = a[..., :3], b[..., :3], a[..., 3:], b[..., 3:]
+    u, v = np.broadcast_arrays(u, v)
+    vector = s * v + t * u + np.cross(u, v)
+    scalar = s * t - np.sum(u * v, axis=-1, keepdims=True)
+    return np.concatenate([vector, np.broadcast_to(scalar, (*vector.shape[:-1], 1))], axis=-1)
+
+
+def _turned(q: FloatArray, v: FloatArray) -> FloatArray:
+    u, v = np.broadcast_arrays(q[..., :3], v)
+    t = 2.0 * np.cross(u, v)
+    turned: FloatArray = v + q[..., 3:] * t + np.cross(u, t)
+    return turned

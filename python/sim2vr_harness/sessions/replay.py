@@ -1,0 +1,257 @@
+"""Replay of a session in any app: the recorded devices at the recorded times, and what came back.
+
+A game of this runtime keeps the session's clock; other apps begin at 0 with the first frame.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.client import (
+    AppClient,
+    AppPlace,
+    AppReply,
+    AppsWanted,
+    DevicePoses,
+    InProcessApp,
+    OptionValue,
+    describe_game,
+    transport_named,
+)
+from sim2vr_harness.client.tasks import TaskedApp, load_task
+from sim2vr_harness.sessions.divergence import Comparison, compare_events
+from sim2vr_harness.sessions.logs import logged_events
+from sim2vr_harness.sessions.session import AppIdentity, Session, SessionEvent
+
+__all__ = ["EventRecorder", "SessionReplay", "drive", "replay_session"]
+
+IN_PROCESS = "in_process"
+Watch = Callable[[int, AppReply], None]
+"""Called after frame i with the app's reply."""
+
+
+@dataclass(frozen=True)
+class SessionReplay:
+    """What an app did when a session was replayed in it.
+
+    Attributes:
+        session: the same devices with the events of the replay.
+        values: the app's named numbers, the task's among them, after the last frame.
+        finished: whether the app ended the round.
+        frames: how many frames it ran.
+        comparison: the recorded events against the replayed ones.
+    """
+
+    session: Session
+    values: Mapping[str, float]
+    finished: bool
+    frames: int
+    comparison: Comparison
+
+
+def drive(
+    app: AppClient,
+    seed: int,
+    times_ns: NDArray[np.int64],
+    poses: DevicePoses,
+    watch: Watch | None = None,
+) -> None:
+    """Start a round and run frames until their end or the round's.
+
+    Args:
+        app: the app.
+        seed: of the round.
+        times_ns: (N,) game times of the frames.
+        poses: of N frames.
+        watch: receives every reply; without it, the app gets all frames in one call.
+    """
+    reply = app.reset(seed, poses[0], time_ns=int(times_ns[0]))
+    if watch is None:
+        if len(times_ns) > 1:
+            app.step_frames(times_ns[1:], poses[1:])
+        return
+    watch(0, reply)
+    for i in range(1, len(times_ns)):
+        if reply.finished:
+            return
+        reply = app.step(int(times_ns[i]), poses[i])
+        watch(i, reply)
+
+
+def replay_session(
+    session: Session,
+    *,
+    game: str | None = None,
+    app: Mapping[str, Any] | None = None,
+    options: Mapping[str, OptionValue] | None = None,
+    log_dir: Path | None = None,
+    on_progress: Callable[[float], None] = lambda part: None,
+) -> SessionReplay:
+    """Replay a session.
+
+    Args:
+        session: the recording.
+        game: name of a game of this runtime; None: ``app``, or the session's own game.
+        app: settings of ``env.app`` for a page or another app, and its ``task``.
+        options: of the app, over the session's.
+        log_dir: keeps a game's own log here.
+        on_progress: receives the part of the frames that is done.
+
+    Raises:
+        InputError: neither names an app, or the app cannot be played with the session's devices.
+    """
+    settings = dict(app or {})
+    chosen = _chosen(session, game, settings, options)
+    start_ns = 0 if chosen.kind == "game" else int(session.time_ns[0])
+    recorder = EventRecorder(session.time_ns, len(session), on_progress)
+    with ExitStack() as stack:
+        if log_dir is None:
+            log_dir = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        with _opened(session, chosen, settings, log_dir) as client:
+            devices = _devices_for(client, session)
+            drive(client, session.seed or 0, session.time_ns - start_ns, devices, recorder.take)
+        logs = sorted(log_dir.glob("*/events.csv"))
+        logged = logged_events(logs[-1]) if chosen.kind == "game" and logs else ()
+    events = sorted([*recorder.events, *logged], key=lambda event: event.time_ns)
+    kept = slice(0, recorder.frames)
+    replayed = replace(
+        session,
+        time_ns=session.time_ns[kept],
+        head=session.head[kept],
+        left=None if session.left is None else session.left.map(lambda rows: rows[kept]),
+        right=None if session.right is None else session.right.map(lambda rows: rows[kept]),
+        events=tuple(events),
+        app=chosen,
+        seed=session.seed or 0,
+        source="replay",
+        notes=(),
+    )
+    return SessionReplay(
+        session=replayed,
+        values=recorder.values,
+        finished=recorder.finished,
+        frames=recorder.frames,
+        comparison=compare_events(session, replayed),
+    )
+
+
+def _chosen(
+    session: Session,
+    game: str | None,
+    settings: Mapping[str, Any],
+    options: Mapping[str, OptionValue] | None,
+) -> AppIdentity:
+    """The app that is played, with its options."""
+    recorded = session.app
+    if game is not None and "transport" in settings:
+        raise InputError("--game", "it together with another app", "one of them")
+    given = {**recorded.options, **(options or {})}
+    if settings.get("page"):
+        return AppIdentity("page", Path(str(settings["page"])).name, "", given)
+    if "transport" in settings:
+        return AppIdentity("app", str(settings.get("game") or recorded.name), "", given)
+    name = game or (recorded.name if recorded.kind == "game" else "")
+    if not name:
+        got = f"a session of {recorded.name or 'an app that it does not name'}"
+        raise InputError("SESSION", got, "the app to replay it in: --game NAME or --page FILE")
+    facts = describe_game(name)
+    condition = recorded.condition if recorded.name in ("", name) else ""
+    named = {}
+    if any(each.name == condition for each in facts.conditions):
+        named = dict(facts.condition(condition).options)
+    elif recorded.name not in ("", name):
+        given = dict(options or {})
+    return AppIdentity("game", name, condition, {**named, **given})
+
+
+@contextmanager
+def _opened(
+    session: Session, chosen: AppIdentity, settings: Mapping[str, Any], log_dir: Path
+) -> Iterator[AppClient]:
+    """The app, with its task where it has one; closed in the end."""
+    judged = settings.get("task") is not None or chosen.kind == "page"
+    task = load_task(settings.get("task")) if judged else None
+    client: AppClient
+    if chosen.kind == "game":
+        clock = session.clock
+        client = InProcessApp(
+            chosen.name, chosen.options, renderer="null", log_dir=log_dir, clock=clock
+        )
+    else:
+        known = {each.name for each in fields(AppPlace)}
+        place = {key: value for key, value in settings.items() if key in known}
+        wanted = AppsWanted(
+            n=1,
+            game=chosen.name,
+            options=chosen.options,
+            frequency_hz=round(session.frame_rate_hz or 20),
+            place=AppPlace(**place),
+            values={} if task is None else dict(task.values),
+        )
+        client = transport_named(str(settings["transport"])).apps(wanted)(0, None)
+    with closing(client):
+        yield client if task is None else TaskedApp(client, task)
+
+
+def _devices_for(client: AppClient, session: Session) -> DevicePoses:
+    """The session's devices; a left controller that the app cannot have is left out."""
+    devices = session.devices()
+    if "left_controller" in client.capabilities:
+        return devices
+    return replace(devices, left_controller=None, left_inputs=None)
+
+
+class EventRecorder:
+    """Collects what an app sends back: vibrations, sounds, whole values that change, the end.
+
+    Args:
+        times_ns: (N,) times of the frames, on the session's clock.
+        count: frames that there will be, for the progress.
+        on_progress: receives the part that is done.
+    """
+
+    def __init__(
+        self,
+        times_ns: NDArray[np.int64],
+        count: int,
+        on_progress: Callable[[float], None] = lambda part: None,
+    ) -> None:
+        self.events: list[SessionEvent] = []
+        self.values: Mapping[str, float] = {}
+        self.finished = False
+        self.frames = 0
+        self._times_ns, self._count, self._on_progress = times_ns, count, on_progress
+        self._known: dict[str, Any] = {}
+
+    def take(self, i: int, reply: AppReply) -> None:
+        """Take the reply to frame i."""
+        time_ns = int(self._times_ns[i])
+        for pulse in reply.haptics:
+            self.events.append(SessionEvent(time_ns, "haptic", vars(pulse)))
+        for sound in reply.sounds:
+            data = {**vars(sound), "position_m": list(sound.position_m)}
+            self.events.append(SessionEvent(time_ns, "sound", data))
+        for name, value in reply.values.items():
+            whole = isinstance(value, (bool, int)) or (
+                isinstance(value, float) and value.is_integer()
+            )
+            if whole and value != self._known.get(name):
+                if name in self._known:
+                    data = {"name": name, "value": value}
+                    self.events.append(SessionEvent(time_ns, "value", data))
+                self._known[name] = value
+        if reply.finished and not self.finished:
+            self.events.append(SessionEvent(time_ns, "end"))
+        self.finished |= reply.finished
+        self.values, self.frames = reply.log, i + 1
+        if i % 20 == 0 or i + 1 == self._count:
+            self._on_progress((i + 1) / self._count)

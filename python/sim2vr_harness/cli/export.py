@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.options import writable_folder
 
 __all__ = ["export"]
@@ -15,7 +16,10 @@ __all__ = ["export"]
 def export(
     folder: Annotated[
         Path,
-        typer.Argument(metavar="FOLDER", help="Of an evaluation or study that kept its steps."),
+        typer.Argument(
+            metavar="FOLDER",
+            help="Of an evaluation or study that kept its steps; with --iwer also a session.",
+        ),
     ],
     episode: Annotated[
         list[str] | None,
@@ -24,24 +28,52 @@ def export(
         ),
     ] = None,
     out: Annotated[
-        Path, typer.Option(help="Folder for the files.", callback=writable_folder)
-    ] = Path("opensim"),
+        Path | None,
+        typer.Option(
+            help="Folder for the files.", show_default="opensim or iwer", callback=writable_folder
+        ),
+    ] = None,
+    iwer: Annotated[
+        bool, typer.Option("--iwer", help="Write recordings for IWER's ActionPlayer instead.")
+    ] = False,
 ) -> None:
-    """Write joint angles, activations and forces for OpenSim.
+    """Write rounds for other programs: OpenSim, or tests of WebXR pages with IWER.
 
     Angles go to .mot files, activations and forces to .sto files. Of a study, every cell has a
-    folder of its name.
+    folder of its name. With --iwer, head, controllers and inputs of a round go to one .json file.
 
     Examples:
-        sim2vr-harness export runs/sample/evaluation/step_1000000
         sim2vr-harness export evaluation/sample --out opensim/sample
+        sim2vr-harness export evaluation/buttons --iwer --out tests/fixtures
     """
     from sim2vr_harness.evaluation.data import export_opensim, read_data
     from sim2vr_harness.studies.data import STUDY_FILE, read_study
 
-    if (folder / STUDY_FILE).is_file():
-        files = read_study(folder).export_opensim(out, episode or ())
+    if iwer:
+        files = _iwer_files(folder, out or Path("iwer"), episode or [])
+    elif (folder / STUDY_FILE).is_file():
+        files = read_study(folder).export_opensim(out or Path("opensim"), episode or ())
     else:
-        files = export_opensim(read_data(folder), out, episode or ())
+        files = export_opensim(read_data(folder), out or Path("opensim"), episode or ())
     for file in files:
         typer.echo(f"Written: {file}")
+
+
+def _iwer_files(source: Path, out: Path, episodes: list[str]) -> list[Path]:
+    """Write a recording per episode, or that of a session."""
+    from sim2vr_harness.cli.session import read_any
+    from sim2vr_harness.evaluation.data import read_data, session_of_steps
+    from sim2vr_harness.sessions.iwer import write_iwer
+
+    if source.is_file() or (source / "states.csv").is_file():
+        if episodes:
+            raise InputError("--episode", "it with a session", "it with an evaluation")
+        file = out / f"{source.name.split('.')[0]}.json"
+        write_iwer(read_any(source), file)
+        return [file]
+    data = read_data(source)
+    files = []
+    for episode in episodes or list(data.episodes["episode"]):
+        files.append(out / f"{episode}.json")
+        write_iwer(session_of_steps(data, episode), files[-1])
+    return files

@@ -36,6 +36,7 @@ from sim2vr_harness.cli import (
     reach,
     replay,
     rewards,
+    session,
     snapshot,
     study,
     track,
@@ -153,6 +154,7 @@ app.add("train", train.train, PLAY)
 app.add("evaluate", evaluate.evaluate, PLAY, cls=HelpWithGames)
 app.add("watch", watch.watch, PLAY)
 app.add("replay", replay.replay, PLAY)
+app.add_typer(session.app, name="session", rich_help_panel=PLAY)
 app.add("study", study.study, STUDY)
 app.add("report", report_command.report, STUDY)
 app.add("compare", compare.compare, STUDY)

@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 
+from sim2vr_harness.base.errors import InputError, counted
+from sim2vr_harness.cli.app_options import with_app_options
 from sim2vr_harness.cli.options import (
     JsonOption,
     finite,
+    known_games,
     print_json,
     writable_file,
     writable_folder,
 )
 from sim2vr_harness.cli.progress import Share
+
+_MOST_VALUES = 12
+
+if TYPE_CHECKING:
+    from sim2vr_harness.sessions.replay import SessionReplay
 
 __all__ = ["replay"]
 
@@ -24,8 +32,8 @@ _Paths = Annotated[
     list[Path],
     typer.Argument(
         metavar="PATH...",
-        help="Recorded rounds: folders with states.csv and events.csv, packed .npz rounds with "
-        "their manifest.json, or folders above such.",
+        help="Sessions in any format; or rounds of Whac-A-Mole: folders with states.csv and "
+        "events.csv, packed .npz rounds with their manifest.json, or folders above such.",
     ),
 ]
 _Closed = Annotated[
@@ -57,9 +65,23 @@ _Video = Annotated[
         callback=writable_file,
     ),
 ]
+_Game = Annotated[
+    str | None,
+    typer.Option(
+        autocompletion=known_games,
+        metavar="NAME",
+        help="Replay sessions in this game.",
+        show_default="the session's",
+    ),
+]
+_Strict = Annotated[
+    bool,
+    typer.Option("--strict", help="Exit with status 1 unless every event of a session came again."),
+]
 _Fps = Annotated[float, typer.Option(help="Pictures per second of the film.", callback=finite)]
 
 
+@with_app_options
 def replay(
     paths: _Paths,
     closed: _Closed = False,
@@ -69,15 +91,44 @@ def replay(
     video: _Video = None,
     size: Annotated[str, typer.Option(help="WIDTHxHEIGHT of each view in the film.")] = "640x480",
     fps: _Fps = 30.0,
+    game: _Game = None,
+    strict: _Strict = False,
     json: JsonOption = False,
-) -> None:
+    *,
+    remote: dict[str, Any],
+) -> int:
     """Replay recorded rounds and compare every event with the record.
 
+    With --game, --page or --app, or with sessions in files: any app, the recorded devices under
+    virtual time, its values, its events and the first difference with a likely cause.
+
     Examples:
-        sim2vr-harness replay recordings/person_1
-        sim2vr-harness replay recordings --video replay.mp4
+        sim2vr-harness replay recordings/person_1 --video replay.mp4
+        sim2vr-harness replay round.jsonl --page game.html --task task.yaml
     """
-    from sim2vr_harness.base.errors import InputError
+    from sim2vr_harness.sessions.formats import is_session
+
+    if game is not None or remote or all(map(is_session, paths)):
+        _refuse(closed, unconstrained, fixed_step, video)
+        return _replay_sessions(paths, game, remote, log, strict=strict, json=json)
+    if strict:
+        raise InputError("--strict", "it with rounds of Whac-A-Mole", "sessions")
+    _replay_rounds(paths, closed, unconstrained, fixed_step, log, video, size, fps, json)
+    return 0
+
+
+def _replay_rounds(
+    paths: list[Path],
+    closed: bool,
+    unconstrained: bool,
+    fixed_step: float | None,
+    log: Path | None,
+    video: Path | None,
+    size: str,
+    fps: float,
+    json: bool,
+) -> None:
+    """Replay rounds of Whac-A-Mole, whose spawns, outcomes and speeds are compared."""
     from sim2vr_harness.evaluation.replay.film import ReplayFilm
     from sim2vr_harness.evaluation.replay.recordings import read_recordings
     from sim2vr_harness.evaluation.replay.replayer import Replay, replay_all
@@ -110,3 +161,109 @@ def replay(
     found.print(Console())
     for file in film.files if film else []:
         typer.echo(f"Written: {file}")
+
+
+def _refuse(
+    closed: bool, unconstrained: bool, fixed_step: float | None, video: Path | None
+) -> None:
+    """Refuse options that only rounds of Whac-A-Mole have."""
+    for option, given in (
+        ("--closed", closed),
+        ("--unconstrained", unconstrained),
+        ("--fixed-step", fixed_step is not None),
+        ("--video", video is not None),
+    ):
+        if given:
+            raise InputError(option, "it with a session", "it with rounds of Whac-A-Mole")
+
+
+def _replay_sessions(
+    paths: list[Path],
+    game: str | None,
+    remote: dict[str, Any],
+    log: Path | None,
+    *,
+    strict: bool,
+    json: bool,
+) -> int:
+    """Replay sessions in an app; 1 with ``strict`` if it did not do the same."""
+    from sim2vr_harness.cli.session import read_any
+    from sim2vr_harness.sessions import write_session
+    from sim2vr_harness.sessions.replay import replay_session
+
+    done: dict[str, SessionReplay] = {}
+    for path in paths:
+        session = read_any(path)
+        for note in session.notes:
+            typer.echo(f"note: {path.name}: {note}", err=True)
+        kept = None if log is None else log / path.name
+        with Share(f"Replaying {path.name}") as share:
+            done[str(path)] = replay_session(
+                session, game=game, app=remote, log_dir=kept, on_progress=share.show
+            )
+        if kept is not None:
+            write_session(done[str(path)].session, kept / "replay.jsonl")
+    if json:
+        print_json({"sessions": {name: _as_json(each) for name, each in done.items()}})
+    else:
+        for name, each in done.items():
+            typer.echo("\n".join([f"{Path(name).name}: {_summary(each)}", *_lines(each)]))
+    return int(strict and not all(each.comparison.same for each in done.values()))
+
+
+def _as_json(replayed: SessionReplay) -> dict[str, Any]:
+    found = replayed.comparison
+    return {
+        "app": vars(replayed.session.app),
+        "frames": replayed.frames,
+        "finished": replayed.finished,
+        "values": dict(replayed.values),
+        "recorded": found.recorded,
+        "again": found.again,
+        "same_frame": found.same_frame,
+        "extra": found.extra,
+        "same": found.same,
+        "kinds": {kind: vars(counts) for kind, counts in found.kinds.items()},
+        "first_difference": None if found.first is None else vars(found.first),
+    }
+
+
+def _summary(replayed: SessionReplay) -> str:
+    app = replayed.session.app
+    end = "the round ended" if replayed.finished else "the round had not ended"
+    return f"{counted(replayed.frames, 'frame')} in {app.name or app.kind}; {end}"
+
+
+def _values(replayed: SessionReplay) -> dict[str, float]:
+    """The measures that a game publishes; all of an app that publishes none."""
+    from sim2vr_harness.client import describe_game
+
+    app, values = replayed.session.app, replayed.values
+    if app.kind != "game":
+        return dict(values)
+    keys = [each.log_key for each in describe_game(app.name).measures]
+    return {key: values[key] for key in keys if key in values}
+
+
+def _lines(replayed: SessionReplay) -> list[str]:
+    found = replayed.comparison
+    shown = list(_values(replayed).items())
+    values = ", ".join(f"{name} {value:.6g}" for name, value in shown[:_MOST_VALUES])
+    more = f", and {len(shown) - _MOST_VALUES} more" if len(shown) > _MOST_VALUES else ""
+    lines = [f"  values: {values}{more}" if shown else "  values: none; --task names some"]
+    if not found.recorded:
+        return [*lines, "  the session has no events to compare with"]
+    for kind, counts in found.kinds.items():
+        again = f"{counts.recorded} recorded, {counts.replayed} replayed, {counts.again} the same"
+        lines.append(f"  {kind}: {again}")
+    lines.append(
+        f"  {found.again} of {counted(found.recorded, 'recorded event')} came again, "
+        f"{found.same_frame} in the same frame; {found.extra} came that were not recorded"
+    )
+    if found.first is None:
+        return [*lines, "  no difference"]
+    return [
+        *lines,
+        f"  first difference at {found.first.time_s:.3f} s: {found.first.text}",
+        f"  likely cause: {found.first.cause}",
+    ]

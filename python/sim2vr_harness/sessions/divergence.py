@@ -81,6 +81,7 @@ def compare_events(recording: Session, replayed: Session) -> Comparison:
     """
     kinds = {event.kind for event in recording.events} - {_END}
     ours = _from_start(recording, kinds)
+    kinds = {event.kind for event in ours}
     theirs = _from_start(replayed, kinds)
     pairs, missing, extra = _paired(ours, theirs)
     frame_ns = _SAME_FRAMES * 1e9 / (recording.frame_rate_hz or 1e9)
@@ -181,7 +182,9 @@ def _first(
 
 def _named(event: SessionEvent) -> str:
     parts = [
-        f"{name} {value}" for name, value in event.data.items() if isinstance(value, (str, int))
+        f"{name} {str(value)[:20]}"
+        for name, value in event.data.items()
+        if isinstance(value, (str, int))
     ]
     return f"{event.kind} ({', '.join(parts[:3])})" if parts else event.kind
 

@@ -1,4 +1,4 @@
-"""What a session holds about a person, and a copy without the parts that identify one."""
+"""Personal content of a session, and a copy without the parts that identify a person."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ HEAD_HEIGHT_M = 1.6
 def personal_content(session: Session) -> list[str]:
     """Return a line per thing that a session says about its person."""
     low, middle, high = np.quantile(session.head[:, 1], [0.05, 0.5, 0.95])
+    height = f"median {middle:.2f} m, {low:.2f} to {high:.2f} m (5 to 95 %); follows body height"
+    if abs(middle - HEAD_HEIGHT_M) < 1e-9:
+        height = f"removed; the median is {HEAD_HEIGHT_M:g} m"
     found = [
-        f"head height: median {middle:.2f} m, {low:.2f} to {high:.2f} m (5 to 95 %); follows body "
-        "height",
+        f"head height: {height}",
         "head and hand movement: identifies people who were recorded elsewhere",
     ]
     reach = [

@@ -1,7 +1,7 @@
 """Sessions as CSV: a row per frame, a header with the names of the columns.
 
 Columns: ``time_s`` (or ``time_ms``, ``time_ns``), ``head_x`` to ``head_qw``, ``left_*`` and
-``right_*`` (grip), ``left_aim_*``, and the inputs, such as ``right_trigger``. Events have no place.
+``right_*`` (grip), ``left_aim_*``, and the inputs, such as ``right.trigger``. Events have no place.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def _pose_names(device: str) -> list[str]:
 
 
 def _input_names(side: str) -> dict[str, int]:
-    return {f"{side}_{one.name}": one.column for one in INPUTS if one.hand == side}
+    return {f"{side}.{one.name}": one.column for one in INPUTS if one.hand == side}
 
 
 def read_table(path: Path) -> Session:
@@ -88,7 +88,7 @@ def _check_header(names: Sequence[str], place: str) -> None:
 def _row(fields: Sequence[str], names: Sequence[str], place: str) -> list[float]:
     if len(fields) != len(names):
         raise InputError(place, f"{len(fields)} fields", f"{len(names)}, as the header has")
-    known = re.compile(rf"time_|({'|'.join(_DEVICES)})_")
+    known = re.compile(rf"time_|({'|'.join(_DEVICES)})_|(left|right)\.")
     numbers = []
     for field, name in zip(fields, names, strict=True):
         try:
@@ -112,7 +112,9 @@ def _controller(table: dict[str, FloatArray], side: str) -> Controller | None:
     there = {name: column for name, column in _input_names(side).items() if name in table}
     if there:
         inputs = np.zeros((len(grip), INPUT_COUNT))
-        inputs[:, list(there.values())] = np.stack([table[name] for name in there], axis=1)
+        given = np.stack([table[name] for name in there], axis=1)
+        inputs[:, list(there.values())] = given
+        inputs[np.isnan(given).all(axis=1)] = np.nan
     return Controller(grip, aim, inputs)
 
 

@@ -175,6 +175,7 @@ class _Source:
         self.columns: list[Column] = list(body.columns)
         self._takes: list[Take] = [body.take]
         self._terms = [term.log_key for term in facts.reward_terms]
+        self._add_inputs(simulation)
         self._add_game(simulation)
         self.columns += [
             Column("reward", "single", "reward", "Game's reward minus effort cost, of the step"),
@@ -206,6 +207,16 @@ class _Source:
         ]
         parts = [take() for take in self._takes]
         return np.concatenate([*parts, np.array(rewards)], axis=1, dtype=np.float32)
+
+    def _add_inputs(self, simulation: Simulation) -> None:
+        """The controllers' inputs that the user's fingers work."""
+        names = simulation.config.user.inputs
+        if names:
+            self.columns += [
+                Column(f"input_{column_name(name)}", "single", "", f"The input {name}, -1 to 1")
+                for name in names
+            ]
+            self._takes.append(lambda: simulation.actions.input_values.copy())
 
     def _add_game(self, simulation: Simulation) -> None:
         """The game's privileged numbers, of apps in this process."""

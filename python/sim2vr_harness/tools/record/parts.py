@@ -6,15 +6,16 @@ import re
 import tempfile
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
-from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.errors import counted
 from sim2vr_harness.sessions import Session, read_session
 
 __all__ = ["MAX_PART_BYTES", "Parts", "RefusedPart"]
 
 MAX_PART_BYTES = 1 << 22
-MAX_BYTES = 1 << 29
+MAX_BYTES = 1 << 28
 MAX_PARTS = 20_000
 PARTS_PER_SECOND = 10.0
 BURST = 40.0
@@ -61,9 +62,7 @@ class Parts:
         """
         match = _QUERY.fullmatch(query)
         if match is None:
-            raise RefusedPart(
-                400, "Query: expected session, part and last."
-            )
+            raise RefusedPart(400, "Query: expected session, part and last.")
         session, number, last = match[1], int(match[2]), match[3] == "1"
         with self._lock:
             self._check(session, number, len(content))
@@ -97,17 +96,26 @@ class Parts:
         Raises:
             InputError: The parts are no session.
         """
-        with self._lock:
-            if not self._kept:
-                return None
-            file = Path(self._folder.name) / "session.jsonl"
-            with file.open("wb") as whole:
-                for number in sorted(self._kept):
-                    whole.write((Path(self._folder.name) / f"{number:05}").read_bytes())
-            missing = max(self._kept) + 1 - len(self._kept)
+        if not self._kept:
+            return None
+        file = Path(self._folder.name) / "session.jsonl"
+        missing = self.write(file)
+        session = read_session(file)
         if missing:
-            raise InputError("recording", f"a session without {missing} of its parts", "all parts")
-        return read_session(file)
+            note = f"{counted(missing, 'part')} of the session did not arrive"
+            session = replace(session, notes=(*session.notes, note))
+        return session
+
+    def write(self, file: Path) -> int:
+        """Write the parts that are there as one file; return how many are missing.
+
+        Raises:
+            OSError: The file cannot be written.
+        """
+        with self._lock, file.open("wb") as whole:
+            for number in sorted(self._kept):
+                whole.write((Path(self._folder.name) / f"{number:05}").read_bytes())
+            return max(self._kept, default=-1) + 1 - len(self._kept)
 
     def close(self) -> None:
         """Remove the files."""

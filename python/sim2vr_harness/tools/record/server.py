@@ -51,7 +51,7 @@ class RecordingServer:
     def __init__(self, page: Path, seed: int, *, port: int = 0, lan: bool = False) -> None:
         self.files = PageFiles(str(page), {})
         self.name = unquote(self.files.url.removeprefix(HOST))
-        self.seed, self.parts = seed, Parts()
+        self.seed = seed
         host, context, self.fingerprint = "127.0.0.1", None, ""
         if lan:
             host = local_address()
@@ -64,6 +64,7 @@ class RecordingServer:
         except OSError as error:
             got = f"{port}, which cannot be listened on ({error.strerror})"
             raise InputError("--port", got, "a free port") from error
+        self.parts = Parts()
         self.port = int(self._server.server_address[1])
         scheme = "https" if lan else "http"
         self.origins = {f"{scheme}://{name}:{self.port}" for name in _names(host)}

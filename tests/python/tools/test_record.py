@@ -20,6 +20,7 @@ import pytest
 from chromium import Page
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.sessions import Session, read_session
+from sim2vr_harness.sessions.replay import replay_session
 from sim2vr_harness.tools.record import (
     RecordingServer,
     bookmarklet,
@@ -30,7 +31,7 @@ from sim2vr_harness.tools.record import (
 )
 from sim2vr_harness.tools.record.parts import MAX_PART_BYTES, Parts, RefusedPart
 from sim2vr_harness.tools.record.script import with_script
-from webxr_pages import NEEDS_BROWSER, PAGES
+from webxr_pages import ENGINES, NEEDS_BROWSER, PAGES
 
 FRAMES = 120
 SEED = 20260
@@ -341,3 +342,64 @@ def test_the_recorder_comes_first(document: bytes, before: bytes) -> None:
 def test_a_port_that_is_taken_is_named(recording: RecordingServer) -> None:
     with pytest.raises(InputError, match=f"--port.*{recording.port}"):
         RecordingServer(PAGES / "recorded.html", 1, port=recording.port)
+
+
+# --- an emulated headset -------------------------------------------------------------------------
+
+DRIVE = """
+const device = window.device = new IWER.XRDevice(IWER.metaQuest3);
+device.installRuntime({ forceInstall: true }); // Chromium has a WebXR of its own, without headset
+window.fed = [];
+window.drive = () => {
+  const at = { x: 0.2, y: 1, z: -0.2 };
+  setInterval(() => {
+    for (const axis of 'xyz') at[axis] += 0.15 * (app.target[axis] - at[axis]);
+    const { right, left } = device.controllers;
+    fed.push([at.x, at.y, at.z]);
+    right.position.set(at.x, at.y, at.z);
+    left.position.set(-0.3, 0.9 + 0.1 * Math.sin(at.x), -0.2);
+    right.updateButtonValue('trigger', Math.abs(Math.sin(performance.now() / 200)));
+    if (app.score >= 6) device.activeSession?.end();
+  }, 10);
+};
+"""
+IWER = ENGINES / "iwer@2.5.0" / "build" / "iwer.js"
+
+
+@NEEDS_BROWSER
+@pytest.mark.skipif(not IWER.is_file(), reason="no IWER; docs/examples/webxr/engines.sh gets it")
+def test_a_round_in_an_emulated_headset_replays_the_same(tmp_path: Path) -> None:
+    for file in (PAGES / "boxes.js", IWER):
+        shutil.copy(file, tmp_path)
+    (tmp_path / "drive.js").write_text(DRIVE)
+    text = (PAGES / "touch.html").read_text()
+    scripts = '<script src="iwer.js"></script><script src="drive.js"></script>'
+    (tmp_path / "touch.html").write_text(text.replace("<title>", f"{scripts}<title>"))
+    with (
+        closing(RecordingServer(tmp_path / "touch.html", SEED)) as made,
+        made.running(),
+        Page(60.0, served=True) as page,
+    ):
+        page.open(made.address, 800)
+        page.wait_for("!!document.querySelector('button')")
+        page.value("document.querySelector('button').click()")
+        page.wait_for("!!device.activeSession")
+        page.value("drive()")
+        assert made.wait(60.0)
+        fed = np.array(page.value("fed"))
+        score = page.value("app.score")
+        session = made.session()
+    assert session is not None and session.right is not None
+    assert (session.headset, session.rate_hz) == ("Quest 3", 90)
+    rays = session.right.ray()[:, :3] * [1, 1, -1]  # IWER is fed with poses of the ray
+    apart = np.abs(rays[:, None] - fed).max(axis=2)
+    apart = apart[int(np.argmax(apart.min(axis=1) < 1e-6)) :]
+    assert len(apart) > len(rays) / 2
+    assert apart.min(axis=1).max() < 1e-6  # every pose is one that was fed ...
+    assert (np.diff(apart.argmin(axis=1)) >= 0).all()  # ... in that order
+    assert session.right.inputs is not None and np.ptp(session.right.inputs[:, 0]) > 0.5
+
+    settings = {"transport": "webxr", "page": str(PAGES / "touch.html")}
+    replayed = replay_session(session, app=settings)
+    assert [event.kind for event in session.events] == ["haptic"] * score
+    assert replayed.comparison.same and replayed.comparison.same_frame == score >= 6

@@ -17,7 +17,7 @@ __all__ = ["local_address", "self_signed"]
 _DAYS = 2
 _TIMEOUT_S = 30.0
 _ELSEWHERE = ("192.0.2.1", 9)
-"""An address for documentation (RFC 5737): asked for a route, and sent nothing."""
+"""An address for documentation (RFC 5737): nothing is sent there."""
 
 
 def local_address() -> str:

@@ -127,7 +127,7 @@ class _Server(ThreadingHTTPServer):
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
         try:
-            if self._context is not None:  # here, so that a slow handshake holds up nobody else
+            if self._context is not None:  # here, so that a slow handshake delays no other
                 request.settimeout(TIMEOUT_S)
                 request = self._context.wrap_socket(request, server_side=True)
             super().process_request_thread(request, client_address)
@@ -158,8 +158,7 @@ class _Handler(BaseHTTPRequestHandler):
             return
         plain = unquote(urlsplit(path).path)
         if plain == f"{_OWN}recorder.js":
-            # An address of its own for each document, so that a page that is loaded again is told
-            # from the one before.
+            # A session of its own for each document: a page that is loaded again is another one.
             url = f"/{owner.gate.token}{_OWN}part?session={secrets.token_hex(_SECRET_BYTES)}"
             script = recorder_script(owner.name, url, owner.seed)
             self._answer(200, script.encode(), "text/javascript")
@@ -191,7 +190,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(204, b"", "")
 
     def _admitted(self, *, reads: bool = True) -> str:
-        """Return the path behind the token; files may be asked for by the cookie instead.
+        """Return the path behind the token; the cookie may stand in for it where files are read.
 
         Addresses that begin with a slash lack the token; the browser sends the cookie, which
         stands for reading only.

@@ -73,7 +73,7 @@ def record(
 
     Examples:
         sim2vr-harness session record --page game.html --out round.jsonl
-        sim2vr-harness session record --script-tag > recorder.html
+        sim2vr-harness session record --script-tag
     """
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.tools import record as recorder

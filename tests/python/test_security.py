@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes.util
+import gzip
 import json
 import os
 import pickle
@@ -10,8 +11,10 @@ import re
 import shutil
 import subprocess
 import sys
+import urllib.request
 import zipfile
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -34,6 +37,7 @@ from sim2vr_harness.evaluation.playing import UserPolicy
 from sim2vr_harness.studies import load_study, run_study
 from sim2vr_harness.studies import worker as work
 from sim2vr_harness.studies.plan import plan_of
+from sim2vr_harness.tools.record import RecordingServer
 
 PAGE = Path(__file__).resolve().parents[2] / "SECURITY.md"
 
@@ -410,6 +414,42 @@ def recorded_rounds(case: Case) -> None:
     case.read("replay", case.folder)
 
 
+def sent_session(case: Case) -> None:
+    """Parts that a hostile page sends: pickles, names that lead elsewhere, packed and endless."""
+    evil = pickle.dumps(Evil(case.marker))
+    case.would(lambda: pickle.loads(evil))
+    name = f"../../$(touch {case.marker})"
+    header = {"format": "sim2vr-session", "version": 1, "person": name, "headset": name}
+    header["app"] = {"kind": "page", "name": name, "options": {name: name}}
+    frame = b'{"t":0,"head":[0,1.5,0,0,0,0,1]}\n'
+    (case.folder / "page.html").write_text("<p>")
+    before = set(case.folder.rglob("*"))
+    for content, taken in (
+        (evil, False),
+        (gzip.compress(evil), False),
+        (json.dumps(header | {"__class__": name}).encode() + b"\n" + frame, False),
+        (json.dumps(header).encode() + b"\n" + frame, True),
+    ):
+        server = RecordingServer(case.folder / "page.html", 1)
+        address = f"http://127.0.0.1:{server.port}/{server.gate.token}/__sim2vr/part"
+        with closing(server), server.running():
+            request = urllib.request.Request(
+                f"{address}?session={'0' * 32}&part=0&last=1",
+                content,
+                {"Origin": f"http://127.0.0.1:{server.port}"},
+            )
+            assert urllib.request.urlopen(request).status == 204
+            if taken:
+                session = server.session()
+                assert session is not None and session.app.name == name  # kept as text
+            else:
+                with pytest.raises(InputError):
+                    server.session()
+        assert not case.marker.exists()
+        case.reads += 1
+    assert set(case.folder.rglob("*")) == before
+
+
 def beats_map(case: Case) -> None:
     song = f"$(touch {case.marker})"
     case.would(lambda: os.system(f"echo {song}"))
@@ -467,6 +507,7 @@ ROWS: dict[str, Callable[[Case], None]] = {
     "checkpoint, saved state, packed weights": weights,
     "motor layer (`LAYER.pt`)": motor_layer,
     "recorded rounds (`.csv`, `.npz`)": recorded_rounds,
+    "session that a page sends to `session record`": sent_session,
     "Beats map": beats_map,
     "folder of an evaluation or a study that is only read (`report`, `export`, `compare`)": (
         folders_that_are_read

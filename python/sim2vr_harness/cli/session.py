@@ -1,4 +1,4 @@
-"""``sim2vr-harness session``: recorded rounds in files, converted, described and stripped."""
+"""``sim2vr-harness session``: rounds recorded, converted, described and stripped."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from sim2vr_harness.cli import record
 from sim2vr_harness.cli.command import CommandGroup
 from sim2vr_harness.cli.options import JsonOption, known_games, print_json
 
@@ -36,7 +37,7 @@ _Game = Annotated[
 _Seed = Annotated[int | None, typer.Option(help="The seed, where the file does not say.", min=0)]
 
 app = CommandGroup(
-    """Convert, describe or strip recorded rounds.
+    """Record rounds of a page; convert, describe or strip recorded rounds.
 
     Examples:
         sim2vr-harness session show round.jsonl
@@ -185,6 +186,7 @@ def _lost(session: Session, form: str) -> list[str]:
     return [name for name in missing.get(form, ()) if held[name]]
 
 
+app.add("record", record.record)
 app.add("convert", convert)
 app.add("show", show)
 app.add("strip", strip)

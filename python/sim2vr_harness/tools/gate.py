@@ -44,11 +44,11 @@ class Gate:
         self._host = host.lower()
         self._names = {*_LOOPBACK, self._host}
 
-    def address(self, port: int) -> str:
+    def address(self, port: int, scheme: str = "http") -> str:
         """Return the address to open in a browser; it holds the token."""
         host = "localhost" if self._host in ("", "0.0.0.0", "::") else self._host
         name = f"[{host}]" if ":" in host else host
-        return f"http://{name}:{port}/{self.token}/"
+        return f"{scheme}://{name}:{port}/{self.token}/"
 
     def accept_name(self, name: str) -> None:
         """Accept one more host name, such as that of a tunnel."""

@@ -22,6 +22,7 @@ __all__ = [
 
 _SCRIPTS = (
     "own.js",
+    "random.js",
     "clock.js",
     "loads.js",
     "elements.js",
@@ -42,7 +43,7 @@ _SCRIPTS = (
 )
 """In the order in which they build on each other; ``walls.js`` is for the frames within, too."""
 
-_WORKER_SCRIPTS = ("own.js", "clock.js", "loads.js", "worker.js")
+_WORKER_SCRIPTS = ("own.js", "random.js", "clock.js", "loads.js", "worker.js")
 
 PageSettings = Mapping[str, Any]
 """What the scripts receive: seed, size, eyes and so on (:class:`~.app.WebXRApp`)."""

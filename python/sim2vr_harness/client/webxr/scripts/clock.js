@@ -1,7 +1,6 @@
 // Virtual time: nothing that the scripts of a page or worker read moves unless a step moves it.
 // Covers performance.now, Date, timers, requestAnimationFrame, requestIdleCallback, the time stamps
-// of events and the document's timeline, and seeds Math.random and crypto. Not covered: video
-// (docs/reference/webxr.md).
+// of events and the document's timeline. Not covered: video (docs/reference/webxr.md).
 {
   const EPOCH_MS = Date.UTC(2024, 0, 1);
   const RealDate = Date;
@@ -104,28 +103,4 @@
   define(VirtualDate, 'now', () => Math.floor(EPOCH_MS + now));
   define(RealDate.prototype, 'constructor', VirtualDate);
   define(window, 'Date', VirtualDate);
-
-  // Mulberry32 (T. Ettinger, public domain): 32 bits of state, one number per step.
-  let state = 0;
-  const draw = () => {
-    state = (state + 0x6d2b79f5) | 0;
-    let t = Math.imul(state ^ (state >>> 15), 1 | state);
-    t = (t + Math.imul(t ^ (t >>> 7), 61 | t)) ^ t;
-    return (t ^ (t >>> 14)) >>> 0;
-  };
-  sim.seed = (seed) => { state = seed | 0; };
-  sim.seed(sim.settings.seed);
-  define(window.Math, 'random', () => (draw() * 2 ** 21 + (draw() >>> 11)) / 2 ** 53);
-  define(Crypto.prototype, 'getRandomValues', (array) => {
-    const bytes = new Uint8Array(array.buffer, array.byteOffset, array.byteLength);
-    for (let k = 0; k < bytes.length; k++) bytes[k] = draw() & 255;
-    return array;
-  });
-  define(Crypto.prototype, 'randomUUID', () => {
-    const hex = Array.from({ length: 32 }, () => (draw() & 15).toString(16));
-    hex[12] = '4';
-    hex[16] = '89ab'[draw() & 3];
-    const part = (from, to) => hex.slice(from, to).join('');
-    return [part(0, 8), part(8, 12), part(12, 16), part(16, 20), part(20, 32)].join('-');
-  });
 }

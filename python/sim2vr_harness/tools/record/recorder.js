@@ -1,0 +1,187 @@
+// Records what the devices of a WebXR session report, in lines of a session file
+// (docs/reference/sessions.md): sent to the recording server, or downloaded at the end.
+{
+  const { settings } = sim;
+  const BATCH_MS = 1000;
+  const ATTEMPTS = 20;
+  const RETRY_MS = 500;
+  const KEPT_ALIVE_BYTES = 60000; // that a browser sends for a page that has gone
+  const WATCH_MS = 100;
+  const JOINTS = 25;
+  const { fetch, setTimeout, setInterval, performance, console } = window;
+  const later = setTimeout.bind(window);
+  const wrapped = new WeakSet();
+  const set = (object, name, value) =>
+    Object.defineProperty(object, name, { value, configurable: true, writable: true });
+  const complain = (error) => console.error('sim2vr recorder:', error);
+
+  // WebXR's frame in the app's: z forward, left-handed.
+  const pose = ({ transform: { position: p, orientation: q } }) => [p.x, p.y, -p.z, -q.x, -q.y, q.z, q.w];
+  const within = (low, value) => Math.min(1, Math.max(low, value || 0));
+
+  // The columns of a row of inputs, as client/devices.py has them.
+  const inputs = ({ gamepad }, pinched) => {
+    const value = (k) => within(0, gamepad?.buttons[k]?.value);
+    const touch = (k) => Number(gamepad?.buttons[k]?.touched || 0);
+    return [
+      gamepad ? value(0) : Number(pinched), value(1), within(-1, gamepad?.axes[2]), -within(-1, gamepad?.axes[3]),
+      value(3), value(4), value(5), 0, touch(0), touch(3), touch(4), touch(5), touch(6),
+    ];
+  };
+  const joints = (frame, { hand }, space) => {
+    const rows = [];
+    for (const joint of hand?.values() ?? []) {
+      const found = frame.getJointPose?.(joint, space);
+      if (!found) return null;
+      rows.push(...pose(found), found.radius ?? 0);
+    }
+    return rows.length === 8 * JOINTS ? rows : null;
+  };
+  const headset = (session) => navigator.userAgent.match(/(Quest|Pico|Vive|VisionPro)[\w ]*/i)?.[0].trim()
+    ?? [...session.inputSources][0]?.profiles[0] ?? '';
+
+  // Sends lines in parts, again where the server does not answer.
+  const sender = () => {
+    let part = 0;
+    const attempt = async (url, body, left, keepalive) => {
+      const answer = await fetch(url, { method: 'POST', body, keepalive }).catch(() => null);
+      if (answer?.ok) return;
+      if (answer && answer.status !== 429) complain(await answer.text());
+      else if (left) later(() => attempt(url, body, left - 1, keepalive), RETRY_MS);
+      else complain('the recording server does not answer');
+    };
+    return (body, last) => attempt(
+      `${settings.url}&part=${part++}&last=${Number(last)}`, body, ATTEMPTS, last && body.length < KEPT_ALIVE_BYTES);
+  };
+  // Keeps lines and downloads them with the last one.
+  const keeper = () => {
+    const kept = [];
+    return (body, last) => {
+      kept.push(body);
+      if (!last) return;
+      const link = document.createElement('a');
+      link.href = URL.createObjectURL(new Blob(kept, { type: 'application/jsonl' }));
+      link.download = 'session.jsonl';
+      link.click();
+    };
+  };
+
+  const record = async (session) => {
+    const wished = (kind) => session.requestReferenceSpace(kind).catch(() => null);
+    const space = (await wished('local-floor')) ?? (await wished('local'));
+    const send = settings.url ? sender() : keeper();
+    const pinched = new Set();
+    const felt = new WeakSet(); // actuators that are wrapped
+    let lines = [];
+    let first = null;
+    let latest = -1;
+    let flushed = 0;
+    let running = false; // within a callback of a frame
+    const write = (line) => lines.push(`${JSON.stringify(line)}\n`);
+    const time_ns = (time) => Math.max(0, Math.round((time - first) * 1e6));
+    const header = () => write({
+      format: 'sim2vr-session', version: 1,
+      app: {
+        kind: 'page', name: settings.page ?? location.pathname.split('/').pop().slice(0, 200),
+        options: Object.fromEntries(new URLSearchParams(location.search)),
+      },
+      ...(settings.late ? {} : { seed: settings.seed }),
+      headset: headset(session), source: 'recorder', ...(session.frameRate ? { rate_hz: session.frameRate } : {}),
+    });
+    const flush = (last = false) => {
+      if (first !== null) send(lines.join(''), last);
+      lines = [];
+    };
+
+    const feel = ({ gamepad, handedness: hand }) => {
+      const pulse = (amplitude, duration_ms) => {
+        const time = running ? latest : performance.now();
+        const data = { hand, amplitude: within(0, amplitude), frequency_hz: 0, duration_s: Math.max(0, duration_ms || 0) / 1e3 };
+        if (first !== null) write({ t: time_ns(time), event: 'haptic', data });
+      };
+      for (const actuator of [...(gamepad?.hapticActuators ?? []), gamepad?.vibrationActuator]) {
+        if (!actuator || felt.has(actuator)) continue;
+        felt.add(actuator);
+        const { pulse: real, playEffect: effect } = actuator;
+        if (real) set(actuator, 'pulse', (...given) => (pulse(...given), real.apply(actuator, given)));
+        if (effect) set(actuator, 'playEffect', (type, given = {}) => {
+          pulse(Math.max(given.strongMagnitude ?? 0, given.weakMagnitude ?? 0), given.duration);
+          return effect.call(actuator, type, given);
+        });
+      }
+    };
+    const controller = (frame, source) => {
+      feel(source);
+      const grip = source.gripSpace && frame.getPose(source.gripSpace, space);
+      if (!grip) return null;
+      const aim = frame.getPose(source.targetRaySpace, space);
+      const hand = joints(frame, source, space);
+      return {
+        grip: pose(grip), ...(aim && { aim: pose(aim) }), inputs: inputs(source, pinched.has(source)),
+        ...(hand && { joints: hand }),
+      };
+    };
+    const take = (time, frame) => {
+      const head = time > latest && frame.getViewerPose(space);
+      if (!head) return;
+      if (first === null) {
+        first = flushed = time;
+        header();
+      }
+      latest = time;
+      const line = { t: time_ns(time), head: pose(head) };
+      for (const source of session.inputSources) {
+        const { handedness: side } = source;
+        if (side !== 'none' && !line[side]) line[side] = controller(frame, source);
+      }
+      write(line);
+      if (time - flushed < BATCH_MS) return;
+      flushed = time;
+      flush();
+    };
+
+    const request = session.requestAnimationFrame;
+    set(session, 'requestAnimationFrame', (callback) => request.call(session, (time, frame) => {
+      try {
+        take(time, frame);
+      } catch (error) {
+        complain(error);
+      }
+      running = true;
+      try {
+        callback(time, frame);
+      } finally {
+        running = false;
+      }
+    }));
+    session.addEventListener('selectstart', ({ inputSource }) => pinched.add(inputSource));
+    session.addEventListener('selectend', ({ inputSource }) => pinched.delete(inputSource));
+    let over = false;
+    const end = () => {
+      if (!over) flush(true);
+      over = true;
+    };
+    session.addEventListener('end', end);
+    window.addEventListener('pagehide', end);
+  };
+
+  const wrap = (xr) => {
+    if (!xr || wrapped.has(xr)) return;
+    wrapped.add(xr);
+    for (const name of ['requestSession', 'offerSession']) {
+      const real = xr[name];
+      if (real) set(xr, name, async (mode, wanted = {}) => {
+        if (mode === 'inline') return real.call(xr, mode, wanted);
+        const optionalFeatures = [...(wanted.optionalFeatures ?? []), 'local-floor'];
+        const session = await real.call(xr, mode, { ...wanted, optionalFeatures });
+        await record(session).catch(complain);
+        return session;
+      });
+    }
+  };
+  // An emulator may put another object there, at any time before the session.
+  const watch = () => wrap(navigator.xr);
+  watch();
+  setInterval.call(window, watch, WATCH_MS);
+  for (const name of ['DOMContentLoaded', 'load', 'click']) window.addEventListener(name, watch, true);
+}

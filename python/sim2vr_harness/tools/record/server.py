@@ -1,0 +1,264 @@
+"""Serve a page's folder with the recorder in the page, and receive its session."""
+
+from __future__ import annotations
+
+import hmac
+import secrets
+import ssl
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.cookies import CookieError, SimpleCookie
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote, unquote, urlsplit
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.client.webxr.files import HOST, PageFiles
+from sim2vr_harness.sessions import Session
+from sim2vr_harness.tools.gate import HEADERS, Gate, Refused
+from sim2vr_harness.tools.record.certificate import local_address, self_signed
+from sim2vr_harness.tools.record.parts import MAX_PART_BYTES, Parts, RefusedPart
+from sim2vr_harness.tools.record.script import recorder_script, with_script
+
+__all__ = ["RecordingServer"]
+
+MAX_CONNECTIONS = 64
+TIMEOUT_S = 30.0
+_OWN = "/__sim2vr/"
+_SECRET_BYTES = 16
+
+
+class RecordingServer:
+    """A server of one page for one session.
+
+    Args:
+        page: A file in HTML, or a folder with an ``index.html``.
+        seed: Of the page's random numbers.
+        port: To listen on; 0: one that is free.
+        lan: Listen on the local network over HTTPS, instead of loopback over HTTP.
+
+    Attributes:
+        address: To open in the headset's browser; holds the token.
+        fingerprint: SHA-256 of the certificate; empty over HTTP.
+
+    Raises:
+        AppRefused: There is no such page.
+        InputError: The port is taken, or ``lan`` cannot be had.
+    """
+
+    def __init__(self, page: Path, seed: int, *, port: int = 0, lan: bool = False) -> None:
+        self.files = PageFiles(str(page), {})
+        self.name = unquote(self.files.url.removeprefix(HOST))
+        self.seed = seed
+        host, context, self.fingerprint = "127.0.0.1", None, ""
+        if lan:
+            host = local_address()
+            context, self.fingerprint = self_signed(host)
+        self.gate = Gate(host)
+        self.cookie = secrets.token_urlsafe(_SECRET_BYTES)
+        self.lock = threading.Lock()
+        try:
+            self._server = _Server((host, port), self, context)
+        except OSError as error:
+            got = f"{port}, which cannot be listened on ({error.strerror})"
+            raise InputError("--port", got, "a free port") from error
+        self.parts = Parts()
+        self.port = int(self._server.server_address[1])
+        scheme = "https" if lan else "http"
+        self.origins = {f"{scheme}://{name}:{self.port}" for name in _names(host)}
+        shown = Gate.address(self.gate, self.port, scheme)
+        if not lan:
+            shown = shown.replace("127.0.0.1", "localhost", 1)
+        self.address = shown + quote(self.name)
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Serve within the block."""
+        runner = threading.Thread(target=self._server.serve_forever, args=(0.1,), daemon=True)
+        runner.start()
+        try:
+            yield
+        finally:
+            self._server.shutdown()
+            self._server.server_close()
+            runner.join()
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Wait for the end of the session; False: it has not come in time."""
+        return self.parts.complete.wait(timeout_s)
+
+    def session(self) -> Session | None:
+        """Return what was recorded so far; None: nothing.
+
+        Raises:
+            InputError: The page has sent something else than a session.
+        """
+        return self.parts.session()
+
+    def close(self) -> None:
+        """Remove the files of the recording."""
+        self.parts.close()
+
+
+def _names(host: str) -> tuple[str, ...]:
+    return ("localhost", "127.0.0.1") if host == "127.0.0.1" else (host,)
+
+
+class _Server(ThreadingHTTPServer):
+    """A thread for each connection, and few connections."""
+
+    daemon_threads = True
+    block_on_close = False
+
+    def __init__(
+        self, place: tuple[str, int], owner: RecordingServer, context: ssl.SSLContext | None
+    ) -> None:
+        self.owner, self._context = owner, context
+        self._free = threading.BoundedSemaphore(MAX_CONNECTIONS)
+        super().__init__(place, _Handler)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        if self._free.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        try:
+            if self._context is not None:  # here, so that a slow handshake delays no other
+                request.settimeout(TIMEOUT_S)
+                request = self._context.wrap_socket(request, server_side=True)
+            super().process_request_thread(request, client_address)
+        except (OSError, ssl.SSLError):
+            self.shutdown_request(request)
+        finally:
+            self._free.release()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Keep quiet: strangers must not fill the terminal."""
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers one connection."""
+
+    protocol_version = "HTTP/1.1"
+    server_version, sys_version = "sim2vr", ""
+    timeout = TIMEOUT_S
+    server: _Server
+
+    def do_GET(self) -> None:
+        """Answer with a file of the page's folder, or the recorder."""
+        owner = self.server.owner
+        try:
+            path = self._admitted()
+        except Refused as refused:
+            self._refuse(403, str(refused))
+            return
+        plain = unquote(urlsplit(path).path)
+        if plain == f"{_OWN}recorder.js":
+            # A session of its own for each document: a page that is loaded again is another one.
+            url = f"/{owner.gate.token}{_OWN}part?session={secrets.token_hex(_SECRET_BYTES)}"
+            script = recorder_script(owner.name, url, owner.seed)
+            self._answer(200, script.encode(), "text/javascript")
+            return
+        self._answer(*_content(owner, plain))
+
+    do_HEAD = do_GET
+
+    def do_POST(self) -> None:
+        """Take a part of the session."""
+        owner = self.server.owner
+        length = self.headers.get("Content-Length", "")
+        try:
+            path = self._admitted(reads=False)
+            self._check_origin()
+            if urlsplit(path).path != f"{_OWN}part":
+                raise RefusedPart(404, "Path: expected the recorder's.")
+            if not (length.isascii() and length.isdigit() and int(length) <= MAX_PART_BYTES):
+                raise RefusedPart(413, f"Size: expected at most {MAX_PART_BYTES:,} bytes.")
+            content = self.rfile.read(int(length))
+            if len(content) < int(length):
+                raise RefusedPart(400, "Body: got less than its length.")
+            owner.parts.take(urlsplit(path).query, content)
+        except Refused as refused:
+            self._refuse(403, str(refused))
+        except RefusedPart as refused:
+            self._refuse(refused.status, str(refused))
+        else:
+            self._answer(204, b"", "")
+
+    def _admitted(self, *, reads: bool = True) -> str:
+        """Return the path behind the token; the cookie may stand in for it where files are read.
+
+        Addresses that begin with a slash lack the token; the browser sends the cookie, which
+        stands for reading only.
+        """
+        owner, path = self.server.owner, self.path
+        if reads and not path.startswith(f"/{owner.gate.token}/") and self._has_cookie():
+            path = f"/{owner.gate.token}{path}"
+        hosts = self.headers.get_all("Host") or []
+        origins = self.headers.get_all("Origin") or []
+        reached = str(self.connection.getsockname()[0])
+        return owner.gate.admit(path, hosts, origins, reached)
+
+    def _check_origin(self) -> None:
+        origins = self.headers.get_all("Origin") or []
+        if len(origins) != 1 or origins[0].lower() not in self.server.owner.origins:
+            raise Refused(f"Origin: got {origins!r:.200}, expected the page's own.")
+
+    @property
+    def _cookie_name(self) -> str:
+        return f"sim2vr_{self.server.owner.port}"
+
+    def _has_cookie(self) -> bool:
+        try:
+            found = SimpleCookie(self.headers.get("Cookie", "")).get(self._cookie_name)
+        except CookieError:
+            return False
+        given = "" if found is None else found.value
+        return hmac.compare_digest(given.encode(), self.server.owner.cookie.encode())
+
+    def _refuse(self, status: int, why: str) -> None:
+        self.close_connection = True  # what follows may be a body
+        self._answer(status, f"{why}\n".encode(), "text/plain; charset=utf-8")
+
+    def _answer(self, status: int, content: bytes, mime: str) -> None:
+        owner = self.server.owner
+        self.send_response(status)
+        for name, value in HEADERS.items():
+            self.send_header(name, value)
+        if status == 200:
+            self.send_header("Content-Type", mime)
+            self.send_header(
+                "Set-Cookie",
+                f"{self._cookie_name}={owner.cookie}; Path=/; HttpOnly; SameSite=Strict",
+            )
+        elif content:
+            self.send_header("Content-Type", mime)
+        if self.close_connection:
+            self.send_header("Connection", "close")
+        if status != 204:
+            self.send_header("Content-Length", str(len(content)))
+        self.end_headers()
+        if self.command != "HEAD":
+            self.wfile.write(content)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Print nothing: addresses hold the token."""
+
+
+def _content(owner: RecordingServer, plain: str) -> tuple[int, bytes, str]:
+    """Status, content and type of a file of the page's folder; hidden ones are not served."""
+    path = plain.lstrip("/")
+    if any(part.startswith(".") for part in path.split("/")):
+        return 404, b"no such file\n", "text/plain"
+    with owner.lock:
+        found = owner.files.answer(HOST + quote(path))
+    if found.status != 200:
+        return 404, b"no such file\n", "text/plain"
+    content = found.content
+    if path in (owner.name, owner.name.removesuffix("index.html")):
+        content = with_script(content, f"/{owner.gate.token}{_OWN}recorder.js")
+    return 200, content, found.mime

@@ -1,0 +1,1 @@
+window.beside = true; // an address that begins with a slash

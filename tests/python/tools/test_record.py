@@ -1,0 +1,405 @@
+"""The recorder: a session file has what the page's headset reports, and strangers stay out."""
+
+from __future__ import annotations
+
+import hashlib
+import http.client
+import json
+import shutil
+import socket
+import ssl
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import numpy as np
+import pytest
+
+from chromium import Page
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.sessions import Session, read_session
+from sim2vr_harness.sessions.replay import replay_session
+from sim2vr_harness.tools.record import (
+    RecordingServer,
+    bookmarklet,
+    certificate,
+    parts,
+    script_tag,
+    server,
+)
+from sim2vr_harness.tools.record.parts import MAX_PART_BYTES, Parts, RefusedPart
+from sim2vr_harness.tools.record.script import with_script
+from webxr_pages import ENGINES, NEEDS_BROWSER, PAGES
+
+FRAMES = 120
+SEED = 20260
+ONE = "0" * 32
+HEADER = '{"format":"sim2vr-session","version":1,"app":{"kind":"page"}}\n'
+FRAME = '{"t":0,"head":[0,1.5,0,0,0,0,1]}\n'
+
+
+def mulberry(seed: int) -> Iterator[int]:
+    """The published Mulberry32, in Python's integers."""
+    mask, state = 2**32 - 1, seed
+    while True:
+        state = (state + 0x6D2B79F5) & mask
+        t = ((state ^ (state >> 15)) * (1 | state)) & mask
+        t = ((t + ((t ^ (t >> 7)) * (61 | t) & mask)) & mask) ^ t
+        yield (t ^ (t >> 14)) & mask
+
+
+def about_y(position: tuple[object, object, object], angle: object) -> np.ndarray:
+    """Poses of WebXR's frame in the app's: z and the turn about y have the other sign."""
+    x, y, z, half = np.broadcast_arrays(*position, np.asarray(angle) / 2)
+    zero = np.zeros_like(half)
+    return np.stack([x, y, -z, zero, -np.sin(half), zero, np.cos(half)], axis=-1)
+
+
+def check_session(session: Session) -> None:
+    """Compare a recording of ``recorded.html`` with the formulas of its headset."""
+    n = np.arange(FRAMES)
+    np.testing.assert_allclose(session.time_ns, n * 1e9 / 90, atol=2000)  # performance.now: 1 us
+    exact = {"rtol": 0, "atol": 1e-12}
+    np.testing.assert_allclose(session.head, about_y((0.01 * n, 1.5, -0.1), 0.01 * n), **exact)
+    right, left = session.right, session.left
+    assert right is not None and left is not None
+    height = 1.0 + 0.001 * n
+    np.testing.assert_allclose(right.grip, about_y((0.2, height, -0.3), -0.02 * n), **exact)
+    np.testing.assert_allclose(right.aim, about_y((0.2, height, -0.35), 0.03 * n), **exact)
+    row = np.zeros((FRAMES, 13))
+    row[:, 0], row[:, 2], row[:, 3], row[:, 8] = n / FRAMES, 0.25, 0.5, n % 2
+    np.testing.assert_allclose(right.inputs, row, **exact)
+    assert right.joints is None
+    seen = (n < 50) | (n >= 60)
+    assert left.tracked.tolist() == seen.tolist()
+    grip = about_y((-0.2, 1.1, -0.3 - 0.002 * n), 0.1)
+    np.testing.assert_allclose(left.grip[seen], grip[seen], **exact)
+    pinched = (n >= 30) & (n < 45)
+    np.testing.assert_allclose(left.inputs[seen, 0], pinched[seen], **exact)
+    k = np.arange(25)
+    joints = np.concatenate([about_y((0.01 * k, 1, -0.5), 0.3), 0.001 * k[:, None]], axis=1)
+    np.testing.assert_allclose(left.joints[seen], np.broadcast_to(joints, (110, 25, 8)), **exact)
+    assert [(event.kind, dict(event.data)) for event in session.events] == [
+        ("haptic", {"hand": "right", "amplitude": 0.5, "frequency_hz": 0, "duration_s": 0.04}),
+        ("haptic", {"hand": "right", "amplitude": 0.5, "frequency_hz": 0, "duration_s": 0.08}),
+    ]
+    assert [event.time_ns for event in session.events] == session.time_ns[[40, 80]].tolist()
+    assert (session.rate_hz, session.headset, session.app.kind) == (90, "test-controller", "page")
+
+
+@pytest.fixture
+def recording() -> Iterator[RecordingServer]:
+    """A server of the page with a headset of its own."""
+    with closing(RecordingServer(PAGES / "recorded.html", SEED)) as made, made.running():
+        yield made
+
+
+@NEEDS_BROWSER
+def test_what_the_headset_reports_is_recorded(recording: RecordingServer) -> None:
+    with Page(60.0, served=True) as page:
+        page.open(recording.address, 800)
+        assert recording.wait(60.0)
+        drawn, beside = page.value("drawn"), page.value("window.beside")
+        assert page.value("window.asked") == ["immersive-vr", "hand-tracking", "local-floor"]
+        assert page.errors == []
+    session = recording.session()
+    assert session is not None
+    check_session(session)
+    assert (session.app.name, session.seed) == ("recorded.html", SEED)
+    assert beside is True
+    assert drawn[4:] == ["0.5 40", "0.5 80"]  # the pulses reached the headset
+    bits = mulberry(SEED)
+    numbers = [(next(bits) * 2**21 + (next(bits) >> 11)) / 2**53 for _ in range(2)]
+    octets = f"{next(bits) & 255},{next(bits) & 255}"
+    last = (next(bits) * 2**21 + (next(bits) >> 11)) / 2**53
+    assert drawn[:4] == [*numbers, octets, last]
+
+
+@NEEDS_BROWSER
+def test_a_script_tag_downloads_the_same(tmp_path: Path) -> None:
+    text = (PAGES / "recorded.html").read_text()
+    file = tmp_path / "recorded.html"
+    file.write_text(text.replace("<head>", f"<head>{script_tag(SEED)}", 1))
+    session, drawn = downloaded(file, tmp_path)
+    check_session(session)
+    assert (session.app.name, session.seed) == ("recorded.html", SEED)
+    bits = mulberry(SEED)
+    expected = [(next(bits) * 2**21 + (next(bits) >> 11)) / 2**53 for _ in range(3)]
+    assert [drawn[0], drawn[1], drawn[3]] == expected  # crypto stays the browser's own
+
+
+@NEEDS_BROWSER
+def test_a_bookmarklet_downloads_the_same(tmp_path: Path) -> None:
+    code = unquote(bookmarklet().removeprefix("javascript:"))
+    file = tmp_path / "recorded.html"
+    # As a click on it: after the page's own scripts, before the session.
+    text = (PAGES / "recorded.html").read_text()
+    file.write_text(text.replace("</head>", f"<script>{code}</script></head>"))
+    session, _ = downloaded(file, tmp_path)
+    check_session(session)
+    assert session.seed is None
+
+
+def downloaded(file: Path, folder: Path) -> tuple[Session, list[object]]:
+    """The session that a page downloads, and what it drew."""
+    with Page(60.0, served=True) as page:
+        page.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(folder))
+        page.open(f"file://{file}", 800)
+        page.wait_for("window.over")
+        drawn = page.value("drawn")
+        found = folder / "session.jsonl"
+        for _ in range(300):
+            if found.is_file():
+                break
+            time.sleep(0.1)
+    return read_session(found), drawn
+
+
+# --- the server ----------------------------------------------------------------------------------
+
+
+def ask(
+    made: RecordingServer, method: str, path: str, body: bytes = b"", **headers: str
+) -> tuple[int, str, dict[str, str]]:
+    """Status, body and headers of an answer."""
+    connection = http.client.HTTPConnection("127.0.0.1", made.port, timeout=10.0)
+    named = {name.replace("_", "-"): value for name, value in headers.items()}
+    connection.request(method, path, body or None, named)
+    answer = connection.getresponse()
+    found = answer.status, answer.read().decode(), dict(answer.getheaders())
+    connection.close()
+    return found
+
+
+def part(made: RecordingServer, number: int = 0, last: int = 0, session: str = ONE) -> str:
+    return f"/{made.gate.token}/__sim2vr/part?session={session}&part={number}&last={last}"
+
+
+def own(made: RecordingServer) -> str:
+    return f"http://localhost:{made.port}"
+
+
+def test_only_the_page_sends_parts(recording: RecordingServer) -> None:
+    good, body = part(recording), (HEADER + FRAME).encode()
+    right = {"Origin": own(recording), "Host": f"localhost:{recording.port}"}
+    for path, headers, why in (
+        (good, {}, "Origin"),
+        (good, {"Origin": "null"}, "Origin"),
+        (good, {"Origin": "http://evil.example"}, "Origin"),
+        (good, right | {"Host": "evil.example"}, "Host"),
+        (good.replace(recording.gate.token, "a" * 32), right, "Token"),
+        (good.replace(f"/{recording.gate.token}", ""), right, "Token"),
+    ):
+        status, text, _ = ask(recording, "POST", path, body, **headers)
+        assert (status, text.split(":")[0]) == (403, why), (path, headers, text)
+    assert recording.session() is None
+    assert ask(recording, "POST", good, body, **right)[0] == 204
+    session = recording.session()
+    assert session is not None and len(session) == 1
+
+
+def test_the_cookie_reads_files_and_sends_nothing(recording: RecordingServer) -> None:
+    assert ask(recording, "GET", "/beside.js")[0] == 403
+    status, text, headers = ask(recording, "GET", f"/{recording.gate.token}/recorded.html")
+    assert status == 200
+    assert text.index("recorder.js") < text.index("const FRAMES")
+    cookie = headers["Set-Cookie"]
+    assert "HttpOnly" in cookie and "SameSite=Strict" in cookie
+    assert recording.gate.token not in cookie
+    pair = cookie.split(";")[0]
+    assert ask(recording, "GET", "/beside.js", Cookie=pair)[0] == 200
+    assert ask(recording, "GET", "/beside.js", Cookie=f"{pair}x")[0] == 403
+    assert ask(recording, "GET", "/beside.js", Cookie=pair, Host="evil.example")[0] == 403
+    sent = part(recording).replace(f"/{recording.gate.token}", "")
+    body = (HEADER + FRAME).encode()
+    headers = {"Origin": own(recording), "Host": f"localhost:{recording.port}"}
+    assert ask(recording, "POST", sent, body, Cookie=pair, **headers)[0] == 403
+
+
+def test_files_outside_the_folder_and_hidden_ones_are_not_served(tmp_path: Path) -> None:
+    folder = tmp_path / "page"
+    folder.mkdir()
+    (folder / "index.html").write_text("<p>hello")
+    (folder / ".env").write_text("secret")
+    (tmp_path / "outside.txt").write_text("secret")
+    (folder / "link.txt").symlink_to(tmp_path / "outside.txt")
+    with closing(RecordingServer(folder, 1)) as made, made.running():
+        token = f"/{made.gate.token}"
+        assert "recorder.js" in ask(made, "GET", f"{token}/")[1]
+        for path in ("/.env", "/%2eenv", "/../outside.txt", "/..%2foutside.txt", "/link.txt"):
+            status, text, _ = ask(made, "GET", token + path)
+            assert (status, "secret" in text) == (404, False), path
+
+
+def test_sizes_and_rates_are_bounded(
+    recording: RecordingServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    headers = {"Origin": own(recording), "Host": f"localhost:{recording.port}"}
+    url = part(recording)
+    connection = http.client.HTTPConnection("127.0.0.1", recording.port, timeout=10.0)
+    connection.putrequest("POST", url, skip_host=True)
+    for name, value in headers.items():
+        connection.putheader(name, value)
+    connection.putheader("Content-Length", str(MAX_PART_BYTES + 1))
+    connection.endheaders()
+    assert connection.getresponse().status == 413  # before any of it was sent
+    connection.close()
+    assert ask(recording, "POST", url.replace("part=0", "part=x"), b"1", **headers)[0] == 400
+    monkeypatch.setattr(parts, "MAX_BYTES", 100)
+    assert ask(recording, "POST", url, b" " * 101, **headers)[0] == 413
+    assert ask(recording, "POST", url, b" " * 99, **headers)[0] == 204
+    assert ask(recording, "POST", part(recording, 1), b"  ", **headers)[0] == 413
+    other = part(recording, 1, session="1" * 32)
+    assert ask(recording, "POST", other, b" ", **headers)[0] == 409
+    monkeypatch.setattr(parts, "PARTS_PER_SECOND", 0.0)
+    found = [ask(recording, "POST", part(recording, 1), b" ", **headers)[0] for _ in range(41)]
+    assert found[-1] == 429
+
+
+def test_many_connections_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "MAX_CONNECTIONS", 2)
+    with closing(RecordingServer(PAGES / "recorded.html", 1)) as made, made.running():
+        held = [socket.create_connection(("127.0.0.1", made.port)) for _ in range(2)]
+        with pytest.raises((http.client.HTTPException, OSError)):
+            for _ in range(3):  # the two above are accepted at some time
+                ask(made, "GET", f"/{made.gate.token}/")
+        for each in held:
+            each.close()
+
+
+def test_parts_come_in_any_order_and_twice() -> None:
+    kept = Parts()
+    lines = [HEADER, FRAME, FRAME.replace('"t":0', '"t":5')]
+    for number in (2, 0, 0):
+        kept.take(f"session={ONE}&part={number}&last={int(number == 2)}", lines[number].encode())
+    assert not kept.complete.is_set()
+    early = kept.session()
+    assert early is not None and early.time_ns.tolist() == [5]
+    assert "1 part of the session did not arrive" in early.notes
+    kept.take(f"session={ONE}&part=1&last=0", lines[1].encode())
+    assert kept.complete.is_set()
+    session = kept.session()
+    assert session is not None and session.time_ns.tolist() == [0, 5]
+    with pytest.raises(RefusedPart, match="no more parts"):
+        kept.take(f"session={ONE}&part=3&last=0", b"")
+    kept.close()
+
+
+def test_what_is_no_session_is_refused_in_one_sentence() -> None:
+    kept = Parts()
+    kept.take(f"session={ONE}&part=0&last=1", json.dumps({"format": "other"}).encode())
+    with pytest.raises(InputError, match=r"session\.jsonl"):
+        kept.session()
+    kept.close()
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl")
+def test_the_local_network_is_served_over_https(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "local_address", lambda: "127.0.0.2")
+    with closing(RecordingServer(PAGES / "recorded.html", 1, lan=True)) as made, made.running():
+        at = urlsplit(made.address)
+        assert (at.scheme, at.hostname) == ("https", "127.0.0.2")
+        context = ssl.create_default_context()
+        context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+        connection = http.client.HTTPSConnection(
+            "127.0.0.2", made.port, timeout=10.0, context=context
+        )
+        connection.connect()
+        given = connection.sock.getpeercert(binary_form=True)
+        print_of = hashlib.sha256(given).hexdigest()
+        assert made.fingerprint.replace(":", "").lower() == print_of
+        connection.request("GET", at.path)
+        assert b"recorder.js" in connection.getresponse().read()
+        body, origin = (HEADER + FRAME).encode(), f"https://127.0.0.2:{made.port}"
+        connection.request("POST", part(made), body, {"Origin": origin})
+        assert connection.getresponse().status == 204
+        connection.close()
+
+
+def test_without_openssl_the_error_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(certificate.shutil, "which", lambda name: None)
+    with pytest.raises(InputError, match="openssl on the PATH"):
+        certificate.self_signed("127.0.0.1")
+
+
+@pytest.mark.parametrize(
+    ("document", "before"),
+    [
+        (b"<!doctype html><html lang=en><head><title>", b"<!doctype html><html lang=en><head>"),
+        (b"\xef\xbb\xbf<!-- <head> -->\n<script>1</script>", b"\xef\xbb\xbf<!-- <head> -->\n"),
+        (b"<header>hello", b""),
+        (b"<HTML>\n<HEAD ><script>", b"<HTML>\n<HEAD >"),
+        (b"", b""),
+    ],
+)
+def test_the_recorder_comes_first(document: bytes, before: bytes) -> None:
+    rest = document.removeprefix(before)
+    assert with_script(document, "/a.js") == before + b'<script src="/a.js"></script>' + rest
+
+
+def test_a_port_that_is_taken_is_named(recording: RecordingServer) -> None:
+    with pytest.raises(InputError, match=f"--port.*{recording.port}"):
+        RecordingServer(PAGES / "recorded.html", 1, port=recording.port)
+
+
+# --- an emulated headset -------------------------------------------------------------------------
+
+DRIVE = """
+const device = window.device = new IWER.XRDevice(IWER.metaQuest3);
+device.installRuntime({ forceInstall: true }); // Chromium has a WebXR of its own, without headset
+window.fed = [];
+window.drive = () => {
+  const at = { x: 0.2, y: 1, z: -0.2 };
+  setInterval(() => {
+    for (const axis of 'xyz') at[axis] += 0.15 * (app.target[axis] - at[axis]);
+    const { right, left } = device.controllers;
+    fed.push([at.x, at.y, at.z]);
+    right.position.set(at.x, at.y, at.z);
+    left.position.set(-0.3, 0.9 + 0.1 * Math.sin(at.x), -0.2);
+    right.updateButtonValue('trigger', Math.abs(Math.sin(performance.now() / 200)));
+    if (app.score >= 6) device.activeSession?.end();
+  }, 10);
+};
+"""
+IWER = ENGINES / "iwer@2.5.0" / "build" / "iwer.js"
+
+
+@NEEDS_BROWSER
+@pytest.mark.skipif(not IWER.is_file(), reason="no IWER; docs/examples/webxr/engines.sh gets it")
+def test_a_round_in_an_emulated_headset_replays_the_same(tmp_path: Path) -> None:
+    for file in (PAGES / "boxes.js", IWER):
+        shutil.copy(file, tmp_path)
+    (tmp_path / "drive.js").write_text(DRIVE)
+    text = (PAGES / "touch.html").read_text()
+    scripts = '<script src="iwer.js"></script><script src="drive.js"></script>'
+    (tmp_path / "touch.html").write_text(text.replace("<title>", f"{scripts}<title>"))
+    with (
+        closing(RecordingServer(tmp_path / "touch.html", SEED)) as made,
+        made.running(),
+        Page(60.0, served=True) as page,
+    ):
+        page.open(made.address, 800)
+        page.wait_for("!!document.querySelector('button')")
+        page.value("document.querySelector('button').click()")
+        page.wait_for("!!device.activeSession")
+        page.value("drive()")
+        assert made.wait(60.0)
+        fed = np.array(page.value("fed"))
+        score = page.value("app.score")
+        session = made.session()
+    assert session is not None and session.right is not None
+    assert (session.headset, session.rate_hz) == ("Quest 3", 90)
+    rays = session.right.ray()[:, :3] * [1, 1, -1]  # IWER is fed with poses of the ray
+    apart = np.abs(rays[:, None] - fed).max(axis=2)
+    apart = apart[int(np.argmax(apart.min(axis=1) < 1e-6)) :]
+    assert len(apart) > len(rays) / 2
+    assert apart.min(axis=1).max() < 1e-6  # every pose is one that was fed ...
+    assert (np.diff(apart.argmin(axis=1)) >= 0).all()  # ... in that order
+    assert session.right.inputs is not None and np.ptp(session.right.inputs[:, 0]) > 0.5
+
+    settings = {"transport": "webxr", "page": str(PAGES / "touch.html")}
+    replayed = replay_session(session, app=settings)
+    assert [event.kind for event in session.events] == ["haptic"] * score
+    assert replayed.comparison.same and replayed.comparison.same_frame == score >= 6

@@ -92,6 +92,11 @@ class Linkage:
         posture = np.array([body.reset_rule.posture.get(joint, 0.0) for joint in self.joints])
         self.rest: FloatArray = np.clip(posture, *self.limits.T)
 
+    def take(self, rows: NDArray[np.integer]) -> Linkage:
+        """Return the linkage of these rows of postures: itself, as all rows are of one body."""
+        del rows
+        return self
+
     def _driver(self, joint: str) -> str:
         """The independent joint that a joint follows, itself included; empty for none."""
         while joint in self._couplings:
@@ -132,22 +137,30 @@ class Linkage:
         """Where the point is; notes of each joint its column, axis and anchor (None: a slide)."""
         origin, turn = np.zeros((len(q), 3)), np.broadcast_to(np.eye(3), (len(q), 3, 3))
         for link in self._links:
-            origin = origin + turn @ link.position
+            origin = origin + _turned(turn, link.position)
             turn = turn @ link.rotation
             for joint in link.joints:
                 angle, slope, column = self._angle(joint.name, q)
                 axis = turn @ joint.axis
                 moved = angle - joint.start
-                anchor = origin + turn @ joint.anchor
+                anchor = origin + _turned(turn, joint.anchor)
                 if joint.hinge:
                     turn = turn @ _rotations(joint.axis, moved)
-                    origin = anchor - turn @ joint.anchor
+                    origin = anchor - _turned(turn, joint.anchor)
                 else:
                     origin = origin + axis * moved[:, None]
                 if column is not None:
                     weighted = axis * slope[:, None]
                     moves.append((column, weighted, anchor if joint.hinge else None))
-        return origin + turn @ self._tail
+        return origin + _turned(turn, self._tail)
+
+
+def _turned(turn: FloatArray, vector: FloatArray) -> FloatArray:
+    """(B, 3) a vector (3,), or one a row (B, 3), turned by (B, 3, 3)."""
+    if vector.ndim == 1:
+        found: FloatArray = turn @ vector
+        return found
+    return np.einsum("bij,bj->bi", turn, vector)
 
 
 def _rotations(axis: FloatArray, angle: FloatArray) -> FloatArray:

@@ -147,6 +147,7 @@ def hold_posture(
     strength: Strength,
     *,
     limits_bear: bool = False,
+    muscle_strength: float = 1.0,
 ) -> Held:
     """Hold a posture with one arm.
 
@@ -157,13 +158,14 @@ def hold_posture(
         load_kg: Mass in the hand, beside the controller's.
         strength: For the published strength of the shoulder.
         limits_bear: Whether a joint at its limit rests there, without muscles.
+        muscle_strength: Factor on the forces of the body's muscles beyond those at rest.
     """
     model = body.physics_model
     qpos, still = body.coupled_qpos(angles), np.zeros(model.nv)
     load = ArmDynamics(model, arm).load(qpos, still, still, held_kg=load_kg)
     maximum = strength.shoulder_torque(load.shoulder_deg, load.elbow_deg)
     corrected = load.torque + nicer_correction(load.shoulder_deg, load.elbow_deg)
-    balance = _Balance(body, arm, angles, load_kg, limits_bear)
+    balance = _Balance(body, arm, angles, load_kg, limits_bear, muscle_strength)
     own: float | None = float(load.torque / maximum)
     activations: dict[str, float] = {}
     if balance.muscles:
@@ -196,7 +198,13 @@ class _Balance:
     """
 
     def __init__(
-        self, body: Body, arm: Arm, angles: FloatArray, load_kg: float, limits_bear: bool = False
+        self,
+        body: Body,
+        arm: Arm,
+        angles: FloatArray,
+        load_kg: float,
+        limits_bear: bool,
+        strength: float,
     ) -> None:
         model, data = body.physics_model, mujoco.MjData(body.physics_model)
         data.qpos[:] = body.coupled_qpos(angles)
@@ -210,7 +218,8 @@ class _Balance:
             needed = needed - load_kg * model.opt.gravity @ push
         passive = _actuated(model, data)
         columns = {
-            name: slope.T @ (_actuated(model, data, int(model.actuator(name).actadr[0])) - passive)
+            name: strength
+            * (slope.T @ (_actuated(model, data, int(model.actuator(name).actadr[0])) - passive))
             for name in body.muscles
         }
         linkage = Linkage(body, Point(arm.device)).joints

@@ -16,7 +16,9 @@ from sim2vr_harness.users.people import TRAITS
 
 __all__ = [
     "FEWEST",
+    "GROUPS",
     "LIMITATIONS",
+    "MODEL",
     "NONE",
     "Group",
     "Limitation",
@@ -28,6 +30,16 @@ __all__ = [
 MODEL = "mobl_arms_wrist"
 FEWEST = 30
 """Persons without whom a group is not judged."""
+_BANDS = (("below P25", 0.0, 25.0), ("P25 to P75", 25.0, 75.0), ("above P75", 75.0, 101.0))
+GROUPS = (
+    *(
+        name
+        for sex in ("women", "men")
+        for name in (sex, *(f"{sex}, stature {band}" for band, _, _ in _BANDS))
+    ),
+    "left-handed",
+)
+"""Of the sampled persons; stature by percentile of the same sex."""
 LEFT_HANDED = 0.106
 STRENGTH = 1.28
 """Median factor on the published arm's peak forces, as in the shipped populations."""
@@ -144,15 +156,14 @@ class Group:
 
 
 def groups_of(subjects: list[Subject]) -> list[Group]:
-    """Return the groups that sex, stature and handedness make; empty ones are left out."""
-    bands = (("below P25", 0.0, 25.0), ("P25 to P75", 25.0, 75.0), ("above P75", 75.0, 101.0))
-    groups: list[tuple[str, list[int]]] = []
-    for sex, man in (("women", False), ("men", True)):
+    """Return the groups that sex, stature and handedness make, as :data:`GROUPS` names them."""
+    members: list[list[int]] = []
+    for man in (False, True):
         own = [i for i, each in enumerate(subjects) if each.man == man]
-        groups.append((sex, own))
-        groups += [
-            (f"{sex}, stature {name}", [i for i in own if low <= subjects[i].percentile < high])
-            for name, low, high in bands
+        members.append(own)
+        members += [
+            [i for i in own if low <= subjects[i].percentile < high] for _, low, high in _BANDS
         ]
-    groups.append(("left-handed", [i for i, each in enumerate(subjects) if each.mirrored]))
-    return [Group(name, np.array(members, dtype=np.int64)) for name, members in groups if members]
+    members.append([i for i, each in enumerate(subjects) if each.mirrored])
+    pairs = zip(GROUPS, members, strict=True)
+    return [Group(name, np.array(who, dtype=np.int64)) for name, who in pairs]

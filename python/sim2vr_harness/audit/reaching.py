@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sim2vr_harness.audit.population import EYE_HEIGHT_STANDING, Limitation, Stance, Subject
-from sim2vr_harness.client.frames import AIM_DIRECTION
+from sim2vr_harness.client.frames import AIM_DIRECTION, position_to_app
 from sim2vr_harness.users import AVERAGE
 from sim2vr_harness.users.exertion import ArmDynamics, arm_loads, arms_of
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
@@ -132,6 +132,14 @@ class Crowd:
     def lifted(self, persons: Ints) -> FloatArray:
         """(B, 3) the floor of the bodies of persons, MuJoCo's world, m."""
         return np.stack([0.0 * self.lift_m, 0.0 * self.lift_m, self.lift_m], axis=1)[persons]
+
+    def landmarks(self, person: int) -> FloatArray:
+        """(3, 3) eyes and both shoulders of a person: right, up, ahead, m."""
+        body = self.subjects[person].body
+        shoulder = Linkage(body, Point(arms_of(body)[0].upper_arm))
+        right = shoulder.place(np.zeros((1, len(shoulder.joints))))[0]
+        right[2] += self.lift_m[person]
+        return position_to_app([self.heads[person], right, right * MIRROR])
 
     def solve(self, rows: Rows) -> Solved:
         """Bring hands, or rays, to places."""

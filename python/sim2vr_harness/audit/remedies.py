@@ -1,0 +1,185 @@
+"""What would include 95 % of people: the smallest shift of a target, or another way to use it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from sim2vr_harness.audit.judging import (
+    Judged,
+    hold_any,
+    places_of,
+    reach_either,
+    seen,
+)
+from sim2vr_harness.audit.population import Limitation
+from sim2vr_harness.audit.reaching import Bools, Crowd, FloatArray, Ints
+from sim2vr_harness.audit.targets import AuditTarget
+from sim2vr_harness.client.frames import position_to_mujoco
+
+__all__ = ["GOAL", "Remedy", "remedy", "usable_at"]
+
+GOAL = 0.95
+_SAMPLE = 40
+"""Persons on whom shifts are searched; all persons confirm the one that is found."""
+_STEP_M, _FARTHEST_M = 0.02, 2.0
+_LOADS_KG = (10.0, 7.5, 5.0, 4.0, 3.0, 2.0, 1.5, 1.0, 0.5, 0.0)
+_TIMES_S = (600.0, 300.0, 120.0, 60.0, 30.0, 15.0, 10.0, 5.0, 2.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """What includes more people.
+
+    Attributes:
+        shift_m: (3,) right, up, ahead, after which at least 95 % can use the target; None: no shift
+            up to 2 m does.
+        share: Of people who can use it then.
+        ray: Share who can use it where it is, by a ray; None: not looked for.
+        one_hand: Share who can use it with either hand; None: it takes one hand as it is.
+        load_kg: Largest load that 95 % hold there; None: not looked for, or none.
+        hold_s: Longest time that 95 % hold there; None: not looked for, or none.
+    """
+
+    shift_m: FloatArray | None
+    share: float
+    ray: float | None = None
+    one_hand: float | None = None
+    load_kg: float | None = None
+    hold_s: float | None = None
+
+
+def usable_at(
+    crowd: Crowd,
+    target: AuditTarget,
+    persons: Ints,
+    places: FloatArray,
+    limitation: Limitation,
+    *,
+    hold: bool = True,
+) -> Bools:
+    """Return (B,) whether persons can use a target at places (B, 3), MuJoCo's world, m.
+
+    ``hold``: whether they have to hold the posture, too.
+    """
+    usable = seen(crowd, persons, places)
+    rows = np.flatnonzero(usable)
+    if target.how == "look" or not len(rows):
+        return usable
+    solved, reached, _ = reach_either(crowd, target, persons[rows], places[rows])
+    usable[rows] = reached
+    if hold:
+        for i in np.flatnonzero(reached).tolist():
+            subject = crowd.subjects[int(persons[rows[i]])]
+            postures = solved.angles[i][solved.found[i]]
+            usable[rows[i]] = hold_any(subject, postures, target, limitation)[1]
+    return usable
+
+
+def remedy(crowd: Crowd, target: AuditTarget, judged: Judged, column: int) -> Remedy:
+    """Search for what would include 95 % of a crowd."""
+    limitation = judged.limitation
+    everyone = np.arange(len(crowd.subjects))
+    here = places_of(crowd, target, everyone)
+
+    def share(changed: AuditTarget) -> float:
+        return float(usable_at(crowd, changed, everyone, here, limitation).mean())
+
+    shift, after = _shift(crowd, target, judged, column)
+    reached = judged.reached[:, column]
+    unseen = judged.seen[:, column].mean() < GOAL
+    by_hand = target.how in ("touch", "press")
+    ray = share(replace(target, how="point")) if by_hand and reached.mean() < GOAL else None
+    one = share(replace(target, hand="either")) if target.hand == "both" else None
+    load_kg = hold_s = None
+    if not unseen and reached.mean() >= GOAL > judged.held[:, column].mean():
+        load_kg = next(
+            (
+                kg
+                for kg in _LOADS_KG
+                if kg < target.load_kg and share(replace(target, load_kg=kg)) >= GOAL
+            ),
+            None,
+        )
+        minutes = np.where(judged.share[:, column] <= 1.0, judged.minutes["3CC-r, shoulder"][:, column], 0.0)
+        times = (60.0 * np.nan_to_num(minutes)).tolist()
+        hold_s = next(
+            (
+                s
+                for s in _TIMES_S
+                if s < target.hold_s and np.mean([time >= s for time in times]) >= GOAL
+            ),
+            None,
+        )
+    return Remedy(shift, after, ray, one, load_kg, hold_s)
+
+
+def _shift(
+    crowd: Crowd, target: AuditTarget, judged: Judged, column: int
+) -> tuple[FloatArray | None, float]:
+    """Return the smallest shift found that includes 95 %, and the share that it includes."""
+    everyone = np.arange(len(crowd.subjects))
+    sample = everyone[:_SAMPLE]
+    here = places_of(crowd, target, everyone)
+    directions = _directions(judged, column)
+    # Nobody gets there by a shift below the own gap: 95 % need at least that quantile.
+    gaps = np.linalg.norm(judged.needed_m[:, column], axis=1)
+    gaps = np.where(judged.reached[:, column], 0.0, gaps)
+    metres = max(float(np.quantile(gaps[sample], GOAL, method="lower")), 0.01)
+    limitation = judged.limitation
+    while metres <= _FARTHEST_M:
+        for direction in _promising(crowd, target, sample, here, directions * metres):
+            shift, after = _confirmed(crowd, target, here, direction, limitation)
+            if shift is not None:
+                return shift, after
+        metres += _STEP_M if metres < 0.5 else 2.0 * _STEP_M
+    return None, float(judged.usable[:, column].mean())
+
+
+def _directions(judged: Judged, column: int) -> FloatArray:
+    """(D, 3) unit vectors: along axes and between them, and the mean of what persons need."""
+    steps = np.array([each for each in product((-1.0, 0.0, 1.0), repeat=3) if any(each)])
+    needed = judged.needed_m[~judged.reached[:, column], column]
+    mean = needed.mean(axis=0) if len(needed) else np.zeros(3)
+    if np.linalg.norm(mean) > 1e-3:
+        steps = np.concatenate([mean[None], steps])
+    return steps / np.linalg.norm(steps, axis=1, keepdims=True)
+
+
+def _promising(
+    crowd: Crowd, target: AuditTarget, sample: Ints, here: FloatArray, shifts: FloatArray
+) -> list[FloatArray]:
+    """Return the shifts (D, 3) with which enough of a sample see and reach, the best first."""
+    persons = np.tile(sample, len(shifts))
+    moved = position_to_mujoco(np.repeat(shifts, len(sample), axis=0))
+    places = here[persons] + moved
+    in_view = seen(crowd, persons, places).reshape(len(shifts), -1).mean(axis=1) >= GOAL
+    rows = np.flatnonzero(np.repeat(in_view, len(sample)))
+    usable = np.zeros(len(persons), dtype=bool)
+    if len(rows):
+        usable[rows] = usable_at(
+            crowd, target, persons[rows], places[rows], _ANY, hold=False
+        )
+    shares = usable.reshape(len(shifts), -1).mean(axis=1)
+    order = sorted(np.flatnonzero(shares >= GOAL).tolist(), key=lambda i: -shares[i])
+    return [shifts[i] for i in order[:_CONFIRMED]]
+
+
+_ANY = Limitation("any")
+_CONFIRMED = 2
+"""Directions of a length that all persons try."""
+
+
+def _confirmed(
+    crowd: Crowd, target: AuditTarget, here: FloatArray, shift: FloatArray, limitation: Limitation
+) -> tuple[FloatArray | None, float]:
+    """Return the shift if 95 % of all persons can use the target there, holding included."""
+    everyone = np.arange(len(here))
+    for persons in (everyone[:_SAMPLE], everyone):
+        places = here[persons] + position_to_mujoco(shift)
+        share = float(usable_at(crowd, target, persons, places, limitation).mean())
+        if share < GOAL:
+            return None, share
+    return shift, share

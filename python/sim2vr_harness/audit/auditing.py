@@ -75,6 +75,4 @@ def run(
     middle = order[people // 2]
     landmarks = crowd.landmarks(middle)
     groups = groups_of(subjects)
-    return Audit(
-        title, seed, stance, targets, judged, groups, limited, remedies, middle, landmarks
-    )
+    return Audit(title, seed, stance, targets, judged, groups, limited, remedies, middle, landmarks)

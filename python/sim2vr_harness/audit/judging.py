@@ -89,16 +89,16 @@ def seen(crowd: Crowd, persons: Ints, places: FloatArray) -> Bools:
 
 
 def reach_either(
-    crowd: Crowd, target: AuditTarget, persons: Ints, places: FloatArray
+    crowd: Crowd, target: AuditTarget, persons: Ints, places: FloatArray, *, quick: bool = False
 ) -> tuple[Solved, Bools, Bools]:
-    """Reach places with the hands that a target takes.
+    """Reach places with the hands that a target takes; ``quick``: see :class:`.Rows`.
 
     Returns:
         The posture that counts, whether all hands that are needed reach, and whether one does.
     """
     left_handed = np.array([crowd.subjects[i].mirrored for i in persons.tolist()], dtype=bool)
     close = np.full(len(persons), max(target.radius_m, CLOSE_M))
-    rows = Rows(persons, left_handed, places, close, target.how == "point")
+    rows = Rows(persons, left_handed, places, close, target.how == "point", quick)
     best = crowd.solve(rows)
     one = best.reached.copy()
     if target.hand == "preferred" or (crowd.one_hand and target.hand == "either"):
@@ -106,10 +106,14 @@ def reach_either(
     if crowd.one_hand:
         return best, np.zeros_like(one), one
     both = target.hand == "both"
-    again = np.arange(len(persons)) if both else np.flatnonzero(~best.reached | best.leans)
+    again = (
+        np.arange(len(persons))
+        if both
+        else np.flatnonzero(~best.reached | (best.leans & (not quick)))
+    )
     if not len(again):
         return best, one, one
-    other = crowd.solve(Rows(persons, ~left_handed, places, close, rows.points).take(again))
+    other = crowd.solve(Rows(persons, ~left_handed, places, close, rows.points, quick).take(again))
     reached = one.copy()
     reached[again] = one[again] & other.reached if both else one[again] | other.reached
     one[again] |= other.reached

@@ -33,8 +33,10 @@ MIRROR = np.array([1.0, -1.0, 1.0])
 _DEVICE = "controller_right"
 _TRUNK = "trunk_"
 _SAMPLES = 4000
-_EASY_STARTS, _STARTS = 3, 2
+_EASY_STARTS, _STARTS = 2, 2
 """With a straight wrist, and with any."""
+_QUICK_STARTS = 2
+_ITERATIONS = 25
 _KEPT = 4
 """Postures of a row that are kept."""
 _SEED = 1
@@ -56,6 +58,7 @@ class Rows:
         places: (B, 3) MuJoCo's world, m.
         close_m: (B,) how near is enough.
         points: whether a ray has to get there, not the hand.
+        quick: whether only to find out who gets there, not how easily: fewer postures are tried.
     """
 
     persons: Ints
@@ -63,6 +66,7 @@ class Rows:
     places: FloatArray
     close_m: FloatArray
     points: bool = False
+    quick: bool = False
 
     def take(self, chosen: Ints) -> Rows:
         """Return some of the rows."""
@@ -72,6 +76,7 @@ class Rows:
             self.places[chosen],
             self.close_m[chosen],
             self.points,
+            self.quick,
         )
 
 
@@ -148,7 +153,7 @@ class Crowd:
         local = (rows.places - lift) * np.where(rows.mirrored[:, None], MIRROR, 1.0)
         stack = self._stack(rows.points)
         found = _Best(count, len(stack.joints))
-        for trunk in (False, True):
+        for trunk in (True,) if rows.quick else (False, True):
             left = np.flatnonzero(found.gap[:, 0] > 0.0)
             if not len(left):
                 break
@@ -156,10 +161,17 @@ class Crowd:
             starts = self._starts(part, local[left], trunk)
             bodies = stack.take(part.persons)
             bodies = bodies if trunk else bodies.with_limits(_upright(bodies))
-            for start in starts:
-                q, gap = solve(bodies, local[left], start, iterations=40, close_m=2e-4)
+            for start in starts[: _QUICK_STARTS if rows.quick else None]:
+                if rows.quick:
+                    left = np.flatnonzero(found.gap[:, 0] > 0.0)
+                    part, start = rows.take(left), start[left]
+                    bodies = stack.take(part.persons)
+                    if not len(left):
+                        break
+                q, gap = solve(bodies, local[left], start, iterations=_ITERATIONS, close_m=2e-4)
                 gap = np.where(gap <= np.maximum(CLOSE_M, part.close_m), 0.0, gap)
-                cost = self._cost(part.persons, stack, q, gap == 0.0)
+                there = (gap == 0.0) & (not rows.quick)
+                cost = self._cost(part.persons, stack, q, there)
                 found.offer(left, q, gap, cost, leans=trunk)
         nearest = stack.take(rows.persons).place(found.q[:, 0])
         nearest = nearest * np.where(rows.mirrored[:, None], MIRROR, 1.0) + lift
@@ -171,9 +183,7 @@ class Crowd:
             ahead = Point(_DEVICE, (float(AIM_DIRECTION[0]), 0.0, float(AIM_DIRECTION[2])))
             rays = [Linkage(each.body, ahead) for each in self.subjects] if points else None
             stack = StackedLinkage(self._hands, rays)
-            self._stacks[points] = stack.with_limits(
-                _narrowed(stack, self._limitation.limits_deg)
-            )
+            self._stacks[points] = stack.with_limits(_narrowed(stack, self._limitation.limits_deg))
         return self._stacks[points]
 
     def _starts(self, rows: Rows, local: FloatArray, trunk: bool) -> FloatArray:

@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 
 from sim2vr_harness.audit.judging import (
+    MODELS,
     Judged,
     hold_any,
     places_of,
@@ -22,9 +23,9 @@ from sim2vr_harness.client.frames import position_to_mujoco
 __all__ = ["GOAL", "Remedy", "remedy", "usable_at"]
 
 GOAL = 0.95
-_SAMPLE = 40
+_SAMPLE = 20
 """Persons on whom shifts are searched; all persons confirm the one that is found."""
-_STEP_M, _FARTHEST_M = 0.02, 2.0
+_STEP_M, _STEP_SHARE, _FARTHEST_M = 0.02, 0.15, 1.5
 _LOADS_KG = (10.0, 7.5, 5.0, 4.0, 3.0, 2.0, 1.5, 1.0, 0.5, 0.0)
 _TIMES_S = (600.0, 300.0, 120.0, 60.0, 30.0, 15.0, 10.0, 5.0, 2.0, 1.0)
 
@@ -35,7 +36,7 @@ class Remedy:
 
     Attributes:
         shift_m: (3,) right, up, ahead, after which at least 95 % can use the target; None: no shift
-            up to 2 m does.
+            up to 1.5 m does.
         share: Of people who can use it then.
         ray: Share who can use it where it is, by a ray; None: not looked for.
         one_hand: Share who can use it with either hand; None: it takes one hand as it is.
@@ -68,7 +69,7 @@ def usable_at(
     rows = np.flatnonzero(usable)
     if target.how == "look" or not len(rows):
         return usable
-    solved, reached, _ = reach_either(crowd, target, persons[rows], places[rows])
+    solved, reached, _ = reach_either(crowd, target, persons[rows], places[rows], quick=not hold)
     usable[rows] = reached
     if hold:
         for i in np.flatnonzero(reached).tolist():
@@ -80,40 +81,52 @@ def usable_at(
 
 def remedy(crowd: Crowd, target: AuditTarget, judged: Judged, column: int) -> Remedy:
     """Search for what would include 95 % of a crowd."""
-    limitation = judged.limitation
     everyone = np.arange(len(crowd.subjects))
     here = places_of(crowd, target, everyone)
 
     def share(changed: AuditTarget) -> float:
-        return float(usable_at(crowd, changed, everyone, here, limitation).mean())
+        return float(usable_at(crowd, changed, everyone, here, judged.limitation).mean())
 
-    shift, after = _shift(crowd, target, judged, column)
-    reached = judged.reached[:, column]
-    unseen = judged.seen[:, column].mean() < GOAL
+    reached = judged.reached[:, column].mean() >= GOAL
+    tires = reached and judged.seen[:, column].mean() >= GOAL
     by_hand = target.how in ("touch", "press")
-    ray = share(replace(target, how="point")) if by_hand and reached.mean() < GOAL else None
+    ray = share(replace(target, how="point")) if by_hand and not reached else None
     one = share(replace(target, hand="either")) if target.hand == "both" else None
-    load_kg = hold_s = None
-    if not unseen and reached.mean() >= GOAL > judged.held[:, column].mean():
-        load_kg = next(
-            (
-                kg
-                for kg in _LOADS_KG
-                if kg < target.load_kg and share(replace(target, load_kg=kg)) >= GOAL
-            ),
-            None,
-        )
-        minutes = np.where(judged.share[:, column] <= 1.0, judged.minutes["3CC-r, shoulder"][:, column], 0.0)
-        times = (60.0 * np.nan_to_num(minutes)).tolist()
-        hold_s = next(
-            (
-                s
-                for s in _TIMES_S
-                if s < target.hold_s and np.mean([time >= s for time in times]) >= GOAL
-            ),
-            None,
-        )
+    load_kg = _load(crowd, target, here, judged.limitation) if tires else None
+    hold_s = _time(target, judged, column) if tires and load_kg is None else None
+    shift, after = None, float(judged.usable[:, column].mean())
+    if load_kg is None and hold_s is None:
+        shift, after = _shift(crowd, target, judged, column)
     return Remedy(shift, after, ray, one, load_kg, hold_s)
+
+
+def _load(
+    crowd: Crowd, target: AuditTarget, here: FloatArray, limitation: Limitation
+) -> float | None:
+    """Return the largest of some loads that 95 % hold, below the target's own."""
+    everyone = np.arange(len(here))
+    solved, _, _ = reach_either(crowd, target, everyone, here)
+    for kg in (each for each in _LOADS_KG if each < target.load_kg):
+        lighter = replace(target, load_kg=kg)
+        held = [
+            solved.found[i, 0]
+            and hold_any(crowd.subjects[i], solved.angles[i][solved.found[i]], lighter, limitation)[
+                1
+            ]
+            for i in everyone.tolist()
+        ]
+        if np.mean(held) >= GOAL:
+            return kg
+    return None
+
+
+def _time(target: AuditTarget, judged: Judged, column: int) -> float | None:
+    """Return the longest of some times that 95 % hold, below the target's own."""
+    minutes = judged.minutes[MODELS[0]][:, column]
+    strong = judged.share[:, column] <= 1.0
+    seconds = np.where(strong, 60.0 * np.nan_to_num(minutes, posinf=np.inf), 0.0)
+    shorter = (each for each in _TIMES_S if each < target.hold_s)
+    return next((each for each in shorter if (seconds >= each).mean() >= GOAL), None)
 
 
 def _shift(
@@ -128,19 +141,20 @@ def _shift(
     gaps = np.linalg.norm(judged.needed_m[:, column], axis=1)
     gaps = np.where(judged.reached[:, column], 0.0, gaps)
     metres = max(float(np.quantile(gaps[sample], GOAL, method="lower")), 0.01)
-    limitation = judged.limitation
     while metres <= _FARTHEST_M:
-        for direction in _promising(crowd, target, sample, here, directions * metres):
-            shift, after = _confirmed(crowd, target, here, direction, limitation)
-            if shift is not None:
+        for shift in _promising(crowd, target, sample, here, directions * metres):
+            after = _confirmed(crowd, target, here, shift, judged.limitation)
+            if after >= GOAL:
                 return shift, after
-        metres += _STEP_M if metres < 0.5 else 2.0 * _STEP_M
+        metres += max(_STEP_M, _STEP_SHARE * metres)
     return None, float(judged.usable[:, column].mean())
 
 
 def _directions(judged: Judged, column: int) -> FloatArray:
     """(D, 3) unit vectors: along axes and between them, and the mean of what persons need."""
-    steps = np.array([each for each in product((-1.0, 0.0, 1.0), repeat=3) if any(each)])
+    steps = np.array(
+        [each for each in product((-1.0, 0.0, 1.0), repeat=3) if 0 < sum(map(abs, each)) < 3]
+    )
     needed = judged.needed_m[~judged.reached[:, column], column]
     mean = needed.mean(axis=0) if len(needed) else np.zeros(3)
     if np.linalg.norm(mean) > 1e-3:
@@ -159,9 +173,7 @@ def _promising(
     rows = np.flatnonzero(np.repeat(in_view, len(sample)))
     usable = np.zeros(len(persons), dtype=bool)
     if len(rows):
-        usable[rows] = usable_at(
-            crowd, target, persons[rows], places[rows], _ANY, hold=False
-        )
+        usable[rows] = usable_at(crowd, target, persons[rows], places[rows], _ANY, hold=False)
     shares = usable.reshape(len(shifts), -1).mean(axis=1)
     order = sorted(np.flatnonzero(shares >= GOAL).tolist(), key=lambda i: -shares[i])
     return [shifts[i] for i in order[:_CONFIRMED]]
@@ -174,12 +186,16 @@ _CONFIRMED = 2
 
 def _confirmed(
     crowd: Crowd, target: AuditTarget, here: FloatArray, shift: FloatArray, limitation: Limitation
-) -> tuple[FloatArray | None, float]:
-    """Return the shift if 95 % of all persons can use the target there, holding included."""
-    everyone = np.arange(len(here))
-    for persons in (everyone[:_SAMPLE], everyone):
+) -> float:
+    """Return the share of people who can use the target there, holding included.
+
+    All persons are tried only where a sample can.
+    """
+    share = 0.0
+    for count in (_SAMPLE, len(here)):
+        persons = np.arange(min(count, len(here)))
         places = here[persons] + position_to_mujoco(shift)
         share = float(usable_at(crowd, target, persons, places, limitation).mean())
         if share < GOAL:
-            return None, share
-    return shift, share
+            break
+    return share

@@ -95,7 +95,7 @@ def _advice(target: Mapping[str, Any]) -> str:
     if fix["by_ray"] is not None:
         offers.append(f"let a ray reach it ({100 * fix['by_ray']:.0f} % can)")
     if not offers:
-        return "No shift of up to 2 m includes 95 %."
+        return "No shift of up to 1.5 m includes 95 %."
     return f"To include 95 %: {', or '.join(offers)}."
 
 

@@ -61,9 +61,7 @@ _Seconds = Annotated[
     float, typer.Option(help="How long to look at each round of the game.", callback=finite)
 ]
 _People = Annotated[int, typer.Option(metavar="N", help="Persons, 1 to 10,000.")]
-_Stance = Annotated[
-    str, typer.Option(metavar="STANCE", help="Of the persons: seated or standing.")
-]
+_Stance = Annotated[str, typer.Option(metavar="STANCE", help="Of the persons: seated or standing.")]
 _Seed = Annotated[int, typer.Option(help="Other persons for another seed.")]
 _Out = Annotated[Path, typer.Option(help="Folder for the files.", callback=writable_folder)]
 

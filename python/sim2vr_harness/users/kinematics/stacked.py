@@ -96,4 +96,3 @@ def _taken(values: FloatArray, rows: NDArray[np.integer]) -> FloatArray:
 
 def _shape(linkage: Linkage) -> tuple[object, ...]:
     return linkage.joints, tuple(len(link.joints) for link in linkage._links)
-

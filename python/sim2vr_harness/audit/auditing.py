@@ -16,7 +16,7 @@ from sim2vr_harness.audit.population import (
     groups_of,
 )
 from sim2vr_harness.audit.reaching import Crowd
-from sim2vr_harness.audit.remedies import GOAL, remedy
+from sim2vr_harness.audit.remedies import GOAL, Remedy, remedy
 from sim2vr_harness.audit.summary import Audit
 from sim2vr_harness.audit.targets import AuditTarget
 
@@ -64,7 +64,7 @@ def run(
     for limitation in limitations_of(stance):
         say(f"{len(few)} persons, {limitation.name} ...")
         limited.append(judge(Crowd(few, stance, limitation), targets, limitation))
-    remedies = []
+    remedies: list[Remedy | None] = []
     for column, target in enumerate(targets):
         if judged.usable[:, column].mean() >= GOAL:
             remedies.append(None)

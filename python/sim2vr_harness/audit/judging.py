@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from sim2vr_harness.audit.population import Limitation, Subject
 from sim2vr_harness.audit.reaching import Bools, Crowd, FloatArray, Ints, Rows, Solved
@@ -24,6 +23,8 @@ HALF_FIELD_DEG = 45.0
 """Half the field of view of the headset, to every side (as our apps draw it)."""
 MODELS = ("3CC-r, shoulder", "NICER", "Consumed Endurance")
 """Models of exertion in reports; the first decides whether a posture is held long enough."""
+_EASY = 0.25
+"""Share of activation."""
 _TURN, _NOD = "neck_rotation", "neck_flexion"
 _TRUNK_MOTORS = ("trunk_flexion", "trunk_bending", "trunk_rotation")
 
@@ -171,22 +172,22 @@ def judge(crowd: Crowd, targets: Sequence[AuditTarget], limitation: Limitation) 
 def hold_any(
     subject: Subject, postures: FloatArray, target: AuditTarget, limitation: Limitation
 ) -> tuple[list[float], bool]:
-    """Return what :func:`hold` does of the first posture that can be held, or of the best one.
+    """Return what :func:`hold` does of the easiest posture, and whether it can be held.
 
     Args:
         subject: Who holds it.
-        postures: (C, J), at least one.
+        postures: (C, J), at least one; no further one is tried after one that is easily held.
         target: Says how long and with what load.
         limitation: Of the person.
     """
     best: list[float] = []
     for angles in postures:
         load = hold(subject, angles, target.load_kg, limitation)
-        if load[0] <= 1.0 and 60.0 * load[3] >= target.hold_s:
-            return load, True
         if not best or load[0] < best[0]:
             best = load
-    return best, False
+        if best[0] <= _EASY:
+            break
+    return best, bool(best[0] <= 1.0 and 60.0 * best[3] >= target.hold_s)
 
 
 def hold(

@@ -194,13 +194,13 @@ class Crowd:
             starts[:, :, -1] = np.linalg.norm(local - self.heads[rows.persons], axis=1)
             return starts
         scaled = local * (self._sizes[0] / self._sizes[rows.persons, None])
-        starts = []
+        chosen: list[FloatArray] = []
         for straight, count in ((True, _EASY_STARTS), (False, _STARTS)):
             if (trunk, straight) not in self._samples:
                 self._samples[trunk, straight] = _samples(self._hands[0], trunk, straight)
             postures, tree = self._samples[trunk, straight]
-            starts.append(postures[tree.query(scaled, k=count)[1].reshape(len(local), count)])
-        return np.swapaxes(np.concatenate(starts, axis=1), 0, 1)
+            chosen.append(postures[tree.query(scaled, k=count)[1].reshape(len(local), count)])
+        return np.swapaxes(np.concatenate(chosen, axis=1), 0, 1)
 
     def _cost(
         self, persons: Ints, stack: StackedLinkage, q: FloatArray, there: Bools

@@ -25,7 +25,7 @@ __all__ = ["GOAL", "Remedy", "remedy", "usable_at"]
 GOAL = 0.95
 _SAMPLE = 20
 """Persons on whom shifts are searched; all persons confirm the one that is found."""
-_STEP_M, _STEP_SHARE, _FARTHEST_M = 0.02, 0.15, 1.5
+_STEP_M, _STEP_SHARE, _FARTHEST_M = 0.02, 0.08, 1.5
 _LOADS_KG = (10.0, 7.5, 5.0, 4.0, 3.0, 2.0, 1.5, 1.0, 0.5, 0.0)
 _TIMES_S = (600.0, 300.0, 120.0, 60.0, 30.0, 15.0, 10.0, 5.0, 2.0, 1.0)
 
@@ -38,6 +38,7 @@ class Remedy:
         shift_m: (3,) right, up, ahead, after which at least 95 % can use the target; None: no shift
             up to 1.5 m does.
         share: Of people who can use it then.
+        reach_m: (3,) the smallest shift found after which a sample sees and reaches it, held or not.
         ray: Share who can use it where it is, by a ray; None: not looked for.
         one_hand: Share who can use it with either hand; None: it takes one hand as it is.
         load_kg: Largest load that 95 % hold there; None: not looked for, or none.
@@ -46,6 +47,7 @@ class Remedy:
 
     shift_m: FloatArray | None
     share: float
+    reach_m: FloatArray | None = None
     ray: float | None = None
     one_hand: float | None = None
     load_kg: float | None = None
@@ -94,10 +96,10 @@ def remedy(crowd: Crowd, target: AuditTarget, judged: Judged, column: int) -> Re
     one = share(replace(target, hand="either")) if target.hand == "both" else None
     load_kg = _load(crowd, target, here, judged.limitation) if tires else None
     hold_s = _time(target, judged, column) if tires and load_kg is None else None
-    shift, after = None, float(judged.usable[:, column].mean())
+    shift, reach, after = None, None, float(judged.usable[:, column].mean())
     if load_kg is None and hold_s is None:
-        shift, after = _shift(crowd, target, judged, column)
-    return Remedy(shift, after, ray, one, load_kg, hold_s)
+        shift, reach, after = _shift(crowd, target, judged, column)
+    return Remedy(shift, after, reach, ray, one, load_kg, hold_s)
 
 
 def _load(
@@ -131,8 +133,8 @@ def _time(target: AuditTarget, judged: Judged, column: int) -> float | None:
 
 def _shift(
     crowd: Crowd, target: AuditTarget, judged: Judged, column: int
-) -> tuple[FloatArray | None, float]:
-    """Return the smallest shift found that includes 95 %, and the share that it includes."""
+) -> tuple[FloatArray | None, FloatArray | None, float]:
+    """Return the smallest shifts found: use and reach by 95 %; and the share who can then use it."""
     everyone = np.arange(len(crowd.subjects))
     sample = everyone[:_SAMPLE]
     here = places_of(crowd, target, everyone)
@@ -141,13 +143,15 @@ def _shift(
     gaps = np.linalg.norm(judged.needed_m[:, column], axis=1)
     gaps = np.where(judged.reached[:, column], 0.0, gaps)
     metres = max(float(np.quantile(gaps[sample], GOAL, method="lower")), 0.01)
+    reach: FloatArray | None = None
     while metres <= _FARTHEST_M:
         for shift in _promising(crowd, target, sample, here, directions * metres):
+            reach = shift if reach is None else reach
             after = _confirmed(crowd, target, here, shift, judged.limitation)
             if after >= GOAL:
-                return shift, after
+                return shift, reach, after
         metres += max(_STEP_M, _STEP_SHARE * metres)
-    return None, float(judged.usable[:, column].mean())
+    return None, reach, float(judged.usable[:, column].mean())
 
 
 def _directions(judged: Judged, column: int) -> FloatArray:
@@ -180,7 +184,7 @@ def _promising(
 
 
 _ANY = Limitation("any")
-_CONFIRMED = 2
+_CONFIRMED = 6
 """Directions of a length that all persons try."""
 
 

@@ -14,11 +14,11 @@ from sim2vr_harness.audit.judging import MODELS
 from sim2vr_harness.audit.population import FEWEST
 from sim2vr_harness.audit.remedies import GOAL
 from sim2vr_harness.audit.summary import EVERYONE, Audit, plain
-from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.figures.figure import GREY, Bars, Figure, Panel
 from sim2vr_harness.figures.figure import Path as Places
 from sim2vr_harness.figures.html import save_page, table
 from sim2vr_harness.figures.matplotlib_backend import write_figure
+from sim2vr_harness.runs.run_folder import write_atomically
 
 __all__ = ["LIMITS", "findings", "headline", "write"]
 
@@ -31,8 +31,8 @@ LIMITS = (
     "arm. Forces of pressing and grip are not modelled.",
     "Muscles are a man's arm, scaled by body size and strength; raised arms are too weak in this "
     "model. Age, endurance and skill do not vary.",
-    "Persons with limitations are the sampled persons with narrower joint limits, weaker muscles or "
-    "one hand, not patients.",
+    "Persons with limitations are the sampled persons with narrower joint limits, weaker muscles "
+    "or one hand, not patients.",
 )
 """What the model leaves out."""
 
@@ -84,8 +84,10 @@ def _finding(target: Mapping[str, Any]) -> str:
 def _advice(target: Mapping[str, Any]) -> str:
     fix = target["remedy"]
     offers = []
+    if fix["reach_shift"] not in (None, fix["shift"]):
+        offers.append(f"move it {fix['reach_shift']} to be seen and reached")
     if fix["shift"] is not None:
-        offers.append(f"move it {fix['shift']} ({100 * fix['share_after']:.0f} % then)")
+        offers.append(f"move it {fix['shift']} so that {100 * fix['share_after']:.0f} % can use it")
     if fix["load_kg"] is not None:
         offers.append(f"make it no heavier than {fix['load_kg']:g} kg")
     if fix["hold_s"] is not None:
@@ -132,9 +134,9 @@ _GROUPS = (
     "not in the answer above."
 )
 _EXERTION = (
-    "Median (5 % to 95 %) of the persons who reach the target. Activation: least largest activation "
-    "of the shoulder's muscles that holds the posture; above 1 they are too weak. Minutes: until "
-    "exhaustion if the posture is held without a break. NICER's published strength (*) was not "
+    "Median (5 % to 95 %) of the persons who reach the target. Activation: least largest "
+    "activation of the shoulder's muscles that holds the posture; above 1 they are too weak. "
+    "Minutes: until exhaustion if the posture is held without a break. NICER's published strength (*) was not "
     "verified and does not decide who is excluded; the trunk's strength (*) was read second-hand."
 )
 

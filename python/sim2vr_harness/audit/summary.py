@@ -135,8 +135,10 @@ def _target(audit: Audit, column: int) -> dict[str, Any]:
 
 
 def _remedy(fix: Remedy) -> dict[str, Any]:
-    shift = fix.shift_m
+    shift, reach = fix.shift_m, fix.reach_m
     return {
+        "reach_shift_cm": None if reach is None else np.round(100.0 * reach, 1).tolist(),
+        "reach_shift": None if reach is None else shift_words(reach),
         "shift_cm": None if shift is None else np.round(100.0 * shift, 1).tolist(),
         "shift": None if shift is None else shift_words(shift),
         "share_after": round(fix.share, 4),

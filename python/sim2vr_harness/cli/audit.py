@@ -99,7 +99,8 @@ def audit(
     if checked.asked:
         checked.prepare(_planned(cast("Stance", stance)))
     if game is not None:
-        for name in condition or [None]:
+        conditions: list[str | None] = [*condition] if condition else [None]
+        for name in conditions:
             listed += _of_game(game, name, objects, seconds, cast("How", how))
     page = (remote or {}).get("page")
     title = game or (Path(page).name if page else "") or (targets.stem if targets else "")

@@ -34,6 +34,7 @@ BELOW: dict[str, tuple[str, ...]] = {
     "human_comparison": _EVALUATION,
     "studies": _TOP,
     "tools": _TOP,
+    "audit": (*_TOP, "tools"),
     "bench": (*_POLICIES, "training"),
 }
 """What each room may import beside itself; ``cli`` may import all, and nothing imports it."""

@@ -22,6 +22,7 @@ from sim2vr_harness import __version__
 from sim2vr_harness.base.cores import settle_torch
 from sim2vr_harness.base.notices import set_notice
 from sim2vr_harness.cli import (
+    audit,
     bench,
     chart,
     compare,
@@ -159,6 +160,7 @@ app.add("study", study.study, STUDY)
 app.add("report", report_command.report, STUDY)
 app.add("compare", compare.compare, STUDY)
 app.add("track", track.track, ANALYSE)
+app.add("audit", audit.audit, ANALYSE)
 app.add("reach", reach.reach, ANALYSE)
 app.add("rewards", rewards.rewards, ANALYSE)
 app.add("endurance", endurance.endurance, ANALYSE)

@@ -18,6 +18,7 @@ __all__ = [
     "mean_interval",
     "welch_interval",
     "welch_interval_of_moments",
+    "wilson_interval",
 ]
 
 FloatArray = NDArray[np.float64]
@@ -70,6 +71,12 @@ def welch_interval_of_moments(first: Moments, second: Moments) -> tuple[float, f
     df = sum(parts) ** 2 / sum(weights)
     half = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, df)) * math.sqrt(sum(parts))
     return difference - half, difference + half
+
+
+def wilson_interval(successes: int, n: int) -> tuple[float, float]:
+    """Return Wilson's interval of a proportion of n independent units, n >= 1."""
+    found = stats.binomtest(successes, n).proportion_ci(CONFIDENCE, method="wilson")
+    return float(found.low), float(found.high)
 
 
 def hodges_lehmann(steps: FloatArray) -> float:

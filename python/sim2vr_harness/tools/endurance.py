@@ -29,7 +29,7 @@ from sim2vr_harness.users.exertion import (
 )
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 
-__all__ = ["Held", "hold", "posture_of", "who_hold"]
+__all__ = ["Held", "hold", "hold_posture", "posture_of", "who_hold"]
 
 FloatArray = NDArray[np.float64]
 
@@ -38,6 +38,8 @@ _NO_MOMENT = 1e-6
 """Nm at full activation below which a muscle does not move a joint."""
 _SPARING = 1e-6
 """Weight of the sum of activations beside the largest: of equal optima the least is taken."""
+_AT_LIMIT = 1e-4
+"""rad from a joint's limit within which it rests there."""
 _MOST_PEOPLE = 200
 
 
@@ -134,16 +136,36 @@ def hold(user: UserConfig, pose: str, load_kg: float = 0.0) -> list[Held]:
         raise InputError("USER", body.name, expected)
     angles = posture_of(body, pose)
     strength = Strength(factor=user.person.strength)
-    return [_held(body, arm, angles, load_kg, strength) for arm in arms]
+    return [hold_posture(body, arm, angles, load_kg, strength) for arm in arms]
 
 
-def _held(body: Body, arm: Arm, angles: FloatArray, load_kg: float, strength: Strength) -> Held:
+def hold_posture(
+    body: Body,
+    arm: Arm,
+    angles: FloatArray,
+    load_kg: float,
+    strength: Strength,
+    *,
+    limits_bear: bool = False,
+    muscle_strength: float = 1.0,
+) -> Held:
+    """Hold a posture with one arm.
+
+    Args:
+        body: Whose muscles count.
+        arm: Of that body.
+        angles: (J,) of the independent joints, rad.
+        load_kg: Mass in the hand, beside the controller's.
+        strength: For the published strength of the shoulder.
+        limits_bear: Whether a joint at its limit rests there, without muscles.
+        muscle_strength: Factor on the forces of the body's muscles beyond those at rest.
+    """
     model = body.physics_model
     qpos, still = body.coupled_qpos(angles), np.zeros(model.nv)
     load = ArmDynamics(model, arm).load(qpos, still, still, held_kg=load_kg)
     maximum = strength.shoulder_torque(load.shoulder_deg, load.elbow_deg)
     corrected = load.torque + nicer_correction(load.shoulder_deg, load.elbow_deg)
-    balance = _Balance(body, arm, angles, load_kg)
+    balance = _Balance(body, arm, angles, load_kg, limits_bear, muscle_strength)
     own: float | None = float(load.torque / maximum)
     activations: dict[str, float] = {}
     if balance.muscles:
@@ -175,7 +197,15 @@ class _Balance:
     Passive forces of joints and muscles count; dependent joints follow their couplings.
     """
 
-    def __init__(self, body: Body, arm: Arm, angles: FloatArray, load_kg: float) -> None:
+    def __init__(
+        self,
+        body: Body,
+        arm: Arm,
+        angles: FloatArray,
+        load_kg: float,
+        limits_bear: bool,
+        strength: float,
+    ) -> None:
         model, data = body.physics_model, mujoco.MjData(body.physics_model)
         data.qpos[:] = body.coupled_qpos(angles)
         slope = _slope(body, angles)
@@ -188,7 +218,8 @@ class _Balance:
             needed = needed - load_kg * model.opt.gravity @ push
         passive = _actuated(model, data)
         columns = {
-            name: slope.T @ (_actuated(model, data, int(model.actuator(name).actadr[0])) - passive)
+            name: strength
+            * (slope.T @ (_actuated(model, data, int(model.actuator(name).actadr[0])) - passive))
             for name in body.muscles
         }
         linkage = Linkage(body, Point(arm.device)).joints
@@ -199,11 +230,11 @@ class _Balance:
                 for joint, pull in zip(body.independent_joints, pulled, strict=True)
             ]
         )
-        above = [
-            joint in Linkage(body, Point(arm.forearm)).joints
-            and joint not in _joints_of(model, arm.forearm)
-            for joint in body.independent_joints
-        ]
+        over, of_elbow = Linkage(body, Point(arm.forearm)).joints, _joints_of(model, arm.forearm)
+        above = [joint in over and joint not in of_elbow for joint in body.independent_joints]
+        at_limits = np.abs(angles[:, None] - body.joint_ranges) < _AT_LIMIT
+        stops = at_limits @ np.array([1.0, -1.0]) * limits_bear
+        self._stops = np.diag(stops)[rows][:, rows & (stops != 0.0)]
         self._needed = (slope.T @ (needed - passive))[rows]
         moving = {n: c for n, c in columns.items() if np.abs(c[rows]).max(initial=0.0) > _NO_MOMENT}
         self.muscles = tuple(moving)
@@ -220,20 +251,22 @@ class _Balance:
 
         Muscles that do not cross the shoulder go up to 1. None: nothing balances the arm.
         """
-        n = len(self.muscles)
-        bounds = [(0.0, None if crosses else 1.0) for crosses in self._shoulder] + [(0.0, None)]
+        n, stops = len(self.muscles), self._stops.shape[1]
+        bounds = [(0.0, None if crosses else 1.0) for crosses in self._shoulder]
+        bounds += [(0.0, None)] * (1 + stops)
+        shoulder = self._shoulder.astype(float)
         found = linprog(
-            np.r_[np.full(n, _SPARING), 1.0],
-            A_ub=np.c_[np.diag(self._shoulder.astype(float)), -self._shoulder.astype(float)],
+            np.r_[np.full(n, _SPARING), 1.0, np.zeros(stops)],
+            A_ub=np.c_[np.diag(shoulder), -shoulder, np.zeros((n, stops))],
             b_ub=np.zeros(n),
-            A_eq=np.c_[self._effects.T, np.zeros(self._effects.shape[1])],
+            A_eq=np.c_[self._effects.T, np.zeros(self._effects.shape[1]), self._stops],
             b_eq=self._needed,
             bounds=bounds,
         )
         if found.x is None:
             return None, {}
         values = found.x.tolist()
-        return values[-1], dict(zip(self.muscles, values, strict=False))
+        return values[n], dict(zip(self.muscles, values, strict=False))
 
 
 def _actuated(model: mujoco.MjModel, data: mujoco.MjData, muscle: int | None = None) -> FloatArray:

@@ -92,6 +92,11 @@ class Linkage:
         posture = np.array([body.reset_rule.posture.get(joint, 0.0) for joint in self.joints])
         self.rest: FloatArray = np.clip(posture, *self.limits.T)
 
+    def take(self, rows: NDArray[np.integer]) -> Linkage:
+        """Return the linkage of these rows of postures: itself, as all rows are of one body."""
+        del rows
+        return self
+
     def _driver(self, joint: str) -> str:
         """The independent joint that a joint follows, itself included; empty for none."""
         while joint in self._couplings:
@@ -109,8 +114,9 @@ class Linkage:
         if not coupling.driver:
             return np.full(len(q), coupling.coefficients[0]), np.zeros(len(q)), None
         driver, slope, column_or_none = self._angle(coupling.driver, q)
-        curve = np.polynomial.Polynomial(coupling.coefficients)
-        return curve(driver), curve.deriv()(driver) * slope, column_or_none
+        curve = np.asarray(coupling.coefficients, dtype=np.float64)
+        steepness = curve[1:] * np.arange(1, len(curve)) if len(curve) > 1 else np.zeros(1)
+        return _polynomial(curve, driver), _polynomial(steepness, driver) * slope, column_or_none
 
     def place(self, q: FloatArray) -> FloatArray:
         """(B, 3) where the point is, MuJoCo's world, m, for angles (B, K)."""
@@ -123,7 +129,7 @@ class Linkage:
         x = self._walk(q, moves)
         slope = np.zeros((len(q), 3, len(self.joints)))
         for column, axis, anchor in moves:
-            slope[:, :, column] += axis if anchor is None else np.cross(axis, x - anchor)
+            slope[:, :, column] += axis if anchor is None else _cross(axis, x - anchor)
         return x, slope
 
     def _walk(
@@ -132,22 +138,46 @@ class Linkage:
         """Where the point is; notes of each joint its column, axis and anchor (None: a slide)."""
         origin, turn = np.zeros((len(q), 3)), np.broadcast_to(np.eye(3), (len(q), 3, 3))
         for link in self._links:
-            origin = origin + turn @ link.position
+            origin = origin + _turned(turn, link.position)
             turn = turn @ link.rotation
             for joint in link.joints:
                 angle, slope, column = self._angle(joint.name, q)
                 axis = turn @ joint.axis
                 moved = angle - joint.start
-                anchor = origin + turn @ joint.anchor
+                anchor = origin + _turned(turn, joint.anchor)
                 if joint.hinge:
                     turn = turn @ _rotations(joint.axis, moved)
-                    origin = anchor - turn @ joint.anchor
+                    origin = anchor - _turned(turn, joint.anchor)
                 else:
                     origin = origin + axis * moved[:, None]
                 if column is not None:
                     weighted = axis * slope[:, None]
                     moves.append((column, weighted, anchor if joint.hinge else None))
-        return origin + turn @ self._tail
+        return origin + _turned(turn, self._tail)
+
+
+def _polynomial(coefficients: FloatArray, x: FloatArray) -> FloatArray:
+    """(B,) a polynomial, lowest power first, by Horner's rule; NumPy's takes ten times as long."""
+    value = coefficients[-1] + x * 0.0
+    for coefficient in coefficients[-2::-1]:
+        value = coefficient + value * x
+    return value
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(B, 3) cross products of two (B, 3), without the set-up of NumPy's."""
+    found = np.empty_like(b)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        found[:, i] = a[:, j] * b[:, k] - a[:, k] * b[:, j]
+    return found
+
+
+def _turned(turn: FloatArray, vector: FloatArray) -> FloatArray:
+    """(B, 3) a vector (3,), or one a row (B, 3), turned by (B, 3, 3)."""
+    if vector.ndim == 1:
+        found: FloatArray = turn @ vector
+        return found
+    return np.einsum("bij,bj->bi", turn, vector)
 
 
 def _rotations(axis: FloatArray, angle: FloatArray) -> FloatArray:

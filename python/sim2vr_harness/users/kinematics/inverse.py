@@ -33,7 +33,7 @@ def solve(
     Levenberg-Marquardt steps; a joint at its limit that would go on is left out of a step.
 
     Args:
-        linkage: moves the point.
+        linkage: moves the point; one of a :class:`.StackedLinkage` has B rows.
         places: (B, 3) MuJoCo's world, m.
         start: (B, K) angles.
         iterations: at most.
@@ -43,7 +43,7 @@ def solve(
     Returns:
         Angles (B, K) within the limits, and how far the point then is from its place, (B,) m.
     """
-    low, high = linkage.limits.T
+    low, high = np.moveaxis(linkage.limits, -1, 0)
     q = np.clip(start, low, high)
     place, slope = linkage.place_and_slope(q)
     error = places - place
@@ -54,8 +54,10 @@ def solve(
         rows = np.flatnonzero(going)
         if not len(rows):
             break
+        part = linkage.take(rows)
+        low, high = np.moveaxis(part.limits, -1, 0)
         tried = _tried(q[rows], slope[rows], error[rows], damping[rows], low, high)
-        place, new_slope = linkage.place_and_slope(tried)
+        place, new_slope = part.place_and_slope(tried)
         new_error = places[rows] - place
         new_distance = np.linalg.norm(new_error, axis=1)
         gain = distance[rows] - new_distance

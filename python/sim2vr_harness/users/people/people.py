@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Annotated, Any, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, field_validator
 from scipy.special import ndtr, ndtri
 
@@ -88,7 +89,7 @@ class Population:
         if seed < 0 or index < 0:
             raise ValueError(f"person: got seed {seed} and index {index}, expected 0 or above")
         draws = np.random.default_rng([seed, index]).random(1 + len(TRAITS))
-        sex = 1.0 if draws[0] < 0.5 else -1.0
+        sex = _sex(draws)
         low, high = ndtr(-CUT), ndtr(CUT)
         deviations = ndtri(low + (high - low) * draws[1:])
         values: dict[str, Any] = {
@@ -117,6 +118,10 @@ class Population:
             raise ValueError(f"person: got {index}, expected 0 to {count - 1}")
         return self.sample(self.settings.seed, index)
 
+    def is_man(self, index: int) -> bool:
+        """Whether the traits of :meth:`number` ``index`` are drawn from men's distributions."""
+        return _sex(np.random.default_rng([self.settings.seed, index]).random(1)) > 0.0
+
     def longest(self, delay: str) -> float:
         """The longest that someone's ``visual_delay_s`` or ``proprioceptive_delay_s`` can be."""
         trait = next(trait for trait in TRAITS if trait.name == delay)
@@ -139,6 +144,11 @@ class Population:
 
     def _mean(self, trait: Any) -> float:
         return float(getattr(self.settings, trait.name, trait.mean))
+
+
+def _sex(draws: NDArray[np.float64]) -> float:
+    """1 for men, -1 for women, from a person's first random number."""
+    return 1.0 if draws[0] < 0.5 else -1.0
 
 
 def check_physique(settings: PeopleSettings, physique: Physique) -> None:

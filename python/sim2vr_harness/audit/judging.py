@@ -1,0 +1,223 @@
+"""What each person can do with each target: see, reach and hold it, and how hard that is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from sim2vr_harness.audit.population import Limitation, Subject
+from sim2vr_harness.audit.reaching import Bools, Crowd, FloatArray, Ints, Rows, Solved
+from sim2vr_harness.audit.targets import AuditTarget
+from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
+from sim2vr_harness.tools.endurance import Held, hold_posture
+from sim2vr_harness.users import Body
+from sim2vr_harness.users.exertion import Strength, arms_of
+from sim2vr_harness.users.kinematics.inverse import CLOSE_M
+
+__all__ = ["HALF_FIELD_DEG", "MODELS", "Judged", "judge", "places_of", "reach_either", "seen"]
+
+HALF_FIELD_DEG = 45.0
+"""Half the field of view of the headset, to every side (as our apps draw it)."""
+MODELS = ("3CC-r, shoulder", "NICER", "Consumed Endurance")
+"""Models of exertion in reports; the first decides whether a posture is held long enough."""
+_EASY = 0.25
+"""Share of activation."""
+_TURN, _NOD = "neck_rotation", "neck_flexion"
+_TRUNK_MOTORS = ("trunk_flexion", "trunk_bending", "trunk_rotation")
+
+
+@dataclass
+class Judged:
+    """Verdicts on N persons and T targets.
+
+    Attributes:
+        limitation: Of all persons.
+        seen, reached, held: (N, T) whether.
+        leans: (N, T) whether the trunk is needed to reach.
+        one_hand: (N, T) whether one hand at least reaches.
+        needed_m: (N, T, 3) shift of the target after which the hand reaches it: right, up, ahead.
+        places_m: (N, T, 3) where the targets are: right, up, ahead.
+        share: (N, T) least largest activation of the shoulder's muscles; NaN: not reached,
+            infinite: no activations balance the posture.
+        published_share: (N, T) torque as a share of published strength; NaN: not reached.
+        trunk_share: (N, T) torque at the trunk as a share of its strength; NaN: not reached.
+        minutes: (N, T) until exhaustion, by model; NaN: not reached.
+    """
+
+    limitation: Limitation
+    seen: Bools
+    reached: Bools
+    held: Bools
+    leans: Bools
+    one_hand: Bools
+    needed_m: FloatArray
+    places_m: FloatArray
+    share: FloatArray
+    published_share: FloatArray
+    trunk_share: FloatArray
+    minutes: dict[str, FloatArray]
+
+    @property
+    def usable(self) -> Bools:
+        """(N, T) whether the person can use the target."""
+        return np.asarray(self.seen & self.reached & self.held)
+
+
+def places_of(crowd: Crowd, target: AuditTarget, persons: Ints) -> FloatArray:
+    """Return (B, 3) where a target is for persons, MuJoCo's world, m."""
+    place = np.repeat(position_to_mujoco(target.place_m)[None], len(persons), axis=0)
+    return place + crowd.heads[persons] if target.from_head else place
+
+
+def seen(crowd: Crowd, persons: Ints, places: FloatArray) -> Bools:
+    """Return (B,) whether places come into view when the head turns within its limits.
+
+    The head turns to the side and nods; trunk and feet stay.
+    """
+    body = crowd.subjects[0].body
+    turn = np.degrees(body.joint_ranges[body.independent_joints.index(_TURN)])
+    nod = np.degrees(body.joint_ranges[body.independent_joints.index(_NOD)])
+    ahead, left, up = np.moveaxis(places - crowd.heads[persons], -1, 0)
+    aside = np.degrees(np.arctan2(-left, ahead))
+    raised = np.degrees(np.arctan2(up, np.hypot(ahead, left)))
+    across = (aside >= turn[0] - HALF_FIELD_DEG) & (aside <= turn[1] + HALF_FIELD_DEG)
+    # Forward is positive: the greatest nod looks down.
+    upright = (raised >= -nod[1] - HALF_FIELD_DEG) & (raised <= -nod[0] + HALF_FIELD_DEG)
+    return np.asarray(across & upright)
+
+
+def reach_either(
+    crowd: Crowd, target: AuditTarget, persons: Ints, places: FloatArray, *, quick: bool = False
+) -> tuple[Solved, Bools, Bools]:
+    """Reach places with the hands that a target takes; ``quick``: see :class:`.Rows`.
+
+    Returns:
+        The posture that counts, whether all hands that are needed reach, and whether one does.
+    """
+    left_handed = np.array([crowd.subjects[i].mirrored for i in persons.tolist()], dtype=bool)
+    close = np.full(len(persons), max(target.radius_m, CLOSE_M))
+    rows = Rows(persons, left_handed, places, close, target.how == "point", quick)
+    best = crowd.solve(rows)
+    one = best.reached.copy()
+    if target.hand == "preferred" or (crowd.one_hand and target.hand == "either"):
+        return best, one, one
+    if crowd.one_hand:
+        return best, np.zeros_like(one), one
+    both = target.hand == "both"
+    again = (
+        np.arange(len(persons))
+        if both
+        else np.flatnonzero(~best.reached | (best.leans & (not quick)))
+    )
+    if not len(again):
+        return best, one, one
+    other = crowd.solve(Rows(persons, ~left_handed, places, close, rows.points, quick).take(again))
+    reached = one.copy()
+    reached[again] = one[again] & other.reached if both else one[again] | other.reached
+    one[again] |= other.reached
+    # With both hands the harder one counts: the one that fails, or leans.
+    worse = (other.gap_m > best.gap_m[again]) | (
+        (other.gap_m == best.gap_m[again]) & other.leans & ~best.leans[again]
+    )
+    better = (other.gap_m < best.gap_m[again]) | (
+        (other.gap_m == best.gap_m[again]) & ~other.leans & best.leans[again]
+    )
+    taken = worse if both else better
+    for name in ("angles", "found", "gap_m", "nearest", "leans"):
+        getattr(best, name)[again[taken]] = getattr(other, name)[taken]
+    return best, reached, one
+
+
+def judge(crowd: Crowd, targets: Sequence[AuditTarget], limitation: Limitation) -> Judged:
+    """Judge every person of a crowd on every target."""
+    n, t = len(crowd.subjects), len(targets)
+    yes = np.zeros((5, n, t), dtype=bool)
+    numbers = np.full((3 + len(MODELS), n, t), np.nan)
+    needed, where = np.zeros((2, n, t, 3))
+    persons = np.arange(n)
+    for column, target in enumerate(targets):
+        places = places_of(crowd, target, persons)
+        where[:, column] = position_to_app(places)
+        yes[0, :, column] = seen(crowd, persons, places)
+        if target.how == "look":
+            yes[1:3, :, column] = yes[4, :, column] = True
+            continue
+        solved, reached, one = reach_either(crowd, target, persons, places)
+        yes[1, :, column], yes[3, :, column], yes[4, :, column] = reached, solved.leans, one
+        needed[:, column] = position_to_app(solved.nearest - places)
+        for person in np.flatnonzero(reached).tolist():
+            subject = crowd.subjects[person]
+            postures = solved.angles[person][solved.found[person]]
+            load, holds = hold_any(subject, postures, target, limitation)
+            numbers[:, person, column], yes[2, person, column] = load, holds
+    return Judged(
+        limitation,
+        yes[0],
+        yes[1],
+        yes[2],
+        yes[3],
+        yes[4],
+        needed,
+        where,
+        numbers[0],
+        numbers[1],
+        numbers[2],
+        dict(zip(MODELS, numbers[3:], strict=True)),
+    )
+
+
+def hold_any(
+    subject: Subject, postures: FloatArray, target: AuditTarget, limitation: Limitation
+) -> tuple[list[float], bool]:
+    """Return what :func:`hold` does of the easiest posture, and whether it can be held.
+
+    Args:
+        subject: Who holds it.
+        postures: (C, J), at least one; no further one is tried after one that is easily held.
+        target: Says how long and with what load.
+        limitation: Of the person.
+    """
+    best: list[float] = []
+    for angles in postures:
+        load = hold(subject, angles, target.load_kg, limitation)
+        if not best or load[0] < best[0]:
+            best = load
+        if best[0] <= _EASY:
+            break
+    return best, bool(best[0] <= 1.0 and 60.0 * best[3] >= target.hold_s)
+
+
+def hold(
+    subject: Subject, angles: FloatArray, load_kg: float, limitation: Limitation
+) -> list[float]:
+    """Return shares of muscles, published strength and trunk, and minutes by model.
+
+    A weaker person's muscles are activated more in proportion: activations are relative to it.
+    """
+    factor = limitation.strength
+    strength = Strength(subject.strength.sex, np.asarray(subject.strength.factor) * factor)
+    arm = arms_of(subject.body)[0]
+    held: Held = hold_posture(
+        subject.body, arm, angles, load_kg, strength, limits_bear=True, muscle_strength=factor
+    )
+    share = np.inf if held.share is None else held.share
+    minutes = [held.endurance_s[model] / 60.0 for model in MODELS]
+    trunk = _trunk_share(subject.body, angles) / factor
+    return [share, held.strength_share, trunk, *minutes]
+
+
+def _trunk_share(body: Body, angles: FloatArray) -> float:
+    """Largest torque of gravity at the trunk's joints as a share of the motors' limits."""
+    model, data = body.physics_model, mujoco.MjData(body.physics_model)
+    data.qpos[:] = body.coupled_qpos(angles)
+    mujoco.mj_fwdPosition(model, data)
+    mujoco.mj_fwdVelocity(model, data)
+    shares = []
+    for joint in _TRUNK_MOTORS:
+        need = float(data.qfrc_bias[model.joint(joint).dofadr[0]])
+        low, high = model.actuator(f"{joint}_motor").forcerange
+        shares.append(need / (high if need > 0.0 else low))
+    return max(shares)

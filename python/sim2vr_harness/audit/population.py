@@ -1,0 +1,169 @@
+"""The simulated population of an audit: persons, groups and limitations, with sources."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from scipy.special import ndtr
+
+from sim2vr_harness.envs.config import UserConfig, body_of
+from sim2vr_harness.users import Body, PeopleSettings, Person, Population
+from sim2vr_harness.users.exertion import Strength
+from sim2vr_harness.users.people import TRAITS
+
+__all__ = [
+    "FEWEST",
+    "GROUPS",
+    "LIMITATIONS",
+    "MODEL",
+    "NONE",
+    "Group",
+    "Limitation",
+    "Subject",
+    "draw",
+    "groups_of",
+]
+
+MODEL = "mobl_arms_wrist"
+FEWEST = 30
+"""Persons without whom a group is not judged."""
+_BANDS = (("below P25", 0.0, 25.0), ("P25 to P75", 25.0, 75.0), ("above P75", 75.0, 101.0))
+GROUPS = (
+    *(
+        name
+        for sex in ("women", "men")
+        for name in (sex, *(f"{sex}, stature {band}" for band, _, _ in _BANDS))
+    ),
+    "left-handed",
+)
+"""Of the sampled persons; stature by percentile of the same sex."""
+LEFT_HANDED = 0.106
+STRENGTH = 1.28
+"""Median factor on the published arm's peak forces, as in the shipped populations."""
+Stance = Literal["seated", "standing"]
+
+EYE_HEIGHT_STANDING = 0.936
+"""Of the stature (Drillis and Contini 1966, second-hand)."""
+
+_HALF_WRIST = {"flexion": (-22.5, 22.5), "deviation": (-5.0, 12.5), "pro_sup": (-45.0, 45.0)}
+
+
+@dataclass(frozen=True)
+class Limitation:
+    """Something in which the same persons differ from themselves in the headline.
+
+    Attributes:
+        name: Of the group.
+        source: Where its numbers are from.
+        strength: Factor on the strength of all muscles.
+        limits_deg: Narrower limits of joints.
+        one_hand: Whether only the preferred hand can be used.
+        stance: Another one than the audit's.
+        verified: Whether its numbers' source was read, or they define the group.
+    """
+
+    name: str
+    source: str = "defined by the audit"
+    strength: float = 1.0
+    limits_deg: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    one_hand: bool = False
+    stance: Stance | None = None
+    verified: bool = True
+
+
+NONE = Limitation("everyone")
+
+LIMITATIONS: tuple[Limitation, ...] = (
+    Limitation("one hand only", one_hand=True),
+    Limitation("shoulder: raised at most 90 degrees", limits_deg={"shoulder_elv": (0.0, 90.0)}),
+    Limitation("wrist: half of each range", limits_deg=_HALF_WRIST),
+    Limitation("strength: 50 %", strength=0.5),
+    Limitation("strength: 30 %", strength=0.3),
+    Limitation(
+        "standing",
+        "eye height 0.936 of the stature: Drillis and Contini 1966, second-hand (not verified)",
+        stance="standing",
+        verified=False,
+    ),
+    Limitation("seated", "height of the arm model (docs/reference/bodies.md)", stance="seated"),
+)
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A person of an audit.
+
+    Attributes:
+        person: Traits.
+        man: Whether the traits are drawn from men's distributions.
+        percentile: Of the stature among persons of the same sex.
+        body: Right-handed, with a trunk that leans.
+        strength: For published strength of shoulders, relative to the median of the sex.
+    """
+
+    person: Person
+    man: bool
+    percentile: float
+    body: Body
+    strength: Strength
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the left hand is preferred."""
+        return self.person.handedness == "left"
+
+
+def draw(people: int, seed: int) -> list[Subject]:
+    """Draw the first persons of a seed."""
+    settings = PeopleSettings(
+        seed=seed, count=people, left_handed=LEFT_HANDED, strength=STRENGTH, vary=_varied()
+    )
+    population = Population(settings)
+    return [_subject(population, index) for index in range(people)]
+
+
+def _varied() -> tuple[Literal["stature_m", "upper_arm_factor", "forearm_factor", "strength"], ...]:
+    """The traits that an audit uses."""
+    return ("stature_m", "upper_arm_factor", "forearm_factor", "strength")
+
+
+def _subject(population: Population, index: int) -> Subject:
+    person, man = population.number(index), population.is_man(index)
+    user = UserConfig(model=MODEL, torso=True, person=population.physique(person))
+    stature, strength = (next(t for t in TRAITS if t.name == n) for n in ("stature_m", "strength"))
+    sign = 1.0 if man else -1.0
+    z = (person.stature_m - stature.mean - sign * stature.sex_offset) / stature.sd
+    median = strength.value(0.0, sign, 1.0, STRENGTH)
+    factor = person.strength / median
+    own = Strength("male" if man else "female", factor)
+    return Subject(person, man, float(100.0 * ndtr(z)), body_of(user), own)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Persons of the headline who have something in common.
+
+    Attributes:
+        name: What.
+        members: (M,) numbers of the persons.
+    """
+
+    name: str
+    members: np.ndarray[tuple[int], np.dtype[np.int64]]
+
+
+def groups_of(subjects: list[Subject]) -> list[Group]:
+    """Return the groups that sex, stature and handedness make, as :data:`GROUPS` names them."""
+    members: list[list[int]] = []
+    for man in (False, True):
+        own = [i for i, each in enumerate(subjects) if each.man == man]
+        members.append(own)
+        members += [
+            [i for i in own if low <= subjects[i].percentile < high] for _, low, high in _BANDS
+        ]
+    members.append([i for i, each in enumerate(subjects) if each.mirrored])
+    pairs = zip(GROUPS, members, strict=True)
+    return [Group(name, np.array(who, dtype=np.int64)) for name, who in pairs]

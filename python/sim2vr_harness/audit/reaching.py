@@ -1,0 +1,306 @@
+"""Postures that bring persons' hands, or the rays from them, to places: many pairs at once.
+
+A row is a person, a side and a place. Bodies are right-handed; a left hand is reached with by the
+mirror image of the place. The arm alone is tried first, then with the trunk. Of the postures found
+the one with the least torque at the shoulder counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from sim2vr_harness.audit.population import EYE_HEIGHT_STANDING, Limitation, Stance, Subject
+from sim2vr_harness.client.frames import AIM_DIRECTION, position_to_app
+from sim2vr_harness.users import AVERAGE
+from sim2vr_harness.users.exertion import ArmDynamics, arm_loads, arms_of
+from sim2vr_harness.users.kinematics.forward import Linkage, Point
+from sim2vr_harness.users.kinematics.inverse import CLOSE_M, solve
+from sim2vr_harness.users.kinematics.stacked import StackedLinkage
+
+__all__ = ["MIRROR", "Crowd", "Rows", "Solved"]
+
+FloatArray = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+MIRROR = np.array([1.0, -1.0, 1.0])
+"""MuJoCo's world: y points to the left."""
+_DEVICE = "controller_right"
+_TRUNK = "trunk_"
+_SAMPLES = 4000
+_EASY_STARTS, _STARTS = 2, 2
+"""With a straight wrist, and with any."""
+_QUICK_STARTS = 2
+_ITERATIONS = 25
+_KEPT = 4
+"""Postures of a row that are kept."""
+_SEED = 1
+_TURNED = ("pro_sup", "deviation", "flexion")
+_HALF_RANGE = np.radians([90.0, 17.5, 45.0])
+_TURNED_NM = 2.0
+"""Torque that counts as much as one of these joints half its range away from the middle."""
+_ELEVATIONS_DEG = (5.0, 45.0, 80.0)
+"""Of the upper arm in postures from which pointing starts."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Pairs of a person and a place.
+
+    Attributes:
+        persons: (B,) numbers of persons.
+        mirrored: (B,) whether the left hand does it.
+        places: (B, 3) MuJoCo's world, m.
+        close_m: (B,) how near is enough.
+        points: whether a ray has to get there, not the hand.
+        quick: whether only to find out who gets there, not how easily: fewer postures are tried.
+    """
+
+    persons: Ints
+    mirrored: Bools
+    places: FloatArray
+    close_m: FloatArray
+    points: bool = False
+    quick: bool = False
+
+    def take(self, chosen: Ints) -> Rows:
+        """Return some of the rows."""
+        return Rows(
+            self.persons[chosen],
+            self.mirrored[chosen],
+            self.places[chosen],
+            self.close_m[chosen],
+            self.points,
+            self.quick,
+        )
+
+
+@dataclass
+class Solved:
+    """Postures of rows.
+
+    Attributes:
+        angles: (B, C, J) of the body's independent joints, rad: postures, the easiest first.
+        found: (B, C) which of them bring the hand or ray there.
+        gap_m: (B,) how far the hand or ray is from the place; 0: there.
+        nearest: (B, 3) where it then is, MuJoCo's world, m.
+        leans: (B,) whether the trunk is needed.
+    """
+
+    angles: FloatArray
+    found: Bools
+    gap_m: FloatArray
+    nearest: FloatArray
+    leans: Bools
+
+    @property
+    def reached(self) -> Bools:
+        """(B,) whether the places are reached."""
+        return self.gap_m <= 0.0
+
+
+class Crowd:
+    """Bodies of persons under a limitation, ready to reach.
+
+    Args:
+        subjects: The persons.
+        stance: Of those whose limitation has none.
+        limitation: Of all of them.
+    """
+
+    def __init__(self, subjects: Sequence[Subject], stance: Stance, limitation: Limitation) -> None:
+        self.subjects = subjects
+        self.one_hand = limitation.one_hand
+        """Whether only the preferred hand can be used."""
+        self._limitation = limitation
+        first = subjects[0].body
+        self._joints = first.independent_joints
+        self.rest = np.array([first.reset_rule.posture.get(j, 0.0) for j in self._joints])
+        self._hands = [Linkage(each.body, Point(_DEVICE)) for each in subjects]
+        self._stacks: dict[bool, StackedLinkage] = {}
+        self.heads = np.array([_head(each, self.rest) for each in subjects])
+        statures = np.array([each.person.stature_m for each in subjects])
+        self._sizes = statures / AVERAGE.stature_m
+        self.lift_m = np.zeros(len(subjects))
+        """(N,) how far the bodies stand above the height of the arm model, m."""
+        if (limitation.stance or stance) == "standing":
+            self.lift_m = EYE_HEIGHT_STANDING * statures - self.heads[:, 2]
+        self.heads[:, 2] += self.lift_m
+        self._dynamics: dict[int, ArmDynamics] = {}
+        self._samples: dict[tuple[bool, bool], tuple[FloatArray, cKDTree]] = {}
+
+    def lifted(self, persons: Ints) -> FloatArray:
+        """(B, 3) the floor of the bodies of persons, MuJoCo's world, m."""
+        return np.stack([0.0 * self.lift_m, 0.0 * self.lift_m, self.lift_m], axis=1)[persons]
+
+    def landmarks(self, person: int) -> FloatArray:
+        """(3, 3) eyes and both shoulders of a person: right, up, ahead, m."""
+        body = self.subjects[person].body
+        shoulder = Linkage(body, Point(arms_of(body)[0].upper_arm))
+        right = shoulder.place(np.zeros((1, len(shoulder.joints))))[0]
+        right[2] += self.lift_m[person]
+        return position_to_app([self.heads[person], right, right * MIRROR])
+
+    def solve(self, rows: Rows) -> Solved:
+        """Bring hands, or rays, to places."""
+        count = len(rows.persons)
+        lift = self.lifted(rows.persons)
+        local = (rows.places - lift) * np.where(rows.mirrored[:, None], MIRROR, 1.0)
+        stack = self._stack(rows.points)
+        found = _Best(count, len(stack.joints))
+        for trunk in (True,) if rows.quick else (False, True):
+            left = np.flatnonzero(found.gap[:, 0] > 0.0)
+            if not len(left):
+                break
+            part = rows.take(left)
+            starts = self._starts(part, local[left], trunk)
+            bodies = stack.take(part.persons)
+            bodies = bodies if trunk else bodies.with_limits(_upright(bodies))
+            for start in starts[: _QUICK_STARTS if rows.quick else None]:
+                if rows.quick:
+                    left = np.flatnonzero(found.gap[:, 0] > 0.0)
+                    part, start = rows.take(left), start[left]
+                    bodies = stack.take(part.persons)
+                    if not len(left):
+                        break
+                q, gap = solve(bodies, local[left], start, iterations=_ITERATIONS, close_m=2e-4)
+                gap = np.where(gap <= np.maximum(CLOSE_M, part.close_m), 0.0, gap)
+                there = (gap == 0.0) & (not rows.quick)
+                cost = self._cost(part.persons, stack, q, there)
+                found.offer(left, q, gap, cost, leans=trunk)
+        nearest = stack.take(rows.persons).place(found.q[:, 0])
+        nearest = nearest * np.where(rows.mirrored[:, None], MIRROR, 1.0) + lift
+        angles = np.stack([self._whole(stack, found.q[:, i]) for i in range(_KEPT)], axis=1)
+        return Solved(angles, found.gap == 0.0, found.gap[:, 0], nearest, found.leans)
+
+    def _stack(self, points: bool) -> StackedLinkage:
+        if points not in self._stacks:
+            ahead = Point(_DEVICE, (float(AIM_DIRECTION[0]), 0.0, float(AIM_DIRECTION[2])))
+            rays = [Linkage(each.body, ahead) for each in self.subjects] if points else None
+            stack = StackedLinkage(self._hands, rays)
+            self._stacks[points] = stack.with_limits(_narrowed(stack, self._limitation.limits_deg))
+        return self._stacks[points]
+
+    def _starts(self, rows: Rows, local: FloatArray, trunk: bool) -> FloatArray:
+        """(S, B, K) postures to begin with."""
+        if rows.points:
+            rest = _raised(self._stack(True))
+            starts = np.repeat(rest[:, None], len(local), axis=1)
+            starts[:, :, -1] = np.linalg.norm(local - self.heads[rows.persons], axis=1)
+            return starts
+        scaled = local * (self._sizes[0] / self._sizes[rows.persons, None])
+        chosen: list[FloatArray] = []
+        for straight, count in ((True, _EASY_STARTS), (False, _STARTS)):
+            if (trunk, straight) not in self._samples:
+                self._samples[trunk, straight] = _samples(self._hands[0], trunk, straight)
+            postures, tree = self._samples[trunk, straight]
+            chosen.append(postures[tree.query(scaled, k=count)[1].reshape(len(local), count)])
+        return np.swapaxes(np.concatenate(chosen, axis=1), 0, 1)
+
+    def _cost(
+        self, persons: Ints, stack: StackedLinkage, q: FloatArray, there: Bools
+    ) -> FloatArray:
+        """(B,) what tells easy postures from others; infinite where the hand is not there.
+
+        Gravity's torque at the shoulder, and how far wrist and forearm are turned.
+        """
+        cost = np.full(len(q), np.inf)
+        angles = self._whole(stack, q)
+        turned = [stack.joints.index(joint) for joint in _TURNED]
+        for row in np.flatnonzero(there).tolist():
+            person = int(persons[row])
+            body = self.subjects[person].body
+            if person not in self._dynamics:
+                arm = arms_of(body)[0]
+                self._dynamics[person] = ArmDynamics(body.physics_model, arm)
+            still = np.zeros(body.physics_model.nv)
+            moment = self._dynamics[person].moments(body.coupled_qpos(angles[row]), still, still)
+            strain = (q[row, turned] / _HALF_RANGE) ** 2
+            cost[row] = float(arm_loads(moment)[0][0]) + _TURNED_NM * float(strain.sum())
+        return cost
+
+    def _whole(self, stack: StackedLinkage, q: FloatArray) -> FloatArray:
+        """(B, J) angles of all joints: the others rest."""
+        angles = np.repeat(self.rest[None], len(q), axis=0)
+        for column, joint in enumerate(stack.joints):
+            if joint in self._joints:
+                angles[:, self._joints.index(joint)] = q[:, column]
+        return angles
+
+
+class _Best:
+    """The best postures of each row so far: nearest, then least cost."""
+
+    def __init__(self, count: int, joints: int) -> None:
+        self.q = np.zeros((count, _KEPT, joints))
+        self.gap, self.cost = np.full((2, count, _KEPT), np.inf)
+        self.leans = np.zeros(count, dtype=bool)
+
+    def offer(
+        self, rows: Ints, q: FloatArray, gap: FloatArray, cost: FloatArray, *, leans: bool
+    ) -> None:
+        """Take postures (R, K) of some rows where they are among the best."""
+        self.leans[rows] |= leans & (gap < self.gap[rows, 0])
+        gaps = np.concatenate([self.gap[rows], gap[:, None]], axis=1)
+        costs = np.concatenate([self.cost[rows], cost[:, None]], axis=1)
+        postures = np.concatenate([self.q[rows], q[:, None]], axis=1)
+        order = np.lexsort((costs, gaps), axis=1)[:, :_KEPT]
+        self.gap[rows] = np.take_along_axis(gaps, order, axis=1)
+        self.cost[rows] = np.take_along_axis(costs, order, axis=1)
+        self.q[rows] = np.take_along_axis(postures, order[..., None], axis=1)
+
+
+def _head(subject: Subject, rest: FloatArray) -> FloatArray:
+    """(3,) where the headset is with the neck at rest, MuJoCo's world, m."""
+    linkage = Linkage(subject.body, Point("headset"))
+    place: FloatArray = linkage.place(linkage.rest[None])[0]
+    return place
+
+
+def _narrowed(stack: StackedLinkage, limits_deg: Mapping[str, tuple[float, float]]) -> FloatArray:
+    limits = stack.limits.copy()
+    for joint, narrow in limits_deg.items():
+        column = stack.joints.index(joint)
+        low, high = np.radians(narrow)
+        limits[:, column, 0] = np.maximum(limits[:, column, 0], low)
+        limits[:, column, 1] = np.minimum(limits[:, column, 1], high)
+    return limits
+
+
+def _upright(stack: StackedLinkage) -> FloatArray:
+    """Limits that keep the trunk where it is."""
+    limits = stack.limits.copy()
+    limits[:, [joint.startswith(_TRUNK) for joint in stack.joints]] = 0.0
+    return limits
+
+
+def _raised(stack: StackedLinkage) -> FloatArray:
+    """(S, K) postures with the elbow at a right angle and the upper arm raised more and more."""
+    postures = np.repeat(stack.rest[None], len(_ELEVATIONS_DEG), axis=0)
+    postures[:, stack.joints.index("elbow_flexion")] = np.radians(90.0)
+    postures[:, stack.joints.index("elv_angle")] = np.radians(60.0)
+    postures[:, stack.joints.index("shoulder_elv")] = np.radians(_ELEVATIONS_DEG)
+    return postures
+
+
+def _samples(hand: Linkage, trunk: bool, straight: bool) -> tuple[FloatArray, cKDTree]:
+    """Postures within the limits, and where they bring the hand.
+
+    Args:
+        hand: Of one person.
+        trunk: Whether the trunk leans in them.
+        straight: Whether wrist and forearm are near their middle.
+    """
+    rng = np.random.default_rng(_SEED)
+    low, high = hand.limits.T
+    postures = low + rng.random((_SAMPLES, len(low))) * (high - low)
+    leaning = np.array([joint.startswith(_TRUNK) for joint in hand.joints])
+    postures[:, leaning] *= 0.7 if trunk else 0.0
+    if straight:
+        postures[:, [hand.joints.index(joint) for joint in _TURNED]] *= 0.2
+    return postures, cKDTree(hand.place(postures))

@@ -1,0 +1,205 @@
+"""What would include 95 % of people: the smallest shift of a target, or another way to use it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from sim2vr_harness.audit.judging import (
+    MODELS,
+    Judged,
+    hold_any,
+    places_of,
+    reach_either,
+    seen,
+)
+from sim2vr_harness.audit.population import Limitation
+from sim2vr_harness.audit.reaching import Bools, Crowd, FloatArray, Ints
+from sim2vr_harness.audit.targets import AuditTarget
+from sim2vr_harness.client.frames import position_to_mujoco
+
+__all__ = ["GOAL", "Remedy", "remedy", "usable_at"]
+
+GOAL = 0.95
+_SAMPLE = 20
+"""Persons on whom shifts are searched; all persons confirm the one that is found."""
+_STEP_M, _STEP_SHARE, _FARTHEST_M = 0.02, 0.08, 1.5
+_LOADS_KG = (10.0, 7.5, 5.0, 4.0, 3.0, 2.0, 1.5, 1.0, 0.5, 0.0)
+_TIMES_S = (600.0, 300.0, 120.0, 60.0, 30.0, 15.0, 10.0, 5.0, 2.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """What includes more people.
+
+    Attributes:
+        shift_m: (3,) right, up, ahead, after which at least 95 % can use the target; None: no shift
+            up to 1.5 m does.
+        share: Of people who can use it then.
+        reach_m: (3,) the smallest shift found after which a sample sees and reaches it, held or not.
+        ray: Share who can use it where it is, by a ray; None: not looked for.
+        one_hand: Share who can use it with either hand; None: it takes one hand as it is.
+        load_kg: Largest load that 95 % hold there; None: not looked for, or none.
+        hold_s: Longest time that 95 % hold there; None: not looked for, or none.
+    """
+
+    shift_m: FloatArray | None
+    share: float
+    reach_m: FloatArray | None = None
+    ray: float | None = None
+    one_hand: float | None = None
+    load_kg: float | None = None
+    hold_s: float | None = None
+
+
+def usable_at(
+    crowd: Crowd,
+    target: AuditTarget,
+    persons: Ints,
+    places: FloatArray,
+    limitation: Limitation,
+    *,
+    hold: bool = True,
+) -> Bools:
+    """Return (B,) whether persons can use a target at places (B, 3), MuJoCo's world, m.
+
+    ``hold``: whether they have to hold the posture, too.
+    """
+    usable = seen(crowd, persons, places)
+    rows = np.flatnonzero(usable)
+    if target.how == "look" or not len(rows):
+        return usable
+    solved, reached, _ = reach_either(crowd, target, persons[rows], places[rows], quick=not hold)
+    usable[rows] = reached
+    if hold:
+        for i in np.flatnonzero(reached).tolist():
+            subject = crowd.subjects[int(persons[rows[i]])]
+            postures = solved.angles[i][solved.found[i]]
+            usable[rows[i]] = hold_any(subject, postures, target, limitation)[1]
+    return usable
+
+
+def remedy(crowd: Crowd, target: AuditTarget, judged: Judged, column: int) -> Remedy:
+    """Search for what would include 95 % of a crowd."""
+    everyone = np.arange(len(crowd.subjects))
+    here = places_of(crowd, target, everyone)
+
+    def share(changed: AuditTarget) -> float:
+        return float(usable_at(crowd, changed, everyone, here, judged.limitation).mean())
+
+    reached = judged.reached[:, column].mean() >= GOAL
+    tires = reached and judged.seen[:, column].mean() >= GOAL
+    by_hand = target.how in ("touch", "press")
+    ray = share(replace(target, how="point")) if by_hand and not reached else None
+    one = share(replace(target, hand="either")) if target.hand == "both" else None
+    load_kg = _load(crowd, target, here, judged.limitation) if tires else None
+    hold_s = _time(target, judged, column) if tires and load_kg is None else None
+    shift, reach, after = None, None, float(judged.usable[:, column].mean())
+    if load_kg is None and hold_s is None:
+        shift, reach, after = _shift(crowd, target, judged, column)
+    return Remedy(shift, after, reach, ray, one, load_kg, hold_s)
+
+
+def _load(
+    crowd: Crowd, target: AuditTarget, here: FloatArray, limitation: Limitation
+) -> float | None:
+    """Return the largest of some loads that 95 % hold, below the target's own."""
+    everyone = np.arange(len(here))
+    solved, _, _ = reach_either(crowd, target, everyone, here)
+    for kg in (each for each in _LOADS_KG if each < target.load_kg):
+        lighter = replace(target, load_kg=kg)
+        held = [
+            solved.found[i, 0]
+            and hold_any(crowd.subjects[i], solved.angles[i][solved.found[i]], lighter, limitation)[
+                1
+            ]
+            for i in everyone.tolist()
+        ]
+        if np.mean(held) >= GOAL:
+            return kg
+    return None
+
+
+def _time(target: AuditTarget, judged: Judged, column: int) -> float | None:
+    """Return the longest of some times that 95 % hold, below the target's own."""
+    minutes = judged.minutes[MODELS[0]][:, column]
+    strong = judged.share[:, column] <= 1.0
+    seconds = np.where(strong, 60.0 * np.nan_to_num(minutes, posinf=np.inf), 0.0)
+    shorter = (each for each in _TIMES_S if each < target.hold_s)
+    return next((each for each in shorter if (seconds >= each).mean() >= GOAL), None)
+
+
+def _shift(
+    crowd: Crowd, target: AuditTarget, judged: Judged, column: int
+) -> tuple[FloatArray | None, FloatArray | None, float]:
+    """Return the smallest shifts found: use and reach by 95 %; and the share who can then use it."""
+    everyone = np.arange(len(crowd.subjects))
+    sample = everyone[:_SAMPLE]
+    here = places_of(crowd, target, everyone)
+    directions = _directions(judged, column)
+    # Nobody gets there by a shift below the own gap: 95 % need at least that quantile.
+    gaps = np.linalg.norm(judged.needed_m[:, column], axis=1)
+    gaps = np.where(judged.reached[:, column], 0.0, gaps)
+    metres = max(float(np.quantile(gaps[sample], GOAL, method="lower")), 0.01)
+    reach: FloatArray | None = None
+    while metres <= _FARTHEST_M:
+        for shift in _promising(crowd, target, sample, here, directions * metres):
+            reach = shift if reach is None else reach
+            after = _confirmed(crowd, target, here, shift, judged.limitation)
+            if after >= GOAL:
+                return shift, reach, after
+        metres += max(_STEP_M, _STEP_SHARE * metres)
+    return None, reach, float(judged.usable[:, column].mean())
+
+
+def _directions(judged: Judged, column: int) -> FloatArray:
+    """(D, 3) unit vectors: along axes and between them, and the mean of what persons need."""
+    steps = np.array(
+        [each for each in product((-1.0, 0.0, 1.0), repeat=3) if 0 < sum(map(abs, each)) < 3]
+    )
+    needed = judged.needed_m[~judged.reached[:, column], column]
+    mean = needed.mean(axis=0) if len(needed) else np.zeros(3)
+    if np.linalg.norm(mean) > 1e-3:
+        steps = np.concatenate([mean[None], steps])
+    return steps / np.linalg.norm(steps, axis=1, keepdims=True)
+
+
+def _promising(
+    crowd: Crowd, target: AuditTarget, sample: Ints, here: FloatArray, shifts: FloatArray
+) -> list[FloatArray]:
+    """Return the shifts (D, 3) with which enough of a sample see and reach, the best first."""
+    persons = np.tile(sample, len(shifts))
+    moved = position_to_mujoco(np.repeat(shifts, len(sample), axis=0))
+    places = here[persons] + moved
+    in_view = seen(crowd, persons, places).reshape(len(shifts), -1).mean(axis=1) >= GOAL
+    rows = np.flatnonzero(np.repeat(in_view, len(sample)))
+    usable = np.zeros(len(persons), dtype=bool)
+    if len(rows):
+        usable[rows] = usable_at(crowd, target, persons[rows], places[rows], _ANY, hold=False)
+    shares = usable.reshape(len(shifts), -1).mean(axis=1)
+    order = sorted(np.flatnonzero(shares >= GOAL).tolist(), key=lambda i: -shares[i])
+    return [shifts[i] for i in order[:_CONFIRMED]]
+
+
+_ANY = Limitation("any")
+_CONFIRMED = 6
+"""Directions of a length that all persons try."""
+
+
+def _confirmed(
+    crowd: Crowd, target: AuditTarget, here: FloatArray, shift: FloatArray, limitation: Limitation
+) -> float:
+    """Return the share of people who can use the target there, holding included.
+
+    All persons are tried only where a sample can.
+    """
+    share = 0.0
+    for count in (_SAMPLE, len(here)):
+        persons = np.arange(min(count, len(here)))
+        places = here[persons] + position_to_mujoco(shift)
+        share = float(usable_at(crowd, target, persons, places, limitation).mean())
+        if share < GOAL:
+            break
+    return share

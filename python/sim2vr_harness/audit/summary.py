@@ -1,0 +1,190 @@
+"""The audit's results as plain values: by target, by group, and as measures to expect."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sim2vr_harness.audit.causes import causes, shift_words
+from sim2vr_harness.audit.judging import MODELS, Judged
+from sim2vr_harness.audit.population import FEWEST, Group, Limitation, Stance
+from sim2vr_harness.audit.reaching import FloatArray, Ints
+from sim2vr_harness.audit.remedies import Remedy
+from sim2vr_harness.audit.targets import AuditTarget
+from sim2vr_harness.evaluation.expectations import Estimate
+from sim2vr_harness.statistics.intervals import wilson_interval
+
+__all__ = ["EVERYONE", "MEASURES", "Audit", "estimates", "plain", "proportion"]
+
+EVERYONE = "everyone"
+_PARTS = ("use", "reach", "seen", "held")
+MEASURES = tuple(f"{part}.{kind}" for part in _PARTS for kind in ("min", "mean"))
+"""``reach.min``: the least proportion over targets, ``reach.mean`` the mean one."""
+
+
+@dataclass(frozen=True)
+class Audit:
+    """Everything that an audit found.
+
+    Attributes:
+        title: What was audited.
+        seed, stance: Of the population.
+        targets: T of them.
+        judged: Of everyone.
+        groups: Of everyone.
+        limited: The same persons with limitations, by group.
+        remedies: (T,) what would include 95 %; None where 95 % are included.
+        middle: Number of the person of median stature.
+        landmarks_m: (3, 3) its eyes and shoulders: right, up, ahead.
+    """
+
+    title: str
+    seed: int
+    stance: Stance
+    targets: Sequence[AuditTarget]
+    judged: Judged
+    groups: Sequence[Group]
+    limited: Sequence[Judged]
+    remedies: Sequence[Remedy | None]
+    middle: int
+    landmarks_m: FloatArray
+
+    def columns(self) -> list[tuple[str, Limitation | None, Judged, Ints]]:
+        """Return name, limitation, verdicts and members of all groups, everyone first."""
+        every = np.arange(len(self.judged.seen))
+        rows: list[tuple[str, Limitation | None, Judged, Ints]] = [
+            (EVERYONE, None, self.judged, every)
+        ]
+        rows += [(group.name, None, self.judged, group.members) for group in self.groups]
+        rows += [
+            (each.limitation.name, each.limitation, each, np.arange(len(each.seen)))
+            for each in self.limited
+        ]
+        return rows
+
+
+def proportion(successes: int, n: int) -> dict[str, float | int | None]:
+    """Return a proportion with Wilson's interval; of too few persons, only their number."""
+    if n < FEWEST:
+        return {"n": n, "share": None, "low": None, "high": None}
+    low, high = wilson_interval(successes, n)
+    return {"n": n, "share": successes / n, "low": round(low, 4), "high": round(high, 4)}
+
+
+def estimates(audit: Audit) -> dict[str, dict[str, Estimate]]:
+    """Return the measures of all groups; those of groups that are too small have no value."""
+    return {name: _measures(judged, who) for name, _, judged, who in audit.columns()}
+
+
+def _measures(judged: Judged, members: Ints) -> dict[str, Estimate]:
+    judged_at_all = len(members) >= FEWEST
+    tables = (judged.usable, judged.reached, judged.seen, judged.reached & judged.held)
+    found = {}
+    for part, table in zip(_PARTS, tables, strict=True):
+        shares = table[members].mean(axis=0) if judged_at_all else np.full(1, np.nan)
+        for kind, value in (("min", float(shares.min())), ("mean", float(shares.mean()))):
+            mean = value if judged_at_all else None
+            found[f"{part}.{kind}"] = Estimate(mean, None, len(members), "person")
+    return found
+
+
+def plain(audit: Audit) -> dict[str, Any]:
+    """Return the audit for JSON."""
+    return {
+        "title": audit.title,
+        "seed": audit.seed,
+        "people": len(audit.judged.seen),
+        "stance": audit.stance,
+        "measures": {
+            group: {name: _rounded(each.mean) for name, each in measures.items()}
+            for group, measures in estimates(audit).items()
+        },
+        "targets": [_target(audit, i) for i in range(len(audit.targets))],
+        "groups": [_group(audit, *row) for row in audit.columns()],
+    }
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, 4)
+
+
+def _target(audit: Audit, column: int) -> dict[str, Any]:
+    target, judged = audit.targets[column], audit.judged
+    every, n = np.arange(len(judged.seen)), len(judged.seen)
+    tables = {"usable": judged.usable, "seen": judged.seen, "reached": judged.reached}
+    counts = {name: int(table[:, column].sum()) for name, table in tables.items()}
+    counts["held"] = int((judged.reached & judged.held)[:, column].sum())
+    counts["leans"] = int((judged.reached & judged.leans)[:, column].sum())
+    fix = audit.remedies[column]
+    return {
+        "name": target.name,
+        "place_m": np.round(target.place_m, 4).tolist(),
+        "relative_to": "head" if target.from_head else "world",
+        "how": target.how,
+        "hand": target.hand,
+        "hold_s": target.hold_s,
+        "load_kg": target.load_kg,
+        **{name: proportion(count, n) for name, count in counts.items()},
+        "causes": causes(judged, target, column, every),
+        "remedy": None if fix is None else _remedy(fix),
+        "exertion": _exertion(judged, column),
+    }
+
+
+def _remedy(fix: Remedy) -> dict[str, Any]:
+    shift, reach = fix.shift_m, fix.reach_m
+    return {
+        "reach_shift_cm": None if reach is None else np.round(100.0 * reach, 1).tolist(),
+        "reach_shift": None if reach is None else shift_words(reach),
+        "shift_cm": None if shift is None else np.round(100.0 * shift, 1).tolist(),
+        "shift": None if shift is None else shift_words(shift),
+        "share_after": round(fix.share, 4),
+        "by_ray": fix.ray,
+        "one_hand": fix.one_hand,
+        "load_kg": fix.load_kg,
+        "hold_s": fix.hold_s,
+    }
+
+
+def _exertion(judged: Judged, column: int) -> dict[str, Any]:
+    """5 %, 50 % and 95 % of the persons who reach the target; null: too weak, or endless."""
+    rows = {
+        "share_of_activation": judged.share,
+        "share_of_published_strength": judged.published_share,
+        "share_of_trunk_strength": judged.trunk_share,
+        **{f"minutes, {model}": judged.minutes[model] for model in MODELS},
+    }
+    return {name: _quantiles(values[:, column]) for name, values in rows.items()}
+
+
+def _quantiles(values: FloatArray) -> list[float | None]:
+    known = values[~np.isnan(values)]
+    if len(known) == 0:
+        return [None] * 3
+    found = np.quantile(known, [0.05, 0.5, 0.95], method="nearest").tolist()
+    return [round(value, 4) if np.isfinite(value) else None for value in found]
+
+
+def _group(
+    audit: Audit, name: str, limitation: Limitation | None, judged: Judged, members: Ints
+) -> dict[str, Any]:
+    usable = judged.usable[members]
+    targets: Mapping[str, Any] = {
+        target.name: proportion(int(usable[:, i].sum()), len(members))
+        for i, target in enumerate(audit.targets)
+    }
+    return {
+        "name": name,
+        "n": len(members),
+        "source": "sampled" if limitation is None else limitation.source,
+        "verified": limitation is None or limitation.verified,
+        "every_target": proportion(int(usable.all(axis=1).sum()), len(members)),
+        "targets": targets,
+        "causes": {
+            target.name: causes(judged, target, i, members)
+            for i, target in enumerate(audit.targets)
+        },
+    }

@@ -1,0 +1,195 @@
+"""Targets of an audit: listed in YAML, found in a game, or located in a page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError, model_validator
+
+from sim2vr_harness.base.errors import InputError, shown
+from sim2vr_harness.base.files import file_name, read_yaml
+from sim2vr_harness.base.settings import Settings, first_problem
+from sim2vr_harness.client import AppRefused
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.evaluation.environment import make_simulation
+from sim2vr_harness.tools.reach.people import alike
+from sim2vr_harness.tools.reach.targets import Target, seen_targets
+
+__all__ = ["AuditTarget", "TargetSettings", "found_targets", "located", "read_targets"]
+
+FloatArray = NDArray[np.float64]
+How = Literal["touch", "point", "press", "grab", "look"]
+Hand = Literal["either", "preferred", "both"]
+
+_FORM = "a list 'targets' of {name, place: [right, up, ahead] or object: NAME, ...}"
+_MOST = 500
+_STATURES_M = (1.55, 1.85)
+"""Of two users in whose rounds a game's targets are looked for: do they follow the head?"""
+
+Coordinate = Annotated[float, Field(ge=-100.0, le=100.0)]
+
+
+class TargetSettings(Settings):
+    """One target in a file of targets."""
+
+    name: str = Field(min_length=1, max_length=80)
+    """What the report calls it."""
+    place: tuple[Coordinate, Coordinate, Coordinate] | None = None
+    """Right, up, ahead in m; origin on the floor below the body."""
+    object: str | None = None
+    """Or the name of an object of the page, which is where it is as the session begins."""
+    relative_to: Literal["world", "head"] = "world"
+    """``head``: `place` is measured from where each person's head is."""
+    how: How = "touch"
+    """``touch``, ``press``, ``grab``: the controller gets there; ``point``: its ray does; ``look``:
+    it only has to be seen."""
+    hand: Hand = "either"
+    """``preferred``: the hand that the person prefers; ``both``: both hands at once."""
+    hold_s: float = Field(default=1.0, ge=0.0, le=3600.0)
+    """How long the posture is held, s."""
+    load_kg: float = Field(default=0.0, ge=0.0, le=50.0)
+    """Mass in each hand beside the controller, kg."""
+    radius_m: float = Field(default=0.0, ge=0.0, le=2.0)
+    """Size: coming so near is enough, m."""
+
+    @model_validator(mode="after")
+    def _one_place(self) -> TargetSettings:
+        if (self.place is None) == (self.object is None):
+            got = "none" if self.place is None else "both"
+            raise ValueError(f"got {got} of place and object, expected one of them")
+        return self
+
+
+@dataclass(frozen=True)
+class AuditTarget:
+    """A target with its place.
+
+    Attributes:
+        name: For people.
+        place_m: (3,) right, up, ahead, m, in the world or from the head.
+        from_head: Whether it is from the head.
+        how, hand, hold_s, load_kg, radius_m: As of :class:`TargetSettings`.
+    """
+
+    name: str
+    place_m: FloatArray
+    from_head: bool = False
+    how: How = "touch"
+    hand: Hand = "either"
+    hold_s: float = 1.0
+    load_kg: float = 0.0
+    radius_m: float = 0.0
+
+    @classmethod
+    def of(cls, settings: TargetSettings, objects: Mapping[str, Sequence[float]]) -> AuditTarget:
+        """Return the target of settings, with the places of objects that they name."""
+        place = settings.place if settings.object is None else objects[settings.object]
+        return cls(
+            settings.name,
+            np.array(place, dtype=np.float64),
+            settings.relative_to == "head",
+            settings.how,
+            settings.hand,
+            settings.hold_s,
+            settings.load_kg,
+            settings.radius_m,
+        )
+
+
+def read_targets(file: Path) -> list[TargetSettings]:
+    """Read a file of targets.
+
+    Raises:
+        InputError: It is no such file; names the target and the field.
+    """
+    tree = read_yaml(file, _FORM)
+    listed = tree.get("targets") if isinstance(tree, dict) else None
+    if not isinstance(listed, list) or not 1 <= len(listed) <= _MOST:
+        raise InputError(file_name(file), shown(tree, 60), _FORM)
+    found = [_target(file, number, each) for number, each in enumerate(listed)]
+    names = [each.name for each in found]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"{file_name(file)}: targets", f"{name!r} twice", "each name once")
+    return found
+
+
+def _target(file: Path, number: int, tree: Any) -> TargetSettings:
+    where = f"{file_name(file)}: targets[{number}]"
+    if not isinstance(tree, dict):
+        raise InputError(where, shown(tree, 60), "a mapping with 'name' and 'place' or 'object'")
+    try:
+        return TargetSettings.model_validate(tree)
+    except ValidationError as error:
+        raise first_problem(error, TargetSettings, (where,)) from error
+
+
+def located(listed: Sequence[TargetSettings], env: EnvConfig | None) -> list[AuditTarget]:
+    """Return targets with their places; those of objects are located in the page.
+
+    Args:
+        listed: Settings.
+        env: User and page; None: there is no page.
+
+    Raises:
+        InputError: A target names an object, and there is no page or no such object.
+    """
+    named = list(dict.fromkeys(each.object for each in listed if each.object is not None))
+    places: dict[str, Sequence[float]] = {}
+    if named and (env is None or env.app.page is None):
+        raise InputError("--targets", f"object {named[0]!r} without --page", "a place, or a page")
+    if named:
+        assert env is not None
+        with closing(make_simulation(alike(env), 1)) as users:
+            users.reset(seeds=[1])
+            for name in named:
+                try:
+                    places[name] = users.apps[0].locate(name)
+                except AppRefused as error:
+                    raise InputError("--targets", f"object {name!r}", str(error)) from error
+    return [AuditTarget.of(each, places) for each in listed]
+
+
+def found_targets(
+    env: EnvConfig,
+    *,
+    objects: str | None = None,
+    seconds: float = 10.0,
+    how: How = "touch",
+    look: Callable[..., list[Target]] = seen_targets,
+) -> list[AuditTarget]:
+    """Find the targets of a game, as a short and a tall user's rounds have them.
+
+    A target at the same place from both heads follows the head.
+
+    Args:
+        env: User and game.
+        objects: Pattern of the objects' names; None: those that come, go or move.
+        seconds: How long to look at each round.
+        how: What is done with them.
+        look: Plays rounds: (environment, pattern, ``seconds``) -> targets.
+    """
+    short, tall = (look(_sized(env, stature), objects, seconds=seconds) for stature in _STATURES_M)
+    found = []
+    for target in short:
+        twin = next((other for other in tall if target.same_as(other)), None)
+        moved = twin is not None and bool(np.abs(twin.place_m - target.place_m).max() > 0.01)
+        follows = target.from_head_m is not None and moved
+        place = target.from_head_m if follows and target.from_head_m is not None else target.place_m
+        found.append(AuditTarget(target.name, place, follows, how))
+    return [replace(each, name=each.name or f"target {i}") for i, each in enumerate(found)]
+
+
+def _sized(env: EnvConfig, stature_m: float) -> EnvConfig:
+    """The environment with a body of that stature."""
+    plain = alike(env)
+    person = plain.user.person.model_copy(update={"stature_m": stature_m})
+    return plain.model_copy(
+        update={"user": plain.user.model_copy(update={"person": person, "torso": True})}
+    )

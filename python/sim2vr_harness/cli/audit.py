@@ -1,0 +1,199 @@
+"""``sim2vr-harness audit``: who can use an app, and how hard it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+import typer
+
+from sim2vr_harness.cli.app_options import with_page_options
+from sim2vr_harness.cli.options import (
+    CheckedRun,
+    ExpectOption,
+    JunitOption,
+    finite,
+    known_games,
+    readable_file,
+    writable_folder,
+)
+from sim2vr_harness.cli.progress import say
+
+if TYPE_CHECKING:
+    from sim2vr_harness.audit.population import Stance
+    from sim2vr_harness.audit.targets import AuditTarget, How
+    from sim2vr_harness.evaluation.expectations import Planned
+
+__all__ = ["audit"]
+
+_MOST_PEOPLE = 10_000
+
+_Game = Annotated[
+    str | None,
+    typer.Option(
+        autocompletion=known_games, metavar="NAME", help="Targets of a game, found by running it."
+    ),
+]
+_Condition = Annotated[
+    list[str] | None, typer.Option(metavar="NAME", help="The game's condition; may be repeated.")
+]
+_Objects = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Which of the game's objects are targets, with * and ?.",
+        show_default="those that come, go or move",
+    ),
+]
+_Targets = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE.yaml",
+        help="A list of targets: name, place or object, how, hold_s and more.",
+        callback=readable_file,
+    ),
+]
+_How = Annotated[
+    str, typer.Option(metavar="HOW", help="What is done with a game's targets: touch or point.")
+]
+_Seconds = Annotated[
+    float, typer.Option(help="How long to look at each round of the game.", callback=finite)
+]
+_People = Annotated[int, typer.Option(metavar="N", help="Persons, 1 to 10,000.")]
+_Stance = Annotated[str, typer.Option(metavar="STANCE", help="Of the persons: seated or standing.")]
+_Seed = Annotated[int, typer.Option(help="Other persons for another seed.")]
+_Out = Annotated[Path, typer.Option(help="Folder for the files.", callback=writable_folder)]
+
+
+@with_page_options
+def audit(
+    game: _Game = None,
+    condition: _Condition = None,
+    objects: _Objects = None,
+    targets: _Targets = None,
+    how: _How = "touch",
+    seconds: _Seconds = 10.0,
+    people: _People = 500,
+    stance: _Stance = "seated",
+    seed: _Seed = 1,
+    out: _Out = Path("audit"),
+    expect: ExpectOption = None,
+    junit: JunitOption = None,
+    remote: Mapping[str, Any] | None = None,
+) -> int:
+    """Say who can see, reach and hold an app's targets, and what to move.
+
+    Examples:
+        sim2vr-harness audit --targets shop.yaml --page shop.html --people 100
+        sim2vr-harness audit --game whacamole --condition high --expect "reach.min >= 0.95"
+    """
+    from sim2vr_harness.audit.auditing import run
+    from sim2vr_harness.audit.report import findings, headline, write
+    from sim2vr_harness.audit.summary import estimates, plain
+
+    numbers = seconds, people, seed
+    _check(game, condition, objects, targets, remote, how, numbers, stance)
+    checked = CheckedRun(_with_group(expect), None, junit, "audit")
+    listed = _listed(targets, remote)
+    if checked.asked:
+        checked.prepare(_planned(cast("Stance", stance)))
+    if game is not None:
+        conditions: list[str | None] = [*condition] if condition else [None]
+        for name in conditions:
+            listed += _of_game(game, name, objects, seconds, cast("How", how))
+    page = (remote or {}).get("page")
+    title = game or (Path(page).name if page else "") or (targets.stem if targets else "")
+    chosen = cast("Stance", stance)
+    done = run(title, listed, people=people, seed=seed, stance=chosen, say=say)
+    values = plain(done)
+    for sentence in (headline(values), *findings(values)):
+        typer.echo(sentence)
+    for file in write(done, out):
+        typer.echo(f"Written: {file}")
+    return checked.status(lambda: estimates(done))
+
+
+def _check(
+    game: str | None,
+    condition: list[str] | None,
+    objects: str | None,
+    targets: Path | None,
+    remote: Mapping[str, Any] | None,
+    how: str,
+    numbers: tuple[float, int, int],
+    stance: str,
+) -> None:
+    """Refuse options that are out of range or do not go together."""
+    from sim2vr_harness.base.errors import InputError
+    from sim2vr_harness.base.optional import needed
+
+    needed("plotly", "studies", "audit")
+    seconds, people, seed = numbers
+    if game is None and targets is None:
+        got = "--page without --targets" if remote else "neither"
+        raise InputError("--game or --targets", got, "a game, or a file of targets")
+    if game is not None and remote:
+        raise InputError("--page", "it together with --game", "one of them")
+    if game is None and (condition or objects is not None):
+        raise InputError("--condition or --objects", "it without --game", "it with --game")
+    for option, got, known in (
+        ("--how", how, ("touch", "point")),
+        ("--stance", stance, ("seated", "standing")),
+    ):
+        if got not in known:
+            raise InputError(option, repr(got), " or ".join(known))
+    if not 1 <= people <= _MOST_PEOPLE:
+        raise InputError("--people", str(people), f"1 to {_MOST_PEOPLE:,}")
+    if not 0 <= seed < 2**31:
+        raise InputError("--seed", str(seed), f"0 to {2**31 - 1}")
+    if not 0.0 < seconds <= 600.0:
+        raise InputError("--seconds", f"{seconds:g}", "more than 0, at most 600")
+
+
+def _with_group(expect: list[str] | None) -> list[str] | None:
+    """Expectations without a group are about everyone."""
+    from sim2vr_harness.audit.summary import EVERYONE
+    from sim2vr_harness.evaluation.expectations import Expectation
+
+    return [
+        text if Expectation.of(text).group is not None else f"{EVERYONE}: {text}"
+        for text in expect or ()
+    ] or None
+
+
+def _planned(stance: Stance) -> Planned:
+    from sim2vr_harness.audit.auditing import limitations_of
+    from sim2vr_harness.audit.population import GROUPS
+    from sim2vr_harness.audit.summary import EVERYONE, MEASURES
+    from sim2vr_harness.evaluation.expectations import Planned
+
+    limited = (each.name for each in limitations_of(stance))
+    return Planned((EVERYONE, *GROUPS, *limited), MEASURES, ())
+
+
+def _listed(targets: Path | None, remote: Mapping[str, Any] | None) -> list[AuditTarget]:
+    """Return the targets of a file, those of objects located in the page."""
+    from sim2vr_harness.audit.targets import located, read_targets
+    from sim2vr_harness.envs.config import AppConfig, EnvConfig
+    from sim2vr_harness.envs.games import with_task
+
+    if targets is None:
+        return []
+    settings = read_targets(targets)
+    env = with_task(EnvConfig(app=AppConfig(**remote))) if remote else None
+    return located(settings, env)
+
+
+def _of_game(
+    game: str, condition: str | None, objects: str | None, seconds: float, how: How
+) -> list[AuditTarget]:
+    from dataclasses import replace
+
+    from sim2vr_harness.audit.population import MODEL
+    from sim2vr_harness.audit.targets import found_targets
+    from sim2vr_harness.tools.users import environment_of
+
+    env = environment_of(MODEL, game=game, condition=condition)
+    found = found_targets(env, objects=objects, seconds=seconds, how=how)
+    return [replace(each, name=f"{condition or ''} {each.name}".strip()) for each in found]

@@ -1,0 +1,200 @@
+"""Audits: designs made worse in known ways, geometry by hand, files that repeat."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim2vr_harness.audit.auditing import run
+from sim2vr_harness.audit.causes import cause, shift_words
+from sim2vr_harness.audit.judging import Judged, judge, places_of, seen
+from sim2vr_harness.audit.population import NONE, Limitation, draw, groups_of
+from sim2vr_harness.audit.reaching import Crowd, Rows
+from sim2vr_harness.audit.remedies import GOAL, remedy
+from sim2vr_harness.audit.report import findings, headline, write
+from sim2vr_harness.audit.summary import plain, proportion
+from sim2vr_harness.audit.targets import AuditTarget, found_targets, located, read_targets
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.statistics.intervals import wilson_interval
+from sim2vr_harness.tools.users import environment_of
+
+
+@pytest.fixture(scope="module")
+def crowd() -> Crowd:
+    return Crowd(draw(6, 1), "seated", NONE)
+
+
+def target(name: str, right: float, up: float, ahead: float, **more: Any) -> AuditTarget:
+    return AuditTarget(name, np.array([right, up, ahead]), **more)
+
+
+def arm_length(crowd: Crowd) -> tuple[np.ndarray, float]:
+    """Shoulder of the first person and how far its straight arm carries the grip, by MuJoCo."""
+    body = crowd.subjects[0].body
+    model = body.physics_model
+    data = mujoco.MjData(model)
+    angles = np.zeros(len(body.independent_joints))
+    angles[body.independent_joints.index("shoulder_elv")] = np.radians(90.0)
+    angles[body.independent_joints.index("elv_angle")] = np.radians(90.0)
+    data.qpos[:] = body.coupled_qpos(angles)
+    mujoco.mj_kinematics(model, data)
+    shoulder = data.body("humerus").xpos.copy()
+    return shoulder, float(np.linalg.norm(data.site("controller_right").xpos - shoulder))
+
+
+def test_a_straight_arm_ends_at_its_length(crowd: Crowd) -> None:
+    shoulder, length = arm_length(crowd)
+    shares = np.array([0.9, 1.15, 2.5])
+    places = shoulder + shares[:, None] * [length, 0.0, 0.0]
+    zeros = np.zeros(3, dtype=np.int64)
+    found = crowd.solve(Rows(zeros, zeros.astype(bool), places, np.full(3, 0.001)))
+    assert found.reached.tolist() == [True, True, False]
+    assert found.leans[:2].tolist() == [False, True]
+
+
+def test_the_other_hand_is_the_mirror_image(crowd: Crowd) -> None:
+    place = np.array([[0.3, 0.35, 1.0], [0.3, -0.35, 1.0]])
+    persons = np.zeros(2, dtype=np.int64)
+    found = crowd.solve(Rows(persons, np.array([True, False]), place, np.full(2, 0.001)))
+    np.testing.assert_allclose(found.angles[0, 0], found.angles[1, 0], atol=1e-9)
+
+
+def test_neck_and_field_of_view_decide_what_is_seen(crowd: Crowd) -> None:
+    # Neck: 70.65 degrees to a side, and 45 of the field of view.
+    angles = np.radians([0.0, 115.0, 116.5, -115.0, -116.5, 180.0])
+    around = np.stack([np.cos(angles), np.sin(angles), np.zeros(6)], axis=1)
+    persons = np.zeros(6, dtype=np.int64)
+    found = seen(crowd, persons, crowd.heads[persons] + 2.0 * around)
+    assert found.tolist() == [True, True, False, True, False, False]
+
+
+BAD = [
+    (target("high", 0.2, 2.2, 0.3), "too high", 1, -1.0),
+    (target("far", 0.2, 1.0, 1.4), "too far", 2, -1.0),
+    (target("behind", 0.1, 1.1, -0.6), "behind", 2, 1.0),
+]
+
+
+@pytest.mark.parametrize(("bad", "why", "axis", "sign"), BAD, ids=lambda each: str(each)[:20])
+def test_a_bad_place_is_named_with_its_remedy(
+    crowd: Crowd, bad: AuditTarget, why: str, axis: int, sign: float
+) -> None:
+    judged = judge(crowd, [bad], NONE)
+    assert {cause(judged, bad, i, 0) for i in range(len(crowd.subjects))} == {why}
+    found = remedy(crowd, bad, judged, 0)
+    assert found.shift_m is not None
+    assert found.share >= GOAL
+    assert np.sign(found.shift_m[axis]) == sign
+    assert abs(found.shift_m[axis]) > 0.1
+
+
+def test_a_heavy_thing_gets_a_lighter_load(crowd: Crowd) -> None:
+    heavy = target("heavy", 0.2, 1.0, 0.45, how="grab", load_kg=40.0)
+    judged = judge(crowd, [heavy], NONE)
+    assert judged.reached.all()
+    assert {cause(judged, heavy, i, 0) for i in range(len(crowd.subjects))} == {"too heavy"}
+    found = remedy(crowd, heavy, judged, 0)
+    assert found.load_kg is not None
+    assert 0.0 < found.load_kg < 40.0
+
+
+def test_two_hands_at_once_exclude_who_has_one() -> None:
+    both = target("lever", 0.0, 1.0, 0.4, hand="both")
+    one_hand = Limitation("one hand only", one_hand=True)
+    subjects = draw(3, 1)
+    free = judge(Crowd(subjects, "seated", NONE), [both], NONE)
+    judged = judge(Crowd(subjects, "seated", one_hand), [both], one_hand)
+    assert free.reached.all()
+    assert [cause(judged, both, i, 0) for i in range(3)] == ["needs two hands"] * 3
+
+
+def test_weaker_muscles_work_harder(crowd: Crowd) -> None:
+    place = [target("front", 0.2, 1.1, 0.45)]
+    full = judge(crowd, place, NONE)
+    weak = judge(crowd, place, Limitation("weak", strength=0.5))
+    assert (weak.share > full.share).all()
+    assert np.median(weak.share / full.share) == pytest.approx(2.0, rel=0.1)
+
+
+def test_higher_moles_tire_more(crowd: Crowd) -> None:
+    medians = []
+    for condition in ("low", "mid", "high"):
+        env = environment_of("mobl_arms_wrist", game="whacamole", condition=condition)
+        targets = found_targets(env, seconds=4.0)
+        assert all(each.from_head for each in targets)
+        judged: Judged = judge(crowd, targets, NONE)
+        medians.append(float(np.nanmedian(judged.share)))
+    assert medians == sorted(medians)
+    assert medians[2] > 1.2 * medians[0]
+
+
+def test_a_target_of_the_head_moves_with_it(crowd: Crowd) -> None:
+    persons = np.arange(6)
+    places = places_of(crowd, target("near", 0.0, -0.2, 0.4, from_head=True), persons)
+    np.testing.assert_allclose(places - crowd.heads, np.tile([0.4, 0.0, -0.2], (6, 1)))
+
+
+def test_wilson_intervals_are_the_published_ones() -> None:
+    # Newcombe 1998, table I: 81 of 263, 15 of 148, 0 of 20.
+    for successes, n, low, high in ((81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605)):
+        assert wilson_interval(successes, n) == pytest.approx((low, high), abs=5e-5)
+    assert wilson_interval(0, 20) == pytest.approx((0.0, 0.1611), abs=5e-5)
+    assert proportion(20, 29)["share"] is None
+
+
+def test_groups_hold_persons_of_their_percentile() -> None:
+    subjects = draw(60, 2)
+    groups = {group.name: group.members.tolist() for group in groups_of(subjects)}
+    assert sorted(groups["women"] + groups["men"]) == list(range(60))
+    short = [subjects[i].person.stature_m for i in groups["women, stature below P25"]]
+    # ANSUR II: women 1.629 m, SD 0.0665 in this population: P25 is 1.629 - 0.6745 SD.
+    assert max(short) < 1.629 - 0.6745 * 0.0665 + 1e-3
+
+
+def test_the_same_seed_writes_the_same_files(tmp_path: Path) -> None:
+    targets = [target("<near>", 0.2, 1.0, 0.4), target("ray", 0.4, 1.3, 3.0, how="point")]
+    for name in ("a", "b"):
+        done = run("x", targets, people=3, seed=4)
+        write(done, tmp_path / name)
+    values = plain(done)
+    for file in ("report.html", "audit.json"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+    assert "too few persons (3)" in headline(values)
+    assert findings(values) == []
+    page = (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
+    assert "Limits of the model" in page
+    assert "&lt;near&gt;" in page
+
+
+def test_shifts_in_words() -> None:
+    assert shift_words(np.array([0.0, -0.12, 0.05])) == "12 cm down and 5 cm ahead"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("targets: 3", "list 'targets'"),
+        ("targets: [{name: a}]", "place and object"),
+        ("targets: [{name: a, place: [0, 1]}]", "place"),
+        ("targets: [{name: a, place: [0, 1, 0], how: lick}]", "how"),
+        ("targets: [{name: a, place: [0, 1, 0], load_kg: -1}]", "load_kg"),
+        ("targets: [{name: a, place: [0, 1, 0]}, {name: a, place: [0, 1, 1]}]", "twice"),
+        ("targets: [a]", "mapping"),
+    ],
+)
+def test_bad_files_name_the_field(tmp_path: Path, text: str, message: str) -> None:
+    file = tmp_path / "t.yaml"
+    file.write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_targets(file)
+
+
+def test_an_object_needs_a_page(tmp_path: Path) -> None:
+    file = tmp_path / "t.yaml"
+    file.write_text("targets: [{name: a, object: Door}]")
+    with pytest.raises(InputError, match="without --page"):
+        located(read_targets(file), None)

@@ -1,1 +1,1 @@
-"""Who can use an app, and how hard it is: a population beside an app's targets."""
+"""Audit of an app: a population beside its targets."""

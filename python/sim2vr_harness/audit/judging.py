@@ -1,4 +1,4 @@
-"""What each person can do with each target: see, reach and hold it, and how hard that is."""
+"""Judge for each person and target whether it is seen, reached and held, and the exertion."""
 
 from __future__ import annotations
 

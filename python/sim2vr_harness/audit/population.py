@@ -29,7 +29,7 @@ __all__ = [
 
 MODEL = "mobl_arms_wrist"
 FEWEST = 30
-"""Persons without whom a group is not judged."""
+"""Fewest persons of a group that is judged."""
 _BANDS = (("below P25", 0.0, 25.0), ("P25 to P75", 25.0, 75.0), ("above P75", 75.0, 101.0))
 GROUPS = (
     *(

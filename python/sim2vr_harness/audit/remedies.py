@@ -1,4 +1,4 @@
-"""What would include 95 % of people: the smallest shift of a target, or another way to use it."""
+"""Find what would include 95 % of people: the smallest shift of a target, or another input.
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["GOAL", "Remedy", "remedy", "usable_at"]
 
 GOAL = 0.95
 _SAMPLE = 20
-"""Persons on whom shifts are searched; all persons confirm the one that is found."""
+"""Sample for the search of shifts; all persons confirm the one that is found."""
 _STEP_M, _STEP_SHARE, _FARTHEST_M = 0.02, 0.08, 1.5
 _LOADS_KG = (10.0, 7.5, 5.0, 4.0, 3.0, 2.0, 1.5, 1.0, 0.5, 0.0)
 _TIMES_S = (600.0, 300.0, 120.0, 60.0, 30.0, 15.0, 10.0, 5.0, 2.0, 1.0)
@@ -38,7 +38,7 @@ class Remedy:
         shift_m: (3,) right, up, ahead, after which at least 95 % can use the target; None: no shift
             up to 1.5 m does.
         share: Of people who can use it then.
-        reach_m: (3,) the smallest shift found after which a sample sees and reaches it, held or not.
+        reach_m: (3,) the smallest shift found after which a sample sees and reaches it.
         ray: Share who can use it where it is, by a ray; None: not looked for.
         one_hand: Share who can use it with either hand; None: it takes one hand as it is.
         load_kg: Largest load that 95 % hold there; None: not looked for, or none.
@@ -134,12 +134,12 @@ def _time(target: AuditTarget, judged: Judged, column: int) -> float | None:
 def _shift(
     crowd: Crowd, target: AuditTarget, judged: Judged, column: int
 ) -> tuple[FloatArray | None, FloatArray | None, float]:
-    """Return the smallest shifts found: use and reach by 95 %; and the share who can then use it."""
+    """Return the smallest shifts for use and for reach by 95 %, and the proportion of use."""
     everyone = np.arange(len(crowd.subjects))
     sample = everyone[:_SAMPLE]
     here = places_of(crowd, target, everyone)
     directions = _directions(judged, column)
-    # Nobody gets there by a shift below the own gap: 95 % need at least that quantile.
+    # No one gets there by a shift below the own gap: 95 % need at least that quantile.
     gaps = np.linalg.norm(judged.needed_m[:, column], axis=1)
     gaps = np.where(judged.reached[:, column], 0.0, gaps)
     metres = max(float(np.quantile(gaps[sample], GOAL, method="lower")), 0.01)

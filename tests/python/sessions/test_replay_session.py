@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from python.sessions.sessions_made import ROOT, full_session
-from webxr_pages import NEEDS_BROWSER, PAGES
 
+from python.sessions.sessions_made import ROOT, full_session
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.sessions import Session, SessionEvent, read_session, write_session
 from sim2vr_harness.sessions.divergence import compare_events
 from sim2vr_harness.sessions.replay import replay_session
+from webxr_pages import NEEDS_BROWSER, PAGES
 
 ROUND = ROOT / "tests" / "data" / "whacamole_round"
 

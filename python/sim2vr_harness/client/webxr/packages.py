@@ -1,4 +1,4 @@
-"""Which npm package an address of a page means: the public hosts of engines, by their own rules."""
+"""Find the npm package behind an address of a page, by the rules of public hosts of engines."""
 
 from __future__ import annotations
 

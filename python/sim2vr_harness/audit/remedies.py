@@ -1,4 +1,4 @@
-"""Find what would include 95 % of people: the smallest shift of a target, or another input.
+"""Find what would include 95 % of people: the smallest shift of a target, or another input."""
 
 from __future__ import annotations
 

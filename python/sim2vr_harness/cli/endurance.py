@@ -1,4 +1,4 @@
-"""``sim2vr-harness endurance``: how long a user can hold a posture."""
+"""``sim2vr-harness users endurance``: how long a user can hold a posture."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ def endurance(
     """Say how long a posture can be held, by three models of exertion.
 
     Examples:
-        sim2vr-harness endurance mobl_arms_wrist --pose elv_angle=45,shoulder_elv=60
-        sim2vr-harness endurance whacamole_people --pose shoulder_elv=60 --people 9
+        sim2vr-harness users endurance mobl_arms_wrist --pose elv_angle=45,shoulder_elv=60
+        sim2vr-harness users endurance whacamole_people --pose shoulder_elv=60 --people 9
     """
     from dataclasses import asdict
 

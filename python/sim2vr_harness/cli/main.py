@@ -27,7 +27,6 @@ from sim2vr_harness.cli import (
     chart,
     compare,
     curves,
-    endurance,
     evaluate,
     export,
     film,
@@ -163,7 +162,6 @@ app.add("track", track.track, ANALYSE)
 app.add("audit", audit.audit, ANALYSE)
 app.add("reach", reach.reach, ANALYSE)
 app.add("rewards", rewards.rewards, ANALYSE)
-app.add("endurance", endurance.endurance, ANALYSE)
 app.add("export", export.export, ANALYSE)
 plot.add("curves", curves.curves)
 plot.add("level", level.level)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim2vr_harness.cli import chart, curves, film, level, motor, snapshot
+from sim2vr_harness.cli import chart, curves, endurance, film, level, motor, snapshot
 from sim2vr_harness.cli.command import CommandGroup
 
 __all__ = ["add_old_names"]
@@ -14,6 +14,7 @@ def add_old_names(app: CommandGroup) -> None:
     app.add_old("level", level.level, "plot level")
     app.add_old("chart", chart.chart, "plot measures")
     app.add_old("snapshot", snapshot.snapshot, "render snapshot")
+    app.add_old("endurance", endurance.endurance, "users endurance")
     app.add_old("film", film.film, "render film")
     group = CommandGroup("Old names of `sim2vr-harness users motor`.")
     group.add_old("practise", motor.train_layer, "users motor train")

@@ -1,4 +1,4 @@
-"""``sim2vr-harness endurance``: how long a user can hold a posture.
+"""``sim2vr-harness users endurance``: how long a user can hold a posture.
 
 The largest muscle activation is made as small as possible while all joints of the arm are in
 equilibrium: static optimisation by the min/max criterion (Rasmussen, Damsgaard, Voigt 2001).

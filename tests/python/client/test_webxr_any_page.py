@@ -243,6 +243,7 @@ def test_webgl_1_draws_what_webgl_2_draws(tmp_path: Path) -> None:
 
 HELPER = """importScripts('more.js');
 let beats = 0;
+setTimeout(() => { throw new Error('a worker that goes on'); }, 60);
 setInterval(() => postMessage(['beat', ++beats, performance.now()]), 50);
 onmessage = async ({ data }) => {
   const text = await (await fetch('numbers.json')).json();

@@ -151,7 +151,7 @@ def test_wrong_numbers() -> None:
 
 
 def test_command() -> None:
-    words = ["endurance", "mobl_arms_wrist", "--pose", "elv_angle=45,shoulder_elv=60"]
+    words = ["users", "endurance", "mobl_arms_wrist", "--pose", "elv_angle=45,shoulder_elv=60"]
     told = CliRunner().invoke(app, words)
     assert told.exit_code == 0, told.output
     for text in ("share of maximum at the shoulder", "NICER", "Consumed Endurance", "3CC-r"):

@@ -8,9 +8,11 @@
   const waiting = [];
   channel.port1.onmessage = () => shift(waiting)();
 
-  const report = window.reportError;
-  const realTimeout = window.setTimeout;
-  sim.inTruth = (callback, wait) => Reflect.apply(realTimeout, window, [callback, wait]);
+  // A worker that has not begun has neither of these; its class has them as soon as it begins.
+  const inherited = (name, own = window[name]) => (...given) =>
+    Reflect.apply(own ?? window.WorkerGlobalScope.prototype[name], window, given);
+  sim.inTruth = inherited('setTimeout');
+  const report = inherited('reportError');
 
   let now = 0; // ms since the document began
   let lastId = 0;

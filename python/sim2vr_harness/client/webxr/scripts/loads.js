@@ -57,15 +57,18 @@
     begin();
     promise.then(end, end);
   };
-  // Resolves when nothing is under way any more; what came may begin further loads.
+  const nothingPending = async () => {
+    while (pending > 0) {
+      await new Promise((resolve) => push(waiting, resolve));
+      await sim.turn();
+      await sim.turn();
+    }
+  };
+  // Resolves when nothing is under way any more; what came may begin further loads. A page and a
+  // worker that answer each other for ever get on by one answer.
   sim.loaded = async () => {
-    do {
-      while (pending > 0) {
-        await new Promise((resolve) => push(waiting, resolve));
-        await sim.turn();
-        await sim.turn();
-      }
-    } while (await sim.workersDone?.());
+    await nothingPending();
+    if (await sim.workersDone?.()) await nothingPending();
   };
 
   const wrap = (object, ...names) => {

@@ -247,7 +247,7 @@ class WebXRApp(SplitStep):
         return self._page.locate(name)
 
     def report(self) -> PageReport:
-        """Return what the page is made of and asked for so far; also after a reset failed."""
+        """Return what the page is made of and requested so far; also after a reset failed."""
         return self._page.report()
 
     @property
@@ -257,7 +257,7 @@ class WebXRApp(SplitStep):
 
     @property
     def asked(self) -> Mapping[str, int]:
-        """Addresses that the page asked for in this round: 200, 404, or 0: mapped nowhere."""
+        """Addresses that the page requested in this round: 200, 404, or 0: mapped nowhere."""
         return self._files.asked
 
     # --- what a page cannot do -----------------------------------------------------------------

@@ -28,7 +28,7 @@ class PageCheck:
         page: as it was named.
         failure: why it does not play, in one sentence; None: it plays.
         report: what it is made of; empty where it could not be asked.
-        asked: addresses that it asked for: 200, 404, or 0: mapped nowhere.
+        asked: addresses that it requested: 200, 404, or 0: mapped nowhere.
         notes: what it can do without.
     """
 

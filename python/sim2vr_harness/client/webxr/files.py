@@ -126,7 +126,7 @@ class PageFiles:
         return Answer(200, content, mime or "application/octet-stream")
 
     def clear(self) -> None:
-        """Forget what was asked for."""
+        """Forget what was requested."""
         self.missing.clear()
         self.refused.clear()
         self.asked.clear()

@@ -1,4 +1,4 @@
-"""Which npm package an address of a page means: the public hosts of engines, by their own rules."""
+"""Find the npm package behind an address, by the rules of the host."""
 
 from __future__ import annotations
 

@@ -234,7 +234,7 @@ class Page:
         return self._checked(place_in, f"the place of {name!r}", answer)
 
     def report(self) -> PageReport:
-        """Return what the page is made of and asked for so far."""
+        """Return what the page is made of and requested so far."""
         return self._checked(report_reply, self._evaluate("__sim2vr.report()"))
 
     def describe_renderer(self) -> str:

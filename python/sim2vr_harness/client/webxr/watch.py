@@ -1,4 +1,4 @@
-"""What a page does beside its frames: requests, navigations, errors, windows, memory."""
+"""Serve a page's requests; keep its errors, navigations, windows and memory in view."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class PageWatch:
         left: the address that it went to by itself; None: it stayed.
         loaded: whether it has loaded.
         loading: the address that the harness loads now; None: no such.
-        requests: how many files it asked for, in all rounds.
+        requests: how many files it requested, in all rounds.
     """
 
     def __init__(self, browser: Browser, tab: Tab, files: PageFiles) -> None:

@@ -132,7 +132,7 @@ def _lines(found: PageCheck) -> list[str]:
 
 
 app = CommandGroup(
-    """Check what a WebXR page needs; fetch the npm packages behind its addresses.
+    """Check a WebXR page; fetch the npm packages that it needs.
 
     Examples:
         sim2vr-harness page check game.html

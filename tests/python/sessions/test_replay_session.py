@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from python.sessions.sessions_made import ROOT, full_session
+from python.sessions.sessions_made import ROOT, SHARED, full_session
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import main
+from sim2vr_harness.evaluation.replay.recordings import read_recordings
+from sim2vr_harness.evaluation.replay.replayer import session_of
 from sim2vr_harness.sessions import (
     Controller,
     Session,
@@ -115,3 +117,20 @@ def test_a_page_does_the_same_again_and_another_seed_does_not() -> None:
     assert again.session.events == first.events
     other = replay_session(replace(first, seed=6), app=PAGE).comparison
     assert not other.same and other.first is not None
+
+
+ROUNDS = SHARED / "data" / "human_rounds"
+
+
+@pytest.mark.skipif(
+    not (ROUNDS / "manifest.json").is_file(),
+    reason="no recorded rounds: SIM2VR_SHARED can name a folder with data/human_rounds",
+)
+def test_rounds_of_people_come_again_by_the_general_path(tmp_path: Path) -> None:
+    recorded = again = 0
+    for recording in read_recordings([ROUNDS])[::6]:
+        write_session(session_of(recording, closed_loop=False), tmp_path / "round.jsonl")
+        found = replay_session(read_session(tmp_path / "round.jsonl")).comparison
+        recorded, again = recorded + found.recorded, again + found.again
+    assert recorded > 2000
+    assert again / recorded >= 0.997

@@ -52,7 +52,8 @@ def read_any(path: Path) -> Session:
 
     if path.suffix != ".npz":
         return read_session(path)
-    from sim2vr_harness.evaluation.replay.recordings import read_recordings, session_of
+    from sim2vr_harness.evaluation.replay.recordings import read_recordings
+    from sim2vr_harness.evaluation.replay.replayer import session_of
 
     (recording,) = read_recordings([path])
     return session_of(recording)

@@ -10,10 +10,22 @@ from typing import Any
 import numpy as np
 import pytest
 
+<<<<<<< HEAD
 from python.sessions.sessions_made import ROOT, full_session
+=======
+from python.sessions.sessions_made import ROOT, SHARED, full_session
+>>>>>>> h/X
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import main
-from sim2vr_harness.sessions import Session, SessionEvent, read_session, write_session
+from sim2vr_harness.evaluation.replay.recordings import read_recordings
+from sim2vr_harness.evaluation.replay.replayer import session_of
+from sim2vr_harness.sessions import (
+    Controller,
+    Session,
+    SessionEvent,
+    read_session,
+    write_session,
+)
 from sim2vr_harness.sessions.divergence import compare_events
 from sim2vr_harness.sessions.replay import replay_session
 from webxr_pages import NEEDS_BROWSER, PAGES
@@ -84,18 +96,45 @@ def test_strict_is_the_exit_status(tmp_path: Path, capsys: Any) -> None:
         assert found["same"] == (status == 0)
 
 
+def sweep() -> Session:
+    """The right hand in steps of .1 m through the room in which touch.html puts its ball."""
+    grid = np.meshgrid(*(np.arange(low, high, 0.1) for low, high in RANGES), indexing="ij")
+    places = np.tile(np.stack(grid, axis=-1).reshape(-1, 3), (2, 1))
+    grip = np.column_stack([places, np.tile([0.0, 0.0, 0.0, 1.0], (len(places), 1))])
+    head = np.tile([0.0, 1.6, 0.0, 0.0, 0.0, 0.0, 1.0], (len(places), 1))
+    times = np.arange(len(places)) * 13_888_889
+    return Session(times, head, right=Controller(grip), seed=5)
+
+
+RANGES = ((-0.3, 0.31), (0.9, 1.41), (0.3, 0.51))
+PAGE = {"transport": "webxr", "page": str(PAGES / "touch.html")}
+
+
 @NEEDS_BROWSER
-def test_a_page_does_the_same_again() -> None:
-    session = full_session()
-    up = np.zeros_like(session.time_ns, dtype=bool)
-    up[10:20] = True
-    assert session.right is not None and session.right.inputs is not None
-    inputs = np.zeros_like(session.right.inputs)
-    inputs[up, 0] = 1.0
-    session = replace(session, right=replace(session.right, inputs=inputs), events=())
-    page = {"transport": "webxr", "page": str(PAGES / "keypad.html")}
-    first = replay_session(session, app=page)
-    assert first.frames == len(session)
-    again = replay_session(first.session, app=page)
-    assert again.comparison.first is None
-    assert again.session.events == first.session.events
+def test_a_page_does_the_same_again_and_another_seed_does_not() -> None:
+    first = replay_session(sweep(), app=PAGE).session
+    # Every place of the ball is within .1 m of the sweep.
+    assert [event.kind for event in first.events].count("haptic") >= 1
+    assert first.events[0].data["amplitude"] == pytest.approx(0.7)
+    again = replay_session(first, app=PAGE)
+    assert again.comparison.same
+    assert again.session.events == first.events
+    other = replay_session(replace(first, seed=6), app=PAGE).comparison
+    assert not other.same and other.first is not None
+
+
+ROUNDS = SHARED / "data" / "human_rounds"
+
+
+@pytest.mark.skipif(
+    not (ROUNDS / "manifest.json").is_file(),
+    reason="no recorded rounds: SIM2VR_SHARED can name a folder with data/human_rounds",
+)
+def test_rounds_of_people_come_again_by_the_general_path(tmp_path: Path) -> None:
+    recorded = again = 0
+    for recording in read_recordings([ROUNDS])[::6]:
+        write_session(session_of(recording, closed_loop=False), tmp_path / "round.jsonl")
+        found = replay_session(read_session(tmp_path / "round.jsonl")).comparison
+        recorded, again = recorded + found.recorded, again + found.again
+    assert recorded > 2000
+    assert again / recorded >= 0.997

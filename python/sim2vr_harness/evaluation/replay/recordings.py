@@ -23,11 +23,10 @@ from numpy.typing import NDArray
 from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name, read_arrays, read_json
 from sim2vr_harness.client import OptionValue
-from sim2vr_harness.sessions import AppIdentity, Controller, Session, SessionEvent
-from sim2vr_harness.sessions.logs import logged_options, times_of_log
+from sim2vr_harness.sessions.logs import logged_options
 from sim2vr_harness.sessions.state_log import read_lines, read_state_log
 
-__all__ = ["GAME", "Event", "Recording", "read_events", "read_recordings", "session_of"]
+__all__ = ["GAME", "Event", "Recording", "read_events", "read_recordings"]
 
 GAME = "whacamole"
 """Whose rounds were recorded."""
@@ -411,29 +410,3 @@ def _packed_events(path: Path) -> tuple[Event, ...]:
             place = f"{file_name(path)}, line {number}"
             raise InputError(place, shown(line, 60), expected) from None
     return tuple(events)
-
-
-def session_of(recording: Recording) -> Session:
-    """Return a round as a session of the game."""
-    times_ns, rate = times_of_log(recording.times_s)
-    left = recording.left
-    return Session(
-        time_ns=times_ns,
-        head=recording.head,
-        left=None if left is None else Controller(grip=left),
-        right=Controller(grip=recording.right),
-        events=tuple(
-            SessionEvent(round(event.time_s * 1e9), f"target_{event.kind}", _event_data(event))
-            for event in recording.events
-        ),
-        app=AppIdentity("game", GAME, recording.condition, recording.options),
-        seed=recording.seed,
-        rate_hz=rate,
-        source="packed round",
-        person=recording.person or "",
-    )
-
-
-def _event_data(event: Event) -> dict[str, Any]:
-    data: dict[str, Any] = {"target_id": event.target, "grid_id": event.cell}
-    return data if event.velocity_mps is None else {**data, "velocity": list(event.velocity_mps)}

@@ -8,17 +8,20 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim2vr_harness.base.files import file_name
 from sim2vr_harness.client import AppClient, AppReply, DevicePoses, InProcessApp, OptionValue
 from sim2vr_harness.evaluation.replay.film import ReplayFilm
 from sim2vr_harness.evaluation.replay.recordings import GAME, Event, Recording, read_events
 from sim2vr_harness.evaluation.replay.timing import Timing, spawn_schedule, timing_of
+from sim2vr_harness.sessions import AppIdentity, Controller, Session, SessionEvent
 from sim2vr_harness.sessions.replay import drive
 
-__all__ = ["Replay", "replay", "replay_all"]
+__all__ = ["Replay", "replay", "replay_all", "session_of"]
 
 Watch = Callable[[AppClient, Timing, int, AppReply], None]
 """Called after frame i of the recording (the app, the timing, i, the app's reply)."""
@@ -95,6 +98,43 @@ def _replayed(
         return Replay(recording, timing, closed_loop, read_events(log))
 
 
+def session_of(recording: Recording, *, closed_loop: bool = True) -> Session:
+    """Return a round as a session of the game, with the clock and the options that repeat it.
+
+    Args:
+        recording: The round.
+        closed_loop: Without, the options take spawns from the log.
+    """
+    timing = timing_of(recording)
+    times_ns, frames = _frames(timing)
+    left, right = (
+        None if one is None else Controller(grip=one[frames])
+        for one in (recording.left, recording.right)
+    )
+    return Session(
+        time_ns=times_ns,
+        head=recording.head[frames],
+        left=left,
+        right=right,
+        events=tuple(
+            SessionEvent(round(event.time_s * 1e9), f"target_{event.kind}", _event_data(event))
+            for event in recording.events
+        ),
+        app=AppIdentity(
+            "game", GAME, recording.condition, _options(recording, timing, closed_loop)
+        ),
+        seed=recording.seed,
+        clock=timing.clock,
+        source="packed round",
+        person=recording.person or "",
+    )
+
+
+def _event_data(event: Event) -> dict[str, Any]:
+    data: dict[str, Any] = {"target_id": event.target, "grid_id": event.cell}
+    return data if event.velocity_mps is None else {**data, "velocity": list(event.velocity_mps)}
+
+
 def _options(recording: Recording, timing: Timing, closed_loop: bool) -> dict[str, OptionValue]:
     options: dict[str, OptionValue] = {
         "condition": recording.condition,
@@ -108,15 +148,21 @@ def _options(recording: Recording, timing: Timing, closed_loop: bool) -> dict[st
     return options
 
 
-def _play(app: AppClient, recording: Recording, timing: Timing, watch: Watch | None) -> None:
+def _frames(timing: Timing) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Times of the frames to run, and which recorded one each of them is."""
     times_ns, start = timing.frame_times_ns, timing.play_start_ns
     frames = np.arange(len(times_ns))
-    if start is not None:
-        # The log has no row for the frame that started play; the hammer is where it is next.
-        times_ns, frames = np.insert(times_ns, 1, start), np.insert(frames, 1, 1)
+    if start is None:
+        return times_ns, frames
+    # The log has no row for the frame that started play; the hammer is where it is next.
+    return np.insert(times_ns, 1, start), np.insert(frames, 1, 1)
+
+
+def _play(app: AppClient, recording: Recording, timing: Timing, watch: Watch | None) -> None:
+    times_ns, frames = _frames(timing)
 
     def seen(i: int, reply: AppReply) -> None:
-        if watch is not None and not (start is not None and i == 1):
+        if watch is not None and not (timing.play_start_ns is not None and i == 1):
             watch(app, timing, int(frames[i]), reply)
 
     devices = DevicePoses(recording.head, recording.right, recording.left)[frames]

@@ -25,6 +25,8 @@ struct Layout {
   /// Width, height (along the cut) and depth of what a correct cut has to touch of a box; nothing:
   /// the box itself.
   std::optional<Vec3> hit_box_m;
+  /// How much nearer to the player its middle is than the box's.
+  double hit_box_nearer_m = 0.0;
   /// Of a link of a chain.
   double link_edge_m = 0.175;
   double mine_radius_m = 0.12;

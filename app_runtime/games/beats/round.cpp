@@ -55,6 +55,7 @@ void Round::play() {
   if (frame_s_ <= 0.0) return;
   time_s_ = now_s;
   last_head_ = std::exchange(head_, head().transform().pose());
+  if (settings().floor_origin) origin_m_.z() = head_.position.z();
   for (Saber& saber : sabers_) saber.follow(frame_s_);
   followSwings();
   logSpawns(known_s);
@@ -127,6 +128,7 @@ std::optional<Round::Touch> Round::wideTouch(std::size_t i) const {
   if (!layout().hit_box_m || box.link || !saber(box.hand).held()) return std::nullopt;
   Block block = this->box(i);
   block.half_m = *layout().hit_box_m / 2.0;
+  block.center_m.z() -= layout().hit_box_nearer_m;
   const auto touch = touchBy(saber(box.hand), block, kBladeRadius_m, box.time_s);
   const bool fast = touch && touch->velocity_mps.norm() >= settings().score.min_speed_mps;
   return fast && isCorrect(box, *touch) ? touch : std::nullopt;
@@ -153,7 +155,7 @@ void Round::addWallEvent(std::size_t i, std::vector<Event>& events) const {
   const Wall& wall = level().walls[i];
   const double gone_s = goneTime_s(level(), wall);
   if (walls_touched_[i] == 0) {
-    const Vec3 drift_m(0.0, 0.0, -level().speed_mps * frame_s_);
+    const Vec3 drift_m = driftOfFrame_m();
     Block then = this->wall(i);
     then.center_m -= drift_m;
     const auto share =
@@ -181,7 +183,7 @@ std::optional<Round::Touch> Round::firstTouch(const Block& now, double reach_m, 
 
 std::optional<Round::Touch> Round::touchBy(const Saber& saber, const Block& now, double reach_m,
                                            double thing_s) const {
-  const Vec3 drift_m(0.0, 0.0, -level().speed_mps * frame_s_);
+  const Vec3 drift_m = driftOfFrame_m();
   Block then = now;
   then.center_m -= drift_m;
   const Motion motion = saber.motion();
@@ -195,6 +197,12 @@ std::optional<Round::Touch> Round::touchBy(const Saber& saber, const Block& now,
   const Vec3 along = (blade.tip_m - blade.root_m).normalized();
   return Touch{time_s_ - (1.0 - *share) * frame_s_, saber.hand(), place_m,
                velocity_mps - velocity_mps.dot(along) * along};
+}
+
+Vec3 Round::driftOfFrame_m() const {
+  const double step_m =
+      settings().floor_origin ? head_.position.z() - last_head_.position.z() : 0.0;
+  return {0.0, 0.0, step_m - level().speed_mps * frame_s_};
 }
 
 double Round::shareOf(double time_s) const {

@@ -105,6 +105,8 @@ class Round : public scene::Component {
   bool isOver() const;
   /// Things of that time or earlier have appeared.
   double appearedBy() const { return time_s_ + level().approach_s; }
+  /// Of what comes, over the last frame.
+  Vec3 driftOfFrame_m() const;
   /// A level time within the last frame, 0 at its start and 1 at its end.
   double shareOf(double time_s) const;
   Block placed(Block block) const;

@@ -19,9 +19,10 @@ Layout beatSaberLayout() {
   Layout layout;
   layout.cell_width_m = 0.60;
   layout.rows_m = {0.85, 1.40, 1.90};
-  layout.cut_distance_m = 0.90;
+  layout.cut_distance_m = 0.92;
   layout.box_edge_m = 0.40;
   layout.hit_box_m = Vec3(0.80, 0.50, 1.00);
+  layout.hit_box_nearer_m = 0.25;
   layout.blade_start_m = 0.0;
   return layout;
 }
@@ -69,6 +70,8 @@ Layout layoutFromOptions(Options& options, Layout layout) {
   if (const auto hit_box_m = threeNumbers(options, "hit_box_m", 0.05, 2.0)) {
     layout.hit_box_m = Vec3((*hit_box_m)[0], (*hit_box_m)[1], (*hit_box_m)[2]);
   }
+  layout.hit_box_nearer_m =
+      options.getNumber("hit_box_nearer_m", layout.hit_box_nearer_m, -1.0, 1.0);
   layout.link_edge_m = options.getNumber("link_edge_m", layout.link_edge_m, 0.05, 1.0);
   layout.mine_radius_m = options.getNumber("mine_radius_m", layout.mine_radius_m, 0.01, 0.5);
   layout.head_radius_m = options.getNumber("head_radius_m", layout.head_radius_m, 0.0, 0.3);

@@ -99,8 +99,7 @@ bool OpenCut::follow(const Swing& swing) {
   halved = true;
   time_s = now.time_s;
   const double part = from_m / (from_m - to_m);
-  const Vec3 tip_m = last.blade.tip_m + part * (now.blade.tip_m - last.blade.tip_m);
-  const Vec3 blade = tip_m - (last.blade.root_m + now.blade.root_m) / 2.0;
+  const Vec3 blade = along(last.blade) + part * (along(now.blade) - along(last.blade));
   before = swing.before(angleBetween_deg(blade, along(last.blade)));
   after = angleBetween_deg(blade, along(now.blade)) / kSwingAfter_deg;
   return after >= 1.0;

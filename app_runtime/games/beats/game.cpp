@@ -27,9 +27,9 @@ rl::RLEnv& buildRound(rl::GameContext& context, const Settings& settings,
   setup.rig = rl::buildXrRig(context);
   setup.seed = context.seed;
   setup.logger = context.logger;
-  const double blade_length_m = settings.layout.blade_length_m;
-  addSaberLooks(*setup.rig.left_controller, Hand::kLeft, blade_length_m);
-  addSaberLooks(*setup.rig.right_controller, Hand::kRight, blade_length_m);
+  const Rod blade = bladeOf(settings.layout);
+  addSaberLooks(*setup.rig.left_controller, Hand::kLeft, blade);
+  addSaberLooks(*setup.rig.right_controller, Hand::kRight, blade);
 
   scene::Scene& scene = context.scene;
   auto& round = scene.create("Round").addComponent<Round>(setup, feedback);

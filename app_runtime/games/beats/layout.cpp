@@ -12,15 +12,26 @@ namespace {
 constexpr double kMiddleOfColumns = 1.5;
 
 Vec3 cellCenter_m(const Layout& layout, double column, double row, double z_m) {
-  return {(column - kMiddleOfColumns) * layout.cell_width_m,
-          layout.middle_row_m + (row - 1.0) * layout.cell_height_m, z_m};
+  return {(column - kMiddleOfColumns) * layout.cell_width_m, rowHeight_m(layout, row), z_m};
 }
 
 double depth_m(const Level& level, const Wall& wall) {
   return std::max(wall.duration_s * level.speed_mps, kShallowestWall_m);
 }
 
+double wallHeight_m(const Layout& layout, const Wall& wall) {
+  if (!layout.rows_m) return wall.height * layout.cell_height_m;
+  const double bottom = wall.row - 0.5;
+  return rowHeight_m(layout, bottom + wall.height) - rowHeight_m(layout, bottom);
+}
+
 }  // namespace
+
+double rowHeight_m(const Layout& layout, double row) {
+  if (!layout.rows_m) return layout.middle_row_m + (row - 1.0) * layout.cell_height_m;
+  const auto& [bottom, middle, top] = *layout.rows_m;
+  return middle + (row - 1.0) * (row < 1.0 ? middle - bottom : top - middle);
+}
 
 // A mark that points down points along the cut when it is turned by this.
 double boxTurn_rad(const Box& box) {
@@ -42,7 +53,7 @@ Block mineAt(const Layout& layout, const Level& level, const Mine& mine, double 
 }
 
 Block wallAt(const Layout& layout, const Level& level, const Wall& wall, double time_s) {
-  const Vec3 size(wall.width * layout.cell_width_m, wall.height * layout.cell_height_m,
+  const Vec3 size(wall.width * layout.cell_width_m, wallHeight_m(layout, wall),
                   depth_m(level, wall));
   // The lower left edge of cell (column, row) lies half a cell from its middle.
   const Vec3 corner = cellCenter_m(layout, wall.column - 0.5, wall.row - 0.5,

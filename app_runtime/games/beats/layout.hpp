@@ -1,6 +1,9 @@
 // Where things are: from the level's cells and seconds to metres relative to the round's origin.
 #pragma once
 
+#include <array>
+#include <optional>
+
 #include "beats/level.hpp"
 #include "sim2vr/core/math.hpp"
 
@@ -14,13 +17,22 @@ struct Layout {
   double cell_height_m = 0.35;
   /// y of the middle row.
   double middle_row_m = -0.30;
+  /// y of the three rows, where they are not evenly spaced; instead of the two numbers above.
+  std::optional<std::array<double, 3>> rows_m;
   /// z at which boxes and mines are at their time.
   double cut_distance_m = 0.80;
   double box_edge_m = 0.35;
+  /// Width, height (along the cut) and depth of what a correct cut has to touch of a box; nothing:
+  /// the box itself.
+  std::optional<Vec3> hit_box_m;
+  /// How much nearer to the player its middle is than the box's.
+  double hit_box_nearer_m = 0.0;
   /// Of a link of a chain.
   double link_edge_m = 0.175;
   double mine_radius_m = 0.12;
   double head_radius_m = 0.08;
+  /// From the grip to the blade.
+  double blade_start_m = 0.08;
   double blade_length_m = 1.0;
 };
 
@@ -35,6 +47,9 @@ struct Block {
 inline constexpr double kShallowestWall_m = 0.05;
 /// Behind the head plane by this much a wall's back is when it is gone.
 inline constexpr double kWallGone_m = 0.5;
+
+/// y of a row's middle; rows may be fractions and may lie outside the grid.
+double rowHeight_m(const Layout& layout, double row);
 
 /// How far a box is turned about z: at 0 its mark points down.
 double boxTurn_rad(const Box& box);

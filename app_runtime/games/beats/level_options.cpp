@@ -35,6 +35,11 @@ void expectMap(const std::string& path) {
                         listChoices(kNames) + ", or the path of a map" + didYouMean(path, kNames));
 }
 
+Level levelOf(const LevelSettings& settings, std::uint32_t seed) {
+  if (settings.loaded != nullptr) return *settings.loaded;
+  return settings.level == "generated" ? generateLevel(settings.generator, seed) : firstLevel();
+}
+
 }  // namespace
 
 LevelSettings readLevelSettings(Options& options) {
@@ -43,6 +48,8 @@ LevelSettings readLevelSettings(Options& options) {
   settings.difficulty = options.getString("difficulty", "");
   settings.characteristic = options.getString("characteristic", "");
   settings.generator = readGenerator(options);
+  settings.approach_mps = options.getNumber("approach_mps", 0.0, 0.0, 40.0);
+  settings.jump_distance_m = options.getNumber("jump_distance_m", 0.0, 0.0, 100.0);
   if (settings.level == "full") {
     settings.loaded = fullLevel();
   } else if (settings.level != "first" && settings.level != "generated") {
@@ -54,8 +61,12 @@ LevelSettings readLevelSettings(Options& options) {
 }
 
 Level makeLevel(const LevelSettings& settings, std::uint32_t seed) {
-  if (settings.loaded != nullptr) return *settings.loaded;
-  return settings.level == "generated" ? generateLevel(settings.generator, seed) : firstLevel();
+  Level level = levelOf(settings, seed);
+  if (settings.approach_mps > 0.0) level.speed_mps = settings.approach_mps;
+  if (settings.jump_distance_m > 0.0) {
+    level.approach_s = settings.jump_distance_m / 2.0 / level.speed_mps;
+  }
+  return level;
 }
 
 }  // namespace sim2vr::games::beats

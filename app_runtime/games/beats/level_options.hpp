@@ -20,13 +20,16 @@ struct LevelSettings {
   std::string difficulty = {};
   std::string characteristic = {};
   GeneratorSettings generator = {};
+  /// Speed of approach and twice the way from appearing to the cut plane; 0: the level's.
+  double approach_mps = 0.0;
+  double jump_distance_m = 0.0;
   /// "full", or what the file held; none for levels that are made when they are played.
   std::shared_ptr<const Level> loaded = nullptr;
 };
 
-/// Reads the options `level`, `difficulty`, `characteristic` and the generator's
-/// (docs/reference/games/beats_levels.md); the generator's serve "generated" alone. Throws
-/// InvalidArgument naming the option, or the file, object and field that cannot be used.
+/// Reads the options `level`, `difficulty`, `characteristic`, those of the approach and the
+/// generator's (docs/reference/games/beats_levels.md); the generator's serve "generated" alone.
+/// Throws InvalidArgument naming the option, or the file, object and field that cannot be used.
 LevelSettings readLevelSettings(Options& options);
 
 /// The level to play. Same settings and seed, same bits; the seed matters to "generated" alone.

@@ -20,8 +20,8 @@ Round::Round(RoundSetup setup, const Feedback& feedback)
     : setup_(std::move(setup)),
       feedback_(feedback),
       tally_(setup_.settings.multiplier),
-      sabers_{Saber(Hand::kLeft, *setup_.rig.left_controller, layout().blade_length_m),
-              Saber(Hand::kRight, *setup_.rig.right_controller, layout().blade_length_m)},
+      sabers_{Saber(Hand::kLeft, *setup_.rig.left_controller, bladeOf(layout())),
+              Saber(Hand::kRight, *setup_.rig.right_controller, bladeOf(layout()))},
       boxes_(level().boxes.size()),
       mines_(level().mines.size()),
       walls_(level().walls.size()),
@@ -40,8 +40,9 @@ void Round::begin() {
   phase_ = Phase::kPlay;
   start_ns_ = clock().timeNs();
   head_ = last_head_ = head().transform().pose();
-  origin_m_ = head_.position;
+  origin_m_ = settings().floor_origin ? Vec3(0.0, 0.0, head_.position.z()) : head_.position;
   for (Saber& saber : sabers_) saber.follow(0.0);
+  followSwings();
   openLog();
 }
 
@@ -54,7 +55,9 @@ void Round::play() {
   if (frame_s_ <= 0.0) return;
   time_s_ = now_s;
   last_head_ = std::exchange(head_, head().transform().pose());
+  if (settings().floor_origin) origin_m_.z() = head_.position.z();
   for (Saber& saber : sabers_) saber.follow(frame_s_);
+  followSwings();
   logSpawns(known_s);
   std::erase_if(bursts_, [this](const Burst& burst) { return time_s_ - burst.time_s > kBurst_s; });
 
@@ -62,6 +65,7 @@ void Round::play() {
     apply(event);
     if (isOver()) break;
   }
+  followCuts();
   if (headInWall()) tally_.addWallTime(frame_s_, settings().wall_errors_per_second);
   logState();
   if (isOver() || time_s_ >= level().length_s - kEndTolerance_s) finish();
@@ -74,6 +78,8 @@ bool Round::isOver() const {
 
 void Round::finish() {
   phase_ = Phase::kDone;
+  for (const OpenCut& cut : open_cuts_) closeCut(cut);
+  open_cuts_.clear();
   closeLog();
 }
 
@@ -107,13 +113,30 @@ std::vector<Round::Event> Round::eventsOfFrame() const {
 void Round::addBoxEvent(std::size_t i, std::vector<Event>& events) const {
   const Box& box = level().boxes[i];
   const double pass_s = passTime_s(layout(), level(), box.time_s);
-  const auto cut =
-      firstTouch(this->box(i), kBladeRadius_m, box.time_s, settings().score.min_speed_mps);
+  auto cut = firstTouch(this->box(i), kBladeRadius_m, box.time_s, settings().score.min_speed_mps);
+  const auto wide = wideTouch(i);
+  if (wide && (!cut || wide->time_s <= cut->time_s)) cut = wide;
   if (cut) {
     events.push_back({cut->time_s, Event::Kind::kCut, i, cut->place_m, cut});
   } else if (pass_s <= time_s_) {
     events.push_back({pass_s, Event::Kind::kMiss, i, this->box(i).center_m});
   }
+}
+
+std::optional<Round::Touch> Round::wideTouch(std::size_t i) const {
+  const Box& box = level().boxes[i];
+  if (!layout().hit_box_m || box.link || !saber(box.hand).held()) return std::nullopt;
+  Block block = this->box(i);
+  block.half_m = *layout().hit_box_m / 2.0;
+  block.center_m.z() -= layout().hit_box_nearer_m;
+  const auto touch = touchBy(saber(box.hand), block, kBladeRadius_m, box.time_s);
+  const bool fast = touch && touch->velocity_mps.norm() >= settings().score.min_speed_mps;
+  return fast && isCorrect(box, *touch) ? touch : std::nullopt;
+}
+
+bool Round::isCorrect(const Box& box, const Touch& touch) const {
+  const auto angle_deg = cutAngle_deg(box, touch.velocity_mps);
+  return touch.hand == box.hand && angle_deg && *angle_deg <= settings().score.angle_limit_deg;
 }
 
 void Round::addMineEvent(std::size_t i, std::vector<Event>& events) const {
@@ -132,7 +155,7 @@ void Round::addWallEvent(std::size_t i, std::vector<Event>& events) const {
   const Wall& wall = level().walls[i];
   const double gone_s = goneTime_s(level(), wall);
   if (walls_touched_[i] == 0) {
-    const Vec3 drift_m(0.0, 0.0, -level().speed_mps * frame_s_);
+    const Vec3 drift_m = driftOfFrame_m();
     Block then = this->wall(i);
     then.center_m -= drift_m;
     const auto share =
@@ -160,7 +183,7 @@ std::optional<Round::Touch> Round::firstTouch(const Block& now, double reach_m, 
 
 std::optional<Round::Touch> Round::touchBy(const Saber& saber, const Block& now, double reach_m,
                                            double thing_s) const {
-  const Vec3 drift_m(0.0, 0.0, -level().speed_mps * frame_s_);
+  const Vec3 drift_m = driftOfFrame_m();
   Block then = now;
   then.center_m -= drift_m;
   const Motion motion = saber.motion();
@@ -174,6 +197,12 @@ std::optional<Round::Touch> Round::touchBy(const Saber& saber, const Block& now,
   const Vec3 along = (blade.tip_m - blade.root_m).normalized();
   return Touch{time_s_ - (1.0 - *share) * frame_s_, saber.hand(), place_m,
                velocity_mps - velocity_mps.dot(along) * along};
+}
+
+Vec3 Round::driftOfFrame_m() const {
+  const double step_m =
+      settings().floor_origin ? head_.position.z() - last_head_.position.z() : 0.0;
+  return {0.0, 0.0, step_m - level().speed_mps * frame_s_};
 }
 
 double Round::shareOf(double time_s) const {
@@ -233,19 +262,54 @@ void Round::applyCut(const Event& event) {
   const Box& box = level().boxes[event.index];
   const ScoreRules& rules = settings().score;
   const auto angle_deg = cutAngle_deg(box, touch.velocity_mps);
-  const bool right_hand = touch.hand == box.hand;
   bursts_.push_back({event.time_s, event.place_m,
                      box.hand == Hand::kLeft ? Burst::Of::kLeftBox : Burst::Of::kRightBox});
-  if (right_hand && angle_deg && *angle_deg <= rules.angle_limit_deg) {
+  if (isCorrect(box, touch)) {
     const double speed_mps = touch.velocity_mps.norm();
-    tally_.addSlice(cutPoints(rules, speed_mps, *angle_deg), speed_mps, *angle_deg);
+    if (rules.swing) {
+      OpenCut cut = OpenCut::of(swings_.at(static_cast<std::size_t>(touch.hand)),
+                                this->box(event.index).center_m);
+      cut.box = event.index;
+      cut.hand = touch.hand;
+      cut.factor = tally_.factor();
+      open_cuts_.push_back(cut);
+    }
+    const int points = rules.swing ? 0 : cutPoints(rules, speed_mps, *angle_deg);
+    tally_.addSlice(points, speed_mps, *angle_deg);
     feedback_.slice(touch.hand, event.place_m);
     logCut(event, "box_slice", angle_deg);
     return;
   }
+  const bool right_hand = touch.hand == box.hand;
   tally_.addFault(right_hand ? Fault::kWrongDirection : Fault::kWrongHand);
   feedback_.wrongCut(touch.hand, event.place_m);
   logCut(event, right_hand ? "box_wrong_direction" : "box_wrong_hand", angle_deg);
+}
+
+void Round::followSwings() {
+  if (!settings().score.swing) return;
+  for (const Saber& saber : sabers_) {
+    Swing& swing = swings_.at(static_cast<std::size_t>(saber.hand()));
+    if (saber.held()) {
+      swing.add(time_s_, saber.segment());
+    } else {
+      swing.clear();
+    }
+  }
+}
+
+void Round::followCuts() {
+  std::erase_if(open_cuts_, [this](OpenCut& cut) {
+    const Swing& swing = swings_.at(static_cast<std::size_t>(cut.hand));
+    if (swing.moves() && !cut.follow(swing)) return false;
+    closeCut(cut);
+    return true;
+  });
+}
+
+void Round::closeCut(const OpenCut& cut) {
+  tally_.addPoints(cut.points() * cut.factor);
+  logPoints(cut);
 }
 
 void Round::Burst::fields(Archive& archive) {
@@ -265,6 +329,13 @@ void Round::fields(Archive& archive) {
   }
   archive.field("tally", tally_);
   archive.field("sabers", sabers_);
+  if (settings().score.swing) {
+    archive.field("swings", swings_);
+    archive.field("open_cuts", open_cuts_);
+    for (const OpenCut& cut : open_cuts_) {
+      if (cut.box >= level().boxes.size()) throw EngineError("saved state: a cut of no box");
+    }
+  }
   archive.field("boxes", boxes_);
   archive.field("mines", mines_);
   archive.field("walls", walls_);

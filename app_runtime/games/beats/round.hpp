@@ -11,6 +11,7 @@
 #include "beats/feedback.hpp"
 #include "beats/saber.hpp"
 #include "beats/settings.hpp"
+#include "beats/swing.hpp"
 #include "beats/tally.hpp"
 #include "beats/track.hpp"
 #include "sim2vr/rl/episode_logger.hpp"
@@ -82,6 +83,9 @@ class Round : public scene::Component {
   void finish();
   std::vector<Event> eventsOfFrame() const;
   void addBoxEvent(std::size_t i, std::vector<Event>& events) const;
+  /// The earliest by the box's own blade that cuts it correctly, where more than the box counts.
+  std::optional<Touch> wideTouch(std::size_t i) const;
+  bool isCorrect(const Box& box, const Touch& touch) const;
   void addMineEvent(std::size_t i, std::vector<Event>& events) const;
   void addWallEvent(std::size_t i, std::vector<Event>& events) const;
   /// The earliest by either blade, fast enough, of what is at `now` and has the time `thing_s` in
@@ -92,10 +96,17 @@ class Round : public scene::Component {
                                double thing_s) const;
   void apply(const Event& event);
   void applyCut(const Event& event);
+  /// Once a frame, after the sabers.
+  void followSwings();
+  /// Gives the points of cuts whose swing is over.
+  void followCuts();
+  void closeCut(const OpenCut& cut);
   bool headInWall() const;
   bool isOver() const;
   /// Things of that time or earlier have appeared.
   double appearedBy() const { return time_s_ + level().approach_s; }
+  /// Of what comes, over the last frame.
+  Vec3 driftOfFrame_m() const;
   /// A level time within the last frame, 0 at its start and 1 at its end.
   double shareOf(double time_s) const;
   Block placed(Block block) const;
@@ -106,12 +117,16 @@ class Round : public scene::Component {
   void logEvent(const Event& event, const char* what, const std::string& more = {});
   /// With how much later than its time the box was cut, and the angle to what it demands.
   void logCut(const Event& event, const char* what, std::optional<double> angle_deg);
+  void logPoints(const OpenCut& cut);
   void closeLog();
 
   RoundSetup setup_;
   Feedback feedback_;
   Tally tally_;
   std::array<Saber, 2> sabers_;
+  /// With points for the swing only.
+  std::array<Swing, 2> swings_;
+  std::vector<OpenCut> open_cuts_;
   Track boxes_, mines_, walls_;
   /// Walls that the head has been in.
   std::vector<std::uint8_t> walls_touched_;

@@ -97,6 +97,15 @@ void Round::logCut(const Event& event, const char* what, std::optional<double> a
   logEvent(event, what, more);
 }
 
+void Round::logPoints(const OpenCut& cut) {
+  if (setup_.logger == nullptr) return;
+  setup_.logger->event(
+      clock().time(),
+      fmt::format("box_points, number {}, points {}, before {}, after {}, centre {}", cut.box,
+                  cut.points(), rl::formatFloat(cut.before), rl::formatFloat(cut.after),
+                  rl::formatFloat(cut.centre_distance_m)));
+}
+
 void Round::closeLog() {
   if (setup_.logger == nullptr) return;
   const Tally& tally = tally_;

@@ -10,20 +10,21 @@
 namespace sim2vr::games::beats {
 
 /// In the grip's frame the saber lies along +z (docs/reference/games/beats.md).
-inline constexpr double kBladeRoot_m = 0.08;
 inline constexpr double kBladeRadius_m = 0.015;
 
 inline xr::Hand controllerOf(Hand hand) {
   return hand == Hand::kLeft ? xr::Hand::left : xr::Hand::right;
 }
 
+inline Rod bladeOf(const Layout& layout) {
+  return {layout.blade_start_m, layout.blade_start_m + layout.blade_length_m};
+}
+
 class Saber {
  public:
   /// `controller` outlives it.
-  Saber(Hand hand, const scene::GameObject& controller, double blade_length_m)
-      : hand_(hand),
-        controller_(&controller),
-        blade_{kBladeRoot_m, kBladeRoot_m + blade_length_m} {}
+  Saber(Hand hand, const scene::GameObject& controller, const Rod& blade)
+      : hand_(hand), controller_(&controller), blade_(blade) {}
 
   /// Takes over where the controller is, `dt_s` after the last call.
   void follow(double dt_s);

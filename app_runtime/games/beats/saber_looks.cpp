@@ -14,6 +14,7 @@ namespace {
 
 constexpr double kHandleRadius_m = 0.016;
 constexpr double kHandleEnd_m = -0.08;
+constexpr double kHandleTop_m = 0.08;
 
 render::MeshPtr ringMesh() {
   static const std::array<render::LathePoint, 3> outline{
@@ -40,15 +41,14 @@ void addRod(scene::GameObject& controller, const std::string& name, double from_
 
 }  // namespace
 
-void addSaberLooks(scene::GameObject& controller, Hand hand, double blade_length_m) {
+void addSaberLooks(scene::GameObject& controller, Hand hand, const Rod& blade) {
   const render::Color& color = colorOf(hand);
   const render::Color dim{color.r * 0.5F, color.g * 0.5F, color.b * 0.5F, 1.0F};
-  addRod(controller, "Handle", kHandleEnd_m, kBladeRoot_m, kHandleRadius_m, glow(dim));
-  addRod(controller, "Blade", kBladeRoot_m, kBladeRoot_m + blade_length_m, kBladeRadius_m,
-         glow(color));
+  addRod(controller, "Handle", kHandleEnd_m, kHandleTop_m, kHandleRadius_m, glow(dim));
+  addRod(controller, "Blade", blade.root_m, blade.tip_m, kBladeRadius_m, glow(color));
   render::Material both_sides = glow(color);
   both_sides.cull_back = false;
-  addPart(controller, "Ring", ringMesh(), both_sides).setLocalPosition({0.0, 0.0, kBladeRoot_m});
+  addPart(controller, "Ring", ringMesh(), both_sides).setLocalPosition({0.0, 0.0, kHandleTop_m});
 }
 
 }  // namespace sim2vr::games::beats

@@ -18,6 +18,9 @@ struct Settings {
   bool energy = false;
   double wall_errors_per_second = 0.0;
   double lead_in_s = 0.0;
+  /// The origin lies on the floor in the middle of the tracking space and follows the head's z,
+  /// instead of where the head is in the first frame.
+  bool floor_origin = false;
   bool time_feature = false;
 
   /// Whether the reward has more than the score.

@@ -16,6 +16,8 @@ class Tally {
   explicit Tally(bool multiply) : multiply_(multiply) {}
 
   void addSlice(int points, double speed_mps, double angle_deg);
+  /// Points of a slice that were not known when it was made.
+  void addPoints(int points) { score_ += points; }
   void addFault(Fault fault);
   /// The head was in a wall for that long; `errors_per_second` counts on top of the wall itself.
   void addWallTime(double seconds, double errors_per_second);

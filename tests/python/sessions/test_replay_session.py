@@ -10,11 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-<<<<<<< HEAD
-from python.sessions.sessions_made import ROOT, full_session
-=======
 from python.sessions.sessions_made import ROOT, SHARED, full_session
->>>>>>> h/X
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.evaluation.replay.recordings import read_recordings

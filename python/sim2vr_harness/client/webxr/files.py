@@ -126,11 +126,7 @@ class PageFiles:
         return Answer(200, content, mime or "application/octet-stream")
 
     def clear(self) -> None:
-<<<<<<< HEAD
-        """Forget requests."""
-=======
         """Forget what was requested."""
->>>>>>> h/P
         self.missing.clear()
         self.refused.clear()
         self.asked.clear()

@@ -1,8 +1,4 @@
-<<<<<<< HEAD
-"""Find the npm package behind an address of a page, by the rules of public hosts of engines."""
-=======
 """Find the npm package behind an address, by the rules of the host."""
->>>>>>> h/P
 
 from __future__ import annotations
 

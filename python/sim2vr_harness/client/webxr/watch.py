@@ -1,8 +1,4 @@
-<<<<<<< HEAD
-"""Watch a page beside its frames: requests, navigations, errors, windows, memory."""
-=======
 """Serve a page's requests; keep its errors, navigations, windows and memory in view."""
->>>>>>> h/P
 
 from __future__ import annotations
 

@@ -69,7 +69,6 @@ def train_layer(
 
     Examples:
         sim2vr-harness users motor train mobl_arms_wrist --out layer.pt
-        sim2vr-harness users motor train mobl_arms_wrist --out l.pt --set cycles=36
         sim2vr-harness users motor train mobl_arms_wrist --people --out people.pt
     """
     from sim2vr_harness.base.errors import InputError
@@ -201,8 +200,7 @@ def measure(
 
     Examples:
         sim2vr-harness users motor measure mobl_arms_wrist
-        sim2vr-harness users motor measure mobl_arms_wrist --people --layer people.pt
-        sim2vr-harness users motor measure mobl_arms_wrist --noise --out layer.png
+        sim2vr-harness users motor measure mobl_arms_wrist --people
     """
     from sim2vr_harness.cli.progress import Share
     from sim2vr_harness.training.motor_control.benchmark import measure_layer
@@ -215,13 +213,8 @@ def measure(
     found = _layer(_body(body, trust_app), layer, step_s)
     human = MotorNoiseSettings(signal_dependent="white", constant="white")
     with Share("Measuring movements") as share:
-        measures = measure_layer(
-            found,
-            noise=human if noise else None,
-            bodies=movements,
-            seed=seed,
-            on_progress=share.show,
-        )
+        drawn = {"noise": human if noise else None, "bodies": movements, "seed": seed}
+        measures = measure_layer(found, **drawn, on_progress=share.show)
     numbers = measures.summary()
     if out is not None:
         draw_measures(measures, f"Motor layer of {found.body.name}", out)

@@ -37,7 +37,7 @@ _Game = Annotated[
 _Seed = Annotated[int | None, typer.Option(help="The seed, where the file does not say.", min=0)]
 
 app = CommandGroup(
-    """Record rounds of a page; convert, describe or strip recorded rounds.
+    """Record rounds of a page; show, convert and strip rounds.
 
     Examples:
         sim2vr-harness session show round.jsonl

@@ -90,7 +90,6 @@ def train(
     """Train a simulated user; Ctrl-C saves, --resume continues exactly.
 
     Examples:
-        sim2vr-harness train sample --timesteps 100000
         sim2vr-harness train sample --people
         sim2vr-harness train --resume runs/sample
     """
@@ -112,12 +111,8 @@ def train(
     require_trust(settings.env, source, named=named_app(overrides), trust=trust_app)
     if not resume:
         settings = settings.model_copy(update={"env": with_task(settings.env)})
-    # fmt: off
-    result = trainer.train(
-        settings, folder, timesteps=timesteps, resume=resume, overwrite=overwrite,
-        set_aside=set_aside,
-    )
-    # fmt: on
+    how = {"resume": resume, "overwrite": overwrite, "set_aside": set_aside}
+    result = trainer.train(settings, folder, timesteps=timesteps, **how)
     if not result.interrupted and settings.evaluation.episodes_after_training:
         _evaluate_after_training(result, settings.evaluation.episodes_after_training)
     goes_on = result.step < settings.last_stage_steps

@@ -36,7 +36,7 @@ class MotorTrainingConfig(Settings):
 class PeopleTrainingConfig(Settings):
     """Training of a human motor policy: movements that a person starts, corrects and ends."""
 
-    cycles: int = Field(default=6, ge=2, le=100_000)
+    cycles: int = Field(default=14, ge=2, le=100_000)
     """Cycles of training: in each, persons move, and the forward model of the body is fitted to it.
     The last one ends with the training of the policy in space."""
     bodies: int = Field(default=48, ge=1, le=MOST_USERS)

@@ -41,7 +41,7 @@ class PeopleTraining:
     Constants, so that one set of parameters holds for all apps (docs/concepts/people.md).
     """
 
-    cycles: int = 6
+    cycles: int = 14
     """Cycles of training: in each, persons move, and the forward model of the body is fitted to it.
     The last one ends with the training of the policy in space."""
     bodies: int = 48

@@ -38,7 +38,7 @@ class Remedy:
         shift_m: (3,) right, up, ahead, after which at least 95 % can use the target; None: no shift
             up to 1.5 m does.
         share: Of people who can use it then.
-        reach_m: (3,) the smallest shift found after which a sample sees and reaches it, held or not.
+        reach_m: (3,) the smallest shift found after which a sample sees and reaches it.
         ray: Share who can use it where it is, by a ray; None: not looked for.
         one_hand: Share who can use it with either hand; None: it takes one hand as it is.
         load_kg: Largest load that 95 % hold there; None: not looked for, or none.
@@ -134,7 +134,7 @@ def _time(target: AuditTarget, judged: Judged, column: int) -> float | None:
 def _shift(
     crowd: Crowd, target: AuditTarget, judged: Judged, column: int
 ) -> tuple[FloatArray | None, FloatArray | None, float]:
-    """Return the smallest shifts found: use and reach by 95 %; and the share who can then use it."""
+    """Return the smallest shifts found for use and for reach, and the share of users."""
     everyone = np.arange(len(crowd.subjects))
     sample = everyone[:_SAMPLE]
     here = places_of(crowd, target, everyone)

@@ -134,7 +134,7 @@ def _time(target: AuditTarget, judged: Judged, column: int) -> float | None:
 def _shift(
     crowd: Crowd, target: AuditTarget, judged: Judged, column: int
 ) -> tuple[FloatArray | None, FloatArray | None, float]:
-    """Return the smallest shifts for use and for reach by 95 %, and the proportion of use."""
+    """Return the smallest shifts found for use and for reach, and the share of users."""
     everyone = np.arange(len(crowd.subjects))
     sample = everyone[:_SAMPLE]
     here = places_of(crowd, target, everyone)

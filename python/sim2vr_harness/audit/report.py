@@ -136,9 +136,9 @@ _GROUPS = (
 _EXERTION = (
     "Median (5 % to 95 %) of the persons who reach the target. Activation: least largest "
     "activation of the shoulder's muscles that holds the posture; above 1 they are too weak. "
-    "Minutes: until exhaustion if the posture is held without a break. NICER's published strength "
-    "(*) was not verified and does not decide who is excluded; the trunk's strength (*) was "
-    "read second-hand."
+    "Minutes: until exhaustion if the posture is held without a break. "
+    "NICER's published strength (*) was not verified and does not decide "
+    "who is excluded; the trunk's strength (*) was read second-hand."
 )
 
 

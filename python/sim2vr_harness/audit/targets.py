@@ -178,8 +178,10 @@ def found_targets(
     short, tall = (look(_sized(env, stature), objects, seconds=seconds) for stature in _STATURES_M)
     found = []
     for target in short:
-        same = next((other for other in tall if target.same_as(other)), None)
-        moved = same is not None and bool(np.abs(same.place_m - target.place_m).max() > 0.01)
+        other_place = next((each for each in tall if target.same_as(each)), None)
+        moved = other_place is not None and bool(
+            np.abs(other_place.place_m - target.place_m).max() > 0.01
+        )
         follows = target.from_head_m is not None and moved
         place = target.from_head_m if follows and target.from_head_m is not None else target.place_m
         found.append(AuditTarget(target.name, place, follows, how))

@@ -82,7 +82,7 @@ def audit(
     junit: JunitOption = None,
     remote: Mapping[str, Any] | None = None,
 ) -> int:
-    """Say who can see, reach and hold targets, and what to move.
+    """Say who can see, reach and hold an app's targets.
 
     Examples:
         sim2vr-harness audit --targets shop.yaml --page shop.html --people 100

@@ -213,7 +213,11 @@ def measure(
     found = _layer(_body(body, trust_app), layer, step_s)
     human = MotorNoiseSettings(signal_dependent="white", constant="white")
     with Share("Measuring movements") as share:
-        drawn = {"noise": human if noise else None, "bodies": movements, "seed": seed}
+        drawn: dict[str, Any] = {
+            "noise": human if noise else None,
+            "bodies": movements,
+            "seed": seed,
+        }
         measures = measure_layer(found, **drawn, on_progress=share.show)
     numbers = measures.summary()
     if out is not None:

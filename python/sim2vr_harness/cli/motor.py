@@ -211,13 +211,9 @@ def measure(
         _measure_people(body, layer, step_s, seed, json, trust_app)
         return
     found = _layer(_body(body, trust_app), layer, step_s)
-    human = MotorNoiseSettings(signal_dependent="white", constant="white")
+    white = MotorNoiseSettings(signal_dependent="white", constant="white") if noise else None
     with Share("Measuring movements") as share:
-        drawn: dict[str, Any] = {
-            "noise": human if noise else None,
-            "bodies": movements,
-            "seed": seed,
-        }
+        drawn: dict[str, Any] = {"noise": white, "bodies": movements, "seed": seed}
         measures = measure_layer(found, **drawn, on_progress=share.show)
     numbers = measures.summary()
     if out is not None:

@@ -27,6 +27,7 @@ ADDRESSES = {
         "super-hands@latest dist/super-hands.min.js"
     ),
     "https://unpkg.com/a-b@^4.0.0/dist/c.js": "a-b@^4.0.0 dist/c.js",
+    "https://unpkg.com/a-b@%5E4.0.0/dist/c.js": "a-b@^4.0.0 dist/c.js",
     f"{CDN}@webxr-input-profiles/assets@1.0/dist/profiles/list.json": (
         "@webxr-input-profiles/assets@1.0 dist/profiles/list.json"
     ),

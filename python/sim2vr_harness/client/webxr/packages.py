@@ -38,7 +38,7 @@ class PackageAddress:
 
 
 _NAME = r"(?P<name>(?:@[\w.~-]+/)?[a-zA-Z0-9][\w.~-]*?)"
-_VERSION = r"(?:@(?P<version>[\w.^~<>=*+ -]+))?"
+_VERSION = r"(?:@(?P<version>[\w.^~<>=*+% -]+))?"
 _PATH = r"(?P<path>/[^?#]*)?"
 _HOSTED = re.compile(
     r"https?://(?:cdn\.jsdelivr\.net/npm|(?:www\.)?unpkg\.com|esm\.run)/"

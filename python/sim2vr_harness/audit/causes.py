@@ -35,7 +35,8 @@ def cause(judged: Judged, target: AuditTarget, person: int, column: int) -> str 
     if not judged.held[person, column]:
         if target.load_kg > 0.0:
             return "too heavy"
-        return "too weak to hold the arm" if judged.share[person, column] > 1.0 else "held too long"
+        weak = judged.published_share[person, column] > 1.0
+        return "too weak to hold the arm" if weak else "held too long"
     return None
 
 

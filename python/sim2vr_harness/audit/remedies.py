@@ -10,7 +10,7 @@ import numpy as np
 from sim2vr_harness.audit.judging import (
     MODELS,
     Judged,
-    hold_any,
+    can_hold,
     places_of,
     reach_either,
     seen,
@@ -77,7 +77,7 @@ def usable_at(
         for i in np.flatnonzero(reached).tolist():
             subject = crowd.subjects[int(persons[rows[i]])]
             postures = solved.angles[i][solved.found[i]]
-            usable[rows[i]] = hold_any(subject, postures, target, limitation)[1]
+            usable[rows[i]] = can_hold(subject, postures, target, limitation)
     return usable
 
 
@@ -111,11 +111,9 @@ def _load(
     for kg in (each for each in _LOADS_KG if each < target.load_kg):
         lighter = replace(target, load_kg=kg)
         held = [
-            solved.found[i, 0]
-            and hold_any(crowd.subjects[i], solved.angles[i][solved.found[i]], lighter, limitation)[
-                1
-            ]
-            for i in everyone.tolist()
+            solved.reached[i]
+            and can_hold(subject, solved.angles[i][solved.found[i]], lighter, limitation)
+            for i, subject in enumerate(crowd.subjects)
         ]
         if np.mean(held) >= GOAL:
             return kg
@@ -124,8 +122,8 @@ def _load(
 
 def _time(target: AuditTarget, judged: Judged, column: int) -> float | None:
     """Return the longest of some times that 95 % hold, below the target's own."""
-    minutes = judged.minutes[MODELS[0]][:, column]
-    strong = judged.share[:, column] <= 1.0
+    minutes = judged.minutes[MODELS[1]][:, column]
+    strong = judged.published_share[:, column] <= 1.0
     seconds = np.where(strong, 60.0 * np.nan_to_num(minutes, posinf=np.inf), 0.0)
     shorter = (each for each in _TIMES_S if each < target.hold_s)
     return next((each for each in shorter if (seconds >= each).mean() >= GOAL), None)

@@ -30,7 +30,7 @@ LIMITS = (
     "Postures are the easiest of those found, held without motion; contacts do not support the "
     "arm. Forces of pressing and grip are not modelled.",
     "Muscles are a man's arm, scaled by body size and strength; raised arms are too weak in this "
-    "model. Age, endurance and skill do not vary.",
+    "model, so that activations are for comparison. Age, endurance and skill do not vary.",
     "Persons with limitations are the sampled persons with narrower joint limits, weaker muscles "
     "or one hand, not patients.",
 )
@@ -58,14 +58,16 @@ def write(audit: Audit, out: Path) -> list[Path]:
 
 def headline(values: Mapping[str, Any]) -> str:
     """Return the answer in a sentence."""
-    every = values["groups"][0]["every_target"]
-    targets = values["targets"]
-    missed = [each["name"] for each in targets if each["remedy"] is not None]
-    share = _percent(every)
-    first = f"{share} of {values['people']} {values['stance']} persons can use every target."
+    every, targets = values["groups"][0], values["targets"]
+    missed = sum(each["remedy"] is not None for each in targets)
+    first = (
+        f"{_percent(every['reach_every_target'])} of {values['people']} {values['stance']} persons "
+        "see and reach every target."
+    )
+    held = f"{_percent(every['every_target'])} can also hold each long enough (*)."
     if not missed:
-        return f"{first} Each of the {len(targets)} targets includes at least 95 %."
-    return f"{first} {len(missed)} of {len(targets)} targets exclude more than 5 %."
+        return f"{first} {held} Each of the {len(targets)} targets includes at least 95 %."
+    return f"{first} {held} {missed} of {len(targets)} targets exclude more than 5 %."
 
 
 def findings(values: Mapping[str, Any]) -> list[str]:
@@ -137,8 +139,8 @@ _EXERTION = (
     "Median (5 % to 95 %) of the persons who reach the target. Activation: least largest "
     "activation of the shoulder's muscles that holds the posture; above 1 they are too weak. "
     "Minutes: until exhaustion if the posture is held without a break. "
-    "NICER's published strength (*) was not verified and does not decide "
-    "who is excluded; the trunk's strength (*) was read second-hand."
+    "NICER's published strength (*) decides who "
+    "holds a target; it was not verified. The trunk's strength (*) was read second-hand."
 )
 
 
@@ -165,7 +167,7 @@ _MOST = 4
 
 
 def _target_table(values: Mapping[str, Any]) -> str:
-    header = ["target", "how", "can use", "seen", "reached", "held", "must lean", "excluded by"]
+    header = ["target", "how", "can use *", "seen", "reached", "held *", "must lean", "excluded by"]
     rows, bad = [], []
     for number, each in enumerate(values["targets"]):
         why = ", ".join(f"{cause} {count}" for cause, count in each["causes"].items())

@@ -172,6 +172,7 @@ def _group(
     audit: Audit, name: str, limitation: Limitation | None, judged: Judged, members: Ints
 ) -> dict[str, Any]:
     usable = judged.usable[members]
+    reached = (judged.seen & judged.reached)[members].all(axis=1)
     targets: Mapping[str, Any] = {
         target.name: proportion(int(usable[:, i].sum()), len(members))
         for i, target in enumerate(audit.targets)
@@ -181,6 +182,7 @@ def _group(
         "n": len(members),
         "source": "sampled" if limitation is None else limitation.source,
         "verified": limitation is None or limitation.verified,
+        "reach_every_target": proportion(int(reached.sum()), len(members)),
         "every_target": proportion(int(usable.all(axis=1).sum()), len(members)),
         "targets": targets,
         "causes": {

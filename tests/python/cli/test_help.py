@@ -171,12 +171,8 @@ def test_shared_options_are_the_same_everywhere() -> None:
     assert {option: len(texts) for option, texts in found.items()} == dict.fromkeys(found, 1)
     players = {"train", "evaluate", "watch", "render snapshot"}
     for option in ("--page", "--map", "--task", "--browser"):
-<<<<<<< HEAD
         pages = {"page check", "page vendor"} if option in ("--map", "--browser") else set[str]()
         assert owners[option] >= players | pages
-=======
-        assert owners[option] == players | {"audit"}
->>>>>>> h/A
     assert players - {"train"} < owners["--user"]
     assert players < owners["--set"]
 

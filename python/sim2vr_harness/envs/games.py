@@ -68,22 +68,26 @@ def with_game(config: EnvConfig, game: str | None) -> EnvConfig:
 
 
 def with_task(config: EnvConfig) -> EnvConfig:
-    """The configuration with fingers and a body for what the app's task says.
+    """The configuration with the inputs that the app reads, and a body for its task.
 
     As far as the configuration does not say which itself.
 
     Raises:
         InputError: the task cannot be used.
     """
-    if not judged(config.app):
-        return config
-    task, user = load_task(config.app.task), config.user
-    changes: dict[str, Any] = {}
-    if task.inputs and "inputs" not in user.model_fields_set:
-        changes["inputs"] = tuple(task.inputs)
-    if "model" not in user.model_fields_set:
-        changes["model"] = _body_wearing(tuple(task.devices), user.model)
-    return config.model_copy(update={"user": user.model_copy(update=changes)})
+    user, changes = config.user, dict[str, Any]()
+    if judged(config.app):
+        task = load_task(config.app.task)
+        inputs = tuple(task.inputs)
+        if "model" not in user.model_fields_set:
+            changes["model"] = _body_wearing(tuple(task.devices), user.model)
+    else:
+        inputs = game_facts(config.app, ask=False).inputs
+    if inputs and "inputs" not in user.model_fields_set:
+        changes["inputs"] = inputs
+    return (
+        config.model_copy(update={"user": user.model_copy(update=changes)}) if changes else config
+    )
 
 
 @cache

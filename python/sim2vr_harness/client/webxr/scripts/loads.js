@@ -81,7 +81,13 @@
   wrap(window, 'fetch', 'createImageBitmap');
   wrap(Response.prototype, 'json', 'text', 'arrayBuffer', 'blob', 'bytes', 'formData');
   wrap(Blob.prototype, 'text', 'arrayBuffer', 'bytes');
-  wrap(ReadableStreamDefaultReader.prototype, 'read');
+  // Parts of a stream are delivered as they come: the body that a page makes of them waits for them.
+  const { read } = ReadableStreamDefaultReader.prototype;
+  ReadableStreamDefaultReader.prototype.read = function () {
+    const part = read.call(this);
+    awaited(part);
+    return part;
+  };
   wrap(WebAssembly, 'compile', 'instantiate', 'compileStreaming', 'instantiateStreaming');
   wrap(window.FontFace?.prototype, 'load');
   wrap(Object.getPrototypeOf((window.document ?? window).fonts), 'load');
@@ -158,6 +164,9 @@
   XMLHttpRequest.prototype.open = function (...args) {
     if (args.length > 2 && !args[2]) waits.add(this);
     else waits.delete(this);
+    const state = requests.get(this);
+    if (state) finish(state.item, () => {}); // its request ends without an event
+    requests.delete(this);
     return Reflect.apply(open, this, args);
   };
   XMLHttpRequest.prototype.send = function (...args) {

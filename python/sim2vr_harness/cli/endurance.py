@@ -44,7 +44,7 @@ def endurance(
 
     Examples:
         sim2vr-harness users endurance mobl_arms_wrist --pose elv_angle=45,shoulder_elv=60
-        sim2vr-harness users endurance whacamole_people --pose shoulder_elv=60 --people 9
+        sim2vr-harness users endurance whacamole_people --pose shoulder_elv=60
     """
     from dataclasses import asdict
 

@@ -277,7 +277,7 @@ def test_curves(capsys: Any, trained: Path, tmp_path: Path) -> None:
             ["evaluate", "{run}", "--connect", "5555"],
             "error: env.app.connect: got '5555', expected",
         ),
-        (["evaluat"], "error: command: got 'evaluat', expected one of bench, "),
+        (["evaluat"], "error: command: got 'evaluat', expected one of audit, bench, "),
     ],
 )
 def test_bad_input_is_one_line_and_status_2(

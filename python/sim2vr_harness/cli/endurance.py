@@ -43,8 +43,8 @@ def endurance(
     """Say how long a posture can be held, by three models of exertion.
 
     Examples:
-        sim2vr-harness users endurance mobl_arms_wrist --pose elv_angle=45,shoulder_elv=60
-        sim2vr-harness users endurance whacamole_people --pose shoulder_elv=60
+        sim2vr-harness users endurance mobl_arms_wrist --pose shoulder_elv=60
+        sim2vr-harness users endurance whacamole_people --pose elv_angle=45
     """
     from dataclasses import asdict
 

@@ -86,7 +86,7 @@ def audit(
 
     Examples:
         sim2vr-harness audit --targets shop.yaml --page shop.html --people 100
-        sim2vr-harness audit --game whacamole --condition high --expect "reach.min >= 0.95"
+        sim2vr-harness audit --game whacamole --expect "reach.min >= 0.95"
     """
     from sim2vr_harness.audit.auditing import run
     from sim2vr_harness.audit.report import findings, headline, write

@@ -1,10 +1,11 @@
-"""Estimate the remaining time of Q-learning from its own decisions."""
+"""Progress of Q-learning: its report, and an estimate of the remaining time."""
 
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 
-__all__ = ["Pace"]
+__all__ = ["Pace", "QLearningReport"]
 
 _LAST = 50
 """Decisions whose mean is taken."""
@@ -54,3 +55,20 @@ class Pace:
         learning = max(0, self._decisions - done - exploring)
         alone = exploring + self._after
         return alone * self._played_s + learning * self.decision_s
+
+
+@dataclass(frozen=True)
+class QLearningReport:
+    """Progress of the Q-learning.
+
+    Attributes:
+        step: user steps of all users so far.
+        reward: mean reward of the app per minute, over the last ones.
+        loss: of the values.
+        explore: proportion of exploratory decisions.
+    """
+
+    step: int
+    reward: float
+    loss: float
+    explore: float

@@ -13,7 +13,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +30,7 @@ from sim2vr_harness.policies.hierarchical.frame_history import FrameHistory
 from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, PrimitiveController
 from sim2vr_harness.runs.checkpoint import read_header, state_header
 from sim2vr_harness.runs.option_config import QLearningConfig
+from sim2vr_harness.training.option_q_learning.pace import QLearningReport
 from sim2vr_harness.training.replay import ReplayStore
 
 __all__ = ["OptionQLearning", "OptionScene", "QLearningReport"]
@@ -70,23 +70,6 @@ _TIMED = 3
 _Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 _SCENE = ("pictures", "head", "turned", "tips", "velocities")
 """What a scene is made of, in the order of its fields."""
-
-
-@dataclass(frozen=True)
-class QLearningReport:
-    """How far it is.
-
-    Attributes:
-        step: user steps of all users so far.
-        reward: mean reward of the app per minute, over the last ones.
-        loss: of the values.
-        explore: share of random tries.
-    """
-
-    step: int
-    reward: float
-    loss: float
-    explore: float
 
 
 class OptionQLearning:

@@ -242,13 +242,26 @@ def _check_integrity(spec: str, archive: bytes) -> None:
 
 
 def _extract(archive: bytes, place: Path) -> None:
-    """Write the files of a package; its own top folder is left out."""
+    """Write the files of a package; its own top folder is left out.
+
+    Only contents of regular files are written: no links, owners or permissions. The filters of
+    :mod:`tarfile` would do this, but Python has them from 3.11.4 only.
+
+    Raises:
+        OSError: a file would lie outside the folder.
+    """
     partial = place.with_name(f"{place.name}.partial")
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
     with tarfile.open(fileobj=io.BytesIO(archive)) as packed:
         for member in packed:
-            member.name = member.name.partition("/")[2]
-            if member.isfile() and member.name:
-                packed.extract(member, partial, filter="data")
+            name = member.name.partition("/")[2]
+            content = packed.extractfile(member) if member.isreg() and name else None
+            if content is None:
+                continue
+            file = partial / name
+            if not file.resolve().is_relative_to(partial.resolve()):
+                raise OSError(f"{name!r} lies outside its folder")
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(content.read())
     partial.rename(place)

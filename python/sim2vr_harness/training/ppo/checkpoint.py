@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sim2vr_harness import __version__
 from sim2vr_harness.base.errors import UnusableFile
@@ -41,7 +42,7 @@ from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.training.ppo.ppo import PPO
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
 
-__all__ = ["Snapshot", "require_finite_learner", "restore", "take"]
+__all__ = ["Snapshot", "load_moment", "require_finite_learner", "restore", "take"]
 
 
 @dataclass(frozen=True)
@@ -136,18 +137,7 @@ def restore(path: Path, model: PPO) -> None:
         model.num_timesteps = int(header["num_timesteps"])
         model._n_updates = int(header["n_updates"])
         model._current_progress_remaining = float(header["progress_remaining"])
-        anew = env.load_state(arrays["environment"].tobytes())
-        observation = {
-            key.removeprefix("observation."): value
-            for key, value in arrays.items()
-            if key.startswith("observation.")
-        }
-        starts = arrays["episode_starts"]
-        if anew:
-            starts[anew] = True
-            for key, value in env.simulation.observation().items():
-                observation[key][anew] = value[anew]
-        model._last_obs, model._last_episode_starts = observation, starts
+        load_moment(model, env, arrays)
         # SB3 makes the statistics' buffers when it starts learning, unless they are there.
         model.ep_info_buffer = deque(header["episodes"], maxlen=model._stats_window_size)
         model.ep_success_buffer = deque(maxlen=model._stats_window_size)
@@ -157,6 +147,22 @@ def restore(path: Path, model: PPO) -> None:
     except DAMAGE as error:
         instead = last_good(path, model.policy)
         raise UnusableFile(path, in_words(error), EXPECTED, instead) from error
+
+
+def load_moment(model: BaseAlgorithm, env: SimulationVecEnv, arrays: dict[str, NDArray]) -> None:
+    """Bring the environment and what was last seen of it to a checkpoint's moment."""
+    anew = env.load_state(arrays["environment"].tobytes())
+    observation = {
+        key.removeprefix("observation."): value
+        for key, value in arrays.items()
+        if key.startswith("observation.")
+    }
+    starts = arrays["episode_starts"]
+    if anew:
+        starts[anew] = True
+        for key, value in env.simulation.observation().items():
+            observation[key][anew] = value[anew]
+    model._last_obs, model._last_episode_starts = observation, starts
 
 
 def _require_same_shapes(optimizer: torch.optim.Optimizer) -> None:

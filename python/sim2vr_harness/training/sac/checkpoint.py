@@ -24,7 +24,6 @@ __all__ = [
     "learner_state",
     "load_buffer",
     "load_learner_state",
-    "load_moment",
     "npz",
 ]
 
@@ -53,22 +52,6 @@ def load_learner_state(model: SAC, learner: Mapping[str, Any]) -> None:
     if model.log_ent_coef is not None:
         with torch.no_grad():
             model.log_ent_coef.copy_(learner["log_ent_coef"])
-
-
-def load_moment(model: SAC, env: SimulationVecEnv, arrays: dict[str, NDArray]) -> None:
-    """Bring the environment and what was last seen of it to a checkpoint's moment."""
-    anew = env.load_state(arrays["environment"].tobytes())
-    observation = {
-        key.removeprefix("observation."): value
-        for key, value in arrays.items()
-        if key.startswith("observation.")
-    }
-    starts = arrays["episode_starts"]
-    if anew:
-        starts[anew] = True
-        for key, value in env.simulation.observation().items():
-            observation[key][anew] = value[anew]
-    model._last_obs, model._last_episode_starts = observation, starts
 
 
 def archive(model: SAC, env: SimulationVecEnv) -> bytes:

@@ -37,6 +37,7 @@ from sim2vr_harness.runs.checkpoint import (
 )
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder, write_atomically
+from sim2vr_harness.training.ppo.checkpoint import load_moment
 from sim2vr_harness.training.ppo.rollout_buffer import buffer_bytes
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
 from sim2vr_harness.training.run.callbacks import ProgressCallback
@@ -50,7 +51,6 @@ from sim2vr_harness.training.sac.checkpoint import (
     learner_state,
     load_buffer,
     load_learner_state,
-    load_moment,
     npz,
 )
 

@@ -11,8 +11,10 @@ import typer
 from sim2vr_harness.cli.app_options import with_page_options
 from sim2vr_harness.cli.options import (
     CheckedRun,
+    ConditionsOption,
     ExpectOption,
     JunitOption,
+    ObjectsOption,
     finite,
     known_games,
     readable_file,
@@ -33,17 +35,6 @@ _Game = Annotated[
     str | None,
     typer.Option(
         autocompletion=known_games, metavar="NAME", help="Targets of a game, found by running it."
-    ),
-]
-_Condition = Annotated[
-    list[str] | None, typer.Option(metavar="NAME", help="The game's condition; may be repeated.")
-]
-_Objects = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        help="Which of the game's objects are targets, with * and ?.",
-        show_default="those that come, go or move",
     ),
 ]
 _Targets = Annotated[
@@ -69,8 +60,8 @@ _Out = Annotated[Path, typer.Option(help="Folder for the files.", callback=writa
 @with_page_options
 def audit(
     game: _Game = None,
-    condition: _Condition = None,
-    objects: _Objects = None,
+    condition: ConditionsOption = None,
+    objects: ObjectsOption = None,
     targets: _Targets = None,
     how: _How = "touch",
     seconds: _Seconds = 10.0,

@@ -27,10 +27,12 @@ if TYPE_CHECKING:
 __all__ = [
     "AgainstOption",
     "CheckedRun",
+    "ConditionsOption",
     "EnvSetOption",
     "ExpectOption",
     "JsonOption",
     "JunitOption",
+    "ObjectsOption",
     "SetOption",
     "TrustOption",
     "UserOption",
@@ -103,6 +105,18 @@ UserOption = Annotated[
     ),
 ]
 
+ConditionsOption = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME", help="The game's condition; may be repeated."),
+]
+ObjectsOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Which of the game's objects are targets, with * and ?.",
+        show_default="those that come, go or move",
+    ),
+]
 TrustOption = Annotated[
     bool,
     typer.Option(

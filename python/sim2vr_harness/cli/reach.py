@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sim2vr_harness.cli.options import (
+    ConditionsOption,
     EnvSetOption,
+    ObjectsOption,
     TrustOption,
     finite,
     known_games,
@@ -68,18 +70,6 @@ _Game = Annotated[
         help="Targets of a game that is run, no one playing.",
     ),
 ]
-_Condition = Annotated[
-    list[str] | None,
-    typer.Option(metavar="NAME", help="The game's condition; may be repeated."),
-]
-_Objects = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        help="Which of the game's objects are targets, with * and ?.",
-        show_default="those that come, go or move",
-    ),
-]
 _People = Annotated[
     int | None,
     typer.Option(
@@ -103,8 +93,8 @@ def reach(
     target: _Target = None,
     log: _Log = None,
     game: _Game = None,
-    condition: _Condition = None,
-    objects: _Objects = None,
+    condition: ConditionsOption = None,
+    objects: ObjectsOption = None,
     people: _People = None,
     seconds: _Seconds = 10.0,
     cell: _Cell = 0.05,

@@ -52,8 +52,7 @@ const GlFormat* findFormat(std::int64_t format) {
 /// The context and its functions, shared by a session and its swapchains.
 struct GlDevice {
   explicit GlDevice(std::unique_ptr<GlContext> made)
-      : context(std::move(made)),
-        gl([this](const char* name) { return context->lookup(name); }) {}
+      : context(std::move(made)), gl([this](const char* name) { return context->lookup(name); }) {}
 
   int integer(GLenum name) const {
     GLint value = 0;
@@ -308,9 +307,9 @@ class GlGraphics final : public Graphics {
 
   void check(const XrSwapchainCreateInfo& info) const {
     if (findFormat(info.format) == nullptr) {
-      throw GraphicsError(XR_ERROR_SWAPCHAIN_FORMAT_UNSUPPORTED,
-                          fmt::format("format {:#x} is none of xrEnumerateSwapchainFormats",
-                                      info.format));
+      throw GraphicsError(
+          XR_ERROR_SWAPCHAIN_FORMAT_UNSUPPORTED,
+          fmt::format("format {:#x} is none of xrEnumerateSwapchainFormats", info.format));
     }
     if (info.faceCount != 1 ||
         (info.createFlags & XR_SWAPCHAIN_CREATE_PROTECTED_CONTENT_BIT) != 0) {

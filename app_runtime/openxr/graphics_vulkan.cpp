@@ -347,9 +347,9 @@ class VulkanGraphics final : public Graphics {
 
   void check(const XrSwapchainCreateInfo& info) const {
     if (std::find(formats_.begin(), formats_.end(), info.format) == formats_.end()) {
-      throw GraphicsError(XR_ERROR_SWAPCHAIN_FORMAT_UNSUPPORTED,
-                          fmt::format("format {} is none of xrEnumerateSwapchainFormats",
-                                      info.format));
+      throw GraphicsError(
+          XR_ERROR_SWAPCHAIN_FORMAT_UNSUPPORTED,
+          fmt::format("format {} is none of xrEnumerateSwapchainFormats", info.format));
     }
     if (info.faceCount != 1 ||
         (info.createFlags & XR_SWAPCHAIN_CREATE_PROTECTED_CONTENT_BIT) != 0) {

@@ -147,7 +147,8 @@ struct Tap {
   float weight;
 };
 
-/// For each of `to` output pixels the input pixels that it is made of, in order; weights add up to 1.
+/// For each of `to` output pixels the input pixels that it is made of, in order; weights add up
+/// to 1.
 std::vector<std::vector<Tap>> makeTaps(std::uint32_t from, std::uint32_t to) {
   const double scale = static_cast<double>(from) / to;
   const int samples = std::max(1, static_cast<int>(std::ceil(scale)));

@@ -1,5 +1,5 @@
-// From a program's pixels to the picture of a screen: sRGB-encoded bytes, rows top-down, at the size
-// that the simulated user sees. Done on the CPU, the same for OpenGL and Vulkan.
+// From a program's pixels to the picture of a screen: sRGB-encoded bytes, rows top-down, at the
+// size that the simulated user sees. Done on the CPU, the same for OpenGL and Vulkan.
 #pragma once
 
 #include <cstddef>
@@ -32,13 +32,15 @@ struct PixelView {
   bool bottom_up;  // OpenGL: the first row is the lowest
 };
 
-/// Show `view` as `rgba` (width x height x 4 bytes, rows top-down, red, green and blue sRGB-encoded,
-/// alpha as it is). Another size is resampled in linear light: bilinear when enlarged, averaged over
-/// the covered area when reduced. Values outside 0..1 are clamped, NaN is 0.
+/// Show `view` as `rgba` (width x height x 4 bytes, rows top-down, red, green and blue
+/// sRGB-encoded, alpha as it is). Another size is resampled in linear light: bilinear when
+/// enlarged, averaged over the covered area when reduced. Values outside 0..1 are clamped, NaN is
+/// 0.
 void showColor(const PixelView& view, std::uint32_t width, std::uint32_t height,
                std::span<std::uint8_t> rgba);
 
-/// Show `view` as depth values (width x height, rows top-down); another size takes the nearest pixel.
+/// Show `view` as depth values (width x height, rows top-down); another size takes the nearest
+/// pixel.
 void showDepth(const PixelView& view, std::uint32_t width, std::uint32_t height,
                std::span<float> depth);
 

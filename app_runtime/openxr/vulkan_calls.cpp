@@ -76,9 +76,9 @@ VkPhysicalDevice choosePhysicalDevice(VkInstance instance) {
     properties(device, &found);
     return preference(found.deviceType);
   };
-  const auto best = std::max_element(
-      devices.begin(), devices.end(),
-      [&](VkPhysicalDevice a, VkPhysicalDevice b) { return rank(a) < rank(b); });
+  const auto best =
+      std::max_element(devices.begin(), devices.end(),
+                       [&](VkPhysicalDevice a, VkPhysicalDevice b) { return rank(a) < rank(b); });
   if (best == devices.end()) {
     throw GraphicsError(XR_ERROR_RUNTIME_FAILURE,
                         "Vulkan has no device (package mesa-vulkan-drivers has one for the CPU)");
@@ -190,7 +190,8 @@ XrResult XRAPI_CALL createVulkanInstance(XrInstance instance,
   if (info == nullptr || info->type != XR_TYPE_VULKAN_INSTANCE_CREATE_INFO_KHR ||
       info->createFlags != 0 || info->pfnGetInstanceProcAddr == nullptr ||
       info->vulkanCreateInfo == nullptr || made == nullptr || vk_result == nullptr) {
-    return invalid(kCall, "an argument is null, createFlags is not 0, or createInfo's type is wrong");
+    return invalid(kCall,
+                   "an argument is null, createFlags is not 0, or createInfo's type is wrong");
   }
   const XrResult result = graphicsCall(kCall, instance, info->systemId, kVulkan2);
   if (result != XR_SUCCESS) return result;
@@ -223,7 +224,8 @@ XrResult XRAPI_CALL createVulkanDevice(XrInstance instance, const XrVulkanDevice
   if (info == nullptr || info->type != XR_TYPE_VULKAN_DEVICE_CREATE_INFO_KHR ||
       info->createFlags != 0 || info->pfnGetInstanceProcAddr == nullptr ||
       info->vulkanCreateInfo == nullptr || made == nullptr || vk_result == nullptr) {
-    return invalid(kCall, "an argument is null, createFlags is not 0, or createInfo's type is wrong");
+    return invalid(kCall,
+                   "an argument is null, createFlags is not 0, or createInfo's type is wrong");
   }
   const XrResult result = graphicsCall(kCall, instance, info->systemId, kVulkan2);
   if (result != XR_SUCCESS) return result;
@@ -231,12 +233,13 @@ XrResult XRAPI_CALL createVulkanDevice(XrInstance instance, const XrVulkanDevice
                                ? VK_NULL_HANDLE
                                : instanceOf(info->vulkanPhysicalDevice);
   if (owner == VK_NULL_HANDLE) {
-    return graphicsFailed(kCall, XR_ERROR_HANDLE_INVALID,
-                          "vulkanPhysicalDevice is not what xrGetVulkanGraphicsDevice2KHR returned");
+    return graphicsFailed(
+        kCall, XR_ERROR_HANDLE_INVALID,
+        "vulkanPhysicalDevice is not what xrGetVulkanGraphicsDevice2KHR returned");
   }
   return guarded(kCall, [&] {
-    const auto create = instanceFunction<PFN_vkCreateDevice>(info->pfnGetInstanceProcAddr, owner,
-                                                             "vkCreateDevice");
+    const auto create =
+        instanceFunction<PFN_vkCreateDevice>(info->pfnGetInstanceProcAddr, owner, "vkCreateDevice");
     *vk_result =
         create(info->vulkanPhysicalDevice, info->vulkanCreateInfo, info->vulkanAllocator, made);
     return XR_SUCCESS;
@@ -256,7 +259,9 @@ VulkanInstance findVulkanInstance(VkInstance instance) {
 }
 
 PFN_xrVoidFunction vulkanFunction(std::string_view name) {
-  const auto address = [](auto* function) { return reinterpret_cast<PFN_xrVoidFunction>(function); };
+  const auto address = [](auto* function) {
+    return reinterpret_cast<PFN_xrVoidFunction>(function);
+  };
   if (name == "xrGetVulkanInstanceExtensionsKHR") return address(getVulkanInstanceExtensions);
   if (name == "xrGetVulkanDeviceExtensionsKHR") return address(getVulkanDeviceExtensions);
   if (name == "xrGetVulkanGraphicsDeviceKHR") return address(getVulkanGraphicsDevice);
@@ -265,7 +270,9 @@ PFN_xrVoidFunction vulkanFunction(std::string_view name) {
 }
 
 PFN_xrVoidFunction vulkan2Function(std::string_view name) {
-  const auto address = [](auto* function) { return reinterpret_cast<PFN_xrVoidFunction>(function); };
+  const auto address = [](auto* function) {
+    return reinterpret_cast<PFN_xrVoidFunction>(function);
+  };
   if (name == "xrCreateVulkanInstanceKHR") return address(createVulkanInstance);
   if (name == "xrCreateVulkanDeviceKHR") return address(createVulkanDevice);
   if (name == "xrGetVulkanGraphicsDevice2KHR") return address(getVulkanGraphicsDevice2);

@@ -82,8 +82,7 @@ VulkanDevice::VulkanDevice(const VulkanBinding& binding)
     commands.commandPool = pool_;
     commands.level = VK_COMMAND_BUFFER_LEVEL_PRIMARY;
     commands.commandBufferCount = 1;
-    checkVk(vk.AllocateCommandBuffers(handle(), &commands, &commands_),
-            "vkAllocateCommandBuffers");
+    checkVk(vk.AllocateCommandBuffers(handle(), &commands, &commands_), "vkAllocateCommandBuffers");
     VkFenceCreateInfo fence{};
     fence.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO;
     checkVk(vk.CreateFence(handle(), &fence, nullptr, &fence_), "vkCreateFence");

@@ -3,10 +3,10 @@
 
 #include <vulkan/vulkan_core.h>
 
-#define SIM2VR_XR_VK_INSTANCE_FUNCTIONS(X) \
-  X(GetDeviceProcAddr)                     \
+#define SIM2VR_XR_VK_INSTANCE_FUNCTIONS(X)  \
+  X(GetDeviceProcAddr)                      \
   X(GetPhysicalDeviceImageFormatProperties) \
-  X(GetPhysicalDeviceMemoryProperties)     \
+  X(GetPhysicalDeviceMemoryProperties)      \
   X(GetPhysicalDeviceQueueFamilyProperties)
 
 #define SIM2VR_XR_VK_DEVICE_FUNCTIONS(X) \

@@ -162,8 +162,7 @@ class GraphicsEgl : public testing::Test {
     gl().GenFramebuffers(1, &framebuffer);
     gl().BindFramebuffer(GL_DRAW_FRAMEBUFFER, framebuffer);
     const bool depth = graphics_->isDepth(info.format);
-    const bool stencil =
-        info.format == GL_DEPTH24_STENCIL8 || info.format == GL_DEPTH32F_STENCIL8;
+    const bool stencil = info.format == GL_DEPTH24_STENCIL8 || info.format == GL_DEPTH32F_STENCIL8;
     const GLenum attachment = !depth    ? GL_COLOR_ATTACHMENT0
                               : stencil ? GL_DEPTH_STENCIL_ATTACHMENT
                                         : GL_DEPTH_ATTACHMENT;
@@ -281,8 +280,7 @@ TEST_F(GraphicsEgl, DepthOfEveryFormat) {
   for (const std::int64_t format : graphics_->formats()) {
     if (!graphics_->isDepth(format)) continue;
     for (const std::uint32_t samples : {1U, 4U}) {
-      const XrSwapchainCreateInfo info =
-          swapchain(static_cast<GLenum>(format), 6, 4, 1, samples);
+      const XrSwapchainCreateInfo info = swapchain(static_cast<GLenum>(format), 6, 4, 1, samples);
       const auto images = graphics_->createImages(info);
       draw(texturesOf(*images)[0], info, 0, kWhole, {1, 0, 0, 0});
       draw(texturesOf(*images)[0], info, 0, {{0, 3}, {6, 1}}, {0.25F, 0, 0, 0});
@@ -380,7 +378,8 @@ TEST_F(GraphicsEgl, AnotherCurrentContextStaysCurrent) {
 TEST_F(GraphicsEgl, DestroyedSwapchainsLeaveNoTextures) {
   auto images = graphics_->createImages(swapchain(GL_SRGB8_ALPHA8, 6, 4));
   const std::vector<GLuint> textures = texturesOf(*images);
-  for (const GLuint texture : textures) EXPECT_EQ(program_->is_texture(texture), GLboolean{GL_TRUE});
+  for (const GLuint texture : textures)
+    EXPECT_EQ(program_->is_texture(texture), GLboolean{GL_TRUE});
   read(*images, 0, 0, kWhole);
   images.reset();
   for (const GLuint texture : textures) {

@@ -248,8 +248,8 @@ TEST_F(GraphicsVulkan, DevicesOnlyOnThePhysicalDeviceThatWasNamed) {
   info.vulkanPhysicalDevice = reinterpret_cast<VkPhysicalDevice>(&info);
   VkDevice device = VK_NULL_HANDLE;
   VkResult result = VK_SUCCESS;
-  const auto create = reinterpret_cast<PFN_xrCreateVulkanDeviceKHR>(
-      vulkan2Function("xrCreateVulkanDeviceKHR"));
+  const auto create =
+      reinterpret_cast<PFN_xrCreateVulkanDeviceKHR>(vulkan2Function("xrCreateVulkanDeviceKHR"));
   EXPECT_EQ(create(XR_NULL_HANDLE, &info, &device, &result), XR_ERROR_HANDLE_INVALID);
   info.vulkanPhysicalDevice = program_->physical_device;
   EXPECT_EQ(create(XR_NULL_HANDLE, &info, &device, &result), XR_ERROR_RUNTIME_FAILURE);

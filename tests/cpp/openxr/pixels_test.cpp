@@ -1,5 +1,6 @@
 // Bytes derived by hand from the sRGB transfer function of IEC 61966-2-1:
-// encoded = 12.92 l below 0.0031308, else 1.055 l^(1/2.4) - 0.055; the byte is encoded x 255, rounded.
+// encoded = 12.92 l below 0.0031308, else 1.055 l^(1/2.4) - 0.055; the byte is encoded x 255,
+// rounded.
 #include "pixels.hpp"
 
 #include <gtest/gtest.h>
@@ -35,7 +36,8 @@ TEST(Pixels, SrgbBytesAreShownAsTheyAre) {
 }
 
 TEST(Pixels, LinearBytesAreEncoded) {
-  // 51/255 = 0.2 -> 0.48453 -> 123.56; 128/255 -> 0.73654 -> 187.8; 1/255 = 0.0039216 -> 0.049833 -> 12.7
+  // 51/255 = 0.2 -> 0.48453 -> 123.56; 128/255 -> 0.73654 -> 187.8; 1/255 = 0.0039216 -> 0.049833
+  // -> 12.7
   const Bytes pixels = {51, 128, 1, 128, 0, 255, 51, 51};
   EXPECT_EQ(shown(viewOf(PixelFormat::kRgba8Linear, pixels, 2, 1), 2, 1),
             (std::vector<int>{124, 188, 13, 128, 0, 255, 124, 51}));

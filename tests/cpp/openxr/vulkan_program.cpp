@@ -59,8 +59,8 @@ VulkanProgram::VulkanProgram(PFN_vkGetInstanceProcAddr lookup) : lookup_(lookup)
 }
 
 void VulkanProgram::createInstance() {
-  const auto layers = function<PFN_vkEnumerateInstanceLayerProperties>(
-      "vkEnumerateInstanceLayerProperties");
+  const auto layers =
+      function<PFN_vkEnumerateInstanceLayerProperties>("vkEnumerateInstanceLayerProperties");
   std::uint32_t count = 0;
   layers(&count, nullptr);
   std::vector<VkLayerProperties> found(count);
@@ -122,8 +122,9 @@ void VulkanProgram::createDevice() {
   function<PFN_vkGetDeviceQueue>("vkGetDeviceQueue")(device, 0, 0, &queue_);
   VkCommandPoolCreateInfo pool{};
   pool.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO;
-  ASSERT_EQ(function<PFN_vkCreateCommandPool>("vkCreateCommandPool")(device, &pool, nullptr, &pool_),
-            VK_SUCCESS);
+  ASSERT_EQ(
+      function<PFN_vkCreateCommandPool>("vkCreateCommandPool")(device, &pool, nullptr, &pool_),
+      VK_SUCCESS);
 }
 
 VulkanProgram::~VulkanProgram() {

@@ -61,12 +61,20 @@ const std::array<std::uint8_t, 256>& encodedBytes() {
   return table;
 }
 
-/// The sRGB byte of every half-precision number.
-const std::vector<std::uint8_t>& encodedHalves() {
+/// What every half-precision number is shown as.
+struct HalfTable {
+  std::vector<float> linear = std::vector<float>(65536);  // clamped
+  std::vector<std::uint8_t> encoded = std::vector<std::uint8_t>(65536);
+  std::vector<std::uint8_t> alpha = std::vector<std::uint8_t>(65536);
+};
+
+const HalfTable& halfTable() {
   static const auto table = [] {
-    std::vector<std::uint8_t> made(65536);
-    for (std::size_t i = 0; i < made.size(); ++i) {
-      made[i] = linearToByte(halfToFloat(static_cast<std::uint16_t>(i)));
+    HalfTable made;
+    for (std::size_t i = 0; i < made.linear.size(); ++i) {
+      made.linear[i] = clamped(halfToFloat(static_cast<std::uint16_t>(i)));
+      made.encoded[i] = linearToByte(made.linear[i]);
+      made.alpha[i] = alphaToByte(made.linear[i]);
     }
     return made;
   }();
@@ -120,10 +128,10 @@ void showBytes(const PixelView& view, const std::byte* row, std::uint8_t* to) {
 }
 
 void showHalves(const PixelView& view, const std::byte* row, std::uint8_t* to) {
-  const auto& table = encodedHalves();
+  const HalfTable& table = halfTable();
   for (std::size_t x = 0; x < view.width; ++x, to += 4) {
-    for (std::size_t c = 0; c < 3; ++c) to[c] = table[halfAt(row, 4 * x + c)];
-    to[3] = alphaToByte(halfToFloat(halfAt(row, 4 * x + 3)));
+    for (std::size_t c = 0; c < 3; ++c) to[c] = table.encoded[halfAt(row, 4 * x + c)];
+    to[3] = table.alpha[halfAt(row, 4 * x + 3)];
   }
 }
 
@@ -174,9 +182,8 @@ std::vector<std::vector<Tap>> makeTaps(std::uint32_t from, std::uint32_t to) {
 std::array<float, 4> linearAt(const PixelView& view, const std::byte* row, std::uint32_t x) {
   std::array<float, 4> pixel{};
   if (view.format == PixelFormat::kRgba16Float) {
-    for (std::size_t c = 0; c < 4; ++c) {
-      pixel[c] = clamped(halfToFloat(halfAt(row, std::size_t{x} * 4 + c)));
-    }
+    const std::vector<float>& linear = halfTable().linear;
+    for (std::size_t c = 0; c < 4; ++c) pixel[c] = linear[halfAt(row, std::size_t{x} * 4 + c)];
     return pixel;
   }
   const auto* bytes = reinterpret_cast<const std::uint8_t*>(row) + std::size_t{x} * 4;

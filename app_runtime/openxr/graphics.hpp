@@ -24,6 +24,8 @@ class SwapchainImages {
   /// Fills the program's array (XrSwapchainImageOpenGLKHR, ...VulkanKHR) of count() structures. The
   /// caller has checked their type fields.
   virtual void describe(XrSwapchainImageBaseHeader* images) const = 0;
+  /// Called inside xrAcquireSwapchainImage, where the runtime may use the program's queue.
+  virtual void acquired(std::uint32_t /*index*/) {}
 };
 
 /// A part of an image: `rect` in the image's own pixels, as the program gave it. The caller has
@@ -50,6 +52,9 @@ class Graphics {
   /// Sizes, format and flags are checked by the caller. Throws GraphicsError
   /// (XR_ERROR_OUT_OF_MEMORY, XR_ERROR_FEATURE_UNSUPPORTED).
   virtual std::unique_ptr<SwapchainImages> createImages(const XrSwapchainCreateInfo& info) = 0;
+  /// Called once in xrEndFrame with the parts that readColor and readDepth will be asked for, so
+  /// that they are fetched together. Reading works without it.
+  virtual void prefetch(std::span<const ImagePart> /*parts*/) {}
   /// Resamples the part (nearest when sizes are equal, else linear) into `rgba`: width x height x
   /// 4, rows from the top, sRGB-encoded bytes as a screen shows them.
   virtual void readColor(const ImagePart& part, std::uint32_t width, std::uint32_t height,

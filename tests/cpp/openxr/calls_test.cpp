@@ -66,10 +66,10 @@ T wrongOf(Given given) {
 }
 template <class T, class Given>
 T nullOf(Given given) {
-  if constexpr (std::is_pointer_v<T>) {
+  if constexpr (std::is_same_v<Given, Structure> || std::is_same_v<Given, Result>) {
     return nullptr;
   } else {
-    return wrongOf<T>(given);
+    return static_cast<T>(given);
   }
 }
 template <class Handle, class... Parameters, class... Given>

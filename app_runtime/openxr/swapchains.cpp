@@ -142,8 +142,8 @@ XrResult XRAPI_CALL calls::xrAcquireSwapchainImage(XrSwapchain swapchain,
     if (self->is_static && (self->released || !self->acquired.empty())) {
       outOfOrder("a static swapchain's image is acquired once");
     }
-    self->images->acquired(self->next);
     *index = self->next;
+    self->images->acquired(self->next);
     self->acquired.push_back(self->next);
     self->next = (self->next + 1) % self->images->count();
     return XR_SUCCESS;

@@ -77,6 +77,8 @@ class AppProcess:
         socket: file of the socket that the app listens on, deleted at the end; None: none.
         pipes: descriptors that become the app's 3 (to read from) and 4 (to write to); they stay
             this side's to close.
+        inherited: further descriptors that the app has under the same numbers; they stay this
+            side's to close.
         home: the app's temporary folder and working directory, deleted with it; None: it works in
             this process's.
 
@@ -92,6 +94,7 @@ class AppProcess:
         extra_logs: Sequence[Path] = (),
         socket: Path | None = None,
         pipes: tuple[int, int] | None = None,
+        inherited: Sequence[int] = (),
         home: TemporaryFolder | None = None,
     ) -> None:
         self.command = [os.fspath(part) for part in command]
@@ -115,6 +118,7 @@ class AppProcess:
                     env={**os.environ, **(environment or {})},
                     cwd=None if home is None else home.path,
                     start_new_session=True,
+                    pass_fds=tuple(inherited),
                 )
         except OSError as error:
             self._folder.remove()

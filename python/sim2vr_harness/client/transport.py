@@ -10,10 +10,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from sim2vr_harness.client.base import AppClient, OptionValue
+from sim2vr_harness.client.errors import AppRefused
 from sim2vr_harness.client.games import GameFacts
 from sim2vr_harness.client.in_process_batch import InProcessBatch
 
-__all__ = ["AppPlace", "AppSource", "AppsWanted", "Transport"]
+__all__ = ["AppPlace", "AppSource", "AppsWanted", "Transport", "checked_options"]
 
 AppSource = Callable[[int, Path | None], AppClient]
 """Makes the app of a user: (its number, root of the logs or None) -> client. Called again for a
@@ -65,6 +66,7 @@ class AppsWanted:
         height: of one eye's image, pixels.
         eyes: 1, or 2 for a picture of each.
         ipd_m: distance between the pupils, metres.
+        depth: whether a user sees the image's depth.
         renderer: ``automatic``, ``egl``, ``osmesa`` or ``null``.
         frequency_hz: user steps per second.
         threads: for what runs in this process.
@@ -81,6 +83,7 @@ class AppsWanted:
     height: int = 80
     eyes: int = 1
     ipd_m: float = 0.064
+    depth: bool = True
     renderer: str = "automatic"
     frequency_hz: int = 20
     threads: int = 1
@@ -122,3 +125,29 @@ class Transport:
     knows_options: Callable[[AppPlace], bool] = lambda place: True
     facts: Callable[[AppPlace, str], GameFacts | None] = lambda place, game: None
     batch: Callable[[AppsWanted, Path | None, Sequence[int]], InProcessBatch] | None = None
+
+
+def checked_options(
+    given: Mapping[str, OptionValue], choices: Mapping[str, tuple[str, ...]]
+) -> dict[str, str]:
+    """Return a transport's options as text, with the first choice where none was made.
+
+    Args:
+        given: :attr:`AppPlace.options`.
+        choices: option -> the values that it can have; others can be any text.
+
+    Raises:
+        AppRefused: one has a value that it cannot have.
+    """
+    found = {name: known[0] for name, known in choices.items()}
+    found |= {
+        name: str(value).lower() if isinstance(value, bool) else str(value)
+        for name, value in given.items()
+    }
+    for name, known in choices.items():
+        if found[name] not in known:
+            raise AppRefused(
+                f"app.transport_options.{name}: got {found[name]!r}, expected one of "
+                f"{', '.join(known)}"
+            )
+    return found

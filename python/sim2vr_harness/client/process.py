@@ -248,7 +248,13 @@ class AppProcess:
             grace_s: how long to wait before SIGTERM, and again before SIGKILL.
         """
         self._keep_logs = False
-        if self._finalizer.alive and not self.wait(grace_s):
+        if self._finalizer.alive:
+            self.wait(grace_s)
+        self.terminate(grace_s)
+
+    def terminate(self, grace_s: float) -> None:
+        """Ends the process by SIGTERM, and by SIGKILL ``grace_s`` later; idempotent."""
+        if self._finalizer.alive and self.running:
             with suppress(ProcessLookupError):
                 os.killpg(self.pid, signal.SIGTERM)
             self.wait(grace_s)

@@ -105,6 +105,8 @@ class Transport:
         reads: fields of :class:`AppPlace` that mean something; others must be left alone.
         options: names of :attr:`AppPlace.options` that it knows, with a line each.
         text_options: those of ``options`` that are text, whatever YAML would make of it.
+        needs: the field of :class:`AppPlace` that must be given; "" for none.
+        reports_reward: whether its apps say what a step is worth; otherwise a task always does.
         users_per_connection: how many users an app serves; None: any number.
         knows_options: whether the apps of a place take game options at every reset, rather than at
             their start or never.
@@ -121,6 +123,8 @@ class Transport:
     reads: frozenset[str] = frozenset()
     options: Mapping[str, str] = field(default_factory=dict)
     text_options: frozenset[str] = frozenset()
+    needs: str = ""
+    reports_reward: bool = True
     users_per_connection: int | None = None
     knows_options: Callable[[AppPlace], bool] = lambda place: True
     facts: Callable[[AppPlace, str], GameFacts | None] = lambda place, game: None

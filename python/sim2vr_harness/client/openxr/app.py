@@ -173,7 +173,8 @@ class OpenXRApp(UnsavedApp):
         while self._awaited:
             try:
                 answers.append(self._answer(program))
-            except SessionEnded:
+            except SessionEnded as end:
+                program.link.give_up(end)
                 ended = True
                 self._awaited.clear()
                 break

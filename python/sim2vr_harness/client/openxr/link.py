@@ -64,13 +64,16 @@ class Link:
         except OSError:  # its end is gone; receiving finds out why
             return
 
-    def receive(self, doing: str, timeout_s: float, hint: str = "") -> tuple[Kind, bytes]:
+    def receive(
+        self, doing: str, timeout_s: float, hint: str = "", *, deadline: float | None = None
+    ) -> tuple[Kind, bytes]:
         """Wait for the next message.
 
         Args:
             doing: what is waited for, for messages.
             timeout_s: how long.
             hint: what to do if nothing comes.
+            deadline: when that time is over, of the monotonic clock; None: it begins now.
 
         Raises:
             SessionEnded: the program ended its session in an orderly way.
@@ -78,14 +81,16 @@ class Link:
             AppTimeout: nothing came in time.
             ProtocolError: it is no message.
         """
-        deadline = time.monotonic() + timeout_s
-        while (message := self.next_message(doing)) is None:
-            left_s = deadline - time.monotonic()
+        end = time.monotonic() + timeout_s if deadline is None else deadline
+        while True:
+            message = self.next_message(doing)
+            left_s = end - time.monotonic()
+            if message is not None and (left_s > 0.0 or deadline is None):
+                return message
             if left_s <= 0.0:
                 words = f"{self.process} gave no {doing} within {timeout_s:g} s"
                 raise self.give_up(AppTimeout(f"{words}{hint}{self.process.log_words()}"))
             self._poll.poll(min(left_s, 1.0) * 1000.0)
-        return message
 
     def next_message(self, doing: str) -> tuple[Kind, bytes] | None:
         """Return a message that is there, None if there is none; raises as :meth:`receive`."""
@@ -140,7 +145,7 @@ class Link:
         except BadReply as error:
             return self.malformed(error)
         if call in _ORDERLY:
-            return self.give_up(SessionEnded(call))
+            return SessionEnded(call)
         words = f"{call}: {reason}" if call and call not in reason else reason
         return self.give_up(AppDied(f"{self.process}: {words}{self.process.log_words()}"))
 

@@ -7,6 +7,7 @@ import os
 import socket
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -118,26 +119,25 @@ class Program:
             AppRefused: it cannot be played, and would not be another time; says why.
             AppDied, AppTimeout, ProtocolError: it does not start.
         """
-        deadline = self._began_s + self._launch.start_timeout_s
+        limit_s = self._launch.start_timeout_s
+        deadline = time.monotonic() + limit_s
         while not self.ready:
             doing, hint = (
                 ("xrCreateInstance", _NO_HELLO)
                 if self.about is None
                 else ("xrCreateSession", _NO_SESSION)
             )
-            left_s = max(1.0, deadline - time.monotonic())
-            try:
-                self._answer(*self.link.receive(doing, left_s, hint))
-            except SessionEnded as end:
-                raise self.died(f"left by {end} before it had a session") from end
+            with suppress(SessionEnded):  # of an instance that only looked around
+                self._answer(*self.link.receive(doing, limit_s, hint, deadline=deadline))
 
     def greet_if_there(self) -> None:
         """The same as far as its messages are there; failures are kept for :meth:`greet`."""
         while not self.ready and self.link.usable:
-            message = self.link.next_message("xrCreateSession")
-            if message is None:
-                return
-            self._answer(*message)
+            with suppress(SessionEnded):
+                message = self.link.next_message("xrCreateSession")
+                if message is None:
+                    return
+                self._answer(*message)
 
     def _answer(self, kind: Kind, body: bytes) -> None:
         try:

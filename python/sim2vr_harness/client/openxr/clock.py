@@ -22,7 +22,7 @@ _STARTING, _PLAYING, _WAITING = 0, 1, 2
 
 
 class VirtualClock:
-    """The page of one program; see ``app_runtime/virtual_clock/clock.c`` for its layout.
+    """The page of one program; see ``app_runtime/preload/clock.c`` for its layout.
 
     Attributes:
         descriptor: to be inherited by the program.

@@ -19,7 +19,7 @@ CLOCK_LIBRARY = "libsim2vr_clock.so"
 """Virtual time, and lines of output that are written at once."""
 MODES_LIBRARY = "libsim2vr_vidmode.so"
 """Gives programs that ask an X server for its modes one mode."""
-_BUILT = ("openxr", "virtual_clock", "preload")
+_BUILT = ("openxr", "preload")
 _EXPECTED = "the package's own, built with OpenXR's headers (apt-get install libopenxr-dev)"
 
 

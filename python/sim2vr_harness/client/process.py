@@ -77,6 +77,7 @@ class AppProcess:
         socket: file of the socket that the app listens on, deleted at the end; None: none.
         pipes: descriptors that become the app's 3 (to read from) and 4 (to write to); they stay
             this side's to close.
+        stdin: descriptor of its standard input; None: it is empty.
         inherited: further descriptors that the app has under the same numbers; they stay this
             side's to close.
         home: the app's temporary folder and working directory, deleted with it; None: it works in
@@ -94,6 +95,7 @@ class AppProcess:
         extra_logs: Sequence[Path] = (),
         socket: Path | None = None,
         pipes: tuple[int, int] | None = None,
+        stdin: int | None = None,
         inherited: Sequence[int] = (),
         home: TemporaryFolder | None = None,
     ) -> None:
@@ -106,13 +108,14 @@ class AppProcess:
         self._logs = [self.log_file, *extra_logs]
         self._keep_logs = False
         self._socket = socket
+        read_from = subprocess.DEVNULL if stdin is None else stdin
         note = _NOTED if pipes is None else _NOTED + _MOVED_PIPES
         noting = [*_dying_with_parent(), "sh", "-c", note, str(self._folder.path)]
         try:
             with self.log_file.open("xb") as log:
                 self._popen = _spawner().start(
                     [*noting, *self.command],
-                    stdin=subprocess.DEVNULL if pipes is None else pipes[0],
+                    stdin=read_from if pipes is None else pipes[0],
                     stdout=log if pipes is None else pipes[1],
                     stderr=log,
                     env={**os.environ, **(environment or {})},

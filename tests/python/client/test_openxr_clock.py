@@ -1,4 +1,4 @@
-"""The preloaded virtual clock: times, sleeps and waits of a program, with a Python program in it."""
+"""The preloaded virtual clock: times, sleeps and waits of a program, with Python in it."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ class _Programs:
                 wanted,
                 frame_rate_hz=int(options["frame_rate_hz"]),
                 vertical_fov_deg=VERTICAL_FOV_DEG,
-                farthest_m=FARTHEST_M,
+                farthest_m=FARTHEST_M / _unit_m(options.get("depth_unit_m", "1")),
                 pipelined=options["gate"] == "pipelined",
                 profile=_PROFILES[options["profile"]],
             ),
@@ -113,6 +113,19 @@ class _Programs:
         return found
 
 
+def _unit_m(text: str) -> float:
+    """Metres of one unit of depth; raises :class:`AppRefused`."""
+    try:
+        unit_m = float(text)
+    except ValueError:
+        unit_m = 0.0
+    if not 1e-4 <= unit_m <= 10.0:
+        raise AppRefused(
+            f"app.transport_options.depth_unit_m: got {text!r}, expected a number from 0.0001 to 10"
+        )
+    return unit_m
+
+
 def _found(program: str) -> str:
     """The path of a program that is named by its path or is on the PATH."""
     return program if "/" in program else (shutil.which(program) or program)
@@ -134,9 +147,10 @@ OPENXR = Transport(
         "xvfb": "whether to start an X server without a screen (default: false)",
         "ahead": "start the next round's program early: auto (default: if slow), true, false",
         "frame_rate_hz": "the display's: 72 (default) or 90",
+        "depth_unit_m": "metres of one unit of the program's depth: 1 (default); Qt's 0.005",
         "profile": "controllers: oculus-touch (default), valve-index, htc-vive, khr-simple",
     },
-    text_options=frozenset({"gate", "profile"}),
+    text_options=frozenset({"gate", "profile", "depth_unit_m", "frame_rate_hz", "ahead"}),
     users_per_connection=1,
     needs="executable",
     reports_reward=False,

@@ -74,6 +74,7 @@ class Program:
         self._began_s = time.monotonic()
         self.started_s: float | None = None
         ours, theirs = socket.socketpair()
+        silent, self._silence = os.pipe()  # no key is pressed, nor does the input end
         self.clock = VirtualClock() if launch.virtual_clock else None
         try:
             inherited = [theirs.fileno()]
@@ -89,13 +90,17 @@ class Program:
                 before = os.environ.get("LD_PRELOAD", "")
                 libraries = [*map(str, launch.preload), *([before] if before else [])]
                 environment["LD_PRELOAD"] = ":".join(libraries)
-            self.process = AppProcess(launch.command, environment=environment, inherited=inherited)
+            self.process = AppProcess(
+                launch.command, environment=environment, stdin=silent, inherited=inherited
+            )
         except BaseException:
             ours.close()
             self._close_clock()
+            os.close(self._silence)
             raise
         finally:
             theirs.close()
+            os.close(silent)
         self._printed = os.open(self.process.log_file, os.O_RDONLY | os.O_CLOEXEC)
         self._unfinished = b""
         self.link = Link(self.process, ours)
@@ -200,6 +205,7 @@ class Program:
         self.link.close()
         if self._printed >= 0:
             os.close(self._printed)
+            os.close(self._silence)
             self._printed = -1
         self._close_clock()
         self.process.kill()

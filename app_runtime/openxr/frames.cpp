@@ -1,4 +1,6 @@
 // xrWaitFrame, xrBeginFrame, xrEndFrame.
+#include <dlfcn.h>
+
 #include "calls.hpp"
 #include "check.hpp"
 #include "gate.hpp"
@@ -16,6 +18,14 @@ void expect(Session& session, const char* call, const char* cause) {
   if (Harness* harness = session.instance->harness.get(); harness != nullptr && !session.exiting) {
     harness->expect(call, cause);
   }
+}
+
+/// Sets the program's clocks, where the harness has preloaded virtual ones (preload/clock.c).
+void setClocks(XrTime time) {
+  using Advance = void (*)(std::int64_t);
+  static const auto advance =
+      reinterpret_cast<Advance>(::dlsym(RTLD_DEFAULT, "sim2vr_clock_advance"));
+  if (advance != nullptr) advance(time);
 }
 
 /// One thread waits at a time, and only after the frame before has begun.
@@ -61,6 +71,7 @@ XrResult XRAPI_CALL calls::xrWaitFrame(XrSession session, const XrFrameWaitInfo*
     requireRunning(*self);
     self->loop.waited = true;
     ++self->loop.waited_frames;
+    if (frame) setClocks(frame->time);
     if (frame) show(*self);
     const XrDuration period = self->instance->config.period_ns();
     state.predictedDisplayTime = frame ? frame->time : self->now() + period;

@@ -191,7 +191,7 @@ def openxr_step(*frames: int) -> bytes:
     body = len(frames).to_bytes(4, "little")
     for frame in frames:
         poses = devices(frame, left=True, pressed=True)
-        hand = poses.right.astype("<f8").tobytes()
+        hand = poses.right_controller.astype("<f8").tobytes()
         inputs = np.zeros(INPUT_COUNT).astype("<f8").tobytes()
         head = poses.head.astype("<f8").tobytes()
         body += ((frame + 1) * STEP_NS).to_bytes(8, "little") + head + b"\1\1"

@@ -94,9 +94,10 @@ def play(wanted: AppsWanted, steps: int, picture: Path | None) -> Run:
 
 
 def write_png(file: Path, image: UInt8Array) -> None:
-    """Write the eyes side by side, without depth."""
+    """Write the eyes side by side, and below them their depth (white: far)."""
     eyes = image if image.ndim == 4 else image[None]
-    rows = np.concatenate([eye[..., :3] for eye in eyes], axis=1)
+    rows = np.concatenate(list(eyes), axis=1)
+    rows = np.concatenate([rows[..., :3], np.repeat(rows[..., 3:], 3, axis=2)])
     raw = b"".join(b"\0" + row.tobytes() for row in rows)
     parts = [
         (b"IHDR", struct.pack(">IIBBBBB", rows.shape[1], rows.shape[0], 8, 2, 0, 0, 0)),
@@ -122,9 +123,15 @@ def arguments_of(words: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--depth", action="store_true", help="the user sees depth")
     parser.add_argument("--xvfb", action="store_true", help="on an X server without a screen")
     parser.add_argument("--virtual-clock", action="store_true", help="its clocks are virtual")
+    parser.add_argument(
+        "--option", action="append", default=[], metavar="NAME=VALUE", help="of the transport"
+    )
     parser.add_argument("--png", type=Path, help="file for the last picture of the first run")
     parser.add_argument("--fail-below", type=float, default=0.0, help="steps per second")
     parsed = parser.parse_args(words)
+    for option in parsed.option:
+        if "=" not in option:
+            parser.error(f"--option: got {option!r}, expected NAME=VALUE")
     for name in ("steps", "runs"):
         if getattr(parsed, name) < 1:
             parser.error(f"--{name}: got {getattr(parsed, name)}, expected at least 1")
@@ -135,7 +142,8 @@ def main(words: Sequence[str] | None = None) -> int:
     """Play, print the row, and return the exit status."""
     parsed = arguments_of(words)
     switches = {"xvfb": parsed.xvfb, "virtual_clock": parsed.virtual_clock}
-    options = {name: "true" for name, on in switches.items() if on} | {"ahead": "false"}
+    options = {"ahead": "false"} | {name: "true" for name, on in switches.items() if on}
+    options |= dict(option.split("=", 1) for option in parsed.option)
     wanted = AppsWanted(
         n=1,
         game="",

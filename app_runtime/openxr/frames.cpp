@@ -1,6 +1,4 @@
 // xrWaitFrame, xrBeginFrame, xrEndFrame.
-#include <dlfcn.h>
-
 #include "calls.hpp"
 #include "check.hpp"
 #include "gate.hpp"
@@ -20,19 +18,11 @@ void expect(Session& session, const char* call, const char* cause) {
   }
 }
 
-/// Sets the program's clocks, where the harness has preloaded virtual ones (preload/clock.c).
-void setClocks(XrTime time) {
-  using Advance = void (*)(std::int64_t);
-  static const auto advance =
-      reinterpret_cast<Advance>(::dlsym(RTLD_DEFAULT, "sim2vr_clock_advance"));
-  if (advance != nullptr) advance(time);
-}
-
 /// One thread waits at a time, and only after the frame before has begun.
 void awaitTurn(Session& session, Lock& lock) {
   FrameLoop& loop = session.loop;
   while (loop.waiting || loop.waited) {
-    loop.changed.wait_for(lock, std::chrono::milliseconds(100));
+    world().changed.wait(lock);
     checkHarness(session);
     requireAlive(session);
     requireRunning(session);
@@ -46,7 +36,7 @@ class Turn {
   explicit Turn(FrameLoop& loop) : loop_(loop) { loop_.waiting = true; }
   ~Turn() {
     loop_.waiting = false;
-    loop_.changed.notify_all();
+    world().changed.notify_all();
   }
   Turn(const Turn&) = delete;
   Turn& operator=(const Turn&) = delete;
@@ -71,7 +61,6 @@ XrResult XRAPI_CALL calls::xrWaitFrame(XrSession session, const XrFrameWaitInfo*
     requireRunning(*self);
     self->loop.waited = true;
     ++self->loop.waited_frames;
-    if (frame) setClocks(frame->time);
     if (frame) show(*self);
     const XrDuration period = self->instance->config.period_ns();
     state.predictedDisplayTime = frame ? frame->time : self->now() + period;
@@ -95,7 +84,7 @@ XrResult XRAPI_CALL calls::xrBeginFrame(XrSession session, const XrFrameBeginInf
     loop.waited = false;
     if (discards) frameDone(*self, nullptr);
     loop.begun = true;
-    loop.changed.notify_all();
+    world().changed.notify_all();
     expect(*self, "xrEndFrame", "xrEndFrame did not follow xrBeginFrame");
     return discards ? XR_FRAME_DISCARDED : XR_SUCCESS;
   });

@@ -2,11 +2,10 @@
 
 #include <dlfcn.h>
 
-#include <chrono>
 #include <ctime>
-#include <thread>
 
 #include "layers.hpp"
+#include "real_time.hpp"
 #include "session_state.hpp"
 #include "tracking.hpp"
 
@@ -23,11 +22,12 @@ std::int64_t monotonic_ns() {
   return now.tv_sec * kSecond_ns + now.tv_nsec;
 }
 
-/// A preloaded virtual clock, where there is one, follows the frames.
-void setVirtualClock(XrTime time) {
-  using Set = void (*)(std::int64_t);
-  static const auto set = reinterpret_cast<Set>(::dlsym(RTLD_DEFAULT, "sim2vr_virtual_clock_set"));
-  if (set != nullptr) set(time);
+/// Sets the program's clocks, where the harness has preloaded virtual ones (preload/clock.c).
+void advanceClock(XrTime time) {
+  using Advance = void (*)(std::int64_t);
+  static const auto advance =
+      reinterpret_cast<Advance>(::dlsym(RTLD_DEFAULT, "sim2vr_clock_advance"));
+  if (advance != nullptr) advance(time);
 }
 
 /// Someone who stands still, for programs without a harness.
@@ -46,7 +46,7 @@ xr::DeviceState standing() {
 /// Without the lock.
 void sleep(Lock& lock, std::int64_t duration_ns) {
   lock.unlock();
-  std::this_thread::sleep_for(std::chrono::nanoseconds(duration_ns));
+  realSleep(duration_ns);
   lock.lock();
 }
 
@@ -73,7 +73,7 @@ void awaitEnd(Session& session, Lock& lock) {
       "program waits for a frame before it ended the last: use gate: pipelined; xrEndFrame did not "
       "come");
   while (loop.done_frames != loop.waited_frames && !ended(session)) {
-    loop.changed.wait_for(lock, std::chrono::milliseconds(100));
+    world().changed.wait(lock);
   }
 }
 
@@ -173,7 +173,7 @@ std::optional<Frame> nextFrame(Session& session, Lock& lock) {
     }
     requireAlive(session);
     if (!frame) return stoppingFrame(session, lock);
-    setVirtualClock(frame->time);
+    advanceClock(frame->time);
     session.monotonic_offset_ns = frame->time - monotonic_ns();
   }
   track(session, *frame);
@@ -188,7 +188,7 @@ void frameDone(Session& session, const XrFrameEndInfo* info) {
     picture = composePicture(session, *info);
   }
   ++loop.done_frames;
-  loop.changed.notify_all();
+  world().changed.notify_all();
   const std::shared_ptr<Harness>& harness = session.instance->harness;
   if (!harness) return;
   if (info != nullptr) {

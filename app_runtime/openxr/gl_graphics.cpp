@@ -28,10 +28,13 @@ struct GlFormat {
 };
 
 constexpr GLenum kDepthStencil = GL_DEPTH_STENCIL_ATTACHMENT;
-constexpr std::array<GlFormat, 8> kFormats = {{
+constexpr std::array<GlFormat, 11> kFormats = {{
     {GL_SRGB8_ALPHA8, PixelFormat::kRgba8Srgb, GL_RGBA, GL_UNSIGNED_BYTE, GL_COLOR_ATTACHMENT0},
+    {GL_SRGB8, PixelFormat::kRgba8Srgb, GL_RGBA, GL_UNSIGNED_BYTE, GL_COLOR_ATTACHMENT0},
     {GL_RGBA8, PixelFormat::kRgba8Linear, GL_RGBA, GL_UNSIGNED_BYTE, GL_COLOR_ATTACHMENT0},
+    {GL_RGB8, PixelFormat::kRgba8Linear, GL_RGBA, GL_UNSIGNED_BYTE, GL_COLOR_ATTACHMENT0},
     {GL_RGBA16F, PixelFormat::kRgba16Float, GL_RGBA, GL_HALF_FLOAT, GL_COLOR_ATTACHMENT0},
+    {GL_RGB16F, PixelFormat::kRgba16Float, GL_RGBA, GL_HALF_FLOAT, GL_COLOR_ATTACHMENT0},
     {GL_DEPTH_COMPONENT32F, PixelFormat::kDepthFloat, GL_DEPTH_COMPONENT, GL_FLOAT,
      GL_DEPTH_ATTACHMENT},
     {GL_DEPTH24_STENCIL8, PixelFormat::kDepthFloat, GL_DEPTH_COMPONENT, GL_FLOAT, kDepthStencil},

@@ -9,6 +9,7 @@
 #include <cstring>
 
 #include "failure.hpp"
+#include "real_time.hpp"
 #include "world.hpp"
 
 namespace sim2vr::openxr {
@@ -64,13 +65,12 @@ Harness::Harness(int socket, const Hello& hello) : channel_(socket) {
   watchman_ = std::thread([this] { watch(); });
 }
 
-Harness::~Harness() {
-  {
-    const std::lock_guard lock(watching_);
-    closing_ = true;
-  }
-  changed_.notify_all();
-  watchman_.join();
+Harness::~Harness() { stopWatching(); }
+
+void Harness::stopWatching() {
+  closing_ = 1;
+  realWake(reinterpret_cast<const std::uint32_t*>(&closing_));
+  if (watchman_.joinable()) watchman_.join();
 }
 
 void Harness::openSession(std::string_view graphics, bool depth_layers) {
@@ -153,31 +153,33 @@ void Harness::expect(const char* call, const char* cause) {
   told_ = false;
   call_ = call;
   cause_ = cause;
-  // A watch that looks up every tenth of the timeout needs no wake-up at each call.
-  deadline_ = std::chrono::steady_clock::now() +
-              std::chrono::duration_cast<std::chrono::steady_clock::duration>(
-                  std::chrono::duration<double>(config_.timeout_s));
+  deadline_ns_ = realNow_ns() + static_cast<std::int64_t>(config_.timeout_s * 1e9);
 }
 
 void Harness::relax() {
   const std::lock_guard lock(watching_);
-  deadline_.reset();
+  deadline_ns_.reset();
 }
 
 void Harness::watch() {
-  const std::chrono::duration<double> pause(std::min(0.25, config_.timeout_s / 10.0));
-  std::unique_lock lock(watching_);
-  while (!closing_) {
-    changed_.wait_for(lock, pause);
-    if (closing_ || !deadline_ || std::chrono::steady_clock::now() < *deadline_) continue;
-    deadline_.reset();
-    const std::string reason = fmt::format("{} within {:g} s", cause_, config_.timeout_s);
-    const std::string call = call_;
-    lock.unlock();
+  // Looking up every tenth of the timeout, the watch needs no wake-up at each call.
+  const auto pause_ns = static_cast<std::int64_t>(std::min(0.25, config_.timeout_s / 10.0) * 1e9);
+  while (closing_ == 0) {
+    realWait(reinterpret_cast<const std::uint32_t*>(&closing_), pause_ns);
+    std::string reason;
+    std::string call;
+    {
+      const std::lock_guard lock(watching_);
+      if (closing_ != 0 || !deadline_ns_ || realNow_ns() < *deadline_ns_) continue;
+      deadline_ns_.reset();
+      reason = fmt::format("{} within {:g} s", cause_, config_.timeout_s);
+      call = call_;
+    }
     report("sim2vr OpenXR: " + call + ": " + reason);
     ended(reason, call);
     lost_ = true;
-    lock.lock();
+    const Lock lock(world().mutex);
+    world().changed.notify_all();
   }
 }
 

@@ -2,8 +2,6 @@
 #pragma once
 
 #include <atomic>
-#include <chrono>
-#include <condition_variable>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -49,6 +47,8 @@ class Harness {
   void expect(const char* call, const char* cause);
   void relax();
   bool lost() const { return lost_; }
+  /// Ends the watch. Not under the world's lock: the watch takes it to wake what waits.
+  void stopWatching();
   void lose() { lost_ = true; }
 
  private:
@@ -63,11 +63,10 @@ class Harness {
   std::atomic<bool> told_{false};
 
   std::mutex watching_;
-  std::condition_variable changed_;
-  std::optional<std::chrono::steady_clock::time_point> deadline_;
+  std::optional<std::int64_t> deadline_ns_;
   const char* call_ = "";
   const char* cause_ = "";
-  bool closing_ = false;
+  std::atomic<std::uint32_t> closing_{0};
   std::thread watchman_;
 };
 

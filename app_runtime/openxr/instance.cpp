@@ -137,8 +137,8 @@ XrResult XRAPI_CALL calls::xrCreateInstance(const XrInstanceCreateInfo* createIn
 }
 
 XrResult XRAPI_CALL calls::xrDestroyInstance(XrInstance instance) {
-  std::shared_ptr<Instance> removed;  // joins a thread: not under the lock
-  return guarded("xrDestroyInstance", [&](Lock&) {
+  std::shared_ptr<Instance> removed;
+  const XrResult result = guarded("xrDestroyInstance", [&](Lock&) {
     removed = get<Instance>(instance, "instance");
     for (const auto& session : world().handles.below(HandleType::session, removed->handle)) {
       leave(static_cast<Session&>(*session), "xrDestroyInstance");
@@ -150,6 +150,8 @@ XrResult XRAPI_CALL calls::xrDestroyInstance(XrInstance instance) {
     world().handles.remove(removed->handle);
     return XR_SUCCESS;
   });
+  if (removed && removed->harness) removed->harness->stopWatching();
+  return result;
 }
 
 XrResult XRAPI_CALL calls::xrGetInstanceProperties(XrInstance instance,

@@ -3,7 +3,6 @@
 
 #include <array>
 #include <atomic>
-#include <condition_variable>
 #include <cstdint>
 #include <deque>
 #include <map>
@@ -107,7 +106,6 @@ struct Swapchain final : Object {
 
 /// xrWaitFrame, xrBeginFrame, xrEndFrame.
 struct FrameLoop {
-  std::condition_variable changed;
   bool waiting = false;  // a thread is inside xrWaitFrame
   bool waited = false;   // a frame was waited for and has not begun
   bool begun = false;

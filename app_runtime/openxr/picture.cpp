@@ -58,6 +58,34 @@ std::uint8_t depthByte(double depth_m, double farthest_m) {
   return static_cast<std::uint8_t>(std::floor(std::max(0.0, share) * 255.0 + 0.5));
 }
 
+const XrCompositionLayerDepthInfoKHR* depthOf(const Instance& instance,
+                                              const XrCompositionLayerProjectionView& view) {
+  if (!instance.config.depth || !instance.enabled("XR_KHR_composition_layer_depth")) {
+    return nullptr;
+  }
+  return chained<XrCompositionLayerDepthInfoKHR>(view.next,
+                                                 XR_TYPE_COMPOSITION_LAYER_DEPTH_INFO_KHR);
+}
+
+/// Everything that will be read, so that it is fetched together.
+std::vector<ImagePart> partsOf(const Instance& instance, const XrFrameEndInfo& info) {
+  std::vector<ImagePart> parts;
+  for (std::uint32_t i = 0; i < info.layerCount; ++i) {
+    const XrCompositionLayerBaseHeader& layer = *info.layers[i];
+    if (layer.type == XR_TYPE_COMPOSITION_LAYER_QUAD) {
+      parts.push_back(partOf(reinterpret_cast<const XrCompositionLayerQuad&>(layer).subImage));
+      continue;
+    }
+    const auto& projection = reinterpret_cast<const XrCompositionLayerProjection&>(layer);
+    for (std::uint32_t eye = 0; eye < instance.config.eyes; ++eye) {
+      const XrCompositionLayerProjectionView& view = projection.views[eye];
+      parts.push_back(partOf(view.subImage));
+      if (const auto* depth = depthOf(instance, view)) parts.push_back(partOf(depth->subImage));
+    }
+  }
+  return parts;
+}
+
 struct Eye {
   std::uint32_t index;
   std::uint32_t width;
@@ -66,12 +94,7 @@ struct Eye {
 };
 
 bool drawDepth(Session& session, const XrCompositionLayerProjectionView& view, const Eye& eye) {
-  if (!session.instance->config.depth ||
-      !session.instance->enabled("XR_KHR_composition_layer_depth")) {
-    return false;
-  }
-  const auto* info =
-      chained<XrCompositionLayerDepthInfoKHR>(view.next, XR_TYPE_COMPOSITION_LAYER_DEPTH_INFO_KHR);
+  const auto* info = depthOf(*session.instance, view);
   if (info == nullptr) return false;
   std::vector<float> depth(static_cast<std::size_t>(eye.width) * eye.height);
   session.graphics->readDepth(partOf(info->subImage), eye.width, eye.height, depth);
@@ -158,6 +181,7 @@ Picture composePicture(Session& session, const XrFrameEndInfo& info) {
   Picture picture;
   picture.rgba.assign(config.eyes * config.eyeBytes(), 0);
   picture.has_image = true;
+  session.graphics->prefetch(partsOf(*session.instance, info));
   const std::span<std::uint8_t> all(picture.rgba);
   for (std::uint32_t index = 0; index < config.eyes; ++index) {
     const Eye eye{index, config.width, config.height,

@@ -53,7 +53,7 @@ void requireOnlySession(const Instance& instance) {
 
 void leave(Session& session, const char* call) {
   session.destroyed = true;
-  session.loop.changed.notify_all();
+  world().changed.notify_all();
   if (session.lost) return;
   if (Harness* harness = session.instance->harness.get()) {
     harness->relax();
@@ -135,7 +135,7 @@ XrResult XRAPI_CALL calls::xrEndSession(XrSession session) {
     self->running = false;
     self->loop.waited = self->loop.begun = false;
     self->loop.done_frames = self->loop.waited_frames;
-    self->loop.changed.notify_all();
+    world().changed.notify_all();
     if (self->harness_gone) {
       lose(*self);
     } else {

@@ -81,7 +81,7 @@ void stop(Session& session) {
   if (session.state == XR_SESSION_STATE_FOCUSED) enterState(session, XR_SESSION_STATE_VISIBLE);
   if (session.state == XR_SESSION_STATE_VISIBLE) enterState(session, XR_SESSION_STATE_SYNCHRONIZED);
   enterState(session, XR_SESSION_STATE_STOPPING);
-  session.loop.changed.notify_all();
+  world().changed.notify_all();
 }
 
 void harnessGone(Session& session) {
@@ -100,7 +100,7 @@ void lose(Session& session) {
   session.lost = true;
   session.running = false;
   enterState(session, XR_SESSION_STATE_LOSS_PENDING);
-  session.loop.changed.notify_all();
+  world().changed.notify_all();
 }
 
 void checkHarness(Session& session) {

@@ -143,6 +143,7 @@ XrResult XRAPI_CALL calls::xrAcquireSwapchainImage(XrSwapchain swapchain,
       outOfOrder("a static swapchain's image is acquired once");
     }
     *index = self->next;
+    self->images->acquired(self->next);
     self->acquired.push_back(self->next);
     self->next = (self->next + 1) % self->images->count();
     return XR_SUCCESS;

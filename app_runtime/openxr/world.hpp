@@ -1,6 +1,7 @@
 // What all calls share: one lock, the table of handles, and the way in which a call fails.
 #pragma once
 
+#include <condition_variable>
 #include <cstdint>
 #include <memory>
 #include <mutex>
@@ -57,6 +58,8 @@ using Lock = std::unique_lock<std::mutex>;
 
 struct World {
   std::mutex mutex;
+  /// A frame began or ended, a session stopped, or the harness was lost.
+  std::condition_variable changed;
   Handles handles;
 };
 /// Never destroyed: programs call from threads that outlive main().

@@ -217,6 +217,9 @@ TEST_F(GraphicsEgl, ColoursOfEveryFormat) {
   };
   EXPECT_EQ(shown(GL_RGBA8), (Color{124, 255, 0, 102}));
   EXPECT_EQ(shown(GL_RGBA16F), (Color{124, 255, 0, 102}));
+  EXPECT_EQ(shown(GL_RGB8), (Color{124, 255, 0, 255}));  // no alpha: opaque
+  EXPECT_EQ(shown(GL_RGB16F), (Color{124, 255, 0, 255}));
+  EXPECT_EQ(shown(GL_SRGB8), (Color{51, 255, 0, 255}));
   EXPECT_EQ(shown(GL_SRGB8_ALPHA8), (Color{51, 255, 0, 102}));  // bytes stored as they are
   gl().Enable(GL_FRAMEBUFFER_SRGB);                             // the driver encodes linear values
   EXPECT_EQ(shown(GL_SRGB8_ALPHA8), (Color{124, 255, 0, 102}));

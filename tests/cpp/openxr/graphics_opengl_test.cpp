@@ -41,12 +41,14 @@ class Xvfb {
       _exit(127);
     }
     close(ends[1]);
+    // A line with the number, in more than one piece.
     pollfd ready = {ends[0], POLLIN, 0};
-    std::array<char, 16> number{};
-    if (poll(&ready, 1, 20'000) == 1 && ::read(ends[0], number.data(), number.size() - 1) > 0) {
-      display = ":" + std::string(number.data());
-      display.erase(display.find_last_not_of('\n') + 1);
+    std::string line;
+    char letter = 0;
+    while (poll(&ready, 1, 20'000) == 1 && ::read(ends[0], &letter, 1) == 1 && letter != '\n') {
+      line += letter;
     }
+    if (letter == '\n') display = ":" + line;
     close(ends[0]);
   }
 

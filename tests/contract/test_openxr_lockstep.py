@@ -44,8 +44,6 @@ PROGRAMS = {
     "hello_xr, OpenGL": Played(("hello_xr", "-g", "OpenGL"), options={"xvfb": True}),
     "pyopenxr": Played((PYTHON, TOUCH, "--seed", "3"), "xr", True),
     "Qt": Played((PYTHON, LAMPS, "--seed", "3"), "PySide6", True, QT),
-        (PYTHON, str(EXAMPLES / "lamps" / "lamps.py"), "--seed", "3"), "PySide6", True, QT
-    ),
 }
 
 

@@ -139,6 +139,6 @@ def hands(height_m: float = 1.1, trigger: float = 0.0) -> DevicePoses:
     """A user with a right hand, at rest or with the trigger pulled."""
     inputs = np.zeros(13)
     inputs[0] = trigger
-    head = np.array([0.0, 1.6, 0.0, 0.0, 0.0, 0.0, 1.0])
+    head = np.array([0.0, 1.2, 0.0, 0.0, 0.0, 0.0, 1.0])
     hand = np.array([0.2, height_m, 0.4, 0.0, 0.0, 0.0, 1.0])
     return DevicePoses(head, hand, right_inputs=inputs)

@@ -298,7 +298,7 @@ def config_of(
     pipelined: bool,
     profile: str,
 ) -> dict[str, object]:
-    """Return what the runtime is told of a user."""
+    """Return the settings of a user that the runtime receives."""
     return {
         "width": wanted.width,
         "height": wanted.height,

@@ -39,7 +39,7 @@ class Launch:
     Attributes:
         command: program and arguments.
         manifest: of the runtime.
-        config: what the runtime is told.
+        config: settings that the runtime receives.
         preload: libraries.
         environment: further variables.
         virtual_clock: whether its time is virtual.

@@ -1,4 +1,4 @@
-"""Where the OpenXR runtime and the libraries are that programs preload."""
+"""Paths of the OpenXR runtime and of the libraries that programs preload."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ An expression is one of these, with a comparison behind it if it shall be a trut
 - ``printed("score: (\d+)")``: the number in brackets in the last line that matches; without
   brackets, how many lines matched; with three pairs of brackets a place x y z in OpenXR's frame,
 - ``label("hit")``: the same of labels that the program begins or inserts (XR_EXT_debug_utils),
-- ``haptics("right")``, ``left`` or ``any``: how many vibrations the program has asked for,
+- ``haptics("right")``, ``left`` or ``any``: how many vibrations the program has requested,
 - ``pose("head.y")``: a coordinate of a device, x y z in metres, app frame.
 """
 

@@ -96,6 +96,7 @@ XrResult XRAPI_CALL calls::xrDestroySession(XrSession session) {
     for (const auto& set : gone->action_sets) {
       for (const auto& action : world().handles.below(HandleType::action, set->handle)) {
         static_cast<Action&>(*action).bound.clear();
+        static_cast<Action&>(*action).values = {};
       }
     }
     world().handles.remove(gone->handle);

@@ -19,6 +19,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.policies.hierarchical.action_selection import (
+    aims_of,
     best_choices,
     choose,
     mask_unreached,
@@ -204,7 +205,9 @@ class HierarchicalPolicy(nn.Module):
             choice, moving[0], something, places, int(self.hold), self.primitives
         )
         chosen = best_choices(values, something, self.values.options).numpy()
-        choose(choice, chosen, places, self.primitives)
+        sight, options = self.values.sight, self.values.options
+        aims = aims_of(sight, options, chosen, pictures, head[:, :3, 3], head[:, :3, :3])
+        choose(choice, chosen, places, self.primitives, aims=aims)
 
 
 class _Read:

@@ -156,7 +156,7 @@ class OptionQLearning:
                 chosen[i, hand] = self._tried[i, hand] = self._try(*weights)
                 self._trying[i, hand] = self.rng.integers(*_TRY_STEPS)
         self._trying -= DECIDE_STEPS
-        self._selector.choose(self._choice, chosen, places, changed)
+        self._selector.choose(self._choice, chosen, scene, places, changed)
         return chosen
 
     def _try(self, near: NDArray[np.float64], far: NDArray[np.float64]) -> int:

@@ -27,6 +27,7 @@ from sim2vr_harness.policies.hierarchical.action_selection import ActionSelector
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.depth_grid import CELL_PX
 from sim2vr_harness.policies.hierarchical.frame_history import FrameHistory
+from sim2vr_harness.policies.hierarchical.options import COMPLETE
 from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, PrimitiveController
 from sim2vr_harness.runs.checkpoint import read_header, state_header
 from sim2vr_harness.runs.option_config import QLearningConfig
@@ -58,6 +59,10 @@ _TARGET_RATE = 0.01
 """Rate at which the target network follows."""
 _TRY_STEPS = (4, 14)
 """How long a random try is seen through, user steps."""
+_COMPLETE_STEPS = 24
+"""The same of options with an end of their own, at most."""
+_OWN_M = 0.3
+"""What is so near a hand is its own: rays are seldom turned to it."""
 _REST_SHARE = 0.1
 _SETTLED_RATE, _SETTLED_TRIES = 0.05, 0.25
 """Factors on learning rate and random tries at the very end."""
@@ -145,6 +150,7 @@ class OptionQLearning:
         with torch.inference_mode():
             values = self._selector.values(self.net, scene, places)
             chosen = self._selector.best(values, scene).numpy()
+        self._trying[self.primitives.has_pulled(self._choice).numpy()] = 0
         still = self._trying > 0  # the place stays the one that was tried
         changed = ~still
         chosen[still] = self._tried[still]
@@ -154,7 +160,7 @@ class OptionQLearning:
         for i, *weights in zip(users, *self._curiosity(scene, places, users), strict=True):
             for hand in np.flatnonzero(anew[i]):
                 chosen[i, hand] = self._tried[i, hand] = self._try(*weights)
-                self._trying[i, hand] = self.rng.integers(*_TRY_STEPS)
+                self._trying[i, hand] = self._try_steps(int(chosen[i, hand]))
         self._trying -= DECIDE_STEPS
         self._selector.choose(self._choice, chosen, scene, places, changed)
         return chosen
@@ -181,6 +187,13 @@ class OptionQLearning:
         cell = int(np.searchsorted(np.cumsum(weights), drawn * weights.sum()))
         return move * cells + min(cell, cells - 1)
 
+    def _try_steps(self, chosen: int) -> int:
+        """How long a try is seen through, user steps."""
+        placed, option = self.primitives.options.placed, chosen // self._selector.sight.cells
+        if option < len(placed) and placed[option] in COMPLETE:
+            return _COMPLETE_STEPS
+        return int(self.rng.integers(*_TRY_STEPS))
+
     def _curiosity(
         self, scene: OptionScene, places: Tensor, users: NDArray[np.int64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -199,7 +212,11 @@ class OptionQLearning:
         ).reshape(len(users), -1)
         there = np.where(self._selector.something(scene).numpy()[users], 1.0, 1e-9)
         near = _spread(there * np.where(reach < 0.1, 1.0, 0.03), rare)
-        return near, _spread(there, rare) if "point" in self.primitives.options.placed else near
+        if "point" not in self.primitives.options.placed:
+            return near, near
+        tips = torch.from_numpy(scene.tips[users])
+        from_hands = torch.cdist(places[users].flatten(2).transpose(1, 2), tips).amin(-1).numpy()
+        return near, _spread(there * np.where(from_hands > _OWN_M, 1.0, 0.03), rare)
 
     def _note_colours(self, scene: OptionScene) -> None:
         """Count what colours there are; what was seen long ago counts less."""

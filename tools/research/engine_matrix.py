@@ -90,14 +90,14 @@ def play(spec: str, folder: Path) -> str:
 def _judge(app: WebXRApp) -> str:
     head = np.array([0.0, 1.3, 0.0, 0.0, 0.0, 0.0, 1.0])
     places = []
-    for step in range(8):
+    for step in range(20):  # A-Frame looks for controllers now and then
         hand = np.array([0.2 + 0.01 * step, 1.1, 0.3, 0.0, 0.0, 0.0, 1.0])
         poses = DevicePoses(head, right_controller=hand)
         if step:
             app.step(frame_time_ns(step, 20), poses)
         else:
             app.reset(1, poses)
-        if step > 3:
+        if step > 10:
             places.append(_ray(app))
     height, width = app.image.shape[:2]
     red, green, blue, depth = app.image[height // 2, width // 2].tolist()

@@ -15,7 +15,7 @@ from torch import Tensor
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client.devices import input_named
 
-__all__ = ["COMPLETE", "FREE", "MOVES", "PLACED", "PLAIN", "SIDEWAYS", "OptionSet", "option_set"]
+__all__ = ["FREE", "MOVES", "PLACED", "PLAIN", "SIDEWAYS", "OptionSet", "option_set"]
 
 _DIAGONAL = 0.5**0.5
 SIDEWAYS = {
@@ -35,8 +35,6 @@ PLACED = (*MOVES, "press", "point", "hold", "grab", "release", "pull")
 """All options at a place. Of those with an input: come and pull the trigger; turn the aim ray to
 the place and pull the trigger; come and keep the trigger pulled; come and close the squeeze, which
 stays closed; come and open it; come, close it, go back from there and open it."""
-COMPLETE = ("press", "point", "pull")
-"""Options at a place with an end of their own, which comes late."""
 FREE = {
     "turn left": ("thumbstick_x", -1.0),
     "turn right": ("thumbstick_x", 1.0),

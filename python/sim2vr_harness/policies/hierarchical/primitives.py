@@ -274,11 +274,6 @@ class PrimitiveController:
         choice.free_left = (choice.free_left - 1).clamp(min=0)
         return self._inputs.actions(values)
 
-    @staticmethod
-    def has_pulled(choice: OptionChoice) -> Tensor:
-        """(N, H) whether hands have just pulled their trigger at what they do something with."""
-        return (choice.pulled > 0) & (choice.pulled_at == choice.seen).all(-1)
-
     def _squeeze(self, choice: OptionChoice, place: Tensor, closes: Tensor, opens: Tensor) -> None:
         """Close and open hands; those that have pulled open."""
         tip = _at(place, self.tool[:, 0])

@@ -27,7 +27,6 @@ from sim2vr_harness.policies.hierarchical.action_selection import ActionSelector
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.depth_grid import CELL_PX
 from sim2vr_harness.policies.hierarchical.frame_history import FrameHistory
-from sim2vr_harness.policies.hierarchical.options import COMPLETE
 from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, PrimitiveController
 from sim2vr_harness.runs.checkpoint import read_header, state_header
 from sim2vr_harness.runs.option_config import QLearningConfig
@@ -59,10 +58,8 @@ _TARGET_RATE = 0.01
 """Rate at which the target network follows."""
 _TRY_STEPS = (4, 14)
 """How long a random try is seen through, user steps."""
-_COMPLETE_STEPS = 24
-"""The same of options with an end of their own, at most."""
-_OWN_M = 0.3
-"""What is so near a hand is its own: rays are seldom turned to it."""
+_PULL_STEPS = 24
+"""The same of pulls, which have an end of their own."""
 _REST_SHARE = 0.1
 _SETTLED_RATE, _SETTLED_TRIES = 0.05, 0.25
 """Factors on learning rate and random tries at the very end."""
@@ -150,7 +147,6 @@ class OptionQLearning:
         with torch.inference_mode():
             values = self._selector.values(self.net, scene, places)
             chosen = self._selector.best(values, scene).numpy()
-        self._trying[self.primitives.has_pulled(self._choice).numpy()] = 0
         still = self._trying > 0  # the place stays the one that was tried
         changed = ~still
         chosen[still] = self._tried[still]
@@ -190,8 +186,8 @@ class OptionQLearning:
     def _try_steps(self, chosen: int) -> int:
         """How long a try is seen through, user steps."""
         placed, option = self.primitives.options.placed, chosen // self._selector.sight.cells
-        if option < len(placed) and placed[option] in COMPLETE:
-            return _COMPLETE_STEPS
+        if option < len(placed) and placed[option] == "pull":
+            return _PULL_STEPS
         return int(self.rng.integers(*_TRY_STEPS))
 
     def _curiosity(
@@ -212,11 +208,7 @@ class OptionQLearning:
         ).reshape(len(users), -1)
         there = np.where(self._selector.something(scene).numpy()[users], 1.0, 1e-9)
         near = _spread(there * np.where(reach < 0.1, 1.0, 0.03), rare)
-        if "point" not in self.primitives.options.placed:
-            return near, near
-        tips = torch.from_numpy(scene.tips[users])
-        from_hands = torch.cdist(places[users].flatten(2).transpose(1, 2), tips).amin(-1).numpy()
-        return near, _spread(there * np.where(from_hands > _OWN_M, 1.0, 0.03), rare)
+        return near, _spread(there, rare) if "point" in self.primitives.options.placed else near
 
     def _note_colours(self, scene: OptionScene) -> None:
         """Count what colours there are; what was seen long ago counts less."""

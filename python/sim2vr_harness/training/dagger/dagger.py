@@ -35,7 +35,14 @@ from sim2vr_harness.runs.migration import with_new_tensor_names
 from sim2vr_harness.training.replay import ReplayStore
 from sim2vr_harness.training.run.episode_stats import episode_means
 
-__all__ = ["CHECKPOINT_ROUNDS", "PICTURE_FILES", "Expert", "Student", "StudentProgress"]
+__all__ = [
+    "CHECKPOINT_ROUNDS",
+    "COLLECTED",
+    "PICTURE_FILES",
+    "Expert",
+    "Student",
+    "StudentProgress",
+]
 
 STATE_FORMAT = 4
 PICTURE_FILES = "frames.*.bin"
@@ -54,7 +61,7 @@ CHECKPOINT_ROUNDS = 20
 """Rounds of collecting between two checkpoints: 41,000 frames of 64 users."""
 _STATISTICS_EPISODES = 100
 """Latest episodes that the printed statistics are taken over."""
-_COLLECTED = 0.4
+COLLECTED = 0.4
 """Share of a round's time that is over after collecting."""
 _TARGETS = ("label", "facts", "numbers", "crop_places")
 """What a stored frame holds beside the observation."""
@@ -277,7 +284,7 @@ class Student:
         noisy = np.arange(self.n) < _NOISY_USERS * self.n
         shown = 0
         for step in range(_ROLLOUT_STEPS):
-            on_progress(_COLLECTED * step / _ROLLOUT_STEPS)
+            on_progress(COLLECTED * step / _ROLLOUT_STEPS)
             observation = self.simulation.observation()
             label = np.clip(self.guide.actions(self.simulation), -1.0, 1.0)
             facts = self.guide.facts(self.simulation)
@@ -347,7 +354,7 @@ class Student:
         }
         first, last = self.store.first, self.store.count
         for number in range(minibatches):
-            on_progress(_COLLECTED + (1.0 - _COLLECTED) * number / minibatches)
+            on_progress(COLLECTED + (1.0 - COLLECTED) * number / minibatches)
             rows = np.sort(self._rng.integers(first, last, config.batch_size))
             batch = {key: value.to(self._device) for key, value in self.store.rows(rows).items()}
             losses = self._losses(batch)

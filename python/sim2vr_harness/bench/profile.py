@@ -1,4 +1,4 @@
-"""Where the time of a training goes: stages, and their parts."""
+"""Profile of a training: time of its stages and of their parts."""
 
 from __future__ import annotations
 

@@ -205,9 +205,9 @@ def _configuration(
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.client import list_games
 
-    if config is None and "page" in app:
+    if config is None and ("page" in app or app.get("transport") == "openxr"):
         if "task" not in app:
-            raise InputError("--task", "nothing", "what the page is worth: rules or FILE.py:CLASS")
+            raise InputError("--task", "nothing", "what the app is worth: rules or FILE.py:CLASS")
         return "webxr", [*overrides, f"name={app['game']}"]
     if config is None and (app.get("executable") or app.get("connect")):
         return "skills", overrides

@@ -115,13 +115,13 @@ def train(
     if from_ is None and not resume:
         config, overrides = _configuration(config, remote, overrides, people=people)
     settings = _settings(config, from_, out if resume else None, overrides)
-    if people:
-        settings = _of_people(settings)
     folder = out or Path("runs") / settings.name
     source = Path(from_ or config or folder)
     require_trust(settings.env, source, named=named_app(overrides), trust=trust_app)
     if not resume:
         settings = settings.model_copy(update={"env": with_task(settings.env)})
+    if people:
+        settings = _of_people(settings)
     how: dict[str, Any] = {"resume": resume, "overwrite": overwrite, "set_aside": set_aside}
     result = trainer.train(settings, folder, timesteps=timesteps, **how)
     if not result.interrupted and settings.evaluation.episodes_after_training:

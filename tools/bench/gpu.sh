@@ -19,7 +19,7 @@ export PYTHON=${PYTHON:-.venv/bin/python} PYTHONUNBUFFERED=1
 parts=" ${PARTS:-doctor tests bits bench render overlap recipe} "
 run=${RUN:-build/bench/gpu_run}
 mkdir -p "$folder"
-cores=$(nproc)
+cores=$(env -u OMP_NUM_THREADS nproc) # which counts what OMP_NUM_THREADS says
 threads=$(for k in 1 2 4 8 16 32; do [ "$k" -lt "$cores" ] && printf '%s,' "$k"; done)$cores
 cli=(-c 'from sim2vr_harness.cli.main import main; main()')
 
@@ -58,10 +58,14 @@ part 300 suite "$PYTHON" -m pytest -p no:cacheprovider -n "$cores" tests/python/
   for each in tests bits suite; do
     [ -f "$folder/$each.log" ] && grep -hE '^FAILED|^SKIPPED.*(GPU|CUDA)|passed|failed' "$folder/$each.log"
   done
-  grep -hE 'physics|^(physics|render|env) ' "$folder/bench.log" "$folder/render.log"
-  cat "$folder/overlap.log"
-  grep -v Cycle "$folder/recipe.log"
-  grep Cycle "$folder/recipe.log" | tail -n 2
-  "$PYTHON" tools/bench/stages.py "$run"
+  for each in bench render; do
+    [ -f "$folder/$each.log" ] && grep -E '^(physics|render|env)' "$folder/$each.log"
+  done
+  [ -f "$folder/overlap.log" ] && cat "$folder/overlap.log"
+  if [ -f "$folder/recipe.log" ]; then
+    grep -v Cycle "$folder/recipe.log"
+    grep Cycle "$folder/recipe.log" | tail -n 2
+    "$PYTHON" tools/bench/stages.py "$run"
+  fi
 } >>"$folder/summary.txt" 2>&1
 cat "$folder/summary.txt"

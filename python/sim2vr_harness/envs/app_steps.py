@@ -133,7 +133,7 @@ class _Step:
         self.running: list[Future[IntArray]] = []
 
     def moved(self, ids: IntArray) -> None:
-        """Let the apps of users play whose bodies have moved; in one part, only when asked for."""
+        """Let the apps of users play whose bodies have moved; in one part, only when wanted."""
         ids = ids[self._active[ids]]
         if len(self.shares) == 1:
             self._ids = ids

@@ -13,7 +13,8 @@ import copy
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -344,7 +345,7 @@ class Student:
         for group in self._optimizer.param_groups:
             group["lr"] = config.learning_rate * max(fall, 0.02)
         self.policy.train()
-        sums: dict[str, float] = {}
+        found: list[dict[str, Tensor]] = []
         weights = {
             "imitation": _IMITATION_WEIGHT,
             "facts": _FACTS_WEIGHT,
@@ -352,21 +353,42 @@ class Student:
             "crops": _CROPS_WEIGHT,
             "reading": config.numbers_weight,
         }
-        first, last = self.store.first, self.store.count
-        for number in range(minibatches):
+        for number, batch in enumerate(self._minibatches(minibatches)):
             on_progress(COLLECTED + (1.0 - COLLECTED) * number / minibatches)
-            rows = np.sort(self._rng.integers(first, last, config.batch_size))
-            batch = {key: value.to(self._device) for key, value in self.store.rows(rows).items()}
             losses = self._losses(batch)
             loss = torch.stack([weights[name] * loss for name, loss in losses.items()]).sum()
             self._optimizer.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             nn.utils.clip_grad_norm_(self._parameters, _MAX_GRAD_NORM)
             self._optimizer.step()
-            for name, value in losses.items():
-                sums[name] = sums.get(name, 0.0) + float(value.detach())
+            found.append({name: value.detach() for name, value in losses.items()})
         self.policy.eval()
-        return {name: sums.get(name, 0.0) / minibatches for name in weights}
+        # Read at the end: a GPU would be waited for in each minibatch.
+        return {
+            name: sum(float(one[name]) for one in found if name in one) / minibatches
+            for name in weights
+        }
+
+    def _minibatches(self, count: int) -> Iterator[dict[str, Tensor]]:
+        """Yield minibatches on the device; the next one is read while one is learned from."""
+        first, last = self.store.first, self.store.count
+
+        def read() -> dict[str, Tensor]:
+            rows = np.sort(self._rng.integers(first, last, self.config.batch_size))
+            batch = self.store.rows(rows)
+            if self._device.type != "cuda":
+                return batch
+            return {key: value.pin_memory() for key, value in batch.items()}
+
+        with ThreadPoolExecutor(1, "minibatch") as beside:
+            following = beside.submit(read)
+            for number in range(count):
+                batch = following.result()
+                if number + 1 < count:
+                    following = beside.submit(read)
+                yield {
+                    key: value.to(self._device, non_blocking=True) for key, value in batch.items()
+                }
 
     def _losses(self, batch: dict[str, Tensor]) -> dict[str, Tensor]:
         """The errors that there are, each a number."""

@@ -123,7 +123,7 @@ class Callbacks:
         self._folder, self._display = folder, display
         self._report, self._stop = report, stop
         self.watch = Stopwatch()
-        """How long the parts of the stage take."""
+        """Times of the stage's parts."""
 
     def doing(self, part: str) -> None:
         """Say what the stage does from now on, for the table of its times."""

@@ -1,4 +1,4 @@
-"""How long the parts of a stage take."""
+"""Stopwatch: wall time and processor time of the parts of a stage."""
 
 from __future__ import annotations
 

@@ -15,9 +15,10 @@ else()
 endif()
 
 install(TARGETS sim2vr-app RUNTIME DESTINATION ${sim2vr_bin_dir})
-install(TARGETS sim2vr_openxr_runtime sim2vr_clock sim2vr_vidmode
+install(TARGETS sim2vr_openxr_runtime sim2vr_openxr_layer sim2vr_clock sim2vr_vidmode
   LIBRARY DESTINATION ${sim2vr_lib_dir})
-install(FILES app_runtime/openxr/sim2vr_openxr.json DESTINATION ${sim2vr_lib_dir})
+install(FILES app_runtime/openxr/sim2vr_openxr.json
+  app_runtime/openxr/layer/sim2vr_openxr_layer.json DESTINATION ${sim2vr_lib_dir})
 install(DIRECTORY shaders configs DESTINATION ${sim2vr_share_dir})
 install(FILES packages.txt THIRD_PARTY_LICENSES.md DESTINATION ${sim2vr_share_dir})
 

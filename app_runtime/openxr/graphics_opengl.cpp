@@ -15,6 +15,8 @@
 namespace sim2vr::openxr {
 namespace {
 
+int ignoreError(Display*, XErrorEvent*) { return 0; }
+
 class GlxProgramContext final : public GlContext {
  public:
   explicit GlxProgramContext(const XrGraphicsBindingOpenGLXlibKHR& binding)
@@ -25,6 +27,10 @@ class GlxProgramContext final : public GlContext {
     }
     library_ = dlopen("libGL.so.1", RTLD_NOW | RTLD_LOCAL);
     if (library_ == nullptr) throw GraphicsError(XR_ERROR_GRAPHICS_DEVICE_INVALID, dlerror());
+    void* x11 = dlopen("libX11.so.6", RTLD_NOW | RTLD_LOCAL);
+    if (x11 == nullptr) throw GraphicsError(XR_ERROR_GRAPHICS_DEVICE_INVALID, dlerror());
+    set_error_handler_ =
+        reinterpret_cast<decltype(&XSetErrorHandler)>(dlsym(x11, "XSetErrorHandler"));
     find("glXGetProcAddressARB", get_proc_address_);
     find("glXMakeContextCurrent", make_current_);
     find("glXGetCurrentContext", current_context_);
@@ -43,11 +49,15 @@ class GlxProgramContext final : public GlContext {
     display_before_ = current_display_();
     draw_before_ = current_drawable_();
     read_before_ = current_read_drawable_();
-    if (make_current_(display_, drawable_, drawable_, context_) != False) return;
+    // Xlib's own handler would end the program.
+    const auto handler = set_error_handler_(ignoreError);
+    const bool made = make_current_(display_, drawable_, drawable_, context_) != False;
+    set_error_handler_(handler);
+    if (made) return;
     leave();
     throw GraphicsError(XR_ERROR_RUNTIME_FAILURE,
-                        "the program's GLX context cannot be made current; is it current in "
-                        "another thread?");
+                        "the program's GLX context cannot be made current; is it destroyed, or "
+                        "current in another thread?");
   }
 
   void leave() noexcept override {
@@ -69,6 +79,7 @@ class GlxProgramContext final : public GlContext {
   GLXDrawable drawable_;
   GLXContext context_;
   void* library_ = nullptr;  // stays open: the program uses it too
+  decltype(&XSetErrorHandler) set_error_handler_ = nullptr;
   decltype(&glXGetProcAddressARB) get_proc_address_ = nullptr;
   decltype(&glXMakeContextCurrent) make_current_ = nullptr;
   decltype(&glXGetCurrentContext) current_context_ = nullptr;

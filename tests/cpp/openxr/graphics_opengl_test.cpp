@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <poll.h>
 #include <signal.h>
+#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -36,6 +37,7 @@ class Xvfb {
     if (process_ == 0) {
       const std::string end = std::to_string(ends[1]);
       close(ends[0]);
+      prctl(PR_SET_PDEATHSIG, SIGTERM);  // where a test ends the process
       execlp("Xvfb", "Xvfb", "-displayfd", end.c_str(), "-screen", "0", "64x48x24", "-nolisten",
              "tcp", nullptr);
       _exit(127);
@@ -183,6 +185,21 @@ TEST_F(GraphicsOpenGl, ReadsWhateverContextIsCurrent) {
   EXPECT_EQ(reinterpret_cast<PFNGLISTEXTUREPROC>(find("glIsTexture"))(list[0].image),
             GLboolean{GL_FALSE});
   glx<decltype(&glXDestroyContext)>("glXDestroyContext")(display_, other);
+}
+
+TEST_F(GraphicsOpenGl, ADestroyedContextIsLeftAlone) {
+  auto graphics = this->graphics(display_, context_);
+  auto info = typed<XrSwapchainCreateInfo>(XR_TYPE_SWAPCHAIN_CREATE_INFO);
+  info.format = GL_RGBA8;
+  info.sampleCount = info.faceCount = info.arraySize = info.mipCount = 1;
+  info.width = info.height = 4;
+  auto images = graphics->createImages(info);
+  makeCurrent(nullptr);
+  glx<decltype(&glXDestroyContext)>("glXDestroyContext")(display_, context_);
+  context_ = nullptr;
+  images.reset();
+  graphics.reset();
+  x11<decltype(&XCloseDisplay)>("XCloseDisplay")(display_);
 }
 
 TEST_F(GraphicsOpenGl, BindingsThatCannotBe) {

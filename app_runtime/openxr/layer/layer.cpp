@@ -1,0 +1,248 @@
+// An API layer that records what a person does in any OpenXR program, over any runtime. It does
+// nothing unless SIM2VR_OPENXR_RECORD names a file.
+#include "layer.hpp"
+
+#include <algorithm>
+#include <cstdlib>
+#include <cstring>
+#include <memory>
+#include <mutex>
+#include <string_view>
+
+namespace sim2vr::openxr::layer {
+namespace {
+
+constexpr const char* kVariable = "SIM2VR_OPENXR_RECORD";
+constexpr XrPosef kIdentity{{0.0F, 0.0F, 0.0F, 1.0F}, {0.0F, 0.0F, 0.0F}};
+
+/// One instance and one session at a time, as programs have.
+struct Recorder {
+  std::mutex mutex;
+  Next next;
+  std::unique_ptr<OwnActions> actions;
+  std::unique_ptr<Recording> recording;
+  std::string application;
+  XrSession session = XR_NULL_HANDLE;
+  XrSpace view = XR_NULL_HANDLE;
+  XrSpace stage = XR_NULL_HANDLE;
+};
+Recorder& recorder() {
+  static auto* instance = new Recorder;
+  return *instance;
+}
+
+/// STAGE where the runtime has it, else LOCAL.
+void makeSpaces(Recorder& self) {
+  const auto make = [&](XrReferenceSpaceType type) {
+    const XrReferenceSpaceCreateInfo info{XR_TYPE_REFERENCE_SPACE_CREATE_INFO, nullptr, type,
+                                          kIdentity};
+    XrSpace space = XR_NULL_HANDLE;
+    SIM2VR_NEXT(self.next, xrCreateReferenceSpace)(self.session, &info, &space);
+    return space;
+  };
+  self.view = make(XR_REFERENCE_SPACE_TYPE_VIEW);
+  self.stage = make(XR_REFERENCE_SPACE_TYPE_STAGE);
+  if (self.stage == XR_NULL_HANDLE) self.stage = make(XR_REFERENCE_SPACE_TYPE_LOCAL);
+}
+
+XrResult XRAPI_CALL createSession(XrInstance instance, const XrSessionCreateInfo* info,
+                                  XrSession* session) {
+  Recorder& self = recorder();
+  const XrResult result = SIM2VR_NEXT(self.next, xrCreateSession)(instance, info, session);
+  if (result != XR_SUCCESS) return result;
+  const std::lock_guard lock(self.mutex);
+  self.session = *session;
+  makeSpaces(self);
+  self.recording = std::make_unique<Recording>(std::getenv(kVariable), self.application);
+  return result;
+}
+
+XrResult XRAPI_CALL destroySession(XrSession session) {
+  Recorder& self = recorder();
+  {
+    const std::lock_guard lock(self.mutex);
+    self.recording.reset();
+    self.session = XR_NULL_HANDLE;
+    self.actions = std::make_unique<OwnActions>();
+  }
+  return SIM2VR_NEXT(self.next, xrDestroySession)(session);
+}
+
+XrResult XRAPI_CALL suggest(XrInstance instance,
+                            const XrInteractionProfileSuggestedBinding* suggested) {
+  Recorder& self = recorder();
+  const auto next = SIM2VR_NEXT(self.next, xrSuggestInteractionProfileBindings);
+  const std::lock_guard lock(self.mutex);
+  if (suggested != nullptr && suggested->suggestedBindings != nullptr &&
+      self.actions->create(self.next)) {
+    const auto bindings = self.actions->withOurs(self.next, *suggested);
+    XrInteractionProfileSuggestedBinding all = *suggested;
+    all.countSuggestedBindings = static_cast<std::uint32_t>(bindings.size());
+    all.suggestedBindings = bindings.data();
+    if (next(instance, &all) == XR_SUCCESS) return XR_SUCCESS;
+  }
+  return next(instance, suggested);
+}
+
+XrResult XRAPI_CALL attach(XrSession session, const XrSessionActionSetsAttachInfo* info) {
+  Recorder& self = recorder();
+  const auto next = SIM2VR_NEXT(self.next, xrAttachSessionActionSets);
+  const std::lock_guard lock(self.mutex);
+  if (info == nullptr || info->actionSets == nullptr || !self.actions->create(self.next)) {
+    return next(session, info);
+  }
+  std::vector<XrActionSet> sets(info->actionSets, info->actionSets + info->countActionSets);
+  sets.push_back(self.actions->set());
+  XrSessionActionSetsAttachInfo all = *info;
+  all.countActionSets = static_cast<std::uint32_t>(sets.size());
+  all.actionSets = sets.data();
+  const XrResult result = next(session, &all);
+  if (result == XR_SUCCESS) self.actions->attach(self.next, session);
+  return result;
+}
+
+XrResult XRAPI_CALL sync(XrSession session, const XrActionsSyncInfo* info) {
+  Recorder& self = recorder();
+  const auto next = SIM2VR_NEXT(self.next, xrSyncActions);
+  const std::lock_guard lock(self.mutex);
+  if (info == nullptr || !self.actions->attached()) return next(session, info);
+  std::vector<XrActiveActionSet> sets;
+  if (info->activeActionSets != nullptr) {
+    sets.assign(info->activeActionSets, info->activeActionSets + info->countActiveActionSets);
+  }
+  sets.push_back({self.actions->set(), XR_NULL_PATH});
+  XrActionsSyncInfo all = *info;
+  all.countActiveActionSets = static_cast<std::uint32_t>(sets.size());
+  all.activeActionSets = sets.data();
+  return next(session, &all);
+}
+
+XrResult XRAPI_CALL endFrame(XrSession session, const XrFrameEndInfo* info) {
+  Recorder& self = recorder();
+  if (info != nullptr && info->displayTime > 0) {
+    const std::lock_guard lock(self.mutex);
+    XrSpaceLocation head{XR_TYPE_SPACE_LOCATION, nullptr, 0, kIdentity};
+    if (self.recording && SIM2VR_NEXT(self.next, xrLocateSpace)(
+                              self.view, self.stage, info->displayTime, &head) == XR_SUCCESS) {
+      std::array<xr::ControllerState, 2> hands;
+      for (const xr::Hand hand : xr::kHands) {
+        if (!self.actions->attached()) continue;
+        hands[static_cast<std::size_t>(hand)] =
+            self.actions->read(self.next, session, hand, self.stage, info->displayTime);
+      }
+      self.recording->frame(info->displayTime, head.pose, hands);
+    }
+  }
+  return SIM2VR_NEXT(self.next, xrEndFrame)(session, info);
+}
+
+XrResult XRAPI_CALL vibrate(XrSession session, const XrHapticActionInfo* info,
+                            const XrHapticBaseHeader* feedback) {
+  Recorder& self = recorder();
+  const XrResult result = SIM2VR_NEXT(self.next, xrApplyHapticFeedback)(session, info, feedback);
+  if (result != XR_SUCCESS || feedback->type != XR_TYPE_HAPTIC_VIBRATION) return result;
+  const std::lock_guard lock(self.mutex);
+  if (!self.recording) return result;
+  const auto& vibration = *reinterpret_cast<const XrHapticVibration*>(feedback);
+  for (const char* hand : {"left", "right"}) {
+    const XrPath path = self.next.path(std::string("/user/hand/") + hand);
+    if (info->subactionPath != XR_NULL_PATH && info->subactionPath != path) continue;
+    self.recording->haptic(hand, vibration);
+  }
+  return result;
+}
+
+XrResult XRAPI_CALL getFunction(XrInstance instance, const char* name,
+                                PFN_xrVoidFunction* function) {
+  struct Ours {
+    std::string_view name;
+    PFN_xrVoidFunction function;
+  };
+  static const Ours kOurs[]{
+      {"xrGetInstanceProcAddr", reinterpret_cast<PFN_xrVoidFunction>(&getFunction)},
+      {"xrCreateSession", reinterpret_cast<PFN_xrVoidFunction>(&createSession)},
+      {"xrDestroySession", reinterpret_cast<PFN_xrVoidFunction>(&destroySession)},
+      {"xrSuggestInteractionProfileBindings", reinterpret_cast<PFN_xrVoidFunction>(&suggest)},
+      {"xrAttachSessionActionSets", reinterpret_cast<PFN_xrVoidFunction>(&attach)},
+      {"xrSyncActions", reinterpret_cast<PFN_xrVoidFunction>(&sync)},
+      {"xrEndFrame", reinterpret_cast<PFN_xrVoidFunction>(&endFrame)},
+      {"xrApplyHapticFeedback", reinterpret_cast<PFN_xrVoidFunction>(&vibrate)}};
+  if (std::getenv(kVariable) != nullptr && name != nullptr) {
+    for (const Ours& each : kOurs) {
+      if (each.name != name) continue;
+      *function = each.function;
+      return XR_SUCCESS;
+    }
+  }
+  return recorder().next.get()(instance, name, function);
+}
+
+// openxr/loader_interfaces.h, which distributions do not ship.
+struct NextInfo {
+  std::uint32_t type, version;
+  std::size_t size;
+  char layer_name[XR_MAX_API_LAYER_NAME_SIZE];
+  PFN_xrGetInstanceProcAddr get;
+  XrResult(XRAPI_PTR* create)(const XrInstanceCreateInfo*, const struct CreateInfo*, XrInstance*);
+  NextInfo* next;
+};
+struct CreateInfo {
+  std::uint32_t type, version;
+  std::size_t size;
+  void* loader_instance;
+  char settings[512];
+  NextInfo* next;
+};
+
+XrResult XRAPI_CALL createInstance(const XrInstanceCreateInfo* info, const CreateInfo* layer_info,
+                                   XrInstance* instance) {
+  if (layer_info == nullptr || layer_info->next == nullptr) return XR_ERROR_INITIALIZATION_FAILED;
+  CreateInfo below = *layer_info;
+  below.next = layer_info->next->next;
+  const XrResult result = layer_info->next->create(info, &below, instance);
+  if (result != XR_SUCCESS) return result;
+  Recorder& self = recorder();
+  const std::lock_guard lock(self.mutex);
+  self.next = Next(*instance, layer_info->next->get);
+  self.actions = std::make_unique<OwnActions>();
+  self.application = info->applicationInfo.applicationName;
+  return result;
+}
+
+}  // namespace
+}  // namespace sim2vr::openxr::layer
+
+namespace {
+
+struct LoaderInfo {
+  std::uint32_t type, version;
+  std::size_t size;
+  std::uint32_t min_interface, max_interface;
+  XrVersion min_api, max_api;
+};
+struct LayerRequest {
+  std::uint32_t type, version;
+  std::size_t size;
+  std::uint32_t interface;
+  XrVersion api;
+  PFN_xrGetInstanceProcAddr get;
+  decltype(&sim2vr::openxr::layer::createInstance) create;
+};
+
+}  // namespace
+
+extern "C" __attribute__((visibility("default"))) XrResult xrNegotiateLoaderApiLayerInterface(
+    const LoaderInfo* loader, const char* name, LayerRequest* request);
+
+XrResult xrNegotiateLoaderApiLayerInterface(const LoaderInfo* loader, const char*,
+                                            LayerRequest* request) {
+  if (loader == nullptr || request == nullptr || loader->type != 1 || request->type != 2 ||
+      request->size != sizeof *request || loader->min_interface > 1 || loader->max_interface < 1) {
+    return XR_ERROR_INITIALIZATION_FAILED;
+  }
+  request->interface = 1;
+  request->api = loader->max_api;
+  request->get = &sim2vr::openxr::layer::getFunction;
+  request->create = &sim2vr::openxr::layer::createInstance;
+  return XR_SUCCESS;
+}

@@ -1,0 +1,161 @@
+#include <cmath>
+#include <cstring>
+#include <optional>
+
+#include "layer.hpp"
+#include "profiles.hpp"
+
+namespace sim2vr::openxr::layer {
+namespace {
+
+constexpr XrPosef kIdentity{{0.0F, 0.0F, 0.0F, 1.0F}, {0.0F, 0.0F, 0.0F}};
+
+bool tracked(XrSpaceLocationFlags flags) {
+  constexpr XrSpaceLocationFlags kValid =
+      XR_SPACE_LOCATION_ORIENTATION_VALID_BIT | XR_SPACE_LOCATION_POSITION_VALID_BIT;
+  return (flags & kValid) == kValid;
+}
+
+}  // namespace
+
+XrPath Next::path(const std::string& text) const {
+  XrPath path = XR_NULL_PATH;
+  SIM2VR_NEXT(*this, xrStringToPath)(instance_, text.c_str(), &path);
+  return path;
+}
+
+XrAction OwnActions::make(const Next& next, const char* name, XrActionType type) const {
+  XrActionCreateInfo info{};
+  info.type = XR_TYPE_ACTION_CREATE_INFO;
+  std::strcpy(info.actionName, name);
+  std::strcpy(info.localizedActionName, (std::string("Recorded ") + name).c_str());
+  info.actionType = type;
+  info.countSubactionPaths = 2;
+  info.subactionPaths = hands_.data();
+  XrAction action = XR_NULL_HANDLE;
+  SIM2VR_NEXT(next, xrCreateAction)(set_, &info, &action);
+  return action;
+}
+
+bool OwnActions::create(const Next& next) {
+  if (set_ != XR_NULL_HANDLE) return true;
+  hands_ = {next.path("/user/hand/left"), next.path("/user/hand/right")};
+  XrActionSetCreateInfo info{};
+  info.type = XR_TYPE_ACTION_SET_CREATE_INFO;
+  std::strcpy(info.actionSetName, "sim2vr_recording");
+  std::strcpy(info.localizedActionSetName, "SIM2VR recording");
+  if (SIM2VR_NEXT(next, xrCreateActionSet)(next.instance(), &info, &set_) != XR_SUCCESS) {
+    set_ = XR_NULL_HANDLE;
+    return false;
+  }
+  actions_[grip] = make(next, "grip", XR_ACTION_TYPE_POSE_INPUT);
+  actions_[aim] = make(next, "aim", XR_ACTION_TYPE_POSE_INPUT);
+  actions_[trigger] = make(next, "trigger", XR_ACTION_TYPE_FLOAT_INPUT);
+  actions_[squeeze] = make(next, "squeeze", XR_ACTION_TYPE_FLOAT_INPUT);
+  actions_[stick] = make(next, "stick", XR_ACTION_TYPE_VECTOR2F_INPUT);
+  actions_[stick_click] = make(next, "stick_click", XR_ACTION_TYPE_BOOLEAN_INPUT);
+  actions_[lower] = make(next, "lower", XR_ACTION_TYPE_BOOLEAN_INPUT);
+  actions_[upper] = make(next, "upper", XR_ACTION_TYPE_BOOLEAN_INPUT);
+  actions_[menu] = make(next, "menu", XR_ACTION_TYPE_BOOLEAN_INPUT);
+  return true;
+}
+
+std::vector<XrActionSuggestedBinding> OwnActions::withOurs(
+    const Next& next, const XrInteractionProfileSuggestedBinding& suggested) const {
+  std::vector<XrActionSuggestedBinding> bindings(
+      suggested.suggestedBindings, suggested.suggestedBindings + suggested.countSuggestedBindings);
+  char text[XR_MAX_PATH_LENGTH]{};
+  std::uint32_t count = 0;
+  SIM2VR_NEXT(next, xrPathToString)
+  (next.instance(), suggested.interactionProfile, sizeof text, &count, text);
+  const Profile* profile = findProfile(text);
+  if (profile == nullptr) return bindings;
+  const auto kindOf = [](Input input) -> std::optional<Kind> {
+    switch (input) {
+      case Input::grip_pose:
+        return grip;
+      case Input::aim_pose:
+        return aim;
+      case Input::trigger:
+        return trigger;
+      case Input::squeeze:
+        return squeeze;
+      case Input::stick:
+        return stick;
+      case Input::stick_click:
+        return stick_click;
+      case Input::lower:
+        return lower;
+      case Input::upper:
+        return upper;
+      case Input::menu:
+        return menu;
+      default:
+        return std::nullopt;
+    }
+  };
+  for (const Component& component : profile->components) {
+    const auto kind = kindOf(component.input);
+    // Of 1.1 only.
+    if (!kind || component.path.ends_with("/grip_surface/pose")) continue;
+    bindings.push_back({actions_[*kind], next.path(component.path)});
+  }
+  return bindings;
+}
+
+void OwnActions::attach(const Next& next, XrSession session) {
+  attached_ = true;
+  for (std::size_t kind = 0; kind < 2; ++kind) {
+    for (std::size_t hand = 0; hand < 2; ++hand) {
+      const XrActionSpaceCreateInfo info{XR_TYPE_ACTION_SPACE_CREATE_INFO, nullptr, actions_[kind],
+                                         hands_[hand], kIdentity};
+      SIM2VR_NEXT(next, xrCreateActionSpace)(session, &info, &spaces_[kind][hand]);
+    }
+  }
+}
+
+xr::ControllerState OwnActions::read(const Next& next, XrSession session, xr::Hand which,
+                                     XrSpace base, XrTime time) const {
+  const auto hand = static_cast<std::size_t>(which);
+  xr::ControllerState state;
+  const auto locate = [&](Kind kind, XrPosef& pose) {
+    XrSpaceLocation location{XR_TYPE_SPACE_LOCATION, nullptr, 0, kIdentity};
+    if (SIM2VR_NEXT(next, xrLocateSpace)(spaces_[kind][hand], base, time, &location) !=
+        XR_SUCCESS) {
+      return false;
+    }
+    pose = location.pose;
+    return tracked(location.locationFlags);
+  };
+  state.active = locate(grip, state.grip);
+  if (!state.active) return state;
+  if (!locate(aim, state.aim)) state.aim = xr::compose(state.grip, xr::kGripToAim);
+  const auto number = [&](Kind kind) {
+    const XrActionStateGetInfo info{XR_TYPE_ACTION_STATE_GET_INFO, nullptr, actions_[kind],
+                                    hands_[hand]};
+    XrActionStateFloat value{XR_TYPE_ACTION_STATE_FLOAT, nullptr, 0.0F, 0, 0, 0};
+    SIM2VR_NEXT(next, xrGetActionStateFloat)(session, &info, &value);
+    return std::isfinite(value.currentState) ? value.currentState : 0.0F;
+  };
+  const auto pressed = [&](Kind kind) {
+    const XrActionStateGetInfo info{XR_TYPE_ACTION_STATE_GET_INFO, nullptr, actions_[kind],
+                                    hands_[hand]};
+    XrActionStateBoolean value{XR_TYPE_ACTION_STATE_BOOLEAN, nullptr, 0, 0, 0, 0};
+    SIM2VR_NEXT(next, xrGetActionStateBoolean)(session, &info, &value);
+    return value.currentState == XR_TRUE;
+  };
+  state.trigger = number(trigger);
+  state.squeeze = number(squeeze);
+  const XrActionStateGetInfo info{XR_TYPE_ACTION_STATE_GET_INFO, nullptr, actions_[stick],
+                                  hands_[hand]};
+  XrActionStateVector2f vector{XR_TYPE_ACTION_STATE_VECTOR2F, nullptr, {0, 0}, 0, 0, 0};
+  SIM2VR_NEXT(next, xrGetActionStateVector2f)(session, &info, &vector);
+  state.thumbstick = vector.currentState;
+  state.thumbstick_click = pressed(stick_click);
+  (which == xr::Hand::left ? state.x : state.a) = pressed(lower);
+  (which == xr::Hand::left ? state.y : state.b) = pressed(upper);
+  state.menu = which == xr::Hand::left && pressed(menu);
+  return state;
+}
+
+}  // namespace sim2vr::openxr::layer

@@ -1,0 +1,92 @@
+"""``--openxr`` and what belongs to it, with a stand-in for a program."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from openxr_programs import manifest, program
+from sim2vr_harness.cli.app_options import app_settings
+from sim2vr_harness.cli.main import main
+
+
+@pytest.fixture(autouse=True)
+def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SIM2VR_OPENXR_RUNTIME", str(manifest(tmp_path)))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+
+def call(capsys: Any, *words: str) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as ended:
+        main([*words])
+    out, err = capsys.readouterr()
+    return int(ended.value.code or 0), out, err
+
+
+def test_a_program_with_its_arguments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    program(tmp_path, name="my game.py")
+    script = program(tmp_path, name="play.py")
+    found = app_settings(openxr="my game.py")
+    assert (found["executable"], found["arguments"]) == (str(tmp_path / "my game.py"), [])
+    found = app_settings(openxr="sh play.py --level '1 2' {seed}", xvfb=True, virtual_clock=True)
+    assert found["executable"].endswith("/sh")
+    assert found["arguments"] == [str(script), "--level", "1 2", "{seed}"]
+    assert found["transport_options"] == {"virtual_clock": True, "xvfb": True}
+    assert (found["transport"], found["game"]) == ("openxr", "play")
+
+
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (("--xvfb",), "--xvfb: got it without --openxr, expected it together with --openxr"),
+        (("--virtual-clock",), "--virtual-clock: got it without --openxr"),
+        (("--openxr", "x", "--page", "y"), "--openxr: got it together with --page"),
+        (("--openxr", "x", "--protocol", "2"), "--protocol: got it together with --openxr"),
+        (("--openxr", "x 'y"), '--openxr: got "x \'y" (No closing quotation)'),
+        (("--openxr", ""), "--openxr: got nothing, expected PROGRAM, or 'PROGRAM ARGS'"),
+        (("--openxr", "/no/game"), "executable: got '/no/game', which is no file"),
+    ],
+)
+def test_one_line_for_what_cannot_be(capsys: Any, words: tuple[str, ...], error: str) -> None:
+    status, out, err = call(capsys, "evaluate", "--user", "still", *words)
+    assert status == 2 or "/no/game" in error
+    assert error in err and "Traceback" not in err
+    assert out == ""
+
+
+def test_a_user_without_training_plays(tmp_path: Path, capsys: Any) -> None:
+    """The scripted hand pulls the trigger, which the stand-in answers by a vibration and lines."""
+    task = tmp_path / "task.yaml"
+    task.write_text(
+        "seconds: 3\n"
+        "devices: [controller_right]\n"
+        "inputs: [right.trigger]\n"
+        "reward: {name: score, expression: 'printed(\"score: (\\d+)\")'}\n"
+        "values: {buzzes: 'haptics(\"right\")'}\n"
+    )
+    words = ("evaluate", "--openxr", str(program(tmp_path)), "--task", str(task), "--episodes", "1")
+    status, out, err = call(capsys, *words, "--user", "press 0.2 1.0 0.4", "--json")
+    assert status == 0, err
+    found = json.loads(out)["standard"]
+    # The trigger is pulled for 0.2 s, four steps, each of which counts 10.
+    assert (found["score"], found["buzzes"], found["steps_failed"]) == (40.0, 4.0, 0)
+
+
+def test_training_needs_a_task_and_depth(tmp_path: Path, capsys: Any) -> None:
+    from openxr_programs import PLAY
+
+    status, _, err = call(capsys, "train", "--openxr", str(program(tmp_path)))
+    assert status == 2
+    assert "--task: got nothing, expected what the app is worth" in err
+    task = tmp_path / "task.yaml"
+    task.write_text("seconds: 1\ndevices: [controller_right]\nvalues: {x: 'printed(\"x\")'}\n")
+    flat = program(tmp_path, PLAY.replace("(config)", "(config, depth=False)"), "flat.py")
+    out = ("--out", str(tmp_path / "run"))
+    status, _, err = call(capsys, "train", "--openxr", str(flat), "--task", str(task), *out)
+    assert status != 0
+    assert "vision.channels: got depth, but flat.py does not enable the extension" in err
+    assert "Traceback" not in err

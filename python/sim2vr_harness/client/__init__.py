@@ -77,7 +77,7 @@ from sim2vr_harness.client.tasks import (
     load_task,
 )
 from sim2vr_harness.client.timeline import Timeline, TimelineItem, describe_level
-from sim2vr_harness.client.transport import AppPlace, AppSource, AppsWanted, Transport
+from sim2vr_harness.client.transport import AppPlace, AppSource, AppsWanted, PageStart, Transport
 from sim2vr_harness.client.transports import (
     list_transports,
     register_transport,
@@ -105,6 +105,7 @@ __all__ = [
     "AppTrial",
     "AppUnsupported",
     "AppsWanted",
+    "PageStart",
     "Channel",
     "ClockSettings",
     "Condition",

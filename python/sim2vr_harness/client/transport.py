@@ -13,7 +13,7 @@ from sim2vr_harness.client.base import AppClient, OptionValue
 from sim2vr_harness.client.games import GameFacts
 from sim2vr_harness.client.in_process_batch import InProcessBatch
 
-__all__ = ["AppPlace", "AppSource", "AppsWanted", "Transport"]
+__all__ = ["AppPlace", "AppSource", "AppsWanted", "PageStart", "Transport"]
 
 AppSource = Callable[[int, Path | None], AppClient]
 """Makes the app of a user: (its number, root of the logs or None) -> client. Called again for a
@@ -54,6 +54,21 @@ class AppPlace:
 
 
 @dataclass(frozen=True)
+class PageStart:
+    """What a recorded page did before its first frame in VR, in ms since its document began.
+
+    Attributes:
+        frames_ms: times of its own animation frames.
+        requested_ms: when it asked for VR.
+        first_ms: of the first frame in VR.
+    """
+
+    frames_ms: tuple[float, ...]
+    requested_ms: float
+    first_ms: float
+
+
+@dataclass(frozen=True)
 class AppsWanted:
     """The apps of N users.
 
@@ -72,6 +87,7 @@ class AppsWanted:
         values: name -> expression that an app with values of its own (a page) answers with its
             value after every step.
         page_reset: expression by which a page begins a round; None: it is loaded anew.
+        page_start: what a page does before its first frame in VR; None: it enters at once.
     """
 
     n: int
@@ -87,6 +103,7 @@ class AppsWanted:
     place: AppPlace = AppPlace()
     values: Mapping[str, str] = field(default_factory=dict)
     page_reset: str | None = None
+    page_start: PageStart | None = None
 
 
 @dataclass(frozen=True)

@@ -156,7 +156,8 @@ def _chosen(
         raise InputError("--game", "it together with another app", "one of them")
     given = {**recorded.options, **(options or {})}
     if settings.get("page"):
-        return AppIdentity("page", Path(str(settings["page"])).name, "", given)
+        page = Path(str(settings["page"]))  # the file, as recorders name it
+        return AppIdentity("page", "index.html" if page.is_dir() else page.name, "", given)
     if "transport" in settings:
         return AppIdentity("app", str(settings.get("game") or recorded.name), "", given)
     name = game or (recorded.name if recorded.kind == "game" else "")
@@ -196,10 +197,11 @@ def _opened(
             frequency_hz=round(session.frame_rate_hz or 20),
             place=AppPlace(**place),
             values={} if task is None else dict(task.values),
+            page_start=session.page_start,
         )
         client = transport_named(str(settings["transport"])).apps(wanted)(0, None)
     with closing(client):
-        yield client if task is None else TaskedApp(client, task)
+        yield client if task is None else TaskedApp(client, task, ends=False)
 
 
 def _devices_for(client: AppClient, session: Session) -> DevicePoses:

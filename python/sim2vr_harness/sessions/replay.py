@@ -32,9 +32,10 @@ from sim2vr_harness.sessions.divergence import Comparison, compare_events
 from sim2vr_harness.sessions.logs import logged_events
 from sim2vr_harness.sessions.session import AppIdentity, Session, SessionEvent
 
-__all__ = ["EventRecorder", "SessionReplay", "drive", "replay_session"]
+__all__ = ["EventRecorder", "SessionReplay", "counted_events", "drive", "replay_session"]
 
-IN_PROCESS = "in_process"
+_COUNT = "_count"
+"""How a task's counts of its events end in the log."""
 Watch = Callable[[int, AppReply], None]
 """Called after frame i with the app's reply."""
 
@@ -212,6 +213,18 @@ def _devices_for(client: AppClient, session: Session) -> DevicePoses:
     return replace(devices, left_controller=None, left_inputs=None)
 
 
+def counted_events(
+    time_ns: int, before: Mapping[str, float], log: Mapping[str, float]
+) -> list[SessionEvent]:
+    """Return the events of a task that have happened since the log before, by their counts."""
+    events = []
+    for key, count in log.items():
+        if key.endswith(_COUNT):
+            new = round(count - before.get(key, 0.0))
+            events += [SessionEvent(time_ns, key.removesuffix(_COUNT))] * max(0, new)
+    return events
+
+
 class EventRecorder:
     """Collects what an app sends back: vibrations, sounds, whole values that change, the end.
 
@@ -233,6 +246,7 @@ class EventRecorder:
         self.frames = 0
         self._times_ns, self._count, self._on_progress = times_ns, count, on_progress
         self._known: dict[str, Any] = {}
+        self._log: Mapping[str, float] = {}
 
     def take(self, i: int, reply: AppReply) -> None:
         """Take the reply to frame i."""
@@ -242,6 +256,8 @@ class EventRecorder:
         for sound in reply.sounds:
             data = {**vars(sound), "position_m": list(sound.position_m)}
             self.events.append(SessionEvent(time_ns, "sound", data))
+        self.events += counted_events(time_ns, self._log, reply.log)
+        self._log = reply.log
         for name, value in reply.values.items():
             whole = isinstance(value, (bool, int)) or (
                 isinstance(value, float) and value.is_integer()

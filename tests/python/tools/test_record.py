@@ -387,7 +387,7 @@ needs_iwer = pytest.mark.skipif(
 @NEEDS_BROWSER
 @needs_iwer
 def test_a_page_that_moves_before_vr_replays_the_same(tmp_path: Path) -> None:
-    """Its balls fly while the page waits; each is thrown by chance, through frames of any length."""
+    """Its balls fly while the page waits, and each is thrown by chance."""
     folder = ENGINES.parent / "balls"
     text = (folder / "index.html").read_text()
     address = "https://cdn.jsdelivr.net/npm/babylonjs@9.34.0/babylon.js"

@@ -59,7 +59,7 @@ class PageStart:
 
     Attributes:
         frames_ms: times of its own animation frames.
-        requested_ms: when it asked for VR.
+        requested_ms: when it requested VR.
         first_ms: of the first frame in VR.
     """
 

@@ -32,7 +32,7 @@ from sim2vr_harness.sessions.divergence import Comparison, compare_events
 from sim2vr_harness.sessions.logs import logged_events
 from sim2vr_harness.sessions.session import AppIdentity, Session, SessionEvent
 
-__all__ = ["EventRecorder", "SessionReplay", "counted_events", "drive", "replay_session"]
+__all__ = ["EventRecorder", "SessionReplay", "counted_events", "replay_session"]
 
 _COUNT = "_count"
 """How a task's counts of its events end in the log."""
@@ -59,12 +59,12 @@ class SessionReplay:
     comparison: Comparison
 
 
-def drive(
+def _drive(
     app: AppClient,
     seed: int,
     times_ns: NDArray[np.int64],
     poses: DevicePoses,
-    watch: Watch | None = None,
+    watch: Watch,
 ) -> None:
     """Start a round and run frames until their end or the round's.
 
@@ -73,13 +73,9 @@ def drive(
         seed: of the round.
         times_ns: (N,) game times of the frames.
         poses: of N frames.
-        watch: receives every reply; without it, the app gets all frames in one call.
+        watch: receives every reply.
     """
     reply = app.reset(seed, poses[0], time_ns=int(times_ns[0]))
-    if watch is None:
-        if len(times_ns) > 1:
-            app.step_frames(times_ns[1:], poses[1:])
-        return
     watch(0, reply)
     for i in range(1, len(times_ns)):
         if reply.finished:
@@ -95,6 +91,8 @@ def replay_session(
     app: Mapping[str, Any] | None = None,
     options: Mapping[str, OptionValue] | None = None,
     log_dir: Path | None = None,
+    renderer: str = "null",
+    watch: Callable[[AppClient, int, AppReply], None] = lambda client, i, reply: None,
     on_progress: Callable[[float], None] = lambda part: None,
 ) -> SessionReplay:
     """Replay a session.
@@ -105,6 +103,8 @@ def replay_session(
         app: settings of ``env.app`` for a page or another app, and its ``task``.
         options: of the app, over the session's.
         log_dir: keeps a game's own log here.
+        renderer: what a game of this runtime draws with.
+        watch: called after frame i with the app and its reply.
         on_progress: receives the part of the frames that is done.
 
     Raises:
@@ -117,9 +117,14 @@ def replay_session(
     with ExitStack() as stack:
         if log_dir is None:
             log_dir = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        with _opened(session, chosen, settings, log_dir) as client:
+        with _opened(session, chosen, settings, log_dir, renderer) as client:
+
+            def take(i: int, reply: AppReply) -> None:
+                recorder.take(i, reply)
+                watch(client, i, reply)
+
             devices = _devices_for(client, session)
-            drive(client, session.seed or 0, session.time_ns - start_ns, devices, recorder.take)
+            _drive(client, session.seed or 0, session.time_ns - start_ns, devices, take)
         logs = sorted(log_dir.glob("*/events.csv"))
         logged = logged_events(logs[-1]) if chosen.kind == "game" and logs else ()
     events = sorted([*recorder.events, *logged], key=lambda event: event.time_ns)
@@ -177,7 +182,11 @@ def _chosen(
 
 @contextmanager
 def _opened(
-    session: Session, chosen: AppIdentity, settings: Mapping[str, Any], log_dir: Path
+    session: Session,
+    chosen: AppIdentity,
+    settings: Mapping[str, Any],
+    log_dir: Path,
+    renderer: str,
 ) -> Iterator[AppClient]:
     """The app, with its task where it has one; closed in the end."""
     judged = settings.get("task") is not None or chosen.kind == "page"
@@ -186,7 +195,7 @@ def _opened(
     if chosen.kind == "game":
         clock = session.clock
         client = InProcessApp(
-            chosen.name, chosen.options, renderer="null", log_dir=log_dir, clock=clock
+            chosen.name, chosen.options, renderer=renderer, log_dir=log_dir, clock=clock
         )
     else:
         known = {each.name for each in fields(AppPlace)}

@@ -27,7 +27,7 @@ PENDULUM = """
 def test_a_cord_has_the_moment_of_its_lever() -> None:
     """A cord from (.3, 0, 0) to (0, 0, -.4) lies .3 x .4 / .5 = .24 m from the hinge."""
     model = mujoco.MjModel.from_xml_string(PENDULUM)
-    found = joint_moments(model, np.zeros((2, 1)), [np.array([-10.0]), np.array([0.0])])
+    found = joint_moments(model, np.zeros((2, 1)), np.array([[-10.0], [0.0]]))
     assert named_joints(model) == [("hinge", 0)]
     np.testing.assert_allclose(np.abs(found), [[2.4], [0.0]], atol=1e-9)
 
@@ -40,7 +40,7 @@ def test_the_arm_has_those_of_its_dynamics() -> None:
     data.act[:] = rng.uniform(0.0, 0.5, model.na)
     data.ctrl[:] = rng.uniform(0.0, 0.5, model.nu)
     mujoco.mj_forward(model, data)
-    (found,) = joint_moments(model, data.qpos[None].copy(), [data.actuator_force.copy()])
+    (found,) = joint_moments(model, data.qpos[None].copy(), data.actuator_force[None].copy())
     dofs = [dof for _, dof in named_joints(model)]
     np.testing.assert_allclose(found, data.qfrc_actuator[dofs], rtol=1e-6, atol=1e-6)
     assert np.abs(found).max() > 1.0

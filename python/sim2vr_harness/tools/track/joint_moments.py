@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -20,13 +19,13 @@ def named_joints(model: Any) -> list[tuple[str, int]]:
     return [(model.joint(int(i)).name, int(model.jnt_dofadr[i])) for i in hinges]
 
 
-def joint_moments(model: Any, qpos: FloatArray, forces: Sequence[FloatArray]) -> FloatArray:
+def joint_moments(model: Any, qpos: FloatArray, forces: FloatArray) -> FloatArray:
     """Return (N, J) moments about the joints of :func:`named_joints`, Nm.
 
     Args:
         model: the body.
         qpos: (N, nq) postures.
-        forces: of each posture (nu,), of the actuators in their order, pulling: < 0.
+        forces: (N, nu) of the actuators in their order, pulling: < 0.
     """
     data = mujoco.MjData(model)
     columns = [dof for _, dof in named_joints(model)]

@@ -147,7 +147,7 @@ def _of_log(file: Path, log: StateLog) -> RecordedPath:
 
 
 def _of_session(file: Path, session: Session) -> RecordedPath:
-    times_s, rows = _rising(session.time_ns * 1e-9)
+    times_s, rows = _rising(np.asarray(session.time_ns * 1e-9, dtype=np.float64))
     if len(times_s) < _LEAST_ROWS:
         raise InputError(file_name(file), f"{len(times_s)} moments", f"at least {_LEAST_ROWS}")
     devices = session.devices()

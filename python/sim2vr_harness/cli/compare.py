@@ -5,6 +5,7 @@ from __future__ import annotations
 import json as jsonlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -137,50 +138,51 @@ def compare(
         sim2vr-harness compare whacamole_people --people recordings
         sim2vr-harness compare 'touch ball' --people round.jsonl --page game.html --task task.yaml
     """
-    from sim2vr_harness.games.registry import aimed_games, behaviours
-    from sim2vr_harness.human_comparison.sources import game_of
-
     users, told = _told_names(users)
+    played = partial(_plays, out, seed, overrides, batch, persons, trust_app)
+    shown = {"figures": figures, "every": every, "json": json}
     if remote or _are_sessions(people or []):
-        beside = _beside_sessions(
-            users,
-            told,
-            people or [],
-            _plays(out, episodes or 2, seed, overrides, condition, batch, persons, trust_app),
-            remote,
-        )
-        _write(beside, out, figures=figures, every=every, json=json)
+        how = played(episodes or 2, condition)
+        _write(_beside_sessions(users, told, people or [], how, remote), out, **shown)
         return
-    studies = [user for user in users if _is_study(user)]
-    others = (user for user in users if user not in studies)
-    known = (found for user in others if (found := game_of(user)) is not None)
-    game = game or next(known, behaviours()[0])
-    # fmt: off
-    plays = _plays(
-        out, episodes or 6, seed, overrides, _to_play(condition, group, game), batch, persons,
-        trust_app,
-    )
-    # fmt: on
-    if game in aimed_games():
-        if studies:
-            raise InputError("USER", f"the study {studies[0]!r}", f"users of {game}, or logs")
-        _compare_aimed(
-            users, told, game, people or [], plays, out, figures=figures, every=every, json=json
-        )
+    game = _game_of_users(users, game)
+    plays = played(episodes or 6, _to_play(condition, group, game))
+    if _is_aimed(users, game):
+        _compare_aimed(users, told, game, people or [], plays, out, **shown)
         return
     report = _compared(users, told, game, people or [], plays, out, unconstrained=unconstrained)
-    _write(report, out, figures=figures, every=every, json=json)
+    _write(report, out, **shown)
+
+
+def _game_of_users(users: Sequence[str], game: str | None) -> str:
+    """The game that was named, or that of the first user who says."""
+    from sim2vr_harness.games.registry import behaviours
+    from sim2vr_harness.human_comparison.sources import game_of
+
+    others = (user for user in users if game is None and not _is_study(user))
+    known = (found for user in others if (found := game_of(user)) is not None)
+    return game or next(known, behaviours()[0])
+
+
+def _is_aimed(users: Sequence[str], game: str) -> bool:
+    """Whether the game is one of aimed movements, which studies are not compared in."""
+    from sim2vr_harness.games.registry import aimed_games
+
+    study = next(filter(_is_study, users), None)
+    if game in aimed_games() and study is not None:
+        raise InputError("USER", f"the study {study!r}", f"users of {game}, or logs")
+    return game in aimed_games()
 
 
 def _plays(
     out: Path,
-    episodes: int,
     seed: int,
     overrides: list[str] | None,
-    conditions: list[str] | None,
     batch: int,
     persons: int | None,
     trust_app: bool,
+    episodes: int,
+    conditions: list[str] | None,
 ) -> Plays:
     from sim2vr_harness.human_comparison.sources import Plays
 

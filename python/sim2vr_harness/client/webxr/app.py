@@ -76,6 +76,7 @@ class WebXRApp(UnsavedApp):
                     "farthest_m": FARTHEST_M,
                     "frame_rate_hz": FRAME_RATE_HZ,
                     "profile": options["profile"],
+                    "start": None if wanted.page_start is None else vars(wanted.page_start),
                 },
                 values=wanted.values,
                 enter=options["enter"] or None,

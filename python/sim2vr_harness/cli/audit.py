@@ -49,7 +49,7 @@ _How = Annotated[
     str, typer.Option(metavar="HOW", help="What is done with a game's targets: touch or point.")
 ]
 _Seconds = Annotated[
-    float, typer.Option(help="How long to look at each round of the game.", callback=finite)
+    float, typer.Option(help="How long to look at each round of the game, or at the page.", callback=finite)
 ]
 _People = Annotated[int, typer.Option(metavar="N", help="Persons, 1 to 10,000.")]
 _Stance = Annotated[str, typer.Option(metavar="STANCE", help="Of the persons: seated or standing.")]
@@ -76,7 +76,7 @@ def audit(
     """Say who can see, reach and hold an app's targets.
 
     Examples:
-        sim2vr-harness audit --targets shop.yaml --page shop.html --people 100
+        sim2vr-harness audit --page shop.html --people 100
         sim2vr-harness audit --game whacamole --expect "reach.min >= 0.95"
     """
     from sim2vr_harness.audit.auditing import run
@@ -86,7 +86,7 @@ def audit(
     numbers = seconds, people, seed
     _check(game, condition, objects, targets, remote, how, numbers, stance)
     checked = CheckedRun(_with_group(expect), None, junit, "audit")
-    listed = _listed(targets, remote)
+    listed = _listed(targets, remote, seconds)
     if checked.asked:
         checked.prepare(_planned(cast("Stance", stance)))
     if game is not None:
@@ -121,9 +121,8 @@ def _check(
 
     needed("plotly", "studies", "audit")
     seconds, people, seed = numbers
-    if game is None and targets is None:
-        got = "--page without --targets" if remote else "neither"
-        raise InputError("--game or --targets", got, "a game, or a file of targets")
+    if game is None and targets is None and not remote:
+        raise InputError("--game, --page or --targets", "none", "a game, a page or a file")
     if game is not None and remote:
         raise InputError("--page", "it together with --game", "one of them")
     if game is None and (condition or objects is not None):
@@ -163,17 +162,26 @@ def _planned(stance: Stance) -> Planned:
     return Planned((EVERYONE, *GROUPS, *limited), MEASURES, ())
 
 
-def _listed(targets: Path | None, remote: Mapping[str, Any] | None) -> list[AuditTarget]:
-    """Return the targets of a file, those of objects located in the page."""
-    from sim2vr_harness.audit.targets import located, read_targets
+def _listed(
+    targets: Path | None, remote: Mapping[str, Any] | None, seconds: float
+) -> list[AuditTarget]:
+    """Return the targets of a file, those of objects located in the page, or the page's things."""
+    from sim2vr_harness.audit.pages import find_things, located, things_as_targets
+    from sim2vr_harness.audit.targets import read_targets
+    from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.envs.config import AppConfig, EnvConfig
-    from sim2vr_harness.envs.games import with_task
 
-    if targets is None:
+    env = EnvConfig(app=AppConfig(**remote)) if remote else None
+    if targets is not None:
+        return located(read_targets(targets), env)
+    if env is None:
         return []
-    settings = read_targets(targets)
-    env = with_task(EnvConfig(app=AppConfig(**remote))) if remote else None
-    return located(settings, env)
+    say(f"things of {env.app.page} ...")
+    found = things_as_targets(find_things(env, seconds))
+    if not found:
+        expected = "objects that listen or react to a controller, or --targets FILE.yaml"
+        raise InputError("--page", f"{env.app.page}, in which nothing is found", expected)
+    return found
 
 
 def _of_game(

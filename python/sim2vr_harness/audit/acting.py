@@ -1,0 +1,118 @@
+"""Act it out: a person's muscles and trunk bring the hand, or its ray, to a place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.audit.population import Subject
+from sim2vr_harness.client.frames import aim_direction
+from sim2vr_harness.users import UserBatch
+from sim2vr_harness.users.kinematics.posture_controller import PostureController
+
+__all__ = ["NEAR_DEG", "NEAR_M", "Acted", "Actor"]
+
+FloatArray = NDArray[np.float64]
+
+NEAR_M, NEAR_DEG = 0.02, 1.0
+"""So near counts as there, for :data:`_SETTLED` user steps in a row."""
+_SETTLED = 3
+_DEVICE = "controller_right"
+_SECONDS = 3.0
+"""Of an attempt."""
+
+
+@dataclass(frozen=True)
+class Acted:
+    """What came of acting it out.
+
+    Attributes:
+        seconds: Until the hand was there, over all attempts; None: it did not get there.
+        attempts: How many.
+        gap: Least distance, m; of a ray the angle, degrees.
+    """
+
+    seconds: float | None
+    attempts: int
+    gap: float
+
+    @property
+    def done(self) -> bool:
+        """Whether the hand got there."""
+        return self.seconds is not None
+
+
+class Actor:
+    """A person's body in motion.
+
+    Args:
+        subject: Whose.
+        seed: Of the posture in which attempts begin.
+    """
+
+    def __init__(self, subject: Subject, seed: int = 1) -> None:
+        self._users = UserBatch(subject.body, 1, threads=1)
+        self._controller = PostureController(subject.body, _DEVICE)
+        self._seed = seed
+
+    def act(
+        self,
+        place: FloatArray,
+        postures: FloatArray,
+        *,
+        ray: bool = False,
+        near: float | None = None,
+    ) -> Acted:
+        """Bring the right hand to a place, in the body's own frame, from its rest.
+
+        The first attempt searches for a posture by itself; further ones try postures that were
+        found before.
+
+        Args:
+            place: (3,) MuJoCo's world, m.
+            postures: (C, J) of the independent joints; further attempts.
+            ray: Whether the ray has to get there.
+            near: How near is enough, m or degrees.
+        """
+        enough = near if near is not None else NEAR_DEG if ray else NEAR_M
+        gap, steps = np.inf, 0
+        for attempt, posture in enumerate([None, *postures]):
+            arrived, least, passed = self._attempt(place, posture, ray, enough)
+            gap, steps = min(gap, least), steps + passed
+            if arrived:
+                return Acted(steps * self._users.dt, attempt + 1, gap)
+        return Acted(None, 1 + len(postures), gap)
+
+    def _attempt(
+        self, place: FloatArray, posture: FloatArray | None, ray: bool, enough: float
+    ) -> tuple[bool, float, int]:
+        """Return whether the hand got there, the least error, and the user steps."""
+        users, controller = self._users, self._controller
+        users.reset([0], [np.random.default_rng(self._seed)])
+        controller.begin()
+        if posture is None:
+            start = controller.angles(users.qpos[0])
+            where = {"aim_at": place} if ray else {"place": place}
+            posture = controller.find(start, **where).angles
+        least, settled = np.inf, 0
+        count = round(_SECONDS / users.dt)
+        for step in range(count):
+            error = self._error(place, ray)
+            least = min(least, error)
+            settled = settled + 1 if error <= enough else 0
+            if settled == _SETTLED:
+                return True, least, step - _SETTLED + 1
+            action = controller.towards(users.qpos[0], users.qvel[0], users.act[0], posture)
+            users.step(action[None])
+        return False, least, count
+
+    def _error(self, place: FloatArray, ray: bool) -> float:
+        positions, quats = self._users.device_poses(_DEVICE)
+        gap = place - positions[0]
+        distance = float(np.linalg.norm(gap))
+        if not ray:
+            return distance
+        along = float(aim_direction(quats[0]) @ gap) / max(distance, 1e-9)
+        return float(np.degrees(np.arccos(np.clip(along, -1.0, 1.0))))

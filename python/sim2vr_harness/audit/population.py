@@ -100,13 +100,15 @@ class Subject:
         person: Traits.
         man: Whether the traits are drawn from men's distributions.
         percentile: Of the stature among persons of the same sex.
-        body: Right-handed, with a trunk that leans.
+        user: Right-handed, with a trunk that leans.
+        body: Of that user.
         strength: For published strength of shoulders, relative to the median of the sex.
     """
 
     person: Person
     man: bool
     percentile: float
+    user: UserConfig
     body: Body
     strength: Strength
 
@@ -139,7 +141,7 @@ def _subject(population: Population, index: int) -> Subject:
     median = strength.value(0.0, sign, 1.0, STRENGTH)
     factor = person.strength / median
     own = Strength("male" if man else "female", factor)
-    return Subject(person, man, float(100.0 * ndtr(z)), body_of(user), own)
+    return Subject(person, man, float(100.0 * ndtr(z)), user, body_of(user), own)
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ _SERVO_RAD = 0.08
 """By which the target of a motor of trunk or neck moves in a user step."""
 _EASE = 0.1
 """Weight of activations beside accelerations."""
-_FEEDBACK, _NEAR_RAD, _SLOW_RAD_S, _MOST_RAD = 0.1, 0.1, 0.05, 0.3
+_FEEDBACK, _NEAR_RAD, _SLOW_RAD_S, _MOST_RAD = 0.1, 0.4, 0.1, 0.5
 """Part of a joint's error that is added to its correction in every user step, of joints that are
 nearer than the second and slower than the third; corrections stay below the fourth."""
 

@@ -5,19 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from sim2vr_harness.audit.population import Limitation, Subject
 from sim2vr_harness.audit.reaching import Bools, Crowd, FloatArray, Ints, Rows, Solved
 from sim2vr_harness.audit.targets import AuditTarget
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
-from sim2vr_harness.tools.endurance import Held, hold_posture
-from sim2vr_harness.users import Body
 from sim2vr_harness.users.exertion import (
-    ArmDynamics,
     Strength,
-    arms_of,
     endurance_time,
     nicer_correction,
 )
@@ -96,15 +91,24 @@ def seen(crowd: Crowd, persons: Ints, places: FloatArray) -> Bools:
 
 
 def reach_either(
-    crowd: Crowd, target: AuditTarget, persons: Ints, places: FloatArray, *, quick: bool = False
+    crowd: Crowd,
+    target: AuditTarget,
+    persons: Ints,
+    places: FloatArray,
+    *,
+    quick: bool = False,
+    close_m: FloatArray | None = None,
 ) -> tuple[Solved, Bools, Bools]:
     """Reach places with the hands that a target takes; ``quick``: see :class:`.Rows`.
+
+    ``close_m``: (B,) how near is enough; None: the target's.
 
     Returns:
         The posture that counts, whether all hands that are needed reach, and whether one does.
     """
     left_handed = np.array([crowd.subjects[i].mirrored for i in persons.tolist()], dtype=bool)
-    close = np.full(len(persons), max(target.radius_m, CLOSE_M))
+    close = np.full(len(persons), target.radius_m) if close_m is None else close_m
+    close = np.maximum(close, CLOSE_M)
     rows = Rows(persons, left_handed, places, close, target.how == "point", quick)
     best = crowd.solve(rows)
     one = best.reached.copy()
@@ -148,16 +152,20 @@ def judge(crowd: Crowd, targets: Sequence[AuditTarget], limitation: Limitation) 
         places = places_of(crowd, target, persons)
         where[:, column] = position_to_app(places)
         yes[0, :, column] = seen(crowd, persons, places)
-        if target.how == "look":
-            yes[1:3, :, column] = yes[4, :, column] = True
-            continue
-        solved, reached, one = reach_either(crowd, target, persons, places)
-        yes[1, :, column], yes[3, :, column], yes[4, :, column] = reached, solved.leans, one
-        needed[:, column] = position_to_app(solved.nearest - places)
-        for person in np.flatnonzero(reached).tolist():
-            subject = crowd.subjects[person]
-            postures = solved.angles[person][solved.found[person]]
-            load, holds = hold_any(subject, postures, target, limitation)
+        yes[1:3, :, column] = yes[4, :, column] = target.how == "look"
+    for columns in _alike(targets):
+        who, which = np.tile(persons, len(columns)), np.repeat(columns, n)
+        places = np.concatenate([places_of(crowd, targets[i], persons) for i in columns])
+        close = np.array([targets[i].radius_m for i in which.tolist()])
+        solved, reached, one = reach_either(
+            crowd, targets[columns[0]], who, places, close_m=close
+        )
+        yes[1, who, which], yes[3, who, which], yes[4, who, which] = reached, solved.leans, one
+        needed[who, which] = position_to_app(solved.nearest - places)
+        for row in np.flatnonzero(reached).tolist():
+            person, column = int(who[row]), int(which[row])
+            postures = solved.angles[row][solved.found[row]]
+            load, holds = hold_any(crowd.subjects[person], postures, targets[column], limitation)
             numbers[:, person, column], yes[2, person, column] = load, holds
     return Judged(
         limitation,
@@ -173,6 +181,15 @@ def judge(crowd: Crowd, targets: Sequence[AuditTarget], limitation: Limitation) 
         numbers[2],
         dict(zip(MODELS, numbers[3:], strict=True)),
     )
+
+
+def _alike(targets: Sequence[AuditTarget]) -> list[list[int]]:
+    """Return the columns of targets that the same kind of reach gets to, in order."""
+    kinds: dict[tuple[bool, str], list[int]] = {}
+    for column, target in enumerate(targets):
+        if target.how != "look":
+            kinds.setdefault((target.how == "point", target.hand), []).append(column)
+    return list(kinds.values())
 
 
 def hold_any(
@@ -204,12 +221,9 @@ def can_hold(
     Time: as NICER has it. The muscles of the arm model do not decide: raised, they are too weak to
     do what recorded people do.
     """
-    model, arm = subject.body.physics_model, arms_of(subject.body)[0]
-    dynamics, still = ArmDynamics(model, arm), np.zeros(model.nv)
     strength = _strength(subject, limitation)
     for angles in postures:
-        qpos = subject.body.coupled_qpos(angles)
-        load = dynamics.load(qpos, still, still, held_kg=target.load_kg)
+        load = subject.holder.load(angles, target.load_kg)
         elbow = load.shoulder_deg, load.elbow_deg
         maximum = strength.shoulder_torque(*elbow)
         needed = load.torque + nicer_correction(*elbow, strength.sex)
@@ -231,26 +245,25 @@ def hold(
     A weaker person's muscles are activated more in proportion: activations are relative to it.
     """
     factor = limitation.strength
-    strength = _strength(subject, limitation)
-    arm = arms_of(subject.body)[0]
-    held: Held = hold_posture(
-        subject.body, arm, angles, load_kg, strength, limits_bear=True, muscle_strength=factor
+    held = subject.holder.hold(
+        angles,
+        load_kg,
+        _strength(subject, limitation),
+        limits_bear=True,
+        muscle_strength=factor,
     )
     share = np.inf if held.share is None else held.share
     minutes = [held.endurance_s[model] / 60.0 for model in MODELS]
-    trunk = _trunk_share(subject.body, angles) / factor
+    trunk = _trunk_share(subject, angles) / factor
     return [share, held.strength_share, trunk, *minutes]
 
 
-def _trunk_share(body: Body, angles: FloatArray) -> float:
+def _trunk_share(subject: Subject, angles: FloatArray) -> float:
     """Largest torque of gravity at the trunk's joints as a share of the motors' limits."""
-    model, data = body.physics_model, mujoco.MjData(body.physics_model)
-    data.qpos[:] = body.coupled_qpos(angles)
-    mujoco.mj_fwdPosition(model, data)
-    mujoco.mj_fwdVelocity(model, data)
+    model, torques = subject.body.physics_model, subject.holder.torques(angles)
     shares = []
     for joint in _TRUNK_MOTORS:
-        need = float(data.qfrc_bias[model.joint(joint).dofadr[0]])
+        need = float(torques[model.joint(joint).dofadr[0]])
         low, high = model.actuator(f"{joint}_motor").forcerange
         shares.append(need / (high if need > 0.0 else low))
     return max(shares)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from scipy.special import ndtr
 
 from sim2vr_harness.envs.config import UserConfig, body_of
+from sim2vr_harness.tools.endurance import PostureHolder
 from sim2vr_harness.users import Body, PeopleSettings, Person, Population
-from sim2vr_harness.users.exertion import Strength
+from sim2vr_harness.users.exertion import Strength, arms_of
 from sim2vr_harness.users.people import TRAITS
 
 __all__ = [
@@ -111,6 +113,11 @@ class Subject:
     user: UserConfig
     body: Body
     strength: Strength
+
+    @cached_property
+    def holder(self) -> PostureHolder:
+        """For postures of the right arm."""
+        return PostureHolder(self.body, arms_of(self.body)[0])
 
     @property
     def mirrored(self) -> bool:

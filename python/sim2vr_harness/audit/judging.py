@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -26,6 +26,8 @@ MODELS = ("3CC-r, shoulder", "NICER", "Consumed Endurance")
 """Models of exertion in reports; NICER decides whether a posture is held long enough."""
 _EASY = 0.25
 """Share of activation."""
+_HELD = 2
+"""Postures of which the activations are computed; the published strength is of all."""
 _TURN, _NOD = "neck_rotation", "neck_flexion"
 _TRUNK_MOTORS = ("trunk_flexion", "trunk_bending", "trunk_rotation")
 
@@ -60,6 +62,19 @@ class Judged:
     published_share: FloatArray
     trunk_share: FloatArray
     minutes: dict[str, FloatArray]
+
+    @classmethod
+    def joined(cls, parts: Sequence[Judged]) -> Judged:
+        """Return verdicts of the same persons on the targets of several parts."""
+        names = [f.name for f in fields(cls) if f.name not in ("limitation", "minutes")]
+        arrays = {
+            name: np.concatenate([getattr(each, name) for each in parts], axis=1) for name in names
+        }
+        minutes = {
+            model: np.concatenate([each.minutes[model] for each in parts], axis=1)
+            for model in parts[0].minutes
+        }
+        return cls(limitation=parts[0].limitation, minutes=minutes, **arrays)
 
     @property
     def usable(self) -> Bools:
@@ -199,12 +214,12 @@ def hold_any(
 
     Args:
         subject: Who holds it.
-        postures: (C, J), at least one; no further one is tried after one that is easily held.
+        postures: (C, J), at least one, the easiest first; an easily held one is the last tried.
         target: Says how long and with what load.
         limitation: Of the person.
     """
     best: list[float] = []
-    for angles in postures:
+    for angles in postures[:_HELD]:
         load = hold(subject, angles, target.load_kg, limitation)
         if not best or load[0] < best[0]:
             best = load

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import signal
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
@@ -18,6 +19,12 @@ _do: Callable[[int], object] = int
 
 def _part(number: int) -> object:
     return _do(number)
+
+
+def _quiet() -> None:
+    """Leave signals to the first process, which ends the others."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 class Parts:
@@ -37,6 +44,8 @@ class Parts:
             return [function(number) for number in numbers]
         global _do  # noqa: PLW0603 - what a fork inherits
         _do = function
-        with multiprocessing.get_context("fork").Pool(count) as pool:
+        with multiprocessing.get_context("fork").Pool(count, _quiet) as pool:
             found: list[T] = pool.map(_part, numbers, chunksize=1)  # type: ignore[arg-type]
+            pool.close()
+            pool.join()
         return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from sim2vr_harness.users.kinematics.posture_controller import PostureController
 __all__ = ["NEAR_DEG", "NEAR_M", "Acted", "Actor"]
 
 FloatArray = NDArray[np.float64]
+Watch = Callable[[FloatArray, FloatArray], None]
 
 NEAR_M, NEAR_DEG = 0.02, 1.0
 """So near counts as there, for :data:`_SETTLED` user steps in a row."""
@@ -50,12 +52,13 @@ class Actor:
     Args:
         subject: Whose.
         seed: Of the posture in which attempts begin.
+        watch: Receives posture (nq,) and activations (M,) after each user step.
     """
 
-    def __init__(self, subject: Subject, seed: int = 1) -> None:
+    def __init__(self, subject: Subject, seed: int = 1, watch: Watch | None = None) -> None:
         self._users = UserBatch(subject.body, 1, threads=1)
         self._controller = PostureController(subject.body, _DEVICE)
-        self._seed = seed
+        self._seed, self._watch = seed, watch
 
     def act(
         self,
@@ -106,6 +109,8 @@ class Actor:
                 return True, least, step - _SETTLED + 1
             action = controller.towards(users.qpos[0], users.qvel[0], users.act[0], posture)
             users.step(action[None])
+            if self._watch is not None:
+                self._watch(users.qpos[0], users.act[0])
         return False, least, count
 
     def _error(self, place: FloatArray, ray: bool) -> float:

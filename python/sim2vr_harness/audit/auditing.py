@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from sim2vr_harness.audit.judging import Judged, judge
+from sim2vr_harness.audit.pacing import path_loads
 from sim2vr_harness.audit.population import (
     FEWEST,
     LIMITATIONS,
@@ -18,13 +19,15 @@ from sim2vr_harness.audit.population import (
     groups_of,
 )
 from sim2vr_harness.audit.processes import Parts
-from sim2vr_harness.audit.reaching import Crowd
+from sim2vr_harness.audit.reaching import Crowd, FloatArray
 from sim2vr_harness.audit.remedies import GOAL, Remedy, remedy
-from sim2vr_harness.audit.summary import Audit
+from sim2vr_harness.audit.summary import Audit, AuditPath
 from sim2vr_harness.audit.targets import AuditTarget
 
-__all__ = ["limitations_of", "limited_persons", "run"]
+__all__ = ["PACE", "limitations_of", "limited_persons", "run"]
 
+PACE = 20.0
+"""Uses of a target in a minute."""
 _PARTS = 4
 """In which everyone's targets are judged."""
 _PART = 10
@@ -48,6 +51,7 @@ def run(
     people: int = 500,
     seed: int = 1,
     stance: Stance = "seated",
+    pace: float = PACE,
     processes: int = 0,
     say: Callable[[str], None] = lambda text: None,
 ) -> Audit:
@@ -59,6 +63,7 @@ def run(
         people: Persons of the population.
         seed: Of the population.
         stance: Of everyone.
+        pace: Uses of a target in a minute.
         processes: At most; 0: one per core. They change no result.
         say: Receives what is being done.
     """
@@ -76,7 +81,8 @@ def run(
     def judged_part(number: int) -> Judged:
         crowd, columns = jobs[number]
         limitation = NONE if crowd == 0 else limitations[crowd - 1]
-        return judge(crowds[crowd], [targets[i] for i in columns.tolist()], limitation)
+        chosen = [targets[i] for i in columns.tolist()]
+        return judge(crowds[crowd], chosen, limitation, None if crowd else pace)
 
     found = Parts(processes).run(judged_part, range(len(jobs)))
     count = len(jobs) - len(limitations)
@@ -92,4 +98,29 @@ def run(
     middle = order[people // 2]
     landmarks = everyone.landmarks(middle)
     groups = groups_of(subjects)
-    return Audit(title, seed, stance, targets, judged, groups, limited, remedies, middle, landmarks)
+    return Audit(
+        title,
+        seed,
+        stance,
+        pace,
+        targets,
+        subjects,
+        everyone.lift_m,
+        judged,
+        groups,
+        limited,
+        remedies,
+        middle,
+        landmarks,
+        _paths(subjects[middle], targets, judged.postures[middle]),
+    )
+
+
+def _paths(
+    subject: Subject, targets: Sequence[AuditTarget], postures: FloatArray
+) -> list[AuditPath]:
+    """Return the paths of a person from each target that it reaches to the next one."""
+    known = [i for i in range(len(targets)) if not np.isnan(postures[i]).any()]
+    loads = path_loads(subject, [postures[i] for i in known], NONE)
+    pairs = zip(known, known[1:], loads, strict=False)
+    return [AuditPath(targets[a].name, targets[b].name, *load) for a, b, load in pairs]

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
+from sim2vr_harness.audit.pacing import REACH_S, Paced, minutes_at_pace
 from sim2vr_harness.audit.population import Limitation, Subject
 from sim2vr_harness.audit.reaching import Bools, Crowd, FloatArray, Ints, Rows, Solved
 from sim2vr_harness.audit.targets import AuditTarget
@@ -47,7 +49,11 @@ class Judged:
             infinite: no activations balance the posture.
         published_share: (N, T) torque as a share of published strength; NaN: not reached.
         trunk_share: (N, T) torque at the trunk as a share of its strength; NaN: not reached.
-        minutes: (N, T) until exhaustion, by model; NaN: not reached.
+        loads: (3, N, T) torque at the shoulder, Nm, and angles of shoulder and elbow, degrees; NaN:
+            not reached.
+        postures: (N, T, J) of the independent joints; NaN: not reached.
+        minutes: (N, T) until exhaustion, by model, without breaks; NaN: not reached.
+        paced: (N, T) the same at the app's pace; empty: no pace is known.
     """
 
     limitation: Limitation
@@ -61,20 +67,25 @@ class Judged:
     share: FloatArray
     published_share: FloatArray
     trunk_share: FloatArray
+    loads: FloatArray
+    postures: FloatArray
     minutes: dict[str, FloatArray]
+    paced: dict[str, FloatArray] = field(default_factory=dict)
 
     @classmethod
     def joined(cls, parts: Sequence[Judged]) -> Judged:
         """Return verdicts of the same persons on the targets of several parts."""
-        names = [f.name for f in fields(cls) if f.name not in ("limitation", "minutes")]
-        arrays = {
-            name: np.concatenate([getattr(each, name) for each in parts], axis=1) for name in names
-        }
-        minutes = {
-            model: np.concatenate([each.minutes[model] for each in parts], axis=1)
-            for model in parts[0].minutes
-        }
-        return cls(limitation=parts[0].limitation, minutes=minutes, **arrays)
+        joined: dict[str, Any] = {"limitation": parts[0].limitation}
+        for name in (f.name for f in fields(cls) if f.name != "limitation"):
+            values = [getattr(each, name) for each in parts]
+            if name in ("minutes", "paced"):
+                joined[name] = {
+                    model: np.concatenate([each[model] for each in values], axis=1)
+                    for model in values[0]
+                }
+            else:
+                joined[name] = np.concatenate(values, axis=2 if name == "loads" else 1)
+        return cls(**joined)
 
     @property
     def usable(self) -> Bools:
@@ -156,11 +167,17 @@ def reach_either(
     return best, reached, one
 
 
-def judge(crowd: Crowd, targets: Sequence[AuditTarget], limitation: Limitation) -> Judged:
-    """Judge every person of a crowd on every target."""
+def judge(
+    crowd: Crowd,
+    targets: Sequence[AuditTarget],
+    limitation: Limitation,
+    pace: float | None = None,
+) -> Judged:
+    """Judge every person of a crowd on every target; ``pace``: uses of it in a minute."""
     n, t = len(crowd.subjects), len(targets)
     yes = np.zeros((5, n, t), dtype=bool)
-    numbers = np.full((3 + len(MODELS), n, t), np.nan)
+    numbers = np.full((6 + len(MODELS), n, t), np.nan)
+    chosen = np.full((n, t, len(crowd.rest)), np.nan)
     needed, where = np.zeros((2, n, t, 3))
     persons = np.arange(n)
     for column, target in enumerate(targets):
@@ -180,8 +197,11 @@ def judge(crowd: Crowd, targets: Sequence[AuditTarget], limitation: Limitation) 
         for row in np.flatnonzero(reached).tolist():
             person, column = int(who[row]), int(which[row])
             postures = solved.angles[row][solved.found[row]]
-            load, holds = hold_any(crowd.subjects[person], postures, targets[column], limitation)
+            load, best, holds = hold_any(
+                crowd.subjects[person], postures, targets[column], limitation
+            )
             numbers[:, person, column], yes[2, person, column] = load, holds
+            chosen[person, column] = best
     return Judged(
         limitation,
         yes[0],
@@ -194,8 +214,37 @@ def judge(crowd: Crowd, targets: Sequence[AuditTarget], limitation: Limitation) 
         numbers[0],
         numbers[1],
         numbers[2],
-        dict(zip(MODELS, numbers[3:], strict=True)),
+        numbers[3:6],
+        chosen,
+        dict(zip(MODELS, numbers[6:], strict=True)),
+        {} if pace is None else _paced(crowd, targets, numbers, limitation, pace),
     )
+
+
+def _paced(
+    crowd: Crowd,
+    targets: Sequence[AuditTarget],
+    numbers: FloatArray,
+    limitation: Limitation,
+    pace: float,
+) -> dict[str, FloatArray]:
+    """Minutes until exhaustion at a pace, (N, T) by model; NaN: not reached."""
+    person, column = np.nonzero(~np.isnan(numbers[3]))
+    raised = np.array([each.hold_s + 2.0 * REACH_S for each in targets])[column]
+    factors = np.array([float(np.asarray(each.strength.factor)) for each in crowd.subjects])
+    arms = Paced(
+        numbers[0][person, column],
+        *numbers[3:6, person, column],
+        (factors * limitation.strength)[person],
+        np.array([each.man for each in crowd.subjects], dtype=bool)[person],
+        raised,
+        np.maximum(60.0 / pace, raised),
+    )
+    found = {}
+    for model, minutes in minutes_at_pace(arms).items():
+        found[model] = np.full(numbers[0].shape, np.nan)
+        found[model][person, column] = minutes
+    return found
 
 
 def _alike(targets: Sequence[AuditTarget]) -> list[list[int]]:
@@ -209,8 +258,8 @@ def _alike(targets: Sequence[AuditTarget]) -> list[list[int]]:
 
 def hold_any(
     subject: Subject, postures: FloatArray, target: AuditTarget, limitation: Limitation
-) -> tuple[list[float], bool]:
-    """Return what :func:`hold` does of the easiest posture, and whether it can be held.
+) -> tuple[list[float], FloatArray, bool]:
+    """Return what :func:`hold` does of the easiest posture, it, and whether it can be held.
 
     Args:
         subject: Who holds it.
@@ -218,14 +267,14 @@ def hold_any(
         target: Says how long and with what load.
         limitation: Of the person.
     """
-    best: list[float] = []
-    for angles in postures[:_HELD]:
-        load = hold(subject, angles, target.load_kg, limitation)
-        if not best or load[0] < best[0]:
-            best = load
+    best, posture = hold(subject, postures[0], target.load_kg, limitation), postures[0]
+    for angles in postures[1:_HELD]:
         if best[0] <= _EASY:
             break
-    return best, can_hold(subject, postures, target, limitation)
+        load = hold(subject, angles, target.load_kg, limitation)
+        if load[0] < best[0]:
+            best, posture = load, angles
+    return best, posture, can_hold(subject, postures, target, limitation)
 
 
 def can_hold(
@@ -255,7 +304,7 @@ def _strength(subject: Subject, limitation: Limitation) -> Strength:
 def hold(
     subject: Subject, angles: FloatArray, load_kg: float, limitation: Limitation
 ) -> list[float]:
-    """Return shares of muscles, published strength and trunk, and minutes by model.
+    """Return shares of muscles, published strength and trunk, the load, and minutes by model.
 
     A weaker person's muscles are activated more in proportion: activations are relative to it.
     """
@@ -270,7 +319,8 @@ def hold(
     share = np.inf if held.share is None else held.share
     minutes = [held.endurance_s[model] / 60.0 for model in MODELS]
     trunk = _trunk_share(subject, angles) / factor
-    return [share, held.strength_share, trunk, *minutes]
+    load = held.torque_nm, held.shoulder_deg, held.elbow_deg
+    return [share, held.strength_share, trunk, *load, *minutes]
 
 
 def _trunk_share(subject: Subject, angles: FloatArray) -> float:

@@ -53,6 +53,9 @@ _Seconds = Annotated[
 ]
 _People = Annotated[int, typer.Option(metavar="N", help="Persons, 1 to 10,000.")]
 _Stance = Annotated[str, typer.Option(metavar="STANCE", help="Of the persons: seated or standing.")]
+_Pace = Annotated[
+    float, typer.Option(metavar="N", help="Uses of a target in a minute.", callback=finite)
+]
 _Seed = Annotated[int, typer.Option(help="Other persons for another seed.")]
 _Out = Annotated[Path, typer.Option(help="Folder for the files.", callback=writable_folder)]
 
@@ -67,6 +70,7 @@ def audit(
     seconds: _Seconds = 10.0,
     people: _People = 500,
     stance: _Stance = "seated",
+    pace: _Pace = 20.0,
     seed: _Seed = 1,
     out: _Out = Path("audit"),
     expect: ExpectOption = None,
@@ -82,7 +86,10 @@ def audit(
     from sim2vr_harness.audit.auditing import run
     from sim2vr_harness.audit.report import findings, headline, write
     from sim2vr_harness.audit.summary import estimates, plain
+    from sim2vr_harness.base.errors import InputError
 
+    if not 0.1 <= pace <= 120.0:  # noqa: PLR2004 - said in the message
+        raise InputError("--pace", f"{pace:g}", "0.1 to 120 uses in a minute")
     numbers = seconds, people, seed
     _check(game, condition, objects, targets, remote, how, numbers, stance)
     checked = CheckedRun(_with_group(expect), None, junit, "audit")
@@ -96,7 +103,7 @@ def audit(
     page = (remote or {}).get("page")
     title = game or (Path(page).name if page else "") or (targets.stem if targets else "")
     chosen = cast("Stance", stance)
-    done = run(title, listed, people=people, seed=seed, stance=chosen, say=say)
+    done = run(title, listed, people=people, seed=seed, stance=chosen, pace=pace, say=say)
     values = plain(done)
     for sentence in (headline(values), *findings(values)):
         typer.echo(sentence)

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.audit.judging import Judged, places_of
 from sim2vr_harness.audit.population import Subject
+from sim2vr_harness.audit.reaching import MIRROR, Crowd
+from sim2vr_harness.audit.targets import AuditTarget
 from sim2vr_harness.client.frames import aim_direction
 from sim2vr_harness.users import UserBatch
 from sim2vr_harness.users.kinematics.posture_controller import PostureController
 
-__all__ = ["NEAR_DEG", "NEAR_M", "Acted", "Actor"]
+__all__ = ["NEAR_DEG", "NEAR_M", "Acted", "Actor", "act_out"]
 
 FloatArray = NDArray[np.float64]
 Watch = Callable[[FloatArray, FloatArray], None]
@@ -97,8 +100,10 @@ class Actor:
         controller.begin()
         if posture is None:
             start = controller.angles(users.qpos[0])
-            where = {"aim_at": place} if ray else {"place": place}
-            posture = controller.find(start, **where).angles
+            found = (
+                controller.find(start, aim_at=place) if ray else controller.find(start, place=place)
+            )
+            posture = found.angles
         least, settled = np.inf, 0
         count = round(_SECONDS / users.dt)
         for step in range(count):
@@ -121,3 +126,32 @@ class Actor:
             return distance
         along = float(aim_direction(quats[0]) @ gap) / max(distance, 1e-9)
         return float(np.degrees(np.arccos(np.clip(along, -1.0, 1.0))))
+
+
+def act_out(
+    crowd: Crowd, person: int, targets: Sequence[AuditTarget], judged: Judged
+) -> list[Acted | None]:
+    """Have a person act out all targets with the preferred hand; None: what takes none, or both.
+
+    Args:
+        crowd: Whose.
+        person: Number.
+        targets: Of the audit.
+        judged: Postures that were found; further attempts.
+    """
+    actor = Actor(crowd.subjects[person])
+    side = MIRROR if crowd.subjects[person].mirrored else np.ones(3)
+    found: list[Acted | None] = []
+    for column, target in enumerate(targets):
+        if target.how == "look" or target.hand == "both":
+            found.append(None)
+            continue
+        place = places_of(crowd, target, np.array([person]))[0]
+        place = (place - np.array([0.0, 0.0, crowd.lift_m[person]])) * side
+        posture = judged.postures[person, column]
+        further = posture[None] if not np.isnan(posture).any() else np.zeros((0, 0))
+        ray = target.how == "point"
+        size = np.degrees(np.arctan2(target.radius_m, np.linalg.norm(place))) if ray else 0.0
+        near = max(NEAR_DEG, float(size)) if ray else max(NEAR_M, target.radius_m)
+        found.append(actor.act(place, further, ray=ray, near=near))
+    return found

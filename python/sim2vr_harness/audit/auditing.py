@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from sim2vr_harness.audit.acting import Acted, act_out
 from sim2vr_harness.audit.judging import Judged, judge
 from sim2vr_harness.audit.pacing import path_loads
 from sim2vr_harness.audit.population import (
@@ -36,7 +37,7 @@ _PART = 10
 
 def limitations_of(stance: Stance) -> tuple[Limitation, ...]:
     """Return the limitations that differ from an audit with a stance."""
-    return tuple(each for each in LIMITATIONS if each.stance != stance)
+    return tuple(each for each in LIMITATIONS if each.stance != stance or each.lift_m)
 
 
 def limited_persons(people: int) -> int:
@@ -52,6 +53,7 @@ def run(
     seed: int = 1,
     stance: Stance = "seated",
     pace: float = PACE,
+    operate: int = 0,
     processes: int = 0,
     say: Callable[[str], None] = lambda text: None,
 ) -> Audit:
@@ -64,6 +66,7 @@ def run(
         seed: Of the population.
         stance: Of everyone.
         pace: Uses of a target in a minute.
+        operate: How many persons act it out.
         processes: At most; 0: one per core. They change no result.
         say: Receives what is being done.
     """
@@ -94,6 +97,13 @@ def run(
     remedies: list[Remedy | None] = [None] * len(targets)
     for column, fix in zip(missed, fixes, strict=True):
         remedies[column] = fix
+    acted: list[list[Acted | None]] = []
+    if operate:
+        say(f"{min(operate, people)} persons act it out ...")
+        acted = Parts(processes).run(
+            lambda person: act_out(everyone, person, targets, judged),
+            range(min(operate, people)),
+        )
     order = sorted(range(people), key=lambda i: subjects[i].person.stature_m)
     middle = order[people // 2]
     landmarks = everyone.landmarks(middle)
@@ -113,6 +123,7 @@ def run(
         middle,
         landmarks,
         _paths(subjects[middle], targets, judged.postures[middle]),
+        acted,
     )
 
 

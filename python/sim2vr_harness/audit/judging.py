@@ -189,9 +189,7 @@ def judge(
         who, which = np.tile(persons, len(columns)), np.repeat(columns, n)
         places = np.concatenate([places_of(crowd, targets[i], persons) for i in columns])
         close = np.array([targets[i].radius_m for i in which.tolist()])
-        solved, reached, one = reach_either(
-            crowd, targets[columns[0]], who, places, close_m=close
-        )
+        solved, reached, one = reach_either(crowd, targets[columns[0]], who, places, close_m=close)
         yes[1, who, which], yes[3, who, which], yes[4, who, which] = reached, solved.leans, one
         needed[who, which] = position_to_app(solved.nearest - places)
         for row in np.flatnonzero(reached).tolist():
@@ -234,7 +232,9 @@ def _paced(
     factors = np.array([float(np.asarray(each.strength.factor)) for each in crowd.subjects])
     arms = Paced(
         numbers[0][person, column],
-        *numbers[3:6, person, column],
+        numbers[3, person, column],
+        numbers[4, person, column],
+        numbers[5, person, column],
         (factors * limitation.strength)[person],
         np.array([each.man for each in crowd.subjects], dtype=bool)[person],
         raised,

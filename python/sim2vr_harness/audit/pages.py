@@ -34,6 +34,8 @@ _AIM_FROM_M = np.array([0.15, 0.9, 0.2])
 _MOST_PROBED = 80
 _ROUNDS = ("right", "left")
 """Hands that try things, one after the other: some things are ready later only."""
+_GAZE_STEPS = 50
+"""User steps for which the head looks at a thing; some wait so long before they react."""
 _PULL_M = np.array([0.0, 0.0, 0.15])
 _LARGEST_M = 2.0
 """Half of the size, from which a thing is a room or a ground."""
@@ -85,6 +87,7 @@ class PageHands:
         self.place = {side: place.copy() for side, place in _REST_M.items()}
         self._towards = {side: np.array([0.0, 0.0, 1.0]) for side in _REST_M}
         self._held: tuple[str, ...] = ()
+        self._gaze = np.array([0.0, 0.0, 1.0])
         self.pulses = 0
         """Vibrations so far."""
         app.reset(seed, self._poses())
@@ -106,8 +109,14 @@ class PageHands:
             gap = np.asarray(towards) - self.place[side]
             self._towards[side] = gap / max(float(np.linalg.norm(gap)), 1e-9)
 
+    def look(self, place: FloatArray) -> None:
+        """Turn the head to a place."""
+        gap = place - _HEAD_M
+        self._gaze = gap / max(float(np.linalg.norm(gap)), 1e-9)
+
     def rest(self) -> None:
-        """Put both controllers down, their rays ahead and down."""
+        """Look ahead and put both controllers down, their rays ahead and down."""
+        self._gaze = np.array([0.0, 0.0, 1.0])
         for side, place in _REST_M.items():
             self.put(side, place, place + np.array([0.0, -0.5, 0.5]))
 
@@ -115,15 +124,17 @@ class PageHands:
         inputs = {side: np.zeros(INPUT_COUNT) for side in _REST_M}
         for name in self._held:
             inputs[name.partition(".")[0]][input_named(name).column] = 1.0
-        rows = {side: np.r_[self.place[side], _turn(self._towards[side])] for side in _REST_M}
-        head = np.r_[_HEAD_M, 0.0, 0.0, 0.0, 1.0]
+        rows = {side: np.r_[self.place[side], _turn(_RAY, self._towards[side])] for side in _REST_M}
+        head = np.r_[_HEAD_M, _turn(np.array([0.0, 0.0, 1.0]), self._gaze)]
         return DevicePoses(head, rows["right"], rows["left"], inputs["right"], inputs["left"])
 
 
-def _turn(towards: FloatArray) -> FloatArray:
-    """(4,) x y z w: the shortest turn that brings a controller's ray onto a direction."""
-    ray = position_to_app(AIM_DIRECTION)
-    turn = np.r_[np.cross(ray, towards), 1.0 + ray @ towards]
+_RAY = position_to_app(AIM_DIRECTION)
+
+
+def _turn(first: FloatArray, second: FloatArray) -> FloatArray:
+    """(4,) x y z w: the shortest turn that brings one direction onto another."""
+    turn = np.r_[np.cross(first, second), 1.0 + first @ second]
     length = float(np.linalg.norm(turn))
     found: FloatArray = turn / length if length > 1e-6 else np.array([1.0, 0.0, 0.0, 0.0])
     return found
@@ -208,7 +219,9 @@ def _watched(app: WebXRApp, hands: PageHands, seconds: float) -> list[_Track]:
                 tracks[thing.name].add(thing, hands.place)
         sway = 0.1 * np.sin(0.35 * step) * np.array([1.0, 0.3, 0.5])
         for side, at in _REST_M.items():
-            hands.put(side, at + sway, at + sway + (_UP if side == "right" else 0.0 * _UP + [0, -1, 1]))
+            hands.put(
+                side, at + sway, at + sway + (_UP if side == "right" else 0.0 * _UP + [0, -1, 1])
+            )
         # A page that tests rays when a trigger is pulled shows against what.
         hands.step(1, *(["right.trigger", "left.trigger"] if step % 16 in (8, 9) else []))
     names = {thing.name: thing for thing in app.things()}
@@ -234,12 +247,14 @@ def _probe_all(
     for side in _ROUNDS:
         for thing in [each for each in found if not each.reacts][:_MOST_PROBED]:
             ways: Sequence[How] = ("touch", "point")
-            if thing.listens and thing.how != "touch":
+            if thing.how == "look":
+                ways = ("look",)
+            elif thing.listens and thing.how != "touch":
                 ways = ("point", "touch")
             for how in ways:
                 if _reacts(app, hands, thing, how, side, thing.name in restless):
                     thing.reacts = True
-                    thing.how = "look" if thing.how == "look" else how
+                    thing.how = how
                     break
 
 
@@ -270,6 +285,9 @@ def _reacts(
                 at = start + part * (place - start)
                 hands.put(side, at, at + np.array([0.0, -0.3, 1.0]))
                 hands.step(1)
+        elif how == "look":
+            hands.look(place)
+            hands.step(_GAZE_STEPS)
         else:
             hands.put(side, _AIM_FROM_M * mirror, place)
             hands.step(2)
@@ -297,8 +315,7 @@ def _named(app: WebXRApp, name: str) -> Thing | None:
 def things_as_targets(found: Sequence[FoundThing]) -> list[AuditTarget]:
     """Return targets for an audit."""
     return [
-        AuditTarget(each.name, each.place_m, how=each.how, radius_m=each.radius_m)
-        for each in found
+        AuditTarget(each.name, each.place_m, how=each.how, radius_m=each.radius_m) for each in found
     ]
 
 

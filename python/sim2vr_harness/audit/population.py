@@ -63,6 +63,7 @@ class Limitation:
         strength: Factor on the strength of all muscles.
         limits_deg: Narrower limits of joints.
         one_hand: Whether only the preferred hand can be used.
+        lift_m: How much higher they sit.
         stance: Another one than the audit's.
         verified: Whether its numbers' source was read, or they define the group.
     """
@@ -72,6 +73,7 @@ class Limitation:
     strength: float = 1.0
     limits_deg: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     one_hand: bool = False
+    lift_m: float = 0.0
     stance: Stance | None = None
     verified: bool = True
 
@@ -88,6 +90,13 @@ LIMITATIONS: tuple[Limitation, ...] = (
         "standing",
         "eye height 0.936 of the stature: Drillis and Contini 1966, second-hand (not verified)",
         stance="standing",
+        verified=False,
+    ),
+    Limitation(
+        "wheelchair",
+        "seat 5 cm above a chair's: assumed (not verified)",
+        lift_m=0.05,
+        stance="seated",
         verified=False,
     ),
     Limitation("seated", "height of the arm model (docs/reference/bodies.md)", stance="seated"),

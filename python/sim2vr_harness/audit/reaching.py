@@ -130,6 +130,7 @@ class Crowd:
         """(N,) how far the bodies stand above the height of the arm model, m."""
         if (limitation.stance or stance) == "standing":
             self.lift_m = EYE_HEIGHT_STANDING * statures - self.heads[:, 2]
+        self.lift_m = self.lift_m + limitation.lift_m
         self.heads[:, 2] += self.lift_m
         self._samples: dict[tuple[bool, bool], tuple[FloatArray, cKDTree]] = {}
 

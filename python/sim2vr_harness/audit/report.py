@@ -89,7 +89,9 @@ def headline(values: Mapping[str, Any]) -> str:
     every, targets = values["groups"][0], values["targets"]
     missed = sum(each["remedy"] is not None for each in targets)
     if every["n"] < FEWEST:
-        return f"{every['n']} persons are too few to judge {len(targets)} targets: {FEWEST} at least."
+        return (
+            f"{every['n']} persons are too few to judge {len(targets)} targets: {FEWEST} at least."
+        )
     first = (
         f"{_percent(every['reach_every_target'])} of {values['people']} {values['stance']} persons "
         "see and reach every target."
@@ -172,6 +174,8 @@ def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[
     parts += ["<h2>By group</h2>", _group_table(values), f"<p>{escape(_GROUPS)}</p>"]
     parts += ["<h2>Exertion by target</h2>", _exertion_table(values), f"<p>{escape(_EXERTION)}</p>"]
     parts += [_exertion_panel(values)]
+    if any(each["operated"] for each in values["targets"]):
+        parts += ["<h2>Acted out</h2>", _operated_table(values), f"<p>{_OPERATED}</p>"]
     if values["paths"]:
         parts += ["<h2>Exertion between targets</h2>", _path_table(values), f"<p>{_PATHS}</p>"]
     return [*parts, "<h2>Sources</h2>", _sources(values)]
@@ -198,6 +202,10 @@ def _answer(values: Mapping[str, Any]) -> str:
 
 
 _ANSWER = ("who", "target", "can use it", "why not", "smallest change that includes 95 %")
+_OPERATED = (
+    "Muscles and trunk bring the preferred hand, or its ray, to the target and keep it there for "
+    "0.15 s. An attempt takes up to 3 s."
+)
 _PATHS = (
     "Torque at the shoulder of the person of median stature who moves from one target to the next "
     "in 0.5 s, as a share of published strength (*)."
@@ -300,12 +308,28 @@ def _spread(target: Mapping[str, Any], key: str) -> str:
 
 
 def _exertion_panel(values: Mapping[str, Any]) -> Panel:
-    reached = [each for each in values["targets"] if each["exertion"]["n"] and each["how"] != "look"]
+    reached = [
+        each for each in values["targets"] if each["exertion"]["n"] and each["how"] != "look"
+    ]
     medians = [each["exertion"]["share_of_activation"][1] for each in reached]
     shown = [1.0 if each is None else min(each, 1.0) for each in medians]
     bars = Bars("activation", [each["name"] for each in reached], shown, "#0072b2")
     title = "Median activation of the shoulder's muscles; 1: too weak"
     return Panel(title, (bars,), y_label="share of maximum")
+
+
+def _operated_table(values: Mapping[str, Any]) -> str:
+    rows = [
+        [
+            target["name"],
+            f"{each['done']} of {each['n']}",
+            "-" if each["seconds"] is None else f"{each['seconds']:.2f}",
+            "-" if each["attempts"] is None else f"{each['attempts']:.2f}",
+        ]
+        for target in values["targets"]
+        if (each := target["operated"]) is not None
+    ]
+    return table(["target", "got there", "s (median)", "attempts (mean)"], rows)
 
 
 def _path_table(values: Mapping[str, Any]) -> str:

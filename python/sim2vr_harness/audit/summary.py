@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from sim2vr_harness.audit.acting import Acted
 from sim2vr_harness.audit.causes import causes, shift_words
 from sim2vr_harness.audit.judging import MODELS, Judged
 from sim2vr_harness.audit.population import FEWEST, Group, Limitation, Stance, Subject
@@ -58,6 +59,7 @@ class Audit:
         middle: Number of the person of median stature.
         landmarks_m: (3, 3) its eyes and shoulders: right, up, ahead.
         paths: Its movements from target to target.
+        acted: Of each person who acted it out, what came of each target; None: not tried.
     """
 
     title: str
@@ -74,6 +76,7 @@ class Audit:
     middle: int
     landmarks_m: FloatArray
     paths: Sequence[AuditPath]
+    acted: Sequence[Sequence[Acted | None]] = ()
 
     def columns(self) -> list[tuple[str, Limitation | None, Judged, Ints]]:
         """Return name, limitation, verdicts and members of all groups, everyone first."""
@@ -159,6 +162,22 @@ def _target(audit: Audit, column: int) -> dict[str, Any]:
         "causes": causes(judged, target, column, every),
         "remedy": None if fix is None else _remedy(fix),
         "exertion": _exertion(judged, column),
+        "operated": _operated([each[column] for each in audit.acted]),
+    }
+
+
+def _operated(acted: Sequence[Acted | None]) -> dict[str, Any] | None:
+    """How many got there who acted it out, in what time (median) and attempts (mean)."""
+    tried = [each for each in acted if each is not None]
+    if not tried:
+        return None
+    done = [each for each in tried if each.seconds is not None]
+    seconds = [each.seconds for each in done if each.seconds is not None]
+    return {
+        "n": len(tried),
+        "done": len(done),
+        "seconds": round(float(np.median(seconds)), 2) if done else None,
+        "attempts": round(float(np.mean([each.attempts for each in done])), 2) if done else None,
     }
 
 

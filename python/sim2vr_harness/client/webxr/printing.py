@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import base64
 import time
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from sim2vr_harness.base.files import naming
 from sim2vr_harness.client.errors import AppTimeout
@@ -32,11 +34,8 @@ def print_page(page: Path, file: Path, *, timeout_s: float = 60.0) -> Path:
     try:
         tab = open_tab(browser, timeout_s).session
 
-        def ask(method: str, **parameters: object) -> dict[str, object]:
-            found: dict[str, object] = browser.tools.request(
-                method, parameters, tab, timeout_s=timeout_s
-            )
-            return found
+        def ask(method: str, **parameters: object) -> Mapping[str, Any]:
+            return browser.tools.request(method, parameters, tab, timeout_s=timeout_s)
 
         ask("Page.enable")
         ask("Page.navigate", url=page.resolve().as_uri())

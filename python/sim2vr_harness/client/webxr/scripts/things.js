@@ -3,7 +3,8 @@
 {
   const EVENTS = new RegExp('^(click|fusing|(mouse|pointer|touch|select|squeeze|grip|trigger)[a-z]*|hover.*|grab.*|'
     + 'drag.*|stretch.*|activate.*|hit.*|raycaster-intersected.*|obbcollision.*|pinch.*)$');
-  const ABLE = '[grabbable], [clickable], [hoverable], [draggable], [droppable], [stretchable], [link], [ui-button]';
+  const ABLE = '[grabbable], [clickable], [hoverable], [draggable], [droppable], [stretchable], [link], '
+    + '[onclick], [onmousedown], [onmouseenter], [onmouseover], [ondragstart], [gui-interactable]';
   const CARRIED = '[raycaster], [cursor], [camera], [tracked-controls], [hand-controls], [hand-tracking-controls], '
     + '[laser-controls], [oculus-touch-controls], [meta-touch-controls], [super-hands]';
   const MOST = 200;

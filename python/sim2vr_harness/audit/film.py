@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.audit.acting import Actor
+from sim2vr_harness.audit.population import MODEL
 from sim2vr_harness.audit.reaching import MIRROR
 from sim2vr_harness.audit.summary import Audit
 from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
-from sim2vr_harness.audit.population import MODEL
 from sim2vr_harness.evaluation.video import Film
 from sim2vr_harness.users import load_body
 
@@ -81,7 +81,7 @@ def _scene(places: FloatArray, column: int) -> AppScene:
     for x in (0, 3):
         for y in (1, 4):
             for z in (2, 5):
-                signs = (x < 3) ^ (y < 3) ^ (z < 3)  # noqa: PLR2004 - the first three are positive
+                signs = (x < 3) ^ (y < 3) ^ (z < 3)
                 faces.append((x, z, y) if signs else (x, y, z))
     mesh = SceneMesh("target", corners, np.array(faces, dtype=np.int64))
     objects = tuple(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,7 +140,7 @@ def path_loads(
     t = np.linspace(0.0, 1.0, _POINTS)
     place = 10.0 * t**3 - 15.0 * t**4 + 6.0 * t**5
     found = []
-    for first, second in zip(postures, postures[1:], strict=False):
+    for first, second in pairwise(postures):
         qpos = body.coupled_qpos(first + place[:, None] * (second - first))
         qvel = np.gradient(qpos, REACH_S * t, axis=0)
         qacc = np.gradient(qvel, REACH_S * t, axis=0)

@@ -52,7 +52,7 @@ class FoundThing:
         name: Of the page, or its kind.
         how: What is done with it.
         place_m: Where it came nearest to the head: right, up, ahead.
-        radius_m: Smallest half of its size.
+        half_m: Halves of its size along the three axes, the smallest first.
         moves: Whether it moves by itself.
         listens: Whether the page listens to it or tests rays against it.
         reacts: Whether it did something when a controller touched it or pointed at it.
@@ -61,10 +61,15 @@ class FoundThing:
     name: str
     how: How
     place_m: FloatArray
-    radius_m: float
+    half_m: tuple[float, ...]
     moves: bool
     listens: bool
     reacts: bool
+
+    @property
+    def radius_m(self) -> float:
+        """How near is enough: to touch a flat thing its thickness counts, for a ray its width."""
+        return self.half_m[0 if self.how == "touch" else 1]
 
 
 @contextmanager
@@ -162,7 +167,7 @@ def find_things(env: EnvConfig, seconds: float = 4.0, *, probe: bool = True) -> 
                 track.name,
                 "touch" if track.how == "unknown" else track.how,  # type: ignore[arg-type]
                 track.nearest_m,
-                track.radius_m,
+                track.half_m,
                 track.moves,
                 track.how != "unknown",
                 reacts=False,
@@ -179,7 +184,7 @@ class _Track:
     name: str
     how: str
     nearest_m: FloatArray
-    radius_m: float
+    half_m: tuple[float, ...]
     first_m: FloatArray
     state: int
     offset_m: dict[str, FloatArray]
@@ -213,8 +218,9 @@ def _watched(app: WebXRApp, hands: PageHands, seconds: float) -> list[_Track]:
                 if thing.name not in tracks:
                     place = np.array(thing.place_m)
                     offsets = {side: place - at for side, at in hands.place.items()}
+                    half = tuple(sorted(thing.half_m))
                     tracks[thing.name] = _Track(
-                        thing.name, thing.how, place, min(thing.half_m), place, thing.state, offsets
+                        thing.name, thing.how, place, half, place, thing.state, offsets
                     )
                 tracks[thing.name].add(thing, hands.place)
         sway = 0.1 * np.sin(0.35 * step) * np.array([1.0, 0.3, 0.5])

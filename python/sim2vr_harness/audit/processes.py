@@ -40,9 +40,9 @@ class Parts:
     def run(self, function: Callable[[int], T], numbers: Sequence[int]) -> list[T]:
         """Return what the function returns for each of the numbers, in order."""
         count = min(self._processes, len(numbers))
-        if count < 2:  # noqa: PLR2004 - nothing to share
+        if count < 2:
             return [function(number) for number in numbers]
-        global _do  # noqa: PLW0603 - what a fork inherits
+        global _do
         _do = function
         with multiprocessing.get_context("fork").Pool(count, _quiet) as pool:
             found: list[T] = pool.map(_part, numbers, chunksize=1)  # type: ignore[arg-type]

@@ -183,7 +183,7 @@ def _promising(
 
 _ANY = Limitation("any")
 _QUICK_MISSES = 0.03
-"""Persons whom the quick search may miss."""
+"""Proportion of persons that the quick search may miss."""
 _CONFIRMED = 6
 """Directions of a length that all persons try."""
 

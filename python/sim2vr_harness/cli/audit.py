@@ -103,7 +103,7 @@ def audit(
     from sim2vr_harness.audit.summary import estimates, plain
     from sim2vr_harness.base.errors import InputError
 
-    if not 0.1 <= pace <= 120.0:  # noqa: PLR2004 - said in the message
+    if not 0.1 <= pace <= 120.0:
         raise InputError("--pace", f"{pace:g}", "0.1 to 120 uses in a minute")
     if not 0 <= operate <= people:
         raise InputError("--operate", str(operate), f"0 to the {people} persons of --people")

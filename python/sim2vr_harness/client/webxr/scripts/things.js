@@ -8,6 +8,7 @@
   const CARRIED = '[raycaster], [cursor], [camera], [tracked-controls], [hand-controls], [hand-tracking-controls], '
     + '[laser-controls], [oculus-touch-controls], [meta-touch-controls], [super-hands]';
   const MOST = 200;
+  const listen = EventTarget.prototype.addEventListener; // the browser's: what counts is not heard
   const heard = new WeakMap(); // element -> types of events that the page listens to
   const tested = new WeakMap(); // three.js object -> how often a ray has met it
   const counts = new WeakMap(); // object or element -> events so far
@@ -19,10 +20,10 @@
   };
 
   const count = (thing) => void counts.set(thing, (counts.get(thing) ?? 0) + 1);
-  const counted = (thing, types, listen) => {
+  const counted = (thing, types, add) => {
     if (counts.has(thing)) return;
     counts.set(thing, 0);
-    for (const type of types) listen(type, () => count(thing));
+    for (const type of types) add(type, () => count(thing));
   };
   // Has rays note which objects they are tested against, and which of these they meet.
   const watchRays = (object) => {
@@ -95,13 +96,13 @@
     const selector = rays.filter((one) => one).join(', ');
     for (const element of document.querySelectorAll('a-scene *')) {
       const object = element.object3D;
-      if (!object || element.closest(CARRIED)) continue;
+      if (!object || element.closest(CARRIED) || element.querySelector(CARRIED)) continue;
       const types = heard.get(element) ?? new Set();
       const chosen = selector && element.matches(selector);
       const listens = types.size || chosen || element.matches(ABLE);
       if (!listens && (!element.id || !object.children.length)) continue;
       const all = [...types, 'click', 'raycaster-intersected', 'grab-start', 'hover-start', 'hit', 'hitstart', 'link'];
-      counted(element, new Set(all), (type, call) => element.addEventListener(type, call));
+      counted(element, new Set(all), (type, call) => Reflect.apply(listen, element, [type, call]));
       const name = element.id || element.getAttribute('name') || element.className.toString().split(' ')[0]
         || element.tagName.toLowerCase();
       const touched = [...types].some((type) => /^(hit|obb|grab|hover-start|pinch|drag)/.test(type))

@@ -164,7 +164,7 @@ def test_the_same_seed_writes_the_same_files(tmp_path: Path) -> None:
     values = plain(done)
     for file in ("report.html", "audit.json"):
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
-    assert "too few persons (3)" in headline(values)
+    assert headline(values) == "3 persons are too few to judge 2 targets: 30 at least."
     assert findings(values) == []
     page = (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
     assert "Limits of the model" in page

@@ -51,7 +51,7 @@ def test_an_object_is_located() -> None:
         ([["a"]], "size"),
         ([["a", "lick", [0, 0, 0], [0, 0, 0], 0, 0]], "touch, point, look"),
         ([["a", "touch", [0, 0], [0, 0, 0], 0, 0]], "place"),
-        ([["a", "touch", [0, 0, 0], [0, 0, 0], "many", 0]], "events"),
+        ([["a", "touch", [0, 0, 0], [0, 0, 0], "many", 0]], "many"),
     ],
 )
 def test_other_answers_are_refused(answer: object, message: str) -> None:

@@ -118,8 +118,10 @@ def audit(
         conditions: list[str | None] = [*condition] if condition else [None]
         for name in conditions:
             listed += _of_game(game, name, objects, seconds, cast("How", how))
-    page, source = (remote or {}).get("page"), targets or session
-    title = game or (Path(page).name if page else "") or (source.stem if source else "")
+    settings, source = remote or {}, targets or session
+    page = settings.get("page")
+    title = game or (Path(page).name if page else settings.get("game"))
+    title = title or (source.stem if source else "")
     chosen = cast("Stance", stance)
     done = run(
         title,
@@ -155,10 +157,12 @@ def _check(
 
     needed("plotly", "studies", "audit")
     seconds, people, seed = numbers
-    if game is None and targets is None and not remote:
-        raise InputError("--game, --page, --targets or --session", "none", "one of them")
+    page = (remote or {}).get("page")
+    if game is None and targets is None and page is None:
+        got = "an app without --targets" if remote else "none"
+        raise InputError("--game, --page, --targets or --session", got, "one of them")
     if game is not None and remote:
-        raise InputError("--page", "it together with --game", "one of them")
+        raise InputError("--page or --openxr", "it together with --game", "one of them")
     if game is None and (condition or objects is not None):
         raise InputError("--condition or --objects", "it without --game", "it with --game")
     for option, got, known in (

@@ -47,6 +47,7 @@
   const { addEventListener } = EventTarget.prototype;
   EventTarget.prototype.addEventListener = function (type, ...rest) {
     if (includes(CLICKS, type) && this instanceof Element) listening.add(this);
+    sim.heard(this, type);
     return Reflect.apply(addEventListener, this, [type, ...rest]);
   };
   const BUTTONS = 'button, a, input[type=button], input[type=submit], [role=button], [onclick], '

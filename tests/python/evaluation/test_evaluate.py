@@ -412,7 +412,7 @@ def test_jobs() -> None:
 
 
 def test_a_game_s_own_score_is_beside_the_name_of_its_score() -> None:
-    """Beats has a measure ``score``, which that name once replaced, so that no table was printed."""
+    """Beats has a measure ``score``; that name once replaced it, and no table was printed."""
     found = evaluate("beats_first_lazy", Request(episodes=1, conditions=["first"]))
     summary = found.summaries["first"]
     assert summary["score_measure"] == "slice_rate"

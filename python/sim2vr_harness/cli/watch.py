@@ -54,7 +54,7 @@ _Deterministic = Annotated[
 ]
 _Beside = Annotated[
     Path | None,
-    typer.Option(metavar="SESSION", help="Show a recorded session to the right of the user."),
+    typer.Option(metavar="SESSION", help="Show a recorded session to the left of the user."),
 ]
 _Seed = Annotated[
     int | None,

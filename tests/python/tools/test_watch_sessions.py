@@ -60,7 +60,7 @@ def test_a_user_and_a_session_side_by_side() -> None:
     assert both[-1].text == "Hits 3   session: Hits 4"
     (one,) = both[0].scene.drawn(player=False)
     assert (one.path, one.id, one.mesh) == ("Session/Ball 4", 9, 1)
-    assert one.pose[0] == player.pose[0] + 2.0
+    assert one.pose[0] == player.pose[0] - 1.2
     assert both[0].headset.shape == (4, 12, 3)
 
 

@@ -30,8 +30,8 @@ __all__ = ["beside", "session_show"]
 
 _HZ = 20.0
 """Moments per second that are kept of a session."""
-_BESIDE_M = 2.0
-"""By which the session's app is to the right of the user's."""
+_BESIDE_M = 1.2
+"""By which the session's app is to the left of the user's, where the camera sees both."""
 _COLOR = np.array([0.95, 0.6, 0.1, 1.0], np.float32)
 _DEVICES_M = {
     "head": (0.17, 0.1, 0.12),
@@ -102,7 +102,7 @@ def _with_devices(scene: AppScene, session: Session, i: int) -> AppScene:
 
 
 def beside(user: Playlist, person: Playlist) -> Playlist:
-    """Return a user's round with a recorded one to its right, moment by moment.
+    """Return a user's round with a recorded one to its left, moment by moment.
 
     Times are since each round began; the one that is over first stays as it ended.
 
@@ -151,7 +151,7 @@ def _side_by_side(user: AppScene, person: AppScene) -> AppScene:
     meshes = [nothing] * (2 * count)
     meshes[: 2 * len(user.meshes) : 2] = user.meshes
     meshes[1 : 2 * len(person.meshes) : 2] = person.meshes
-    aside = np.array([_BESIDE_M, 0, 0, 0, 0, 0, 0])
+    aside = np.array([-_BESIDE_M, 0, 0, 0, 0, 0, 0])
     objects = []
     for one in user.objects:
         mesh = None if one.mesh is None else 2 * one.mesh

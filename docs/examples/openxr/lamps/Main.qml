@@ -54,7 +54,13 @@ XrView {
     FrameAnimation {
         id: clock
         running: true
-        onTriggered: lamp.place()
+        // The time before the first frame is the machine's.
+        property real begin: -1
+        onTriggered: {
+            if (begin < 0)
+                begin = elapsedTime
+            lamp.place()
+        }
     }
 
     xrOrigin: origin
@@ -101,7 +107,8 @@ XrView {
         property real phase: 0
 
         function place() {
-            const angle = phase + 1.5 * clock.elapsedTime
+            const seconds = clock.begin < 0 ? 0 : clock.elapsedTime - clock.begin
+            const angle = phase + 1.5 * seconds
             position = Qt.vector3d(centre.x + 6 * Math.cos(angle), centre.y, centre.z)
         }
 

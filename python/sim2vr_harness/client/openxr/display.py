@@ -102,7 +102,7 @@ class Display:
 
 
 def _files(number: int) -> dict[Path, int]:
-    """Socket and lock of a display (there is no lock where a server picks its number), with their inodes."""
+    """Files of a display, with inodes; a server that picks its number makes no lock."""
     named = Path(f"/tmp/.X11-unix/X{number}"), Path(f"/tmp/.X{number}-lock")
     return {file: file.lstat().st_ino for file in named if file.exists()}
 

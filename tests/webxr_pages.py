@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,17 @@ import pytest
 from sim2vr_harness.client import AppPlace, AppRefused, AppsWanted, DevicePoses, WebXRApp
 from sim2vr_harness.client.webxr.browser import find_browser
 
-__all__ = ["HEAD", "NEEDS_BROWSER", "NEEDS_ENGINES", "PAGES", "hands", "open_page", "page_with"]
+__all__ = [
+    "HEAD",
+    "NEEDS_BROWSER",
+    "NEEDS_ENGINES",
+    "PAGES",
+    "ROOT",
+    "hands",
+    "open_page",
+    "page_with",
+    "require_npm",
+]
 
 ROOT = Path(__file__).parents[1]
 PAGES = ROOT / "tests" / "data" / "webxr"
@@ -33,6 +45,25 @@ NEEDS_BROWSER = pytest.mark.skipif(bool(_no_browser()), reason=_no_browser() or 
 NEEDS_ENGINES = pytest.mark.skipif(
     not ENGINES.is_dir(), reason="no engines; docs/examples/webxr/engines.sh gets them from npm"
 )
+
+
+@cache
+def _without_npm() -> str:
+    """Why npm brings no packages; empty if it does."""
+    if shutil.which("npm") is None:
+        return "npm is not installed"
+    asked = ["npm", "view", "three", "version", "--fetch-retries=0", "--fetch-timeout=10000"]
+    try:
+        answer = subprocess.run(asked, capture_output=True, text=True, timeout=60.0)
+    except subprocess.TimeoutExpired:
+        return "npm gave no answer within 60 s"
+    return "" if answer.returncode == 0 else f"npm reaches no packages: {answer.stderr[:200]}"
+
+
+def require_npm() -> None:
+    """Skip a test where npm cannot be reached."""
+    if why := _without_npm():
+        pytest.skip(why)
 
 
 def hands(frame: int) -> DevicePoses:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from sim2vr_harness.client import frame_time_ns
-from webxr_pages import NEEDS_BROWSER, PAGES, hands, open_page, page_with
+from webxr_pages import NEEDS_BROWSER, PAGES, hands, open_page, page_with, require_npm
 
 pytestmark = NEEDS_BROWSER
 
@@ -103,10 +103,10 @@ def test_what_the_browser_does_between_frames(tmp_path: Path) -> None:
     assert sum(line.startswith("frame") for line in first) == STEPS
 
 
-@pytest.mark.skipif(
-    not FIBER.exists(), reason="no bundle; tests/data/webxr/fiber/build.sh makes it with npm"
-)
 def test_a_page_of_react_three_fiber() -> None:
+    if not FIBER.exists():
+        require_npm()
+        subprocess.run(["sh", PAGES / "fiber" / "build.sh"], check=True, timeout=300.0)
     first, *others = logs(FIBER)
     for other in others:
         assert other == first

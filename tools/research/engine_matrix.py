@@ -90,7 +90,7 @@ def play(spec: str, folder: Path) -> str:
 def _judge(app: WebXRApp) -> str:
     head = np.array([0.0, 1.3, 0.0, 0.0, 0.0, 0.0, 1.0])
     places = []
-    for step in range(20):
+    for step in range(20):  # A-Frame looks for controllers now and then
         hand = np.array([0.2 + 0.01 * step, 1.1, 0.3, 0.0, 0.0, 0.0, 1.0])
         poses = DevicePoses(head, right_controller=hand)
         if step:

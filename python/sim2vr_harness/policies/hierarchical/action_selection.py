@@ -21,7 +21,7 @@ from sim2vr_harness.policies.hierarchical.primitives import (
     points,
 )
 
-__all__ = ["ActionSelector", "OptionScene", "best_choices", "choose", "mask_unreached"]
+__all__ = ["ActionSelector", "OptionScene", "aims_of", "best_choices", "choose", "mask_unreached"]
 
 _STILL_M, _PATIENCE_S = 0.05, 1.0
 """Hands that come no farther than that in so long wait for something that does not come. (Speeds
@@ -114,7 +114,7 @@ class ActionSelector:
                     choice, torch.from_numpy(scene.tips), something, places, hold, self.primitives
                 )
             chosen = best_choices(values, something, self.primitives.options).numpy()
-        self.choose(choice, chosen, places)
+        self.choose(choice, chosen, scene, places)
 
     def something(self, scene: OptionScene) -> Tensor:
         """(N, cells) whether anything is seen in a cell."""
@@ -128,11 +128,20 @@ class ActionSelector:
         self,
         choice: OptionChoice,
         chosen: NDArray[np.int64],
+        scene: OptionScene,
         places: Tensor,
         changed: NDArray[np.bool_] | None = None,
     ) -> None:
         """Put choices into effect, see :func:`choose`."""
-        choose(choice, chosen, places, self.primitives, changed)
+        aims = aims_of(
+            self.sight,
+            self.primitives.options,
+            chosen,
+            torch.from_numpy(scene.pictures),
+            torch.from_numpy(scene.head),
+            torch.from_numpy(scene.turned).reshape(-1, 3, 3),
+        )
+        choose(choice, chosen, places, self.primitives, changed, aims)
 
     def actions(self, choice: OptionChoice) -> NDArray[np.float32]:
         """(N, A) what the bodies do now for a choice."""
@@ -204,12 +213,30 @@ def mask_unreached(
     return something[:, None] & ~(near & (choice.leaving > 0)[..., None])
 
 
+def aims_of(
+    sight: DepthGrid,
+    options: OptionSet,
+    chosen: NDArray[np.int64],
+    pictures: Tensor,
+    head: Tensor,
+    turned: Tensor,
+) -> Tensor | None:
+    """(N, H, 3) what rays are turned to in the cells of choices; None: no one points.
+
+    A cell is larger than what a ray has to meet far away.
+    """
+    if "point" not in options.placed:
+        return None
+    return sight.middles(pictures, torch.from_numpy(chosen) % sight.cells, head, turned)
+
+
 def choose(
     choice: OptionChoice,
     chosen: NDArray[np.int64],
     places: Tensor,
     primitives: PrimitiveController,
     changed: NDArray[np.bool_] | None = None,
+    aims: Tensor | None = None,
 ) -> None:
     """Put choices into effect.
 
@@ -220,6 +247,7 @@ def choose(
         places: (N, 3, rows, columns) of the cells, world, m.
         primitives: knows what is within reach.
         changed: (N, H) whose choice is a new one; None: every user's.
+        aims: (N, H, 3) of :func:`aims_of`; None: the places of the cells.
     """
     flat = places.flatten(2).transpose(1, 2)
     cells = flat.shape[1]
@@ -233,6 +261,8 @@ def choose(
     for hand in range(chosen.shape[1]):
         there = flat[users, number[:, hand] % cells]
         wanted = primitives.within_reach(hand, there, is_swing(move[:, hand]))
+        if aims is not None:
+            there = torch.where(points(move[:, hand])[:, None], aims[:, hand], there)
         wanted = torch.where(points(move[:, hand])[:, None], there, wanted)
         moves = (new & placed)[:, hand, None]
         choice.place[:, hand] = torch.where(moves, wanted, choice.place[:, hand])

@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.nn import functional
 
 __all__ = ["CELL_PX", "FAR_M", "DepthGrid", "rotation"]
 
@@ -15,6 +16,14 @@ FAR_M = 10.0
 """Depth at which a picture's depth is 255 (docs/reference/protocol.md)."""
 _NOTHING = 255
 """Depth of a pixel that shows nothing, or something farther away."""
+_MIDDLE_FIRST = (5, 6, 9, 10, 1, 2, 4, 7, 8, 11, 13, 14, 0, 3, 12, 15)
+"""Pixels of a cell, by their distance from its middle."""
+_AROUND_PX = 4
+"""How far beyond its cell a thing is followed."""
+_SAME_COLOUR, _SAME_DEPTH = 32, 3
+"""Differences, of 255, up to which neighbouring pixels show the same thing."""
+_CLEAR, _ENOUGH_PX = 128, 4
+"""Differences of colour, and pixels in a cell, above which a thing does not stand out more."""
 
 
 class DepthGrid:
@@ -51,16 +60,39 @@ class DepthGrid:
         rows, columns = self.rows, self.columns
         nearest = self._pixels(depth)
         # Of equally near pixels the one next to the middle.
-        order = torch.tensor([5, 6, 9, 10, 1, 2, 4, 7, 8, 11, 13, 14, 0, 3, 12, 15])
+        order = torch.tensor(_MIDDLE_FIRST)
         seen, which = nearest[..., order].min(-1)
         pixel = order[which]
         row = torch.arange(rows)[:, None] * CELL_PX + pixel // CELL_PX
         column = torch.arange(columns)[None, :] * CELL_PX + pixel % CELL_PX
-        far = (seen.float() + 0.5) * (FAR_M / 255.0)
+        far = _metres(seen.float())
         ray = torch.stack([torch.ones_like(far), self._left[row, column], self._up[row, column]], 1)
         local = ray * far[:, None]
         placed: Tensor = torch.einsum("nij,njrc->nirc", turned, local) + head[:, :, None, None]
         return placed
+
+    def middles(self, pictures: Tensor, cells: Tensor, head: Tensor, turned: Tensor) -> Tensor:
+        """(N, H, 3) middles of what stands out in cells, MuJoCo's world frame, m.
+
+        Of a cell's pixels those count whose colour is the least like what surrounds them. Pixels of
+        that colour and depth that hang together with them are the thing.
+
+        Args:
+            pictures: (N, 4 or more, H, W) uint8: red, green, blue and depth, as in :meth:`places`.
+            cells: (N, H) numbers of cells.
+            head: (N, 3), and ``turned``: as in :meth:`places`.
+            turned: (N, 3, 3).
+        """
+        row0 = (cells // self.columns * CELL_PX).flatten()
+        column0 = (cells % self.columns * CELL_PX).flatten()
+        windows = _windows(pictures[:, :4], cells.shape[1], row0, column0)
+        row, column, depth = _middles(windows)
+        up = 0.5 * self.height - (row0 - _AROUND_PX + row + 0.5)
+        left = 0.5 * self.width - (column0 - _AROUND_PX + column + 0.5)
+        focal = 0.5 * self.height
+        ray = torch.stack([torch.ones_like(up), left / focal, up / focal], 1)
+        local = (ray * _metres(depth)[:, None]).reshape(*cells.shape, 3)
+        return torch.einsum("nij,nhj->nhi", turned, local) + head[:, None]
 
     def something(self, depth: Tensor) -> Tensor:
         """(N, cells) whether anything is there, up to ``FAR_M`` away; depth as in :meth:`places`.
@@ -76,6 +108,64 @@ class DepthGrid:
         cut = depth[:, : rows * CELL_PX, : columns * CELL_PX]
         blocks = cut.reshape(-1, rows, CELL_PX, columns, CELL_PX).transpose(2, 3)
         return blocks.reshape(-1, rows, columns, CELL_PX * CELL_PX)
+
+
+def _metres(depth: Tensor) -> Tensor:
+    """Distances along the view's axis, m, of depths of a picture."""
+    return (depth + 0.5) * (FAR_M / 255.0)
+
+
+def _windows(pictures: Tensor, hands: int, row0: Tensor, column0: Tensor) -> Tensor:
+    """(K, 4, W, W) pixels of cells and around them; nothing is beyond the edges of pictures."""
+    n, channels, height, width = pictures.shape
+    beyond = torch.zeros(n, channels, height + 2 * _AROUND_PX, width + 2 * _AROUND_PX)
+    beyond[:, 3] = _NOTHING
+    beyond[:, :, _AROUND_PX:-_AROUND_PX, _AROUND_PX:-_AROUND_PX] = pictures
+    inside = torch.arange(CELL_PX + 2 * _AROUND_PX)
+    which = torch.arange(n).repeat_interleave(hands)[:, None, None]
+    rows = (row0[:, None] + inside)[:, :, None]
+    return beyond[which, :, rows, (column0[:, None] + inside)[:, None]].permute(0, 3, 1, 2)
+
+
+def _salient(colour: Tensor, there: Tensor) -> tuple[Tensor, Tensor]:
+    """(K,) row and column of the pixel of a window's cell that stands out.
+
+    Args:
+        colour: (K, 3, W, W) of windows.
+        there: (K, W, W) whether anything is there.
+    """
+    mean = (colour * there[:, None]).sum((2, 3)) / there.sum((1, 2)).clamp(min=1)[:, None]
+    differs = (colour - mean[:, :, None, None]).abs().sum(1).masked_fill(~there, -1.0)
+    own, order = slice(_AROUND_PX, _AROUND_PX + CELL_PX), torch.tensor(_MIDDLE_FIRST)
+    inner = colour[:, :, own, own].flatten(2)[..., order]
+    alike = (inner[..., None] - inner[:, :, None]).abs().amax(1) <= _SAME_COLOUR
+    # A cursor on a thing is smaller. Of equal pixels the one next to the middle.
+    clear = differs[:, own, own].flatten(1)[:, order].clamp(max=_CLEAR)
+    much = (clear * alike.sum(2).clamp(max=_ENOUGH_PX)).round()
+    pixel = order[(much - 0.01 * torch.arange(len(order))).argmax(1)]
+    return _AROUND_PX + pixel // CELL_PX, _AROUND_PX + pixel % CELL_PX
+
+
+def _middles(windows: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """(K,) row, column and depth of the middle of what stands out in the cells of windows."""
+    colour, depth, which = windows[:, :3], windows[:, 3], torch.arange(len(windows))
+    start = (which, *_salient(colour, depth < _NOTHING))
+    own = colour.permute(0, 2, 3, 1)[start][:, :, None, None]
+    like = ((colour - own).abs().amax(1) <= _SAME_COLOUR) & (
+        (depth - depth[start][:, None, None]).abs() <= _SAME_DEPTH
+    )
+    thing = torch.zeros_like(depth)
+    thing[start] = 1.0
+    for _ in range(CELL_PX + _AROUND_PX):
+        thing = functional.max_pool2d(thing[:, None], 3, 1, 1)[:, 0] * like
+    number, count = torch.arange(thing.shape[-1]).float(), thing.sum((1, 2))
+    row, column = (thing.sum(2) * number).sum(1) / count, (thing.sum(1) * number).sum(1) / count
+    # The middle of what is bent around something else is not its own; a cursor's pixel is.
+    at = (which, row.round().long(), column.round().long())
+    around = functional.avg_pool2d(thing[:, None], 3, 1, 1)[:, 0][at]
+    hollow = (thing[at] == 0.0) & (around < 0.5)
+    far = torch.where(hollow, depth[start], (depth * thing).sum((1, 2)) / count)
+    return torch.where(hollow, start[1], row), torch.where(hollow, start[2], column), far
 
 
 def rotation(quaternion: NDArray[np.float64]) -> Tensor:

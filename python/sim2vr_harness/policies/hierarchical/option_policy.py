@@ -19,6 +19,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.policies.hierarchical.action_selection import (
+    aims_of,
     best_choices,
     choose,
     mask_unreached,
@@ -177,8 +178,13 @@ class HierarchicalPolicy(nn.Module):
             intention.left -= 1
             goals = self.primitives.goals(intention.choice, head[:, :3, 3], *placed)
             body = self.layer.decide(motion, placed, goals)[0]
-            fingers = self.primitives.inputs(intention.choice, placed[0])[0]
-            return np.concatenate([body, fingers]) if fingers.size else body
+            return self._with_fingers(body, intention.choice, placed[0])
+
+    def _with_fingers(
+        self, body: NDArray[np.float32], choice: OptionChoice, place: Tensor
+    ) -> NDArray[np.float32]:
+        """(A + F,) action of a body (A,) and of its fingers, of devices at (1, H, 4, 4)."""
+        return np.concatenate([body, self.primitives.inputs(choice, place)[0]])
 
     def _shapes(self, observation: Observation) -> Shapes:
         """What it takes; of frames that an image holds besides the newest any number."""
@@ -204,7 +210,9 @@ class HierarchicalPolicy(nn.Module):
             choice, moving[0], something, places, int(self.hold), self.primitives
         )
         chosen = best_choices(values, something, self.values.options).numpy()
-        choose(choice, chosen, places, self.primitives)
+        sight, options = self.values.sight, self.values.options
+        aims = aims_of(sight, options, chosen, pictures, head[:, :3, 3], head[:, :3, :3])
+        choose(choice, chosen, places, self.primitives, aims=aims)
 
 
 class _Read:

@@ -31,10 +31,10 @@ SIDEWAYS = {
 """Direction of each swing, to the left and up."""
 MOVES = ("touch", "push", *SIDEWAYS)
 """Options that need no input: come and stay, go through away from the head, go through sideways."""
-PLACED = (*MOVES, "press", "point", "hold", "grab", "release")
+PLACED = (*MOVES, "press", "point", "hold", "grab", "release", "pull")
 """All options at a place. Of those with an input: come and pull the trigger; turn the aim ray to
 the place and pull the trigger; come and keep the trigger pulled; come and close the squeeze, which
-stays closed; come and open it."""
+stays closed; come and open it; come, close it, go back from there and open it."""
 FREE = {
     "turn left": ("thumbstick_x", -1.0),
     "turn right": ("thumbstick_x", 1.0),
@@ -52,7 +52,7 @@ _GROUPS = {
     "press": ("press",),
     "point": ("point",),
     "hold": ("hold",),
-    "grab": ("grab", "release"),
+    "grab": ("grab", "release", "pull"),
     "turn": ("turn left", "turn right"),
     "walk": ("walk back", "walk forward"),
     "button": ("first button", "second button", "stick button"),

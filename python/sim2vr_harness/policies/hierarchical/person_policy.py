@@ -125,7 +125,8 @@ class PersonPolicy(HierarchicalPolicy):
                 far = (goals.place - tips(placed[0], goals.tip)).norm(dim=-1)
                 memory.hands.aim_anew(torch.arange(1), far)
             memory.goal = goals.place.clone()
-            return memory.hands.act(now, human_goals(goals))[0][0]
+            body = memory.hands.act(now, human_goals(goals))[0][0]
+            return self._with_fingers(body, memory.choice, placed[0])
 
     def _look(
         self, picture: NDArray[np.uint8], memory: PersonMemory, who: NDArray[np.float64]

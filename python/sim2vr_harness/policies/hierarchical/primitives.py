@@ -34,10 +34,16 @@ _DEPTH_WEIGHT = 0.2
 """How much less depth counts than height and side, where a place is out of reach."""
 
 
-_POINT = PLACED.index("point")
-_ARRIVING = torch.tensor([PLACED.index(n) for n in ("touch", "press", "hold", "grab", "release")])
+_POINT, _PULL = PLACED.index("point"), PLACED.index("pull")
+_ARRIVING = torch.tensor(
+    [PLACED.index(n) for n in ("touch", "press", "hold", "grab", "release", "pull")]
+)
 _ARRIVED_M = 0.035
 """A hand that is so near has come to its place."""
+_BACK = torch.tensor([-0.3, 0.0, 0.0])
+"""The way of a closed hand that pulls, m."""
+_PULLED_S = 1.2
+"""A hand that pulls opens after so long, also where it has not come so far."""
 _ON_M, _ON_RAD = 0.012, 0.014
 """A ray has met its place that passes it by less than either of these."""
 _PULL_S, _LET_GO_S, _AGAIN_S = 0.1, 0.1, 0.6
@@ -105,12 +111,13 @@ class OptionChoice:
         correction: (N, H, 3) of the direction of a ray that points.
         pulled: (N, H) user steps until a trigger is pulled again at the same place.
         pulled_at: (N, H, 3) the place at which it was pulled.
-        closed: (N, H) whether the hand holds its squeeze closed.
+        closed: (N, H) user steps for which the hand has held its squeeze closed; 0: it is open.
+        closed_at: (N, H, 3) where it closed.
         free: (N, H) number of the option without a place that a hand has begun.
         free_left: (N, H) user steps for which it works its input still.
     """
 
-    KEPT = ("move", "place", "seen", "correction", "pulled", "pulled_at", "closed")
+    KEPT = ("move", "place", "seen", "correction", "pulled", "pulled_at", "closed", "closed_at")
     """What a hand with inputs remembers from one decision to the next."""
 
     def __init__(self, n: int, hands: int) -> None:
@@ -125,7 +132,8 @@ class OptionChoice:
         self.correction = torch.zeros(n, hands, 3)
         self.pulled = torch.zeros(n, hands, dtype=torch.long)
         self.pulled_at = torch.full((n, hands, 3), torch.inf)
-        self.closed = torch.zeros(n, hands, dtype=torch.bool)
+        self.closed = torch.zeros(n, hands, dtype=torch.long)
+        self.closed_at = torch.zeros(n, hands, 3)
         self.free = torch.zeros(n, hands, dtype=torch.long)
         self.free_left = torch.zeros(n, hands, dtype=torch.long)
 
@@ -135,8 +143,7 @@ class OptionChoice:
         self.rested[users] = self.leaving[users] = self.vain[users] = 0
         self.left[users] = self.at[users] = self.pulled_at[users] = torch.inf
         self.correction[users] = 0.0
-        self.closed[users] = False
-        self.pulled[users] = self.free_left[users] = 0
+        self.closed[users] = self.pulled[users] = self.free_left[users] = 0
 
 
 class PrimitiveController:
@@ -218,6 +225,8 @@ class PrimitiveController:
                 directions[chosen] = _SWING_MPS * torch.tensor([0.0, left, up])
         touches = _comes(choice.move)[..., None]
         goals.place = choice.place + _DEEPER_M * away * touches
+        back = (choice.move == _PULL) & (choice.closed > 0)
+        goals.place = torch.where(back[..., None], choice.closed_at + _BACK, goals.place)
         goals.velocity = directions
         self._run_up(goals, now, velocity)
         way = goals.place - now
@@ -254,16 +263,27 @@ class PrimitiveController:
         pulls = (does("press") | does("point")) & ready
         choice.pulled[pulls] = again
         choice.pulled_at[pulls] = choice.seen[pulls]
-        choice.closed = (choice.closed | does("grab")) & ~does("release")
+        self._squeeze(choice, place, does("grab") | does("pull"), does("release"))
         values = torch.zeros(*move.shape, len(ROLES))
         pulled = (choice.pulled > again - pull) | does("hold")
         values[..., ROLES.index("trigger")] = pulled.float()
-        values[..., ROLES.index("squeeze")] = choice.closed.float()
+        values[..., ROLES.index("squeeze")] = (choice.closed > 0).float()
         for number, (role, value) in enumerate(zip(self._works, self._values, strict=True)):
             values[..., role][(choice.free == number) & (choice.free_left > 0)] = value
         choice.pulled = (choice.pulled - 1).clamp(min=0)
         choice.free_left = (choice.free_left - 1).clamp(min=0)
         return self._inputs.actions(values)
+
+    def _squeeze(self, choice: OptionChoice, place: Tensor, closes: Tensor, opens: Tensor) -> None:
+        """Close and open hands; those that have pulled open."""
+        tip = _at(place, self.tool[:, 0])
+        back = (tip - choice.closed_at - _BACK).norm(dim=-1) < _ARRIVED_M
+        late = choice.closed >= round(_PULLED_S / self.layer.step_s)
+        pulled = (choice.move == _PULL) & (choice.closed > 0) & (back | late)
+        begins = closes & (choice.closed == 0)
+        choice.closed_at[begins] = tip[begins]
+        choice.closed += ((choice.closed > 0) | closes).long()
+        choice.closed[opens | pulled] = 0
 
     def begin_free(self, choice: OptionChoice, which: Tensor, option: Tensor) -> None:
         """Let hands (N, H) begin options without a place, by their positions in the set."""

@@ -58,6 +58,8 @@ _TARGET_RATE = 0.01
 """Rate at which the target network follows."""
 _TRY_STEPS = (4, 14)
 """How long a random try is seen through, user steps."""
+_PULL_STEPS = 24
+"""The same of pulls, which have an end of their own."""
 _REST_SHARE = 0.1
 _SETTLED_RATE, _SETTLED_TRIES = 0.05, 0.25
 """Factors on learning rate and random tries at the very end."""
@@ -154,9 +156,9 @@ class OptionQLearning:
         for i, *weights in zip(users, *self._curiosity(scene, places, users), strict=True):
             for hand in np.flatnonzero(anew[i]):
                 chosen[i, hand] = self._tried[i, hand] = self._try(*weights)
-                self._trying[i, hand] = self.rng.integers(*_TRY_STEPS)
+                self._trying[i, hand] = self._try_steps(int(chosen[i, hand]))
         self._trying -= DECIDE_STEPS
-        self._selector.choose(self._choice, chosen, places, changed)
+        self._selector.choose(self._choice, chosen, scene, places, changed)
         return chosen
 
     def _try(self, near: NDArray[np.float64], far: NDArray[np.float64]) -> int:
@@ -180,6 +182,13 @@ class OptionQLearning:
         weights = far if options.placed[move] == "point" else near
         cell = int(np.searchsorted(np.cumsum(weights), drawn * weights.sum()))
         return move * cells + min(cell, cells - 1)
+
+    def _try_steps(self, chosen: int) -> int:
+        """How long a try is seen through, user steps."""
+        placed, option = self.primitives.options.placed, chosen // self._selector.sight.cells
+        if option < len(placed) and placed[option] == "pull":
+            return _PULL_STEPS
+        return int(self.rng.integers(*_TRY_STEPS))
 
     def _curiosity(
         self, scene: OptionScene, places: Tensor, users: NDArray[np.int64]

@@ -57,3 +57,43 @@ def test_only_what_is_there_is_chosen() -> None:
     values[:, 0, 2 * 5 + 1] = 1.0  # move 5 in the right cell
     chosen = best_choices(values, something)[:, 0].tolist()
     assert chosen == [2 * 5 + 1, 2 * 3, 2 * len(MOVES)]
+
+
+def button(rows: range, columns: range, depth: int = 38) -> torch.Tensor:
+    """A picture of a red thing on a dark, tilted plate that fills it."""
+    picture = torch.zeros(1, 8, 80, 120, dtype=torch.uint8)
+    picture[0, 2] = 20
+    picture[0, 3] = depth + torch.arange(80)[:, None] // 40
+    for row in rows:
+        picture[0, 0, row, columns.start : columns.stop] = 250
+    return picture
+
+
+def aimed_at(picture: torch.Tensor, row: int, column: int) -> list[float]:
+    """Row and column in the picture of what is aimed at in the cell of a pixel."""
+    sight = DepthGrid(80, 120)
+    cell = torch.tensor([[row // CELL_PX * sight.columns + column // CELL_PX]])
+    x, y, z = sight.middles(picture, cell, torch.zeros(1, 3), torch.eye(3)[None])[0, 0].tolist()
+    return [40.0 - z / x * 40.0, 60.0 - y / x * 40.0]
+
+
+def test_rays_are_turned_to_the_middle_of_what_stands_out_in_a_cell() -> None:
+    """A thing of 3 x 3 pixels reaches into four cells; each of them leads to its middle."""
+    picture = button(range(38, 41), range(59, 62))
+    for row, column in ((39, 59), (39, 60), (40, 59), (40, 60)):
+        assert aimed_at(picture, row, column) == pytest.approx([39.5, 60.5], abs=1e-4)
+    # The plate's own cell is aimed at where its middle is.
+    assert aimed_at(picture, 10, 100) == pytest.approx([9.5, 101.5], abs=0.51)
+
+
+def test_a_cursor_on_a_thing_is_not_taken_for_it() -> None:
+    picture = button(range(36, 40), range(60, 64))
+    picture[0, :3, 37, 61] = 255
+    assert aimed_at(picture, 37, 61) == pytest.approx([38.0, 62.0], abs=0.1)
+
+
+def test_the_middle_of_a_ring_is_not_aimed_at() -> None:
+    picture = button(range(36, 43), range(60, 67))
+    picture[0, 0, 37:42, 61:66] = 0
+    row, column = aimed_at(picture, 36, 60)
+    assert picture[0, 0, int(row), int(column)] == 250

@@ -46,7 +46,7 @@ def test_options_follow_from_the_inputs() -> None:
     trigger = option_set(["right.trigger"])
     assert trigger.placed == (*MOVES, "press", "point")
     assert trigger.free == ()
-    assert option_set(["right.squeeze"]).placed == (*MOVES, "grab", "release")
+    assert option_set(["right.squeeze"]).placed == (*MOVES, "grab", "release", "pull")
     stick = option_set(["left.thumbstick_x", "left.y"])
     assert stick.placed == MOVES
     assert stick.free == ("turn left", "turn right", "second button")
@@ -120,6 +120,32 @@ def test_a_squeeze_stays_closed_until_it_is_released_at_a_place(layer: MotorPoli
     assert closed("release", 0.4)  # on the way
     place[0, 0, 0, 3] = 0.4
     assert not closed("release", 0.4)
+
+
+def test_a_hand_that_pulls_closes_at_its_place_and_opens_30_cm_behind_it(
+    layer: MotorPolicy,
+) -> None:
+    primitives = controller(layer, "right.squeeze")
+    choice, place, head = OptionChoice(1, 1), torch.eye(4)[None, None].clone(), torch.zeros(1, 3)
+    choice.move[:] = PLACED.index("pull")
+    choice.place[:] = choice.seen[:] = torch.tensor([0.5, 0.0, 0.0])
+
+    def step(x_m: float) -> tuple[bool, float]:
+        """Whether the hand is closed at a place, and where it goes from there."""
+        place[0, 0, 0, 3] = x_m
+        goal = primitives.goals(choice, head, place, place).place
+        return bool(primitives.inputs(choice, place)[0, 0] > 0.0), float(goal[0, 0, 0])
+
+    assert step(0.2) == (False, pytest.approx(0.515))  # 1.5 cm deeper, as to touch
+    assert step(0.49)[0]
+    assert step(0.4) == (True, pytest.approx(0.19))
+    choice.place[:] = choice.seen[:] = torch.tensor([0.3, 0.0, 0.0])  # what it holds has moved
+    assert step(0.3) == (True, pytest.approx(0.19))
+    assert not step(0.2)[0]
+    assert step(0.2) == (False, pytest.approx(0.315))
+    # Out of the body's reach, it opens after 1.2 s.
+    closed = [step(0.3)[0] for _ in range(26)]
+    assert closed == [True] * 24 + [False] + [True]
 
 
 def test_a_stick_is_pushed_while_the_hand_goes_on(layer: MotorPolicy) -> None:
@@ -200,10 +226,10 @@ def test_a_tool_of_a_given_length_goes_on_forward() -> None:
 
 def test_a_hand_forgets_its_inputs_when_a_round_begins() -> None:
     choice = OptionChoice(2, 1)
-    choice.closed[:] = True
+    choice.closed[:] = 3
     choice.pulled[:] = 7
     before = copy.deepcopy(choice)
     choice.forget(np.array([1]))
-    assert choice.closed.flatten().tolist() == [True, False]
+    assert choice.closed.flatten().tolist() == [3, 0]
     assert choice.pulled.flatten().tolist() == [7, 0]
     assert torch.equal(before.move[0], choice.move[0])

@@ -75,7 +75,7 @@ def test_it_does_what_the_stage_does_that_made_it() -> None:
             places = selector.places(scene)
             with torch.inference_mode():
                 chosen = selector.best(selector.values(net, scene, places), scene).numpy()
-            selector.choose(choice, chosen, places)
+            selector.choose(choice, chosen, scene, places)
             moves.append(chosen[:, 0].copy())
         wanted = selector.actions(choice)
         observation = simulation.observation()

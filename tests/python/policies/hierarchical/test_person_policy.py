@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 import torch
 from torch import Tensor
+from typer.testing import CliRunner
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.cli.main import app
 from sim2vr_harness.cli.train import _of_people
 from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy, seen_late_steps
 from sim2vr_harness.policies.hierarchical.primitives import OptionChoice
-from sim2vr_harness.runs.config import load_config
+from sim2vr_harness.runs.config import TrainingConfig, load_config
+from sim2vr_harness.training.run import trainer
 from sim2vr_harness.users import FEATURES
 
 
@@ -64,6 +67,29 @@ def test_a_decision_takes_time(policy: Following) -> None:
     """Two new targets 0.05 s apart: the second is decided for 0.15 s after the first."""
     heights = [5.0] * 5 + [15.0] + [25.0] * 8
     assert places(policy, heights) == [5.0] * 9 + [15.0] * 3 + [25.0] * 2
+
+
+def test_people_work_the_inputs_of_a_game(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The panel's trigger is the last of their actions; no choice points, and it is at rest."""
+    given: list[TrainingConfig] = []
+
+    def keep(settings: TrainingConfig, *others: Any, **named: Any) -> None:
+        given.append(settings)
+        raise InputError("train", "a test", "no training")
+
+    monkeypatch.setattr(trainer, "train", keep)
+    CliRunner().invoke(app, ["train", "panel", "--people"])
+    assert given[0].env.user.inputs == ("right.trigger",)
+    policy = Following(given[0])
+    vision = policy._wanted["vision"]
+    observation = {
+        "vision": np.zeros((2 * vision[0], *vision[1:]), np.float32),
+        "proprioception": np.zeros(len(Proprioception(policy.layer.body).names), np.float32),
+        "person": np.zeros(len(FEATURES), np.float32),
+    }
+    action = policy.act(observation, policy.reset(), None)
+    assert len(action) == len(policy.layer.body.action_names) + 1
+    assert action[-1] == -1.0
 
 
 def test_people_need_decisions_by_themselves() -> None:

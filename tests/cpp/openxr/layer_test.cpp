@@ -52,7 +52,8 @@ XrResult createBelow(const XrInstanceCreateInfo* info, const CreateInfo*, XrInst
 
 /// A program above the layer.
 struct Recorded : ::testing::Test {
-  std::filesystem::path file = ownFolder() / "round.jsonl";
+  sim2vr::testing::OwnFolder folder;
+  std::filesystem::path file = folder / "round.jsonl";
   FakeHarness harness;
   Program program;
   LayerRequest layer;

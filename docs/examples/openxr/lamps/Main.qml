@@ -51,16 +51,16 @@ XrView {
         nextLamp()
     }
 
+    // Time counts from the first frame: until then it is the machine's.
+    property real begin: -1
+    onFrameReady: {
+        if (begin < 0)
+            begin = Date.now()
+    }
+
     FrameAnimation {
-        id: clock
         running: true
-        // The time before the first frame is the machine's.
-        property real begin: -1
-        onTriggered: {
-            if (begin < 0)
-                begin = elapsedTime
-            lamp.place()
-        }
+        onTriggered: lamp.place()
     }
 
     xrOrigin: origin
@@ -107,7 +107,7 @@ XrView {
         property real phase: 0
 
         function place() {
-            const seconds = clock.begin < 0 ? 0 : clock.elapsedTime - clock.begin
+            const seconds = view.begin < 0 ? 0 : (Date.now() - view.begin) / 1000
             const angle = phase + 1.5 * seconds
             position = Qt.vector3d(centre.x + 6 * Math.cos(angle), centre.y, centre.z)
         }

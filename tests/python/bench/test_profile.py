@@ -24,7 +24,7 @@ def test_a_shortened_recipe_has_all_stages_and_is_never_longer() -> None:
 
 def test_the_table_has_busy_cores(tmp_path: Path) -> None:
     parts = {"playing": {"seconds": 4.0, "cpu_seconds": 6.0}}
-    known = {"stage_seconds": {"ppo": 5.0}, "stage_parts": {"ppo": parts}}
+    known = {"sessions": [], "stage_seconds": {"ppo": 5.0}, "stage_parts": {"ppo": parts}}
     (tmp_path / "run.json").write_text(json.dumps(known))
     whole, playing = (line.split() for line in stage_lines(RunFolder(tmp_path))[1:])
     assert whole == ["ppo", "5.0", "s", "6.0", "s", "1.20"]

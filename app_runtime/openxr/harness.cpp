@@ -9,7 +9,6 @@
 #include <cstring>
 
 #include "failure.hpp"
-#include "real_time.hpp"
 #include "world.hpp"
 
 namespace sim2vr::openxr {
@@ -68,8 +67,8 @@ Harness::Harness(int socket, const Hello& hello) : channel_(socket) {
 Harness::~Harness() { stopWatching(); }
 
 void Harness::stopWatching() {
-  closing_ = 1;
-  realWake(reinterpret_cast<const std::uint32_t*>(&closing_));
+  closing_ = true;
+  bell_.ring();
   if (watchman_.joinable()) watchman_.join();
 }
 
@@ -164,13 +163,13 @@ void Harness::relax() {
 void Harness::watch() {
   // Looking up every tenth of the timeout, the watch needs no wake-up at each call.
   const auto pause_ns = static_cast<std::int64_t>(std::min(0.25, config_.timeout_s / 10.0) * 1e9);
-  while (closing_ == 0) {
-    realWait(reinterpret_cast<const std::uint32_t*>(&closing_), pause_ns);
+  while (!closing_) {
+    bell_.wait(pause_ns);
     std::string reason;
     std::string call;
     {
       const std::lock_guard lock(watching_);
-      if (closing_ != 0 || !deadline_ns_ || realNow_ns() < *deadline_ns_) continue;
+      if (closing_ || !deadline_ns_ || realNow_ns() < *deadline_ns_) continue;
       deadline_ns_.reset();
       reason = fmt::format("{} within {:g} s", cause_, config_.timeout_s);
       call = call_;

@@ -10,6 +10,7 @@
 
 #include "channel.hpp"
 #include "messages.hpp"
+#include "real_time.hpp"
 #include "sim2vr/wire/shared_images.hpp"
 
 namespace sim2vr::openxr {
@@ -66,7 +67,8 @@ class Harness {
   std::optional<std::int64_t> deadline_ns_;
   const char* call_ = "";
   const char* cause_ = "";
-  std::atomic<std::uint32_t> closing_{0};
+  std::atomic<bool> closing_{false};
+  Bell bell_;
   std::thread watchman_;
 };
 

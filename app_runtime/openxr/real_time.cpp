@@ -1,6 +1,7 @@
 #include "real_time.hpp"
 
-#include <linux/futex.h>
+#include <poll.h>
+#include <sys/eventfd.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 
@@ -29,13 +30,16 @@ void realSleep(std::int64_t duration_ns) {
   ::syscall(SYS_nanosleep, &duration, nullptr);
 }
 
-void realWait(const std::uint32_t* word, std::int64_t duration_ns) {
-  const struct timespec duration = timespecOf(duration_ns);
-  ::syscall(SYS_futex, word, FUTEX_WAIT_PRIVATE, 0, &duration, nullptr, 0);
-}
+Bell::Bell() : event_(::eventfd(0, EFD_CLOEXEC)) {}
 
-void realWake(const std::uint32_t* word) {
-  ::syscall(SYS_futex, word, FUTEX_WAKE_PRIVATE, 1, nullptr, nullptr, 0);
+Bell::~Bell() { ::close(event_); }
+
+void Bell::ring() { ::eventfd_write(event_, 1); }
+
+void Bell::wait(std::int64_t duration_ns) const {
+  struct pollfd waited{event_, POLLIN, 0};
+  const struct timespec duration = timespecOf(duration_ns);
+  ::syscall(SYS_ppoll, &waited, 1, &duration, nullptr, 0);
 }
 
 }  // namespace sim2vr::openxr

@@ -8,8 +8,20 @@ namespace sim2vr::openxr {
 /// CLOCK_MONOTONIC of the machine.
 std::int64_t realNow_ns();
 void realSleep(std::int64_t duration_ns);
-/// Sleeps until `word` is no longer 0 and it was woken, or for the duration.
-void realWait(const std::uint32_t* word, std::int64_t duration_ns);
-void realWake(const std::uint32_t* word);
+
+/// Wakes a thread that waits for it, now or later.
+class Bell {
+ public:
+  Bell();
+  ~Bell();
+  Bell(const Bell&) = delete;
+  Bell& operator=(const Bell&) = delete;
+  void ring();
+  /// Until it rings, for the duration at most.
+  void wait(std::int64_t duration_ns) const;
+
+ private:
+  int event_;
+};
 
 }  // namespace sim2vr::openxr

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from sim2vr_harness.audit.judging import judge
+import numpy as np
+
+from sim2vr_harness.audit.acting import Acted, act_out
+from sim2vr_harness.audit.judging import Judged, judge
+from sim2vr_harness.audit.pacing import path_loads
 from sim2vr_harness.audit.population import (
     FEWEST,
     LIMITATIONS,
@@ -15,20 +19,25 @@ from sim2vr_harness.audit.population import (
     draw,
     groups_of,
 )
-from sim2vr_harness.audit.reaching import Crowd
+from sim2vr_harness.audit.processes import Parts
+from sim2vr_harness.audit.reaching import Crowd, FloatArray
 from sim2vr_harness.audit.remedies import GOAL, Remedy, remedy
-from sim2vr_harness.audit.summary import Audit
+from sim2vr_harness.audit.summary import Audit, AuditPath
 from sim2vr_harness.audit.targets import AuditTarget
 
-__all__ = ["limitations_of", "limited_persons", "run"]
+__all__ = ["PACE", "limitations_of", "limited_persons", "run"]
 
+PACE = 20.0
+"""Uses of a target in a minute."""
+_PARTS = 4
+"""In which everyone's targets are judged."""
 _PART = 10
 """One in so many persons is judged with each limitation, at least :data:`FEWEST`."""
 
 
 def limitations_of(stance: Stance) -> tuple[Limitation, ...]:
     """Return the limitations that differ from an audit with a stance."""
-    return tuple(each for each in LIMITATIONS if each.stance != stance)
+    return tuple(each for each in LIMITATIONS if each.stance != stance or each.lift_m)
 
 
 def limited_persons(people: int) -> int:
@@ -43,6 +52,9 @@ def run(
     people: int = 500,
     seed: int = 1,
     stance: Stance = "seated",
+    pace: float = PACE,
+    operate: int = 0,
+    processes: int = 0,
     say: Callable[[str], None] = lambda text: None,
 ) -> Audit:
     """Audit targets.
@@ -53,26 +65,73 @@ def run(
         people: Persons of the population.
         seed: Of the population.
         stance: Of everyone.
+        pace: Uses of a target in a minute.
+        operate: How many persons act it out.
+        processes: At most; 0: one per core. They change no result.
         say: Receives what is being done.
     """
     say(f"{people} persons, {len(targets)} targets ...")
     subjects = draw(people, seed)
-    crowd = Crowd(subjects, stance, NONE)
-    judged = judge(crowd, targets, NONE)
     few: list[Subject] = subjects[: limited_persons(people)]
-    limited = []
-    for limitation in limitations_of(stance):
-        say(f"{len(few)} persons, {limitation.name} ...")
-        limited.append(judge(Crowd(few, stance, limitation), targets, limitation))
-    remedies: list[Remedy | None] = []
-    for column, target in enumerate(targets):
-        if judged.usable[:, column].mean() >= GOAL:
-            remedies.append(None)
-            continue
-        say(f"what would include 95 %: {target.name} ...")
-        remedies.append(remedy(crowd, target, judged, column))
+    limitations = limitations_of(stance)
+    everyone = Crowd(subjects, stance, NONE)
+    crowds = [everyone, *(Crowd(few, stance, limitation) for limitation in limitations)]
+    # The same parts for any number of processes, so that this number changes no result.
+    shares = [(0, columns) for columns in np.array_split(np.arange(len(targets)), _PARTS)]
+    jobs = [each for each in shares if len(each[1])]
+    jobs += [(1 + i, np.arange(len(targets))) for i in range(len(limitations))]
+
+    def judged_part(number: int) -> Judged:
+        crowd, columns = jobs[number]
+        limitation = NONE if crowd == 0 else limitations[crowd - 1]
+        chosen = [targets[i] for i in columns.tolist()]
+        return judge(crowds[crowd], chosen, limitation, None if crowd else pace)
+
+    found = Parts(processes).run(judged_part, range(len(jobs)))
+    count = len(jobs) - len(limitations)
+    judged, limited = Judged.joined(found[:count]), found[count:]
+    missed = [i for i in range(len(targets)) if judged.usable[:, i].mean() < GOAL]
+    if missed:
+        say(f"what would include 95 %: {', '.join(targets[i].name for i in missed)} ...")
+    fixes = Parts(processes).run(lambda i: remedy(everyone, targets[i], judged, i), missed)
+    remedies: list[Remedy | None] = [None] * len(targets)
+    for column, fix in zip(missed, fixes, strict=True):
+        remedies[column] = fix
+    acted: list[list[Acted | None]] = []
+    if operate:
+        say(f"{min(operate, people)} persons act it out ...")
+        acted = Parts(processes).run(
+            lambda person: act_out(everyone, person, targets, judged),
+            range(min(operate, people)),
+        )
     order = sorted(range(people), key=lambda i: subjects[i].person.stature_m)
     middle = order[people // 2]
-    landmarks = crowd.landmarks(middle)
+    landmarks = everyone.landmarks(middle)
     groups = groups_of(subjects)
-    return Audit(title, seed, stance, targets, judged, groups, limited, remedies, middle, landmarks)
+    return Audit(
+        title,
+        seed,
+        stance,
+        pace,
+        targets,
+        subjects,
+        everyone.lift_m,
+        judged,
+        groups,
+        limited,
+        remedies,
+        middle,
+        landmarks,
+        _paths(subjects[middle], targets, judged.postures[middle]),
+        acted,
+    )
+
+
+def _paths(
+    subject: Subject, targets: Sequence[AuditTarget], postures: FloatArray
+) -> list[AuditPath]:
+    """Return the paths of a person from each target that it reaches to the next one."""
+    known = [i for i in range(len(targets)) if not np.isnan(postures[i]).any()]
+    loads = path_loads(subject, [postures[i] for i in known], NONE)
+    pairs = zip(known, known[1:], loads, strict=False)
+    return [AuditPath(targets[a].name, targets[b].name, *load) for a, b, load in pairs]

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
+from typing import Any
 
-import mujoco
 import numpy as np
 
+from sim2vr_harness.audit.pacing import REACH_S, Paced, minutes_at_pace
 from sim2vr_harness.audit.population import Limitation, Subject
 from sim2vr_harness.audit.reaching import Bools, Crowd, FloatArray, Ints, Rows, Solved
 from sim2vr_harness.audit.targets import AuditTarget
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
-from sim2vr_harness.tools.endurance import Held, hold_posture
-from sim2vr_harness.users import Body
 from sim2vr_harness.users.exertion import (
-    ArmDynamics,
     Strength,
-    arms_of,
     endurance_time,
     nicer_correction,
 )
@@ -31,6 +28,8 @@ MODELS = ("3CC-r, shoulder", "NICER", "Consumed Endurance")
 """Models of exertion in reports; NICER decides whether a posture is held long enough."""
 _EASY = 0.25
 """Share of activation."""
+_HELD = 2
+"""Postures of which the activations are computed; the published strength is of all."""
 _TURN, _NOD = "neck_rotation", "neck_flexion"
 _TRUNK_MOTORS = ("trunk_flexion", "trunk_bending", "trunk_rotation")
 
@@ -50,7 +49,11 @@ class Judged:
             infinite: no activations balance the posture.
         published_share: (N, T) torque as a share of published strength; NaN: not reached.
         trunk_share: (N, T) torque at the trunk as a share of its strength; NaN: not reached.
-        minutes: (N, T) until exhaustion, by model; NaN: not reached.
+        loads: (3, N, T) torque at the shoulder, Nm, and angles of shoulder and elbow, degrees; NaN:
+            not reached.
+        postures: (N, T, J) of the independent joints; NaN: not reached.
+        minutes: (N, T) until exhaustion, by model, without breaks; NaN: not reached.
+        paced: (N, T) the same at the app's pace; empty: no pace is known.
     """
 
     limitation: Limitation
@@ -64,7 +67,25 @@ class Judged:
     share: FloatArray
     published_share: FloatArray
     trunk_share: FloatArray
+    loads: FloatArray
+    postures: FloatArray
     minutes: dict[str, FloatArray]
+    paced: dict[str, FloatArray] = field(default_factory=dict)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Judged]) -> Judged:
+        """Return verdicts of the same persons on the targets of several parts."""
+        joined: dict[str, Any] = {"limitation": parts[0].limitation}
+        for name in (f.name for f in fields(cls) if f.name != "limitation"):
+            values = [getattr(each, name) for each in parts]
+            if name in ("minutes", "paced"):
+                joined[name] = {
+                    model: np.concatenate([each[model] for each in values], axis=1)
+                    for model in values[0]
+                }
+            else:
+                joined[name] = np.concatenate(values, axis=2 if name == "loads" else 1)
+        return cls(**joined)
 
     @property
     def usable(self) -> Bools:
@@ -96,15 +117,24 @@ def seen(crowd: Crowd, persons: Ints, places: FloatArray) -> Bools:
 
 
 def reach_either(
-    crowd: Crowd, target: AuditTarget, persons: Ints, places: FloatArray, *, quick: bool = False
+    crowd: Crowd,
+    target: AuditTarget,
+    persons: Ints,
+    places: FloatArray,
+    *,
+    quick: bool = False,
+    close_m: FloatArray | None = None,
 ) -> tuple[Solved, Bools, Bools]:
     """Reach places with the hands that a target takes; ``quick``: see :class:`.Rows`.
+
+    ``close_m``: (B,) how near is enough; None: the target's.
 
     Returns:
         The posture that counts, whether all hands that are needed reach, and whether one does.
     """
     left_handed = np.array([crowd.subjects[i].mirrored for i in persons.tolist()], dtype=bool)
-    close = np.full(len(persons), max(target.radius_m, CLOSE_M))
+    close = np.full(len(persons), target.radius_m) if close_m is None else close_m
+    close = np.maximum(close, CLOSE_M)
     rows = Rows(persons, left_handed, places, close, target.how == "point", quick)
     best = crowd.solve(rows)
     one = best.reached.copy()
@@ -137,28 +167,39 @@ def reach_either(
     return best, reached, one
 
 
-def judge(crowd: Crowd, targets: Sequence[AuditTarget], limitation: Limitation) -> Judged:
-    """Judge every person of a crowd on every target."""
+def judge(
+    crowd: Crowd,
+    targets: Sequence[AuditTarget],
+    limitation: Limitation,
+    pace: float | None = None,
+) -> Judged:
+    """Judge every person of a crowd on every target; ``pace``: uses of it in a minute."""
     n, t = len(crowd.subjects), len(targets)
     yes = np.zeros((5, n, t), dtype=bool)
-    numbers = np.full((3 + len(MODELS), n, t), np.nan)
+    numbers = np.full((6 + len(MODELS), n, t), np.nan)
+    chosen = np.full((n, t, len(crowd.rest)), np.nan)
     needed, where = np.zeros((2, n, t, 3))
     persons = np.arange(n)
     for column, target in enumerate(targets):
         places = places_of(crowd, target, persons)
         where[:, column] = position_to_app(places)
         yes[0, :, column] = seen(crowd, persons, places)
-        if target.how == "look":
-            yes[1:3, :, column] = yes[4, :, column] = True
-            continue
-        solved, reached, one = reach_either(crowd, target, persons, places)
-        yes[1, :, column], yes[3, :, column], yes[4, :, column] = reached, solved.leans, one
-        needed[:, column] = position_to_app(solved.nearest - places)
-        for person in np.flatnonzero(reached).tolist():
-            subject = crowd.subjects[person]
-            postures = solved.angles[person][solved.found[person]]
-            load, holds = hold_any(subject, postures, target, limitation)
+        yes[1:3, :, column] = yes[4, :, column] = target.how == "look"
+    for columns in _alike(targets):
+        who, which = np.tile(persons, len(columns)), np.repeat(columns, n)
+        places = np.concatenate([places_of(crowd, targets[i], persons) for i in columns])
+        close = np.array([targets[i].radius_m for i in which.tolist()])
+        solved, reached, one = reach_either(crowd, targets[columns[0]], who, places, close_m=close)
+        yes[1, who, which], yes[3, who, which], yes[4, who, which] = reached, solved.leans, one
+        needed[who, which] = position_to_app(solved.nearest - places)
+        for row in np.flatnonzero(reached).tolist():
+            person, column = int(who[row]), int(which[row])
+            postures = solved.angles[row][solved.found[row]]
+            load, best, holds = hold_any(
+                crowd.subjects[person], postures, targets[column], limitation
+            )
             numbers[:, person, column], yes[2, person, column] = load, holds
+            chosen[person, column] = best
     return Judged(
         limitation,
         yes[0],
@@ -171,29 +212,69 @@ def judge(crowd: Crowd, targets: Sequence[AuditTarget], limitation: Limitation) 
         numbers[0],
         numbers[1],
         numbers[2],
-        dict(zip(MODELS, numbers[3:], strict=True)),
+        numbers[3:6],
+        chosen,
+        dict(zip(MODELS, numbers[6:], strict=True)),
+        {} if pace is None else _paced(crowd, targets, numbers, limitation, pace),
     )
+
+
+def _paced(
+    crowd: Crowd,
+    targets: Sequence[AuditTarget],
+    numbers: FloatArray,
+    limitation: Limitation,
+    pace: float,
+) -> dict[str, FloatArray]:
+    """Minutes until exhaustion at a pace, (N, T) by model; NaN: not reached."""
+    person, column = np.nonzero(~np.isnan(numbers[3]))
+    raised = np.array([each.hold_s + 2.0 * REACH_S for each in targets])[column]
+    factors = np.array([float(np.asarray(each.strength.factor)) for each in crowd.subjects])
+    arms = Paced(
+        numbers[0][person, column],
+        numbers[3, person, column],
+        numbers[4, person, column],
+        numbers[5, person, column],
+        (factors * limitation.strength)[person],
+        np.array([each.man for each in crowd.subjects], dtype=bool)[person],
+        raised,
+        np.maximum(60.0 / pace, raised),
+    )
+    found = {}
+    for model, minutes in minutes_at_pace(arms).items():
+        found[model] = np.full(numbers[0].shape, np.nan)
+        found[model][person, column] = minutes
+    return found
+
+
+def _alike(targets: Sequence[AuditTarget]) -> list[list[int]]:
+    """Return the columns of targets that the same kind of reach gets to, in order."""
+    kinds: dict[tuple[bool, str], list[int]] = {}
+    for column, target in enumerate(targets):
+        if target.how != "look":
+            kinds.setdefault((target.how == "point", target.hand), []).append(column)
+    return list(kinds.values())
 
 
 def hold_any(
     subject: Subject, postures: FloatArray, target: AuditTarget, limitation: Limitation
-) -> tuple[list[float], bool]:
-    """Return what :func:`hold` does of the easiest posture, and whether it can be held.
+) -> tuple[list[float], FloatArray, bool]:
+    """Return what :func:`hold` does of the easiest posture, it, and whether it can be held.
 
     Args:
         subject: Who holds it.
-        postures: (C, J), at least one; no further one is tried after one that is easily held.
+        postures: (C, J), at least one, the easiest first; an easily held one is the last tried.
         target: Says how long and with what load.
         limitation: Of the person.
     """
-    best: list[float] = []
-    for angles in postures:
-        load = hold(subject, angles, target.load_kg, limitation)
-        if not best or load[0] < best[0]:
-            best = load
+    best, posture = hold(subject, postures[0], target.load_kg, limitation), postures[0]
+    for angles in postures[1:_HELD]:
         if best[0] <= _EASY:
             break
-    return best, can_hold(subject, postures, target, limitation)
+        load = hold(subject, angles, target.load_kg, limitation)
+        if load[0] < best[0]:
+            best, posture = load, angles
+    return best, posture, can_hold(subject, postures, target, limitation)
 
 
 def can_hold(
@@ -204,12 +285,9 @@ def can_hold(
     Time: as NICER has it. The muscles of the arm model do not decide: raised, they are too weak to
     do what recorded people do.
     """
-    model, arm = subject.body.physics_model, arms_of(subject.body)[0]
-    dynamics, still = ArmDynamics(model, arm), np.zeros(model.nv)
     strength = _strength(subject, limitation)
     for angles in postures:
-        qpos = subject.body.coupled_qpos(angles)
-        load = dynamics.load(qpos, still, still, held_kg=target.load_kg)
+        load = subject.holder.load(angles, target.load_kg)
         elbow = load.shoulder_deg, load.elbow_deg
         maximum = strength.shoulder_torque(*elbow)
         needed = load.torque + nicer_correction(*elbow, strength.sex)
@@ -226,31 +304,31 @@ def _strength(subject: Subject, limitation: Limitation) -> Strength:
 def hold(
     subject: Subject, angles: FloatArray, load_kg: float, limitation: Limitation
 ) -> list[float]:
-    """Return shares of muscles, published strength and trunk, and minutes by model.
+    """Return shares of muscles, published strength and trunk, the load, and minutes by model.
 
     A weaker person's muscles are activated more in proportion: activations are relative to it.
     """
     factor = limitation.strength
-    strength = _strength(subject, limitation)
-    arm = arms_of(subject.body)[0]
-    held: Held = hold_posture(
-        subject.body, arm, angles, load_kg, strength, limits_bear=True, muscle_strength=factor
+    held = subject.holder.hold(
+        angles,
+        load_kg,
+        _strength(subject, limitation),
+        limits_bear=True,
+        muscle_strength=factor,
     )
     share = np.inf if held.share is None else held.share
     minutes = [held.endurance_s[model] / 60.0 for model in MODELS]
-    trunk = _trunk_share(subject.body, angles) / factor
-    return [share, held.strength_share, trunk, *minutes]
+    trunk = _trunk_share(subject, angles) / factor
+    load = held.torque_nm, held.shoulder_deg, held.elbow_deg
+    return [share, held.strength_share, trunk, *load, *minutes]
 
 
-def _trunk_share(body: Body, angles: FloatArray) -> float:
+def _trunk_share(subject: Subject, angles: FloatArray) -> float:
     """Largest torque of gravity at the trunk's joints as a share of the motors' limits."""
-    model, data = body.physics_model, mujoco.MjData(body.physics_model)
-    data.qpos[:] = body.coupled_qpos(angles)
-    mujoco.mj_fwdPosition(model, data)
-    mujoco.mj_fwdVelocity(model, data)
+    model, torques = subject.body.physics_model, subject.holder.torques(angles)
     shares = []
     for joint in _TRUNK_MOTORS:
-        need = float(data.qfrc_bias[model.joint(joint).dofadr[0]])
+        need = float(torques[model.joint(joint).dofadr[0]])
         low, high = model.actuator(f"{joint}_motor").forcerange
         shares.append(need / (high if need > 0.0 else low))
     return max(shares)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from scipy.special import ndtr
 
 from sim2vr_harness.envs.config import UserConfig, body_of
+from sim2vr_harness.tools.endurance import PostureHolder
 from sim2vr_harness.users import Body, PeopleSettings, Person, Population
-from sim2vr_harness.users.exertion import Strength
+from sim2vr_harness.users.exertion import Strength, arms_of
 from sim2vr_harness.users.people import TRAITS
 
 __all__ = [
@@ -61,6 +63,7 @@ class Limitation:
         strength: Factor on the strength of all muscles.
         limits_deg: Narrower limits of joints.
         one_hand: Whether only the preferred hand can be used.
+        lift_m: How much higher they sit.
         stance: Another one than the audit's.
         verified: Whether its numbers' source was read, or they define the group.
     """
@@ -70,6 +73,7 @@ class Limitation:
     strength: float = 1.0
     limits_deg: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     one_hand: bool = False
+    lift_m: float = 0.0
     stance: Stance | None = None
     verified: bool = True
 
@@ -88,6 +92,13 @@ LIMITATIONS: tuple[Limitation, ...] = (
         stance="standing",
         verified=False,
     ),
+    Limitation(
+        "wheelchair",
+        "seat 5 cm above a chair's: assumed (not verified)",
+        lift_m=0.05,
+        stance="seated",
+        verified=False,
+    ),
     Limitation("seated", "height of the arm model (docs/reference/bodies.md)", stance="seated"),
 )
 
@@ -100,15 +111,22 @@ class Subject:
         person: Traits.
         man: Whether the traits are drawn from men's distributions.
         percentile: Of the stature among persons of the same sex.
-        body: Right-handed, with a trunk that leans.
+        user: Right-handed, with a trunk that leans.
+        body: Of that user.
         strength: For published strength of shoulders, relative to the median of the sex.
     """
 
     person: Person
     man: bool
     percentile: float
+    user: UserConfig
     body: Body
     strength: Strength
+
+    @cached_property
+    def holder(self) -> PostureHolder:
+        """For postures of the right arm."""
+        return PostureHolder(self.body, arms_of(self.body)[0])
 
     @property
     def mirrored(self) -> bool:
@@ -139,7 +157,7 @@ def _subject(population: Population, index: int) -> Subject:
     median = strength.value(0.0, sign, 1.0, STRENGTH)
     factor = person.strength / median
     own = Strength("male" if man else "female", factor)
-    return Subject(person, man, float(100.0 * ndtr(z)), body_of(user), own)
+    return Subject(person, man, float(100.0 * ndtr(z)), user, body_of(user), own)
 
 
 @dataclass(frozen=True)

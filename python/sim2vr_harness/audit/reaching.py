@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from sim2vr_harness.audit.population import EYE_HEIGHT_STANDING, Limitation, Stance, Subject
 from sim2vr_harness.client.frames import AIM_DIRECTION, position_to_app
 from sim2vr_harness.users import AVERAGE
-from sim2vr_harness.users.exertion import ArmDynamics, arm_loads, arms_of
+from sim2vr_harness.users.exertion import arms_of
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 from sim2vr_harness.users.kinematics.inverse import CLOSE_M, solve
 from sim2vr_harness.users.kinematics.stacked import StackedLinkage
@@ -130,8 +130,8 @@ class Crowd:
         """(N,) how far the bodies stand above the height of the arm model, m."""
         if (limitation.stance or stance) == "standing":
             self.lift_m = EYE_HEIGHT_STANDING * statures - self.heads[:, 2]
+        self.lift_m = self.lift_m + limitation.lift_m
         self.heads[:, 2] += self.lift_m
-        self._dynamics: dict[int, ArmDynamics] = {}
         self._samples: dict[tuple[bool, bool], tuple[FloatArray, cKDTree]] = {}
 
     def lifted(self, persons: Ints) -> FloatArray:
@@ -213,15 +213,9 @@ class Crowd:
         angles = self._whole(stack, q)
         turned = [stack.joints.index(joint) for joint in _TURNED]
         for row in np.flatnonzero(there).tolist():
-            person = int(persons[row])
-            body = self.subjects[person].body
-            if person not in self._dynamics:
-                arm = arms_of(body)[0]
-                self._dynamics[person] = ArmDynamics(body.physics_model, arm)
-            still = np.zeros(body.physics_model.nv)
-            moment = self._dynamics[person].moments(body.coupled_qpos(angles[row]), still, still)
+            load = self.subjects[int(persons[row])].holder.load(angles[row], 0.0)
             strain = (q[row, turned] / _HALF_RANGE) ** 2
-            cost[row] = float(arm_loads(moment)[0][0]) + _TURNED_NM * float(strain.sum())
+            cost[row] = load.torque + _TURNED_NM * float(strain.sum())
         return cost
 
     def _whole(self, stack: StackedLinkage, q: FloatArray) -> FloatArray:

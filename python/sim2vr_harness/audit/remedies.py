@@ -182,6 +182,8 @@ def _promising(
 
 
 _ANY = Limitation("any")
+_QUICK_MISSES = 0.03
+"""Proportion of persons that the quick search may miss."""
 _CONFIRMED = 6
 """Directions of a length that all persons try."""
 
@@ -197,6 +199,9 @@ def _confirmed(
     for count in (_SAMPLE, len(here)):
         persons = np.arange(min(count, len(here)))
         places = here[persons] + position_to_mujoco(shift)
+        reach = usable_at(crowd, target, persons, places, limitation, hold=False)
+        if reach.mean() < GOAL - _QUICK_MISSES:
+            return float(reach.mean())
         share = float(usable_at(crowd, target, persons, places, limitation).mean())
         if share < GOAL:
             break

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+import logging
+from collections.abc import Mapping
+from contextlib import suppress
 from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sim2vr_harness.audit.film import worst_case, write_film
 from sim2vr_harness.audit.judging import MODELS
 from sim2vr_harness.audit.population import FEWEST
 from sim2vr_harness.audit.remedies import GOAL
 from sim2vr_harness.audit.summary import EVERYONE, Audit, plain
+from sim2vr_harness.client import AppRefused
+from sim2vr_harness.client.webxr.printing import print_page
 from sim2vr_harness.figures.figure import GREY, Bars, Figure, Panel
 from sim2vr_harness.figures.figure import Path as Places
 from sim2vr_harness.figures.html import save_page, table
@@ -44,22 +49,49 @@ _CLASSES = (
 )
 
 
-def write(audit: Audit, out: Path) -> list[Path]:
-    """Write ``audit.json``, ``report.html`` and ``targets.png`` into a folder."""
+def write(audit: Audit, out: Path, *, film: bool = True) -> list[Path]:
+    """Write ``report.html``, ``report.pdf``, ``audit.json``, ``targets.png`` and ``worst.mp4``.
+
+    Without a browser there is no PDF; without a picture of bodies, or where everyone reaches
+    everything, there is no film.
+
+    Args:
+        audit: What to report.
+        out: The folder.
+        film: Whether to film the worst case.
+    """
     out.mkdir(parents=True, exist_ok=True)
     values = plain(audit)
     file = out / "audit.json"
     text = json.dumps(values, indent=1, ensure_ascii=False, allow_nan=False)
     write_atomically(file, text.encode() + b"\n")
     figure = Figure("targets", "Targets", _CAPTION, (_space(audit),))
-    page = save_page(out / "report.html", f"Who can use {audit.title}?", _parts(audit, values))
-    return [page, file, write_figure(figure, out / "targets.png")]
+    worst = _filmed(audit, out / "worst.mp4") if film else None
+    title = f"Who can use {audit.title}?"
+    page = save_page(out / "report.html", title, _parts(audit, values, worst))
+    files = [page, file, write_figure(figure, out / "targets.png")]
+    with suppress(AppRefused):
+        files.append(print_page(page, out / "report.pdf"))
+    return files + ([] if worst is None else [worst])
+
+
+def _filmed(audit: Audit, file: Path) -> Path | None:
+    file.unlink(missing_ok=True)
+    try:
+        return write_film(audit, file)
+    except RuntimeError as error:  # no OpenGL, or no ffmpeg
+        logging.getLogger(__name__).info("no film: %s", error)
+        return None
 
 
 def headline(values: Mapping[str, Any]) -> str:
     """Return the answer in a sentence."""
     every, targets = values["groups"][0], values["targets"]
     missed = sum(each["remedy"] is not None for each in targets)
+    if every["n"] < FEWEST:
+        return (
+            f"{every['n']} persons are too few to judge {len(targets)} targets: {FEWEST} at least."
+        )
     first = (
         f"{_percent(every['reach_every_target'])} of {values['people']} {values['stance']} persons "
         "see and reach every target."
@@ -72,9 +104,12 @@ def headline(values: Mapping[str, Any]) -> str:
 
 def findings(values: Mapping[str, Any]) -> list[str]:
     """Return a sentence per target that excludes more than 5 %, worst first."""
+    return [_finding(each) for each in _missed(values)]
+
+
+def _missed(values: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     missed = [each for each in values["targets"] if each["remedy"] is not None]
-    missed.sort(key=lambda each: (each["usable"]["share"] or 0.0, each["name"]))
-    return [_finding(each) for each in missed]
+    return sorted(missed, key=lambda each: (each["usable"]["share"] or 0.0, each["name"]))
 
 
 def _finding(target: Mapping[str, Any]) -> str:
@@ -84,6 +119,18 @@ def _finding(target: Mapping[str, Any]) -> str:
 
 
 def _advice(target: Mapping[str, Any]) -> str:
+    offers = _offers(target)
+    if not offers:
+        return "No shift of up to 1.5 m includes 95 %."
+    return f"To include 95 %: {', or '.join(offers)}."
+
+
+def _change(target: Mapping[str, Any]) -> str:
+    words = ", or ".join(_offers(target)) or "no shift of up to 1.5 m"
+    return words[:1].upper() + words[1:]
+
+
+def _offers(target: Mapping[str, Any]) -> list[str]:
     fix = target["remedy"]
     offers = []
     if fix["reach_shift"] not in (None, fix["shift"]):
@@ -98,32 +145,71 @@ def _advice(target: Mapping[str, Any]) -> str:
         offers.append(f"let one hand do it ({100 * fix['one_hand']:.0f} % can)")
     if fix["by_ray"] is not None:
         offers.append(f"let a ray reach it ({100 * fix['by_ray']:.0f} % can)")
-    if not offers:
-        return "No shift of up to 1.5 m includes 95 %."
-    return f"To include 95 %: {', or '.join(offers)}."
+    return offers
 
 
 def _percent(share: Mapping[str, Any]) -> str:
     """A proportion with its interval, in per cent."""
     if share["share"] is None:
-        return f"too few persons ({share['n']})"
+        return "-"
     low, high = 100.0 * share["low"], 100.0 * share["high"]
     return f"{100.0 * share['share']:.0f} % [{low:.0f}, {high:.0f}]"
 
 
-def _parts(audit: Audit, values: Mapping[str, Any]) -> list[str | Panel]:
+def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[str | Panel]:
     parts: list[str | Panel] = [f"<p><b>{escape(headline(values))}</b></p>"]
-    found = [*findings(values), *_of_groups(values)]
-    if found:
-        parts.append("<ul>" + "".join(f"<li>{escape(text)}</li>" for text in found) + "</ul>")
+    parts.append(_answer(values))
+    case = worst_case(audit)
+    if worst is not None and case is not None:
+        person, column = audit.subjects[case[0]], audit.targets[case[1]].name
+        words = (
+            f"Worst case: {column}, by a {'man' if person.man else 'woman'} of "
+            f"{person.person.stature_m:.2f} m"
+        )
+        parts.append(f'<p>{escape(words)} (<a href="{escape(worst.name)}">film</a>).</p>')
     limits = "".join(f"<li>{escape(text)}</li>" for text in LIMITS)
     parts.append(f'<div class="warn">Limits of the model:<ul>{limits}</ul></div>')
     parts += ["<h2>Where the targets are</h2>", _space(audit), f"<p>{escape(_CAPTION)}</p>"]
     parts += ["<h2>By target</h2>", _target_table(values)]
     parts += ["<h2>By group</h2>", _group_table(values), f"<p>{escape(_GROUPS)}</p>"]
     parts += ["<h2>Exertion by target</h2>", _exertion_table(values), f"<p>{escape(_EXERTION)}</p>"]
-    parts += [_exertion_panel(values), "<h2>Sources</h2>", _sources(values)]
-    return parts
+    parts += [_exertion_panel(values)]
+    if any(each["operated"] for each in values["targets"]):
+        parts += ["<h2>Acted out</h2>", _operated_table(values), f"<p>{_OPERATED}</p>"]
+    if values["paths"]:
+        parts += ["<h2>Exertion between targets</h2>", _path_table(values), f"<p>{_PATHS}</p>"]
+    return [*parts, "<h2>Sources</h2>", _sources(values)]
+
+
+def _answer(values: Mapping[str, Any]) -> str:
+    """Who is excluded from what, why, and the smallest change, as a table."""
+    rows = []
+    for target in _missed(values):
+        why = next(iter(target["causes"]), "")
+        rows.append((EVERYONE, target["name"], _percent(target["usable"]), why, _change(target)))
+    for group in _worse_groups(values):
+        for name, share, why in group[1][:_MOST]:
+            rows.append((group[0], name, share, why, ""))
+        if len(group[1]) > _MOST:
+            rows.append((group[0], f"{len(group[1]) - _MOST} more", "", "", ""))
+    if not rows:
+        return ""
+    head = "".join(f"<th>{each}</th>" for each in _ANSWER)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+    )
+    return f'<table class="answer"><tr>{head}</tr>{body}</table>'
+
+
+_ANSWER = ("who", "target", "can use it", "why not", "smallest change that includes 95 %")
+_OPERATED = (
+    "Muscles and trunk bring the preferred hand, or its ray, to the target and keep it there for "
+    "0.15 s. An attempt takes up to 3 s."
+)
+_PATHS = (
+    "Torque at the shoulder of the person of median stature who moves from one target to the next "
+    "in 0.5 s, as a share of published strength (*)."
+)
 
 
 _CAPTION = (
@@ -138,32 +224,32 @@ _GROUPS = (
 _EXERTION = (
     "Median (5 % to 95 %) of the persons who reach the target. Activation: least largest "
     "activation of the shoulder's muscles that holds the posture; above 1 they are too weak. "
-    "Minutes: until exhaustion if the posture is held without a break. "
+    "Minutes: until exhaustion, held without a break, or at the app's pace with the arm down "
+    "between; endless: more than 30 at that pace. "
     "NICER's published strength (*) decides who "
     "holds a target; it was not verified. The trunk's strength (*) was read second-hand."
 )
 
 
-def _of_groups(values: Mapping[str, Any]) -> list[str]:
-    """A sentence per group that is excluded from more targets than everyone."""
-    goal, sentences = GOAL, []
+def _worse_groups(values: Mapping[str, Any]) -> list[tuple[str, list[tuple[str, str, str]]]]:
+    """Groups that are excluded from more than everyone: target, share and cause of each."""
+    found = []
     every = values["groups"][0]["targets"]
     for group in values["groups"][1:]:
         if not group["verified"] or group["n"] < FEWEST:
             continue
         worse = [
-            f"{name} {_percent(share)}, {next(iter(group['causes'][name]))}"
+            (name, _percent(share), next(iter(group["causes"][name]), ""))
             for name, share in group["targets"].items()
-            if share["share"] < goal and share["share"] < every[name]["share"] - 0.05
+            if share["share"] < GOAL and share["share"] < every[name]["share"] - 0.05
         ]
         if worse:
-            more = f" and {len(worse) - _MOST} more" if len(worse) > _MOST else ""
-            sentences.append(f"{group['name']}: {'; '.join(worse[:_MOST])}{more}.")
-    return sentences
+            found.append((group["name"], worse))
+    return found
 
 
 _MOST = 4
-"""Targets that a sentence names."""
+"""Targets that the answer names for a group."""
 
 
 def _target_table(values: Mapping[str, Any]) -> str:
@@ -193,32 +279,65 @@ def _group_table(values: Mapping[str, Any]) -> str:
 
 
 def _exertion_table(values: Mapping[str, Any]) -> str:
+    pace = f"{values['pace_per_minute']:g} a minute"
     keys = {
         "activation": "share_of_activation",
         "of published strength *": "share_of_published_strength",
         "of trunk strength *": "share_of_trunk_strength",
-        **{f"minutes, {model}": f"minutes, {model}" for model in MODELS},
+        **{f"minutes held, {model}": f"minutes, {model}" for model in MODELS},
+        **{f"minutes at {pace}, {model}": f"minutes at pace, {model}" for model in MODELS},
     }
     rows = [
-        [each["name"], *(_spread(each["exertion"][key], key) for key in keys.values())]
+        [each["name"], *(_spread(each, key) for key in keys.values())]
         for each in values["targets"]
+        if each["how"] != "look"
     ]
     return table(["target", *keys], rows)
 
 
-def _spread(quantiles: Sequence[float | None], key: str) -> str:
-    if quantiles == [None] * 3 and key.startswith("share"):
-        return "too weak"
+def _spread(target: Mapping[str, Any], key: str) -> str:
+    quantiles = target["exertion"].get(key)
+    if not target["exertion"]["n"] or quantiles is None:
+        return "not reached"
     missing = "endless" if key.startswith("minutes") else "too weak"
-    low, middle, high = (missing if x is None else f"{x:.2f}" for x in quantiles)
-    return f"{middle} ({low} to {high})"
+    low, middle, high = (
+        missing if x is None or (x > 1.0 and missing == "too weak") else f"{x:.2f}"
+        for x in quantiles
+    )
+    return middle if low == middle == high else f"{middle} ({low} to {high})"
 
 
 def _exertion_panel(values: Mapping[str, Any]) -> Panel:
-    names = [each["name"] for each in values["targets"]]
-    medians = [each["exertion"]["share_of_activation"][1] for each in values["targets"]]
-    bars = Bars("activation", names, medians, "#0072b2")
-    return Panel("Median activation of the shoulder's muscles", (bars,), y_label="share of maximum")
+    reached = [
+        each for each in values["targets"] if each["exertion"]["n"] and each["how"] != "look"
+    ]
+    medians = [each["exertion"]["share_of_activation"][1] for each in reached]
+    shown = [1.0 if each is None else min(each, 1.0) for each in medians]
+    bars = Bars("activation", [each["name"] for each in reached], shown, "#0072b2")
+    title = "Median activation of the shoulder's muscles; 1: too weak"
+    return Panel(title, (bars,), y_label="share of maximum")
+
+
+def _operated_table(values: Mapping[str, Any]) -> str:
+    rows = [
+        [
+            target["name"],
+            f"{each['done']} of {each['n']}",
+            "-" if each["seconds"] is None else f"{each['seconds']:.2f}",
+            "-" if each["attempts"] is None else f"{each['attempts']:.2f}",
+        ]
+        for target in values["targets"]
+        if (each := target["operated"]) is not None
+    ]
+    return table(["target", "got there", "s (median)", "attempts (mean)"], rows)
+
+
+def _path_table(values: Mapping[str, Any]) -> str:
+    rows = [
+        [f"{path['start']} to {path['end']}", f"{path['mean']:.2f}", f"{path['peak']:.2f}"]
+        for path in values["paths"]
+    ]
+    return table(["path", "mean", "peak"], rows)
 
 
 def _space(audit: Audit) -> Panel:

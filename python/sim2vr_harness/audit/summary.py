@@ -8,21 +8,37 @@ from typing import Any
 
 import numpy as np
 
+from sim2vr_harness.audit.acting import Acted
 from sim2vr_harness.audit.causes import causes, shift_words
 from sim2vr_harness.audit.judging import MODELS, Judged
-from sim2vr_harness.audit.population import FEWEST, Group, Limitation, Stance
+from sim2vr_harness.audit.population import FEWEST, Group, Limitation, Stance, Subject
 from sim2vr_harness.audit.reaching import FloatArray, Ints
 from sim2vr_harness.audit.remedies import Remedy
 from sim2vr_harness.audit.targets import AuditTarget
 from sim2vr_harness.evaluation.expectations import Estimate
 from sim2vr_harness.statistics.intervals import wilson_interval
 
-__all__ = ["EVERYONE", "MEASURES", "Audit", "estimates", "plain", "proportion"]
+__all__ = ["EVERYONE", "MEASURES", "Audit", "AuditPath", "estimates", "plain", "proportion"]
 
 EVERYONE = "everyone"
 _PARTS = ("use", "reach", "seen", "held")
 MEASURES = tuple(f"{part}.{kind}" for part in _PARTS for kind in ("min", "mean"))
 """``reach.min``: the least proportion over targets, ``reach.mean`` the mean one."""
+
+
+@dataclass(frozen=True)
+class AuditPath:
+    """A movement of the person of median stature from one target to the next.
+
+    Attributes:
+        start, end: Names of targets.
+        mean, peak: Torque at the shoulder as a share of published strength.
+    """
+
+    start: str
+    end: str
+    mean: float
+    peak: float
 
 
 @dataclass(frozen=True)
@@ -32,25 +48,35 @@ class Audit:
     Attributes:
         title: What was audited.
         seed, stance: Of the population.
+        pace: Uses of a target in a minute.
         targets: T of them.
+        subjects: The persons.
+        lifts_m: (N,) how far they stand above the height of the arm model.
         judged: Of everyone.
         groups: Of everyone.
         limited: The same persons with limitations, by group.
         remedies: (T,) what would include 95 %; None where 95 % are included.
         middle: Number of the person of median stature.
         landmarks_m: (3, 3) its eyes and shoulders: right, up, ahead.
+        paths: Its movements from target to target.
+        acted: Of each person who acted it out, what came of each target; None: not tried.
     """
 
     title: str
     seed: int
     stance: Stance
+    pace: float
     targets: Sequence[AuditTarget]
+    subjects: Sequence[Subject]
+    lifts_m: FloatArray
     judged: Judged
     groups: Sequence[Group]
     limited: Sequence[Judged]
     remedies: Sequence[Remedy | None]
     middle: int
     landmarks_m: FloatArray
+    paths: Sequence[AuditPath]
+    acted: Sequence[Sequence[Acted | None]] = ()
 
     def columns(self) -> list[tuple[str, Limitation | None, Judged, Ints]]:
         """Return name, limitation, verdicts and members of all groups, everyone first."""
@@ -98,11 +124,16 @@ def plain(audit: Audit) -> dict[str, Any]:
         "seed": audit.seed,
         "people": len(audit.judged.seen),
         "stance": audit.stance,
+        "pace_per_minute": audit.pace,
         "measures": {
             group: {name: _rounded(each.mean) for name, each in measures.items()}
             for group, measures in estimates(audit).items()
         },
         "targets": [_target(audit, i) for i in range(len(audit.targets))],
+        "paths": [
+            {**vars(path), "mean": round(path.mean, 4), "peak": round(path.peak, 4)}
+            for path in audit.paths
+        ],
         "groups": [_group(audit, *row) for row in audit.columns()],
     }
 
@@ -131,6 +162,22 @@ def _target(audit: Audit, column: int) -> dict[str, Any]:
         "causes": causes(judged, target, column, every),
         "remedy": None if fix is None else _remedy(fix),
         "exertion": _exertion(judged, column),
+        "operated": _operated([each[column] for each in audit.acted]),
+    }
+
+
+def _operated(acted: Sequence[Acted | None]) -> dict[str, Any] | None:
+    """How many got there who acted it out, in what time (median) and attempts (mean)."""
+    tried = [each for each in acted if each is not None]
+    if not tried:
+        return None
+    done = [each for each in tried if each.seconds is not None]
+    seconds = [each.seconds for each in done if each.seconds is not None]
+    return {
+        "n": len(tried),
+        "done": len(done),
+        "seconds": round(float(np.median(seconds)), 2) if done else None,
+        "attempts": round(float(np.mean([each.attempts for each in done])), 2) if done else None,
     }
 
 
@@ -150,14 +197,19 @@ def _remedy(fix: Remedy) -> dict[str, Any]:
 
 
 def _exertion(judged: Judged, column: int) -> dict[str, Any]:
-    """5 %, 50 % and 95 % of the persons who reach the target; null: too weak, or endless."""
+    """5 %, 50 % and 95 % of the persons who reach the target; null: too weak, or endless.
+
+    All null and ``n`` 0: no one reaches it.
+    """
     rows = {
         "share_of_activation": judged.share,
         "share_of_published_strength": judged.published_share,
         "share_of_trunk_strength": judged.trunk_share,
         **{f"minutes, {model}": judged.minutes[model] for model in MODELS},
+        **{f"minutes at pace, {model}": values for model, values in judged.paced.items()},
     }
-    return {name: _quantiles(values[:, column]) for name, values in rows.items()}
+    reached = int((~np.isnan(judged.published_share[:, column])).sum())
+    return {"n": reached} | {name: _quantiles(each[:, column]) for name, each in rows.items()}
 
 
 def _quantiles(values: FloatArray) -> list[float | None]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,13 +14,11 @@ from pydantic import Field, ValidationError, model_validator
 from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name, read_yaml
 from sim2vr_harness.base.settings import Settings, first_problem
-from sim2vr_harness.client import AppRefused
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.evaluation.environment import make_simulation
 from sim2vr_harness.tools.reach.people import alike
 from sim2vr_harness.tools.reach.targets import Target, seen_targets
 
-__all__ = ["AuditTarget", "TargetSettings", "found_targets", "located", "read_targets"]
+__all__ = ["AuditTarget", "How", "TargetSettings", "found_targets", "read_targets"]
 
 FloatArray = NDArray[np.float64]
 How = Literal["touch", "point", "press", "grab", "look"]
@@ -128,32 +125,6 @@ def _target(file: Path, number: int, tree: Any) -> TargetSettings:
         return TargetSettings.model_validate(tree)
     except ValidationError as error:
         raise first_problem(error, TargetSettings, (where,)) from error
-
-
-def located(listed: Sequence[TargetSettings], env: EnvConfig | None) -> list[AuditTarget]:
-    """Return targets with their places; those of objects are located in the page.
-
-    Args:
-        listed: Settings.
-        env: User and page; None: there is no page.
-
-    Raises:
-        InputError: A target names an object, and there is no page or no such object.
-    """
-    named = list(dict.fromkeys(each.object for each in listed if each.object is not None))
-    places: dict[str, Sequence[float]] = {}
-    if named and (env is None or env.app.page is None):
-        raise InputError("--targets", f"object {named[0]!r} without --page", "a place, or a page")
-    if named:
-        assert env is not None
-        with closing(make_simulation(alike(env), 1)) as users:
-            users.reset(seeds=[1])
-            for name in named:
-                try:
-                    places[name] = users.apps[0].locate(name)
-                except AppRefused as error:
-                    raise InputError("--targets", f"object {name!r}", str(error)) from error
-    return [AuditTarget.of(each, places) for each in listed]
 
 
 def found_targets(

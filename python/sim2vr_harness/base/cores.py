@@ -18,8 +18,9 @@ def available() -> int:
 
 def free() -> int:
     """Return about how many of these cores no program uses, at least 1; by the last minute."""
-    used = round(os.getloadavg()[0] - 0.3)
-    return max(1, available() - max(0, used))
+    used = max(0, round(os.getloadavg()[0] - 0.3))
+    idle = (os.cpu_count() or 1) - used  # other programs may run on cores that are not ours
+    return max(1, min(available(), idle))
 
 
 def budget(setting: int) -> int:

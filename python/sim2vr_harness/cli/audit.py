@@ -49,10 +49,25 @@ _How = Annotated[
     str, typer.Option(metavar="HOW", help="What is done with a game's targets: touch or point.")
 ]
 _Seconds = Annotated[
-    float, typer.Option(help="How long to look at each round of the game.", callback=finite)
+    float,
+    typer.Option(
+        help="How long to look at each round of the game, or at the page.", callback=finite
+    ),
 ]
 _People = Annotated[int, typer.Option(metavar="N", help="Persons, 1 to 10,000.")]
 _Stance = Annotated[str, typer.Option(metavar="STANCE", help="Of the persons: seated or standing.")]
+_Pace = Annotated[
+    float, typer.Option(metavar="N", help="Uses of a target in a minute.", callback=finite)
+]
+_Operate = Annotated[int, typer.Option(metavar="N", help="How many persons act it out.")]
+_Session = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Targets are where a recorded session's hands pressed a trigger or squeeze.",
+        callback=readable_file,
+    ),
+]
 _Seed = Annotated[int, typer.Option(help="Other persons for another seed.")]
 _Out = Annotated[Path, typer.Option(help="Folder for the files.", callback=writable_folder)]
 
@@ -63,10 +78,13 @@ def audit(
     condition: ConditionsOption = None,
     objects: ObjectsOption = None,
     targets: _Targets = None,
+    session: _Session = None,
     how: _How = "touch",
     seconds: _Seconds = 10.0,
     people: _People = 500,
     stance: _Stance = "seated",
+    pace: _Pace = 20.0,
+    operate: _Operate = 0,
     seed: _Seed = 1,
     out: _Out = Path("audit"),
     expect: ExpectOption = None,
@@ -76,26 +94,45 @@ def audit(
     """Say who can see, reach and hold an app's targets.
 
     Examples:
-        sim2vr-harness audit --targets shop.yaml --page shop.html --people 100
+        sim2vr-harness audit --page shop.html --people 100
         sim2vr-harness audit --game whacamole --expect "reach.min >= 0.95"
     """
     from sim2vr_harness.audit.auditing import run
+    from sim2vr_harness.audit.recorded import pressed_places
     from sim2vr_harness.audit.report import findings, headline, write
     from sim2vr_harness.audit.summary import estimates, plain
+    from sim2vr_harness.base.errors import InputError
 
+    if not 0.1 <= pace <= 120.0:
+        raise InputError("--pace", f"{pace:g}", "0.1 to 120 uses in a minute")
+    if not 0 <= operate <= people:
+        raise InputError("--operate", str(operate), f"0 to the {people} persons of --people")
     numbers = seconds, people, seed
-    _check(game, condition, objects, targets, remote, how, numbers, stance)
+    _check(game, condition, objects, targets or session, remote, how, numbers, stance)
     checked = CheckedRun(_with_group(expect), None, junit, "audit")
-    listed = _listed(targets, remote)
+    listed = _listed(targets, remote, seconds) if targets is not None or remote else []
+    listed += [] if session is None else pressed_places(session)
     if checked.asked:
         checked.prepare(_planned(cast("Stance", stance)))
     if game is not None:
         conditions: list[str | None] = [*condition] if condition else [None]
         for name in conditions:
             listed += _of_game(game, name, objects, seconds, cast("How", how))
-    title = game or (remote or {}).get("game") or (targets.stem if targets else "")
+    settings, source = remote or {}, targets or session
+    page = settings.get("page")
+    title = game or (Path(page).name if page else settings.get("game"))
+    title = title or (source.stem if source else "")
     chosen = cast("Stance", stance)
-    done = run(title, listed, people=people, seed=seed, stance=chosen, say=say)
+    done = run(
+        title,
+        listed,
+        people=people,
+        seed=seed,
+        stance=chosen,
+        pace=pace,
+        operate=operate,
+        say=say,
+    )
     values = plain(done)
     for sentence in (headline(values), *findings(values)):
         typer.echo(sentence)
@@ -120,9 +157,10 @@ def _check(
 
     needed("plotly", "studies", "audit")
     seconds, people, seed = numbers
-    if game is None and targets is None:
-        got = "an app without --targets" if remote else "neither"
-        raise InputError("--game or --targets", got, "a game, or a file of targets")
+    page = (remote or {}).get("page")
+    if game is None and targets is None and page is None:
+        got = "an app without --targets" if remote else "none"
+        raise InputError("--game, --page, --targets or --session", got, "one of them")
     if game is not None and remote:
         raise InputError("--page or --openxr", "it together with --game", "one of them")
     if game is None and (condition or objects is not None):
@@ -162,17 +200,26 @@ def _planned(stance: Stance) -> Planned:
     return Planned((EVERYONE, *GROUPS, *limited), MEASURES, ())
 
 
-def _listed(targets: Path | None, remote: Mapping[str, Any] | None) -> list[AuditTarget]:
-    """Return the targets of a file, those of objects located in the page."""
-    from sim2vr_harness.audit.targets import located, read_targets
+def _listed(
+    targets: Path | None, remote: Mapping[str, Any] | None, seconds: float
+) -> list[AuditTarget]:
+    """Return the targets of a file, those of objects located in the page, or the page's things."""
+    from sim2vr_harness.audit.pages import find_things, located, things_as_targets
+    from sim2vr_harness.audit.targets import read_targets
+    from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.envs.config import AppConfig, EnvConfig
-    from sim2vr_harness.envs.games import without_training
 
-    if targets is None:
+    env = EnvConfig(app=AppConfig(**remote)) if remote else None
+    if targets is not None:
+        return located(read_targets(targets), env)
+    if env is None:
         return []
-    settings = read_targets(targets)
-    env = without_training(EnvConfig(app=AppConfig(**remote))) if remote else None
-    return located(settings, env)
+    say(f"things of {env.app.page} ...")
+    found = things_as_targets(find_things(env, seconds))
+    if not found:
+        expected = "objects that listen or react to a controller, or --targets FILE.yaml"
+        raise InputError("--page", f"{env.app.page}, in which nothing is found", expected)
+    return found
 
 
 def _of_game(

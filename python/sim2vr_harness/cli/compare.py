@@ -5,13 +5,15 @@ from __future__ import annotations
 import json as jsonlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 
 from sim2vr_harness.base.errors import InputError, shown, unknown_name
+from sim2vr_harness.cli.app_options import with_app_options
 from sim2vr_harness.cli.options import (
     EnvSetOption,
     TrustOption,
@@ -37,16 +39,18 @@ _Users = Annotated[
         help="A shipped user's name, a run's folder or checkpoint: it plays. Or the folder of "
         "an evaluation with logs, or of any logged rounds. Or a study (STUDY.yaml, or its "
         "folder): each of its users, trained and played first, if they are not yet. "
-        "NAME=USER is called NAME in tables and figures.",
+        "NAME=USER is called NAME in tables and figures. Beside sessions of any app: sessions, "
+        "a trained user, or one without training such as 'touch NAME'.",
     ),
 ]
 _People = Annotated[
     list[Path] | None,
     typer.Option(
         "--people",
-        metavar="DIR",
+        metavar="PATH",
         help="People's recorded rounds: packed with a manifest.json, or logs in a folder per "
-        "person; may be repeated. Pointing needs none: figures are published.",
+        "person, or sessions of any app; may be repeated. Pointing needs none: figures are "
+        "published.",
     ),
 ]
 _Game = Annotated[
@@ -74,6 +78,15 @@ _Group = Annotated[
         "the user was trained with; may be repeated.",
     ),
 ]
+_Episodes = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N",
+        help="Rounds per condition.",
+        show_default="6; beside sessions 2",
+        min=1,
+    ),
+]
 _Persons = Annotated[
     int | None,
     typer.Option(
@@ -98,13 +111,14 @@ _Unconstrained = Annotated[
 _Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")]
 
 
+@with_app_options
 def compare(
     users: _Users,
     people: _People = None,
     game: _Game = None,
     condition: _Condition = None,
     group: _Group = None,
-    episodes: Annotated[int, typer.Option(metavar="N", help="Rounds per condition.")] = 6,
+    episodes: _Episodes = None,
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of the first round.")] = 77,
     persons: _Persons = None,
     out: _Out = Path("comparison"),
@@ -115,37 +129,96 @@ def compare(
     trust_app: TrustOption = False,
     overrides: EnvSetOption = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON, nothing else.")] = False,
+    *,
+    remote: dict[str, Any],
 ) -> None:
     """Compare users with recorded people: measures, range, distance.
 
     Examples:
         sim2vr-harness compare whacamole_people --people recordings
-        sim2vr-harness compare Mine=runs/pointing pointing_people --game pointing
+        sim2vr-harness compare 'touch ball' --people round.jsonl --page game.html --task task.yaml
     """
-    from sim2vr_harness.games.registry import aimed_games, behaviours
-    from sim2vr_harness.human_comparison.sources import Plays, game_of
-
     users, told = _told_names(users)
-    studies = [user for user in users if _is_study(user)]
-    others = (user for user in users if user not in studies)
-    known = (found for user in others if (found := game_of(user)) is not None)
-    game = game or next(known, behaviours()[0])
-    # fmt: off
-    plays = Plays(
-        out=out / "rounds", episodes=episodes, seed=seed, overrides=overrides or (),
-        conditions=_to_play(condition, group, game), batch=batch, persons=persons,
-        trust_app=trust_app,
-    )
-    # fmt: on
-    if game in aimed_games():
-        if studies:
-            raise InputError("USER", f"the study {studies[0]!r}", f"users of {game}, or logs")
-        _compare_aimed(
-            users, told, game, people or [], plays, out, figures=figures, every=every, json=json
-        )
+    played = partial(_plays, out, seed, overrides, batch, persons, trust_app)
+    shown = {"figures": figures, "every": every, "json": json}
+    if remote or _are_sessions(people or []):
+        how = played(episodes or 2, condition)
+        _write(_beside_sessions(users, told, people or [], how, remote), out, **shown)
+        return
+    game = _game_of_users(users, game)
+    plays = played(episodes or 6, _to_play(condition, group, game))
+    if _is_aimed(users, game):
+        _compare_aimed(users, told, game, people or [], plays, out, **shown)
         return
     report = _compared(users, told, game, people or [], plays, out, unconstrained=unconstrained)
-    _write(report, out, figures=figures, every=every, json=json)
+    _write(report, out, **shown)
+
+
+def _game_of_users(users: Sequence[str], game: str | None) -> str:
+    """The game that was named, or that of the first user who says."""
+    from sim2vr_harness.games.registry import behaviours
+    from sim2vr_harness.human_comparison.sources import game_of
+
+    others = (user for user in users if game is None and not _is_study(user))
+    known = (found for user in others if (found := game_of(user)) is not None)
+    return game or next(known, behaviours()[0])
+
+
+def _is_aimed(users: Sequence[str], game: str) -> bool:
+    """Whether the game is one of aimed movements, which studies are not compared in."""
+    from sim2vr_harness.games.registry import aimed_games
+
+    study = next(filter(_is_study, users), None)
+    if game in aimed_games() and study is not None:
+        raise InputError("USER", f"the study {study!r}", f"users of {game}, or logs")
+    return game in aimed_games()
+
+
+def _plays(
+    out: Path,
+    seed: int,
+    overrides: list[str] | None,
+    batch: int,
+    persons: int | None,
+    trust_app: bool,
+    episodes: int,
+    conditions: list[str] | None,
+) -> Plays:
+    from sim2vr_harness.human_comparison.sources import Plays
+
+    # fmt: off
+    return Plays(
+        out=out / "rounds", episodes=episodes, seed=seed, overrides=overrides or (),
+        conditions=conditions, batch=batch, persons=persons, trust_app=trust_app,
+    )
+    # fmt: on
+
+
+def _are_sessions(people: Sequence[Path]) -> bool:
+    """Whether people's rounds are sessions in files, not logs or packed rounds."""
+    from sim2vr_harness.human_comparison.session_sources import find_sessions
+
+    found = [each for path in people if path.exists() for each in find_sessions(path)]
+    return bool(found) and all(each.is_file() for each in found)
+
+
+def _beside_sessions(
+    users: Sequence[str],
+    told: Mapping[str, str],
+    people: Sequence[Path],
+    plays: Plays,
+    remote: Mapping[str, Any],
+) -> ComparisonReport:
+    """Compare users with people's sessions of any app."""
+    from sim2vr_harness.human_comparison.session_sources import SessionPlays, compare_sessions
+
+    if not people:
+        raise InputError("--people", "none", "a session, or a folder of sessions")
+    with Share("Comparing") as share:
+        how = SessionPlays(plays, remote)
+        report = compare_sessions(users, people, how, on_progress=share.show)
+    sources = {user: [source] for user, source in zip(users, report.users, strict=True)}
+    return replace(report, users=_renamed(users, sources, told))
 
 
 def _compared(
@@ -194,12 +267,12 @@ def _renamed(
 def _write(report: ComparisonReport, out: Path, *, figures: bool, every: bool, json: bool) -> None:
     """Write the comparison's files, and print its tables or JSON."""
     from sim2vr_harness.human_comparison.figures import draw
-    from sim2vr_harness.human_comparison.files import as_json, write_csv, write_json
+    from sim2vr_harness.human_comparison.files import as_json, write_csv, write_json, write_page
     from sim2vr_harness.human_comparison.tables import report_tables
 
     files = [write_json(report, out / "comparison.json"), *write_csv(report, out)]
-    if figures:
-        files += draw(report, out)
+    drawn = draw(report, out) if figures else []
+    files += [*drawn, write_page(report, drawn, out / "comparison.html")]
     if json:
         typer.echo(jsonlib.dumps(as_json(report), indent=1))
         return

@@ -31,7 +31,7 @@ _Recordings = Annotated[
     list[Path],
     typer.Argument(
         metavar="RECORDING...",
-        help="Recorded rounds, states.csv of any game, or CSV files with a header.",
+        help="Recorded rounds, sessions of any app, states.csv, or CSV files with a header.",
     ),
 ]
 _User = Annotated[

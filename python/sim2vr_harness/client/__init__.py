@@ -78,7 +78,7 @@ from sim2vr_harness.client.tasks import (
     load_task,
 )
 from sim2vr_harness.client.timeline import Timeline, TimelineItem, describe_level
-from sim2vr_harness.client.transport import AppPlace, AppSource, AppsWanted, Transport
+from sim2vr_harness.client.transport import AppPlace, AppSource, AppsWanted, PageStart, Transport
 from sim2vr_harness.client.transports import (
     list_transports,
     register_transport,
@@ -123,6 +123,7 @@ __all__ = [
     "OpenXRApp",
     "OptionValue",
     "Outcome",
+    "PageStart",
     "Protocol1App",
     "Protocol2App",
     "Protocol2Connection",

@@ -14,7 +14,7 @@ from sim2vr_harness.client.errors import AppRefused
 from sim2vr_harness.client.games import GameFacts
 from sim2vr_harness.client.in_process_batch import InProcessBatch
 
-__all__ = ["AppPlace", "AppSource", "AppsWanted", "Transport", "checked_options"]
+__all__ = ["AppPlace", "AppSource", "AppsWanted", "PageStart", "Transport", "checked_options"]
 
 AppSource = Callable[[int, Path | None], AppClient]
 """Makes the app of a user: (its number, root of the logs or None) -> client. Called again for a
@@ -55,6 +55,21 @@ class AppPlace:
 
 
 @dataclass(frozen=True)
+class PageStart:
+    """What a recorded page did before its first frame in VR, in ms since its document began.
+
+    Attributes:
+        frames_ms: times of its own animation frames.
+        requested_ms: when it requested VR.
+        first_ms: of the first frame in VR.
+    """
+
+    frames_ms: tuple[float, ...]
+    requested_ms: float
+    first_ms: float
+
+
+@dataclass(frozen=True)
 class AppsWanted:
     """The apps of N users.
 
@@ -74,6 +89,7 @@ class AppsWanted:
         values: name -> expression that an app with values of its own (a page) answers with its
             value after every step.
         page_reset: expression by which a page begins a round; None: it is loaded anew.
+        page_start: what a page does before its first frame in VR; None: it enters at once.
     """
 
     n: int
@@ -90,6 +106,7 @@ class AppsWanted:
     place: AppPlace = AppPlace()
     values: Mapping[str, str] = field(default_factory=dict)
     page_reset: str | None = None
+    page_start: PageStart | None = None
 
 
 @dataclass(frozen=True)

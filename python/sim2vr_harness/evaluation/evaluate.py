@@ -79,6 +79,7 @@ class Request:
         trust_app: Whether the program that the run names as its app may be started, though this
             user has never done so (docs/reference/apps.md).
         cores: How many to use, whatever the run says; changes no number.
+        watchers: Further ones that look on.
     """
 
     conditions: Sequence[str] | None = None
@@ -97,6 +98,7 @@ class Request:
     overrides: Sequence[str] = ()
     trust_app: bool = False
     cores: int | None = None
+    watchers: Sequence[Watcher] = ()
 
 
 @dataclass(frozen=True)
@@ -194,7 +196,8 @@ def _recorded(
     logs = RoundLogs(out / ("logs" if wanted.log else _PASSING_LOGS)) if kept else None
     filmer = RoundFilmer(out, plan.facts, seconds=wanted.film_seconds) if wanted.record else None
     recorder = DataRecorder(out, plan.facts, plan.env, moments=wanted.steps)
-    watchers: list[Watcher] = [*recorder.watchers, *(each for each in (logs, filmer) if each)]
+    watchers: list[Watcher] = [*recorder.watchers, *wanted.watchers]
+    watchers += [each for each in (logs, filmer) if each]
     with ExitStack() as stack:
         stack.callback(shutil.rmtree, out / _PASSING_LOGS, ignore_errors=True)
         if filmer is not None:

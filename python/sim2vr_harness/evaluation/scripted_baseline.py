@@ -79,6 +79,7 @@ def evaluate_baseline(
     record: bool = False,
     out: Path | None = None,
     overwrite: bool = False,
+    watchers: Sequence[Watcher] = (),
     on_progress: Callable[[float], None] = lambda share: None,
     on_plan: Callable[[Planned], None] | None = None,
 ) -> BaselineRun:
@@ -94,6 +95,7 @@ def evaluate_baseline(
         record: whether to film the first round.
         out: folder for results and films; None writes nothing.
         overwrite: whether to begin with new results where there are others.
+        watchers: further ones that look on.
         on_progress: called with the share of the work done.
         on_plan: called with conditions and measures before anything is played.
 
@@ -116,10 +118,10 @@ def evaluate_baseline(
     baseline = _Baseline(user, facts)
     files: list[Path] = []
     with ExitStack() as stack:
-        watchers = []
+        watchers = [*watchers]
         if record and out is not None:
             filmer = stack.enter_context(closing(RoundFilmer(out, facts)))
-            watchers, files = [filmer], filmer.files
+            watchers, files = [*watchers, filmer], filmer.files
         rounds = baseline.play(jobs, watchers, on_progress)
     settings = _settings(env, user, episodes, seed)
     scripts = [[step.as_dict() for step in steps] for steps in baseline.steps]

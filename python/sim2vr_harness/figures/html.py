@@ -23,6 +23,7 @@ p{margin:.4rem 0}.wide{overflow-x:auto}table{border-collapse:collapse;font-size:
 th,td{padding:.2rem .7rem;text-align:right;border-bottom:1px solid #dde1e6;white-space:nowrap}
 th:first-child,td:first-child{text-align:left}.bad{color:#b3201f;font-weight:600}
 .warn{background:#fff4d6;border-left:4px solid #e0a100;padding:.4rem .8rem;margin:.4rem 0}
+.answer td,.answer th{white-space:normal;text-align:left;vertical-align:top}
 .figure{width:100%}
 """
 

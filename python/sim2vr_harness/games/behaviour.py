@@ -65,6 +65,7 @@ class Behaviour:
         tiring: conditions that tire differently, in the order of the tables.
         ratings: how tiring people find them; None: not known.
         headlines: (condition, measure) shown first.
+        any_app: whether rounds are sessions of any app: measured is the hand, not a tool.
     """
 
     game: str
@@ -81,6 +82,7 @@ class Behaviour:
     tiring: tuple[str, ...] = ()
     ratings: Ratings | None = None
     headlines: tuple[tuple[str, str], ...] = field(default_factory=tuple)
+    any_app: bool = False
 
     def recognise(self, name: str) -> tuple[str, str] | None:
         """Group and condition of a game's name of a condition; None if it is not compared."""

@@ -51,9 +51,10 @@ class ComparisonRow:
         people_mean: mean over people.
         people_low: their least.
         people_high: their greatest.
-        people_spread: standard deviation over people.
+        people_spread: standard deviation over people; None of one.
         people: how many have the number.
-        inside: 1 inside people's range and 0 outside; between for shares of cells.
+        inside: 1 inside people's range and 0 outside; between for shares of cells. None, as what
+            follows, if one person was recorded, who has no range.
         distance: from people's mean, in units of a person's from the others.
         persons_inside: share of the user's persons inside; None of one person.
         percentile: percentage of people below the user.
@@ -69,12 +70,12 @@ class ComparisonRow:
     people_mean: float
     people_low: float
     people_high: float
-    people_spread: float
+    people_spread: float | None
     people: int
-    inside: float
-    distance: float
+    inside: float | None
+    distance: float | None
     persons_inside: float | None
-    percentile: float
+    percentile: float | None
     deviations: float | None
 
 
@@ -109,13 +110,13 @@ class Total:
 
     Attributes:
         cells: how many (measure, condition) there are.
-        inside: mean of their ``inside``.
-        distance: mean of their ``distance``.
+        inside: mean of their ``inside``; None without a range of people's.
+        distance: mean of their ``distance``; None as well.
     """
 
     cells: int
-    inside: float
-    distance: float
+    inside: float | None
+    distance: float | None
 
 
 @dataclass(frozen=True)
@@ -139,14 +140,15 @@ def compare(name: str, user: People, people: People, behaviour: Behaviour) -> Co
     Args:
         name: Of the user.
         user: Its persons by condition.
-        people: At least two persons by condition.
+        people: At least two persons by condition; of sessions one.
         behaviour: Of the game.
     """
+    least = 1 if behaviour.any_app else 2
     cells = [
         (group, condition)
         for group in behaviour.groups
         for condition in behaviour.conditions
-        if len(people.get((group, condition), ())) > 1 and user.get((group, condition))
+        if len(people.get((group, condition), ())) >= least and user.get((group, condition))
     ]
     rows = [row for cell in cells for row in _rows(cell, user[cell], people[cell], behaviour)]
     samples = [row for cell in cells for row in _samples(cell, user[cell], people[cell], behaviour)]
@@ -162,12 +164,14 @@ def _rows(
     for measure in measures_in(behaviour, *cell):
         own = [x.values[measure.name] for x in user if measure.name in x.values]
         theirs = [x.values[measure.name] for x in people if measure.name in x.values]
-        if not own or len(theirs) < 2:
+        several = len(theirs) > 1
+        if not own or not (several or (theirs and behaviour.any_app)):
             continue
         value = float(np.mean(own))
+        share = None
         if measure.name == CELL_RATES:
             share = _cells_inside(user, people)
-        else:
+        elif several:
             share = float(inside(value, theirs))
         yield ComparisonRow(
             *cell,
@@ -178,15 +182,15 @@ def _rows(
             people_mean=float(np.mean(theirs)),
             people_low=min(theirs),
             people_high=max(theirs),
-            people_spread=float(np.std(theirs, ddof=1)),
+            people_spread=float(np.std(theirs, ddof=1)) if several else None,
             people=len(theirs),
             inside=share,
-            distance=distance(value, theirs),
+            distance=distance(value, theirs) if several else None,
             persons_inside=float(np.mean([inside(x, theirs) for x in own]))
-            if len(own) > 1
+            if len(own) > 1 and several
             else None,
-            percentile=percentile(value, theirs),
-            deviations=standard_deviations(value, theirs),
+            percentile=percentile(value, theirs) if several else None,
+            deviations=standard_deviations(value, theirs) if several else None,
         )
 
 
@@ -229,9 +233,14 @@ def total(rows: Sequence[ComparisonRow]) -> Total | None:
         return None
     return Total(
         len(rows),
-        float(np.mean([row.inside for row in rows])),
-        float(np.mean([row.distance for row in rows])),
+        _mean([row.inside for row in rows]),
+        _mean([row.distance for row in rows]),
     )
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
 
 
 def left_out(people: People, behaviour: Behaviour) -> dict[str, dict[str, Compared]]:

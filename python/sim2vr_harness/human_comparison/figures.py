@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +15,13 @@ from sim2vr_harness.figures.figure import (
     Line,
     Numbers,
     Panel,
+    Points,
+    Ranges,
     colour_of,
 )
 from sim2vr_harness.figures.matplotlib_backend import write_figure
-from sim2vr_harness.human_comparison.comparing import ComparisonRow
-from sim2vr_harness.human_comparison.measures import FAMILIES, MEASURES
+from sim2vr_harness.human_comparison.comparing import Compared, ComparisonRow
+from sim2vr_harness.human_comparison.measures import FAMILIES, MEASURES, SESSION_MEASURES
 from sim2vr_harness.human_comparison.persons import Cell, RecordedPerson
 from sim2vr_harness.human_comparison.reaction import Effect
 from sim2vr_harness.human_comparison.report import ComparisonReport
@@ -34,8 +36,8 @@ _Curve = Callable[[RecordedPerson], tuple[Numbers, Numbers] | None]
 
 
 def draw(report: ComparisonReport, folder: Path) -> list[Path]:
-    """Write ``latency.png``, ``time_to_hit.png`` and ``overview.png``; those that have content."""
-    figures = (_latency(report), _time_to_hit(report), _overview(report))
+    """Write ``latency``, ``time_to_hit``, ``measures``, ``overview``.png; those with content."""
+    figures = (_latency(report), _time_to_hit(report), _headlines(report), _overview(report))
     return [write_figure(each, folder / f"{each.key}.png") for each in figures if each is not None]
 
 
@@ -93,10 +95,40 @@ def _time_to_hit(report: ComparisonReport) -> Figure | None:
     return Figure("time_to_hit", "Time to hit", "", panels, same_axes=True) if panels else None
 
 
+def _headlines(report: ComparisonReport) -> Figure | None:
+    """Of sessions: what is shown first, people's range behind the users' points."""
+
+    def both(rows: Sequence[ComparisonRow]) -> Iterator[tuple[int, tuple[Compared, ComparisonRow]]]:
+        return enumerate(zip(report.compared, rows, strict=True))
+
+    panels = []
+    for condition, name in report.behaviour.headlines if report.behaviour.any_app else ():
+        rows = [
+            row
+            for compared in report.compared
+            for row in compared.rows
+            if (row.condition, row.measure.name) == (condition, name)
+        ]
+        if len(rows) != len(report.compared):
+            continue
+        first, n = rows[0], len(rows)
+        places = [float(i) for i in range(n + 1)]
+        low, high = [first.people_low] * (n + 1), [first.people_high] * (n + 1)
+        layers: list[Layer] = [Ranges("people", places, low, high)]
+        layers += [Points(c.name, [i], [r.value], colour_of(i)) for i, (c, r) in both(rows)]
+        layers.append(Points("people", [n], [first.people_mean], GREY))
+        unit = f" ({first.measure.unit})" if first.measure.unit else ""
+        ticks = [*(compared.name for compared in report.compared), "people"]
+        panels.append(Panel(condition, layers, "", f"{name}{unit}", ticks=ticks))
+    return (
+        Figure("measures", "Measures of users and people's range", "", panels) if panels else None
+    )
+
+
 def _overview(report: ComparisonReport) -> Figure | None:
     """A row per measure: 0 inside people's range, or the distance from people's mean."""
     columns = [(c, cell) for c in report.compared for cell in _cells(report) if cell in c.persons]
-    if not columns:
+    if not columns or all(row.distance is None for row in report.rows()):
         return None
     found = {
         (compared.name, row.group, row.condition, row.measure): row
@@ -106,7 +138,8 @@ def _overview(report: ComparisonReport) -> Figure | None:
     rows: list[str] = []
     values: list[list[float | None]] = []
     for family in FAMILIES:
-        shown = [m for m in MEASURES if m.family == family and any(m == key[3] for key in found)]
+        every = (*MEASURES, *SESSION_MEASURES)
+        shown = [m for m in every if m.family == family and any(m == key[3] for key in found)]
         for measure in shown:
             beside = [found.get((compared.name, *cell, measure)) for compared, cell in columns]
             values.append([None if row is None else _outside(row) for row in beside])
@@ -118,5 +151,5 @@ def _overview(report: ComparisonReport) -> Figure | None:
     return Figure("overview", title, "", [panel])
 
 
-def _outside(row: ComparisonRow) -> float:
-    return 0.0 if row.inside > 0.5 else row.distance
+def _outside(row: ComparisonRow) -> float | None:
+    return row.distance if row.inside is None or row.inside <= 0.5 else 0.0

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import base64
 import csv
 import io
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
+from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sim2vr_harness.figures.html import save_page, table
 from sim2vr_harness.human_comparison.comparing import (
     Compared,
     ComparisonRow,
@@ -24,7 +27,7 @@ from sim2vr_harness.human_comparison.contrasts import ContrastRow
 from sim2vr_harness.human_comparison.report import ComparisonReport
 from sim2vr_harness.runs.run_folder import write_atomically
 
-__all__ = ["as_json", "write_csv", "write_json"]
+__all__ = ["as_json", "write_csv", "write_json", "write_page"]
 
 
 def as_json(report: ComparisonReport) -> dict[str, Any]:
@@ -47,8 +50,8 @@ def as_json(report: ComparisonReport) -> dict[str, Any]:
         ],
         "left_out": {
             group: {
-                "inside": _mean_inside(list(each.values())),
-                "distance": _mean_distance(list(each.values())),
+                "inside": _mean_of(list(each.values()), "inside"),
+                "distance": _mean_of(list(each.values()), "distance"),
                 "persons": {name: _total(total(compared.rows)) for name, compared in each.items()},
             }
             for group, each in report.left_out.items()
@@ -127,18 +130,50 @@ def _contrast(row: ContrastRow) -> dict[str, Any]:
     return {**asdict(row), "same_sign": row.same_sign, "within": row.within}
 
 
-def _mean_inside(each: Sequence[Compared]) -> float:
-    return float(np.mean([found.inside for c in each if (found := total(c.rows)) is not None]))
-
-
-def _mean_distance(each: Sequence[Compared]) -> float:
-    return float(np.mean([found.distance for c in each if (found := total(c.rows)) is not None]))
+def _mean_of(each: Sequence[Compared], name: str) -> float:
+    totals = (found for one in each if (found := total(one.rows)) is not None)
+    return float(np.mean([getattr(found, name) for found in totals]))
 
 
 def write_json(report: ComparisonReport, file: Path) -> Path:
     """Write everything that was found."""
     write_atomically(file, (json.dumps(as_json(report), indent=1) + "\n").encode())
     return file
+
+
+def write_page(report: ComparisonReport, figures: Sequence[Path], file: Path) -> Path:
+    """Write a page that opens without a network: what was found, every measure, the figures."""
+    parts = []
+    for compared in report.compared:
+        found = total(compared.rows)
+        text = f"{compared.name}: {len(compared.rows)} measures"
+        if found is not None and found.inside is not None:
+            text += f", {100 * found.inside:.0f} % of them inside people's range"
+        else:
+            text += "; one person was recorded, who has no range"
+        parts += [f"<h2>{escape(text)}</h2>", _page_table(compared)]
+    for figure in figures:
+        content = base64.b64encode(figure.read_bytes()).decode()
+        title = figure.stem.replace("_", " ").capitalize()
+        parts.append(f"<h2>{title}</h2><img class=figure src='data:image/png;base64,{content}'>")
+    return save_page(file, f"Users and people: {report.behaviour.game}", parts)
+
+
+def _page_table(compared: Compared) -> str:
+    """A row per measure; those outside people's range stand out."""
+    rows = [
+        (
+            f"{row.measure.name}, {row.condition}: {row.measure.label}",
+            row.measure.unit,
+            f"{row.value:.3g}",
+            f"{row.people_mean:.3g}",
+            f"{row.people_low:.3g} to {row.people_high:.3g}" if row.people > 1 else "",
+            "" if row.inside is None else f"{row.inside:.2g}",
+        )
+        for row in compared.rows
+    ]
+    bad = [i for i, row in enumerate(compared.rows) if row.inside is not None and row.inside < 0.5]
+    return table(("measure", "unit", compared.name, "people", "range", "inside"), rows, bad)
 
 
 def write_csv(report: ComparisonReport, folder: Path) -> list[Path]:

@@ -14,7 +14,15 @@ from functools import partial
 from sim2vr_harness.client import Measure
 from sim2vr_harness.games.behaviour import Behaviour
 
-__all__ = ["FAMILIES", "MEASURES", "BehaviourMeasure", "MeasureContext", "measured", "measures_in"]
+__all__ = [
+    "FAMILIES",
+    "MEASURES",
+    "SESSION_MEASURES",
+    "BehaviourMeasure",
+    "MeasureContext",
+    "measured",
+    "measures_in",
+]
 
 
 class MeasureContext(Enum):
@@ -218,6 +226,38 @@ MEASURES = (
 )
 """In the order of the tables."""
 
+SESSION_MEASURES = (
+    _performance("duration", "from the first frame to the last", unit="s"),
+    _performance("misses", "misses per round"),
+    _timing(
+        "first_movement",
+        "start until the hand is faster than 0.1 m/s for 0.1 s",
+        unit="s",
+    ),
+    _timing(
+        "movement_time",
+        "time of a movement, median: faster than 0.1 m/s and than 10 % of the 95 % speed, for "
+        "0.1 s or longer",
+        unit="s",
+        sample="movement_time",
+    ),
+    _timing("movements_per_min", "such movements per minute", unit="1/min"),
+    _speed("top_speed", "speed of the hand, 99 % of the round", unit="m/s"),
+    _space("path_per_min", "path of the hand per minute", unit="m/min"),
+    _space("other_path_per_min", "path of the other hand per minute", unit="m/min"),
+    _space("range_z", "5 to 95 % range forward", unit="m"),
+    _space("reach_p95", "distance of the hand from the head, 95 %", unit="m"),
+    _smoothness("rms_jerk", "RMS jerk of the hand", unit="m/s3"),
+    _smoothness(
+        "movement_ldlj", "log dimensionless jerk of a movement, median", sample="movement_ldlj"
+    ),
+    _rotation(
+        "wrist_share",
+        "path of the point 0.3 m ahead on the ray / path of the hand: flick of the wrist",
+    ),
+)
+"""Of sessions of any app, beside those above that need no plane of targets."""
+
 FAMILIES = tuple(dict.fromkeys(measure.family for measure in MEASURES))
 
 
@@ -236,9 +276,9 @@ def measures_in(behaviour: Behaviour, group: str, condition: str) -> tuple[Behav
     }
     return tuple(
         measure
-        for measure in MEASURES
+        for measure in (*MEASURES, *(SESSION_MEASURES if behaviour.any_app else ()))
         if makes_sense[measure.where] and measure.name not in behaviour.without
     )
 
 
-_BY_NAME = {measure.name: measure for measure in MEASURES}
+_BY_NAME = {measure.name: measure for measure in (*MEASURES, *SESSION_MEASURES)}

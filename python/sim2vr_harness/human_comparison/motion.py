@@ -8,16 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import find_peaks, welch
 
-from sim2vr_harness.human_comparison.grid import PERIOD_S, Track, angle_deg
+from sim2vr_harness.human_comparison.grid import PERIOD_S, Track, angle_deg, at
 from sim2vr_harness.human_comparison.outcomes import Found, robust_cv
+from sim2vr_harness.human_comparison.strikes import log_jerk
 
-__all__ = ["head", "rotations", "smoothness", "space", "speeds", "swings"]
+__all__ = ["hands", "head", "rotations", "smoothness", "space", "speeds", "swings"]
 
 FloatArray = NDArray[np.float64]
 
 STILL_MPS = 0.3
 _PROMINENCE_MPS = 0.2
 _FAST_SHAKING_HZ = 4.0
+_MOVING_MPS, _MOVING_PART, _MOVING_STEPS = 0.1, 0.1, 2
+"""A movement is faster, also than this part of the 95 % speed, for that many steps."""
 _SEGMENT = 128
 """Velocities in a segment of the power spectrum (Welch), 6.4 s."""
 
@@ -100,6 +103,58 @@ def head(track: Track) -> Found:
         "head_speed": float(moved.mean() / PERIOD_S),
         **_turning(track.turns(track.played.head[:, 3:]), "head_rot"),
     }, {}
+
+
+def hands(track: Track) -> Found:
+    """Measures of a session that need no knowledge of its app."""
+    played, velocity = track.played, track.velocity_mps
+    minutes = len(velocity) * PERIOD_S / 60.0
+    jerk = np.diff(velocity, 2, axis=0) / PERIOD_S**2
+    low, high = np.percentile(track.tool_m[:, 2], [5, 95])
+    away = np.linalg.norm(played.tool_m - (played.head[:, :3] - played.head[0, :3]), axis=1)
+    fast_mps = max(_MOVING_MPS, _MOVING_PART * float(np.percentile(track.speed_mps, 95)))
+    movements = _movements(track.speed_mps, fast_mps)
+    times = np.array([PERIOD_S * (end - start) for start, end in movements])
+    jerks = np.array([log_jerk(velocity[start:end]) for start, end in movements])
+    values = {
+        "duration": float(played.times_s[-1] - played.times_s[0]),
+        "first_movement": _first_movement(played.times_s, played.tool_m),
+        "movements_per_min": len(movements) / minutes,
+        "top_speed": float(np.percentile(track.speed_mps, 99)),
+        "path_per_min": float(track.speed_mps.sum() * PERIOD_S / minutes),
+        "range_z": float(high - low),
+        "reach_p95": float(np.percentile(away, 95)),
+        "rms_jerk": float(np.sqrt(np.mean(np.sum(jerk**2, axis=1)))),
+    }
+    samples = {"movement_time": times, "movement_ldlj": jerks[np.isfinite(jerks)]}
+    values |= {name: float(np.median(sample)) for name, sample in samples.items() if len(sample)}
+    hand = track.speed_mps.sum() * PERIOD_S
+    for name, points, unit in (
+        ("wrist_share", played.ahead_m, hand),
+        ("other_path_per_min", played.other_m, minutes),
+    ):
+        if points is not None and unit > 0.0:
+            values[name] = float(_path_m(at(played.times_s, points, track.times_s)) / unit)
+    return values, samples
+
+
+def _path_m(points: FloatArray) -> float:
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def _movements(speed: FloatArray, fast_mps: float = _MOVING_MPS) -> list[tuple[int, int]]:
+    """Ranges of steps in which the hand is fast for long enough."""
+    fast = np.concatenate([[False], speed > fast_mps, [False]])
+    edges = np.flatnonzero(fast[1:] != fast[:-1]).reshape(-1, 2)
+    return [(int(a), int(b)) for a, b in edges if b - a >= _MOVING_STEPS]
+
+
+def _first_movement(times_s: FloatArray, places: FloatArray) -> float:
+    """Time of the first movement of the whole round; NaN: there is none."""
+    grid = np.arange(times_s[0], times_s[-1], PERIOD_S)
+    speed = np.linalg.norm(np.diff(at(times_s, places, grid), axis=0), axis=1) / PERIOD_S
+    movements = _movements(speed)
+    return movements[0][0] * PERIOD_S if movements else math.nan
 
 
 def _turning(turns: FloatArray, name: str) -> dict[str, float]:

@@ -98,6 +98,8 @@ def measure_round(played: PlayedRound, behaviour: Behaviour) -> RoundMeasures:
         strikes.endpoints(track),
         strikes.between_hits(track),
     ]
+    if behaviour.any_app:
+        found.append(motion.hands(track))
     effect = None
     if played.condition in behaviour.one_target:
         own, effect = reaction(track)

@@ -64,6 +64,8 @@ class PlayedRound:
         head: (N, 7) pose of the head, app's world: m, x y z w.
         targets: what came up.
         contacts: touches that were too slow to count.
+        ahead_m: of a session, (N, 3) the point 0.3 m ahead on the hand's ray; else None.
+        other_m: of a session with two hands, (N, 3) the hand that moved less; else None.
     """
 
     source: Path
@@ -77,6 +79,8 @@ class PlayedRound:
     head: FloatArray
     targets: Targets
     contacts: int
+    ahead_m: FloatArray | None = None
+    other_m: FloatArray | None = None
 
 
 def round_of(recording: Recording, behaviour: Behaviour, person: str) -> PlayedRound | None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.human_comparison.grid import PERIOD_S, Track, at
 from sim2vr_harness.human_comparison.outcomes import Found
 
-__all__ = ["between_hits", "endpoints", "hit_speeds", "peaks", "sparc"]
+__all__ = ["between_hits", "endpoints", "hit_speeds", "log_jerk", "peaks", "sparc"]
 
 FloatArray = NDArray[np.float64]
 
@@ -118,7 +118,7 @@ def between_hits(track: Track) -> Found:
         retreat.append(track.tool_m[_within(track.times_s, before_s, hit_s, closed=True), 2].min())
         moving = _within(track.between_s, before_s, hit_s, closed=True)
         arcs.append(sparc(track.speed_mps[moving]))
-        jerks.append(_log_jerk(track.velocity_mps[moving]))
+        jerks.append(log_jerk(track.velocity_mps[moving]))
     samples = {"retreat": np.array(retreat), "sparc": np.array(arcs), "ldlj": np.array(jerks)}
     samples = {key: sample[np.isfinite(sample)] for key, sample in samples.items()}
     return {key: float(np.median(s)) for key, s in samples.items() if len(s)}, samples
@@ -149,7 +149,7 @@ def sparc(speed: FloatArray) -> float:
     return -float(steps.sum())
 
 
-def _log_jerk(velocity: FloatArray) -> float:
+def log_jerk(velocity: FloatArray) -> float:
     """Log dimensionless jerk of a movement's velocity (N, 3); higher is smoother."""
     if len(velocity) < 4:
         return math.nan

@@ -100,13 +100,21 @@ def _in_one_table(report: ComparisonReport) -> Iterator[RenderableType]:
             cells = [_value(own.get(place)) for own in rows]
             table.add_row(f"{place[1]}, {place[0]}{unit}", *cells, people)
         totals = [total(list(own.values())) for own in rows]
-        table.add_row("cells inside", *("" if t is None else f"{t.inside:.3f}" for t in totals))
-        table.add_row("distance", *("" if t is None else f"{t.distance:.2f}" for t in totals))
+        table.add_row("cells inside", *("" if t is None else _digits(t.inside, 3) for t in totals))
+        table.add_row("distance", *("" if t is None else _digits(t.distance, 2) for t in totals))
         yield table
 
 
 def _value(row: ComparisonRow | None) -> str:
-    return "" if row is None else f"{row.value:.3g}" + ("" if row.inside == 1.0 else "*")
+    return "" if row is None else f"{row.value:.3g}{_mark(row)}"
+
+
+def _mark(row: ComparisonRow) -> str:
+    return "" if row.inside in (None, 1.0) else "*"
+
+
+def _digits(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}f}"
 
 
 def _add(table: Table, name: str, group: str, found: Total | None, *, dim: bool = False) -> None:
@@ -116,8 +124,8 @@ def _add(table: Table, name: str, group: str, found: Total | None, *, dim: bool 
         name,
         group,
         str(found.cells),
-        f"{found.inside:.3f}",
-        f"{found.distance:.2f}",
+        _digits(found.inside, 3),
+        _digits(found.distance, 2),
         style="dim" if dim else None,
     )
 
@@ -132,14 +140,18 @@ def _headlines(report: ComparisonReport, compared: Compared) -> RenderableType:
 
 
 def _farthest(compared: Compared) -> list[ComparisonRow]:
-    away = sorted(compared.rows, key=lambda row: -row.distance)
+    if all(row.distance is None for row in compared.rows):
+        return list(compared.rows)  # beside one person: all of them
+    away = sorted(compared.rows, key=lambda row: -(row.distance or 0.0))
     return away[:_WORST]
 
 
 def _rows(compared: Compared, chosen: Sequence[ComparisonRow] | None) -> RenderableType:
     if chosen is None:
         return _table(f"{compared.name}: every measure", compared.rows)
-    return _table(f"{compared.name}: farthest from people", chosen)
+    one = all(row.distance is None for row in chosen)
+    beside = "beside one person, who has no range" if one else "farthest from people"
+    return _table(f"{compared.name}: {beside}", chosen)
 
 
 def _table(title: str, rows: Sequence[ComparisonRow]) -> Table:
@@ -152,17 +164,19 @@ def _table(title: str, rows: Sequence[ComparisonRow]) -> Table:
         table.add_column(heading, justify="right", no_wrap=True)
     for row in rows:
         spread = "" if row.spread is None else f" ± {row.spread:.2g}"
-        mark = "" if row.inside == 1.0 else "*"
-        people = f"{row.people_mean:.3g} [{row.people_low:.3g} to {row.people_high:.3g}]"
+        mark = _mark(row)
+        people = f"{row.people_mean:.3g}"
+        if row.people > 1:
+            people += f" [{row.people_low:.3g} to {row.people_high:.3g}]"
         unit = f" ({row.measure.unit})" if row.measure.unit else ""
         table.add_row(
             f"{row.condition}, {row.group}" if several else row.condition,
             row.measure.name + unit,
             f"{row.value:.3g}{spread}{mark}",
             people,
-            f"{row.percentile:.0f}",
+            _digits(row.percentile, 0),
             "" if row.deviations is None else f"{row.deviations:+.1f}",
-            f"{row.distance:.1f}",
+            _digits(row.distance, 1),
         )
     return table
 
@@ -211,7 +225,7 @@ def _cells(report: ComparisonReport, index: int) -> Iterator[RenderableType]:
             np.ma.masked_invalid([person.cell_rates for person in group]).mean(axis=0)
             for group in (persons, people)
         )
-        if side**2 != len(own) or np.ma.is_masked(own) or np.ma.is_masked(theirs):
+        if side < 2 or side**2 != len(own) or np.ma.is_masked(own) or np.ma.is_masked(theirs):
             continue
         words, r = cell_disagreement(own.data, theirs.data, (side, side))
         yield Text(f"{', '.join(cell)}: {words}; {r}")

@@ -192,7 +192,8 @@ def _named(event: SessionEvent) -> str:
 def _cause(recording: Session, replayed: Session, pairs: Sequence[Pair], time_ns: int) -> str:
     """The likeliest cause of a first difference, by what the session lacks and how times drift."""
     ours, theirs = recording.app, replayed.app
-    if ours.name and ours.name != theirs.name:
+    # A page or app that was copied under another name does the same.
+    if ours.name and ours.name != theirs.name and (ours.kind == "game" or not pairs):
         return f"the session is of {ours.name}, the replay of {theirs.name}"
     if recording.seed is None:
         return "seed: the session has none, so the app drew other random numbers"
@@ -209,6 +210,8 @@ def _cause(recording: Session, replayed: Session, pairs: Sequence[Pair], time_ns
         return (
             f"rounding: the source rounds positions to {step_mm:g} mm, and touches tip at an edge"
         )
+    if theirs.kind == "page" and recording.page_start is None:
+        return "start: the session does not say what the page did before the first frame"
     if all(one.inputs is None for one in recording.controllers.values()):
         return "inputs: the session has no triggers and buttons; or chance outside the seed"
     return "not known: chance that the seed does not govern, or time that the app reads elsewhere"

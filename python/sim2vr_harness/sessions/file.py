@@ -11,6 +11,7 @@ import math
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,7 +19,7 @@ import numpy as np
 
 from sim2vr_harness.base.errors import InputError, shown, unknown_name
 from sim2vr_harness.base.files import file_name, parse_json, read_lines_of
-from sim2vr_harness.client import INPUT_COUNT, ClockSettings
+from sim2vr_harness.client import INPUT_COUNT, ClockSettings, PageStart
 from sim2vr_harness.client.base import plain_options
 from sim2vr_harness.sessions.checks import LATEST_NS, MOST_EVENTS, MOST_FRAMES
 from sim2vr_harness.sessions.session import (
@@ -39,10 +40,11 @@ VERSION = 1
 _EXPECTED = "a session, JSON lines that begin with a header"
 _HEADER = (
     "format", "version", "app", "seed", "clock", "headset", "rate_hz", "source", "person",
-    "rounding_m",
+    "rounding_m", "page_start",
 )  # fmt: skip
 _SIZES = {"grip": 7, "aim": 7, "inputs": INPUT_COUNT, "joints": 8 * JOINTS}
 _LONGEST_TEXT = 1000
+_LATEST_MS = 1e8
 
 
 def write_file(session: Session, path: Path) -> None:
@@ -63,7 +65,9 @@ def session_lines(session: Session) -> Iterator[str]:
     app = {**asdict(session.app), "options": plain_options(session.app.options)}
     clock = None if session.clock is None else asdict(session.clock)
     header = {name: getattr(session, name, None) for name in _HEADER}
+    start = None if session.page_start is None else asdict(session.page_start)
     header |= {"format": FORMAT, "version": VERSION, "app": app, "clock": clock}
+    header["page_start"] = start
     yield _line({name: value for name, value in header.items() if value not in (None, "")})
     events = iter(session.events)
     event = next(events, None)
@@ -162,6 +166,7 @@ def _checked_header(content: dict[str, Any], place: str) -> dict[str, Any]:
         "source": content.get("source", "session"),
         "person": content.get("person", ""),
         "rounding_m": float(content.get("rounding_m") or 0.0),
+        "page_start": _page_start(content.get("page_start"), f"{place}, page_start"),
     }
 
 
@@ -200,6 +205,23 @@ def _clock(content: Any, place: str) -> ClockSettings | None:
         got = shown(settings.fixed_delta_time_s, 40)
         raise InputError(f"{place}.fixed_delta_time_s", got, "0.0001 to 1 s")
     return settings
+
+
+def _page_start(content: Any, place: str) -> PageStart | None:
+    if content is None:
+        return None
+    expected = "an object of frames_ms (a rising list), requested_ms and first_ms, 0 to 1e8 ms"
+    if not (isinstance(content, dict) and isinstance(content.get("frames_ms"), list)):
+        raise InputError(place, shown(content, 60), expected)
+    names = ("frames_ms", "requested_ms", "first_ms")
+    _known(content, names, place)
+    frames = content["frames_ms"]
+    times = [*frames, content.get("requested_ms"), content.get("first_ms")]
+    if not all(_is_number(time) and 0 <= time <= _LATEST_MS for time in times):
+        raise InputError(place, "another time", expected)
+    if any(late < early for early, late in pairwise(frames)) or len(frames) > MOST_FRAMES:
+        raise InputError(f"{place}.frames_ms", "times that go backwards", expected)
+    return PageStart(tuple(map(float, frames)), float(times[-2]), float(times[-1]))
 
 
 # --- frames and events ---------------------------------------------------------------------------

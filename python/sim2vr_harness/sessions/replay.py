@@ -32,9 +32,10 @@ from sim2vr_harness.sessions.divergence import Comparison, compare_events
 from sim2vr_harness.sessions.logs import logged_events
 from sim2vr_harness.sessions.session import AppIdentity, Session, SessionEvent
 
-__all__ = ["EventRecorder", "SessionReplay", "drive", "replay_session"]
+__all__ = ["EventRecorder", "SessionReplay", "counted_events", "replay_session"]
 
-IN_PROCESS = "in_process"
+_COUNT = "_count"
+"""How a task's counts of its events end in the log."""
 Watch = Callable[[int, AppReply], None]
 """Called after frame i with the app's reply."""
 
@@ -58,12 +59,12 @@ class SessionReplay:
     comparison: Comparison
 
 
-def drive(
+def _drive(
     app: AppClient,
     seed: int,
     times_ns: NDArray[np.int64],
     poses: DevicePoses,
-    watch: Watch | None = None,
+    watch: Watch,
 ) -> None:
     """Start a round and run frames until their end or the round's.
 
@@ -72,13 +73,9 @@ def drive(
         seed: of the round.
         times_ns: (N,) game times of the frames.
         poses: of N frames.
-        watch: receives every reply; without it, the app gets all frames in one call.
+        watch: receives every reply.
     """
     reply = app.reset(seed, poses[0], time_ns=int(times_ns[0]))
-    if watch is None:
-        if len(times_ns) > 1:
-            app.step_frames(times_ns[1:], poses[1:])
-        return
     watch(0, reply)
     for i in range(1, len(times_ns)):
         if reply.finished:
@@ -94,6 +91,8 @@ def replay_session(
     app: Mapping[str, Any] | None = None,
     options: Mapping[str, OptionValue] | None = None,
     log_dir: Path | None = None,
+    renderer: str = "null",
+    watch: Callable[[AppClient, int, AppReply], None] = lambda client, i, reply: None,
     on_progress: Callable[[float], None] = lambda part: None,
 ) -> SessionReplay:
     """Replay a session.
@@ -104,6 +103,8 @@ def replay_session(
         app: settings of ``env.app`` for a page or another app, and its ``task``.
         options: of the app, over the session's.
         log_dir: keeps a game's own log here.
+        renderer: what a game of this runtime draws with.
+        watch: called after frame i with the app and its reply.
         on_progress: receives the part of the frames that is done.
 
     Raises:
@@ -116,9 +117,14 @@ def replay_session(
     with ExitStack() as stack:
         if log_dir is None:
             log_dir = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        with _opened(session, chosen, settings, log_dir) as client:
+        with _opened(session, chosen, settings, log_dir, renderer) as client:
+
+            def take(i: int, reply: AppReply) -> None:
+                recorder.take(i, reply)
+                watch(client, i, reply)
+
             devices = _devices_for(client, session)
-            drive(client, session.seed or 0, session.time_ns - start_ns, devices, recorder.take)
+            _drive(client, session.seed or 0, session.time_ns - start_ns, devices, take)
         logs = sorted(log_dir.glob("*/events.csv"))
         logged = logged_events(logs[-1]) if chosen.kind == "game" and logs else ()
     events = sorted([*recorder.events, *logged], key=lambda event: event.time_ns)
@@ -156,7 +162,8 @@ def _chosen(
         raise InputError("--game", "it together with another app", "one of them")
     given = {**recorded.options, **(options or {})}
     if settings.get("page"):
-        return AppIdentity("page", Path(str(settings["page"])).name, "", given)
+        page = Path(str(settings["page"]))  # the file, as recorders name it
+        return AppIdentity("page", "index.html" if page.is_dir() else page.name, "", given)
     if "transport" in settings:
         return AppIdentity("app", str(settings.get("game") or recorded.name), "", given)
     name = game or (recorded.name if recorded.kind == "game" else "")
@@ -175,7 +182,11 @@ def _chosen(
 
 @contextmanager
 def _opened(
-    session: Session, chosen: AppIdentity, settings: Mapping[str, Any], log_dir: Path
+    session: Session,
+    chosen: AppIdentity,
+    settings: Mapping[str, Any],
+    log_dir: Path,
+    renderer: str,
 ) -> Iterator[AppClient]:
     """The app, with its task where it has one; closed in the end."""
     judged = settings.get("task") is not None or chosen.kind == "page"
@@ -184,7 +195,7 @@ def _opened(
     if chosen.kind == "game":
         clock = session.clock
         client = InProcessApp(
-            chosen.name, chosen.options, renderer="null", log_dir=log_dir, clock=clock
+            chosen.name, chosen.options, renderer=renderer, log_dir=log_dir, clock=clock
         )
     else:
         known = {each.name for each in fields(AppPlace)}
@@ -196,10 +207,11 @@ def _opened(
             frequency_hz=round(session.frame_rate_hz or 20),
             place=AppPlace(**place),
             values={} if task is None else dict(task.values),
+            page_start=session.page_start,
         )
         client = transport_named(str(settings["transport"])).apps(wanted)(0, None)
     with closing(client):
-        yield client if task is None else TaskedApp(client, task)
+        yield client if task is None else TaskedApp(client, task, ends=False)
 
 
 def _devices_for(client: AppClient, session: Session) -> DevicePoses:
@@ -208,6 +220,18 @@ def _devices_for(client: AppClient, session: Session) -> DevicePoses:
     if "left_controller" in client.capabilities:
         return devices
     return replace(devices, left_controller=None, left_inputs=None)
+
+
+def counted_events(
+    time_ns: int, before: Mapping[str, float], log: Mapping[str, float]
+) -> list[SessionEvent]:
+    """Return the events of a task that have happened since the log before, by their counts."""
+    events = []
+    for key, count in log.items():
+        if key.endswith(_COUNT):
+            new = round(count - before.get(key, 0.0))
+            events += [SessionEvent(time_ns, key.removesuffix(_COUNT))] * max(0, new)
+    return events
 
 
 class EventRecorder:
@@ -231,6 +255,7 @@ class EventRecorder:
         self.frames = 0
         self._times_ns, self._count, self._on_progress = times_ns, count, on_progress
         self._known: dict[str, Any] = {}
+        self._log: Mapping[str, float] = {}
 
     def take(self, i: int, reply: AppReply) -> None:
         """Take the reply to frame i."""
@@ -240,6 +265,8 @@ class EventRecorder:
         for sound in reply.sounds:
             data = {**vars(sound), "position_m": list(sound.position_m)}
             self.events.append(SessionEvent(time_ns, "sound", data))
+        self.events += counted_events(time_ns, self._log, reply.log)
+        self._log = reply.log
         for name, value in reply.values.items():
             whole = isinstance(value, (bool, int)) or (
                 isinstance(value, float) and value.is_integer()

@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.client import ClockSettings, DevicePoses, OptionValue
+from sim2vr_harness.client import ClockSettings, DevicePoses, OptionValue, PageStart
 from sim2vr_harness.sessions.frames import aim_of
 
 __all__ = [
@@ -129,6 +129,7 @@ class Session:
         source: name of the format that it was read from.
         person: a name for who played, without meaning outside the data set; empty: none.
         rounding_m: step to which the source rounds positions, m; 0: not rounded.
+        page_start: what a page did before the first frame; None: not known.
         notes: what is odd about the file, a sentence each.
     """
 
@@ -145,6 +146,7 @@ class Session:
     source: str = "session"
     person: str = ""
     rounding_m: float = 0.0
+    page_start: PageStart | None = None
     notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:

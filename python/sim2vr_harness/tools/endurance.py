@@ -20,6 +20,7 @@ from sim2vr_harness.users import FATIGUE_PRESETS, Body, PeopleSettings, Populati
 from sim2vr_harness.users.exertion import (
     Arm,
     ArmDynamics,
+    ArmLoad,
     Strength,
     arms_of,
     consumed_endurance_time,
@@ -29,7 +30,7 @@ from sim2vr_harness.users.exertion import (
 )
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 
-__all__ = ["Held", "hold", "hold_posture", "posture_of", "who_hold"]
+__all__ = ["Held", "PostureHolder", "hold", "posture_of", "who_hold"]
 
 FloatArray = NDArray[np.float64]
 
@@ -136,131 +137,168 @@ def hold(user: UserConfig, pose: str, load_kg: float = 0.0) -> list[Held]:
         raise InputError("USER", body.name, expected)
     angles = posture_of(body, pose)
     strength = Strength(factor=user.person.strength)
-    return [hold_posture(body, arm, angles, load_kg, strength) for arm in arms]
+    return [PostureHolder(body, arm).hold(angles, load_kg, strength) for arm in arms]
 
 
-def hold_posture(
-    body: Body,
-    arm: Arm,
-    angles: FloatArray,
-    load_kg: float,
-    strength: Strength,
-    *,
-    limits_bear: bool = False,
-    muscle_strength: float = 1.0,
-) -> Held:
-    """Hold a posture with one arm.
+class PostureHolder:
+    """Holds postures with one arm of a body.
+
+    Passive forces of joints and muscles count; dependent joints follow their couplings.
 
     Args:
         body: Whose muscles count.
         arm: Of that body.
-        angles: (J,) of the independent joints, rad.
-        load_kg: Mass in the hand, beside the controller's.
-        strength: For the published strength of the shoulder.
-        limits_bear: Whether a joint at its limit rests there, without muscles.
-        muscle_strength: Factor on the forces of the body's muscles beyond those at rest.
     """
-    model = body.physics_model
-    qpos, still = body.coupled_qpos(angles), np.zeros(model.nv)
-    load = ArmDynamics(model, arm).load(qpos, still, still, held_kg=load_kg)
-    maximum = strength.shoulder_torque(load.shoulder_deg, load.elbow_deg)
-    corrected = load.torque + nicer_correction(load.shoulder_deg, load.elbow_deg)
-    balance = _Balance(body, arm, angles, load_kg, limits_bear, muscle_strength)
-    own: float | None = float(load.torque / maximum)
-    activations: dict[str, float] = {}
-    if balance.muscles:
-        own, activations = balance.solve()
-    times = {
-        f"3CC-r, {name}": 0.0
-        if own is None
-        else float(fatigue_endurance_time(own, rates["fatigue"], rates["recovery"]))
-        for name, rates in FATIGUE_PRESETS.items()
-    }
-    consumed = load.torque / strength.consumed_endurance_torque
-    times["NICER"] = float(endurance_time(corrected / maximum))
-    times["Consumed Endurance"] = float(consumed_endurance_time(consumed))
-    return Held(
-        arm.side,
-        load.torque,
-        load.shoulder_deg,
-        load.elbow_deg,
-        own,
-        float(load.torque / maximum),
-        activations,
-        times,
-    )
+
+    def __init__(self, body: Body, arm: Arm) -> None:
+        model = body.physics_model
+        self._body, self._arm, self._model = body, arm, model
+        self._data = mujoco.MjData(model)
+        self._dynamics, self._still = ArmDynamics(model, arm), np.zeros(model.nv)
+        self._sites = [model.site(each.device).id for each in arms_of(body)]
+        self._actuators = np.array([model.actuator(name).id for name in body.muscles], dtype=int)
+        joints, moved = body.independent_joints, Linkage(body, Point(arm.device)).joints
+        over, of_elbow = Linkage(body, Point(arm.forearm)).joints, _joints_of(model, arm.forearm)
+        self._moved = np.array([joint in moved for joint in joints])
+        self._above = np.array([joint in over and joint not in of_elbow for joint in joints])
+
+    def load(self, angles: FloatArray, load_kg: float) -> ArmLoad:
+        """Return torque and posture of the arm.
+
+        Args:
+            angles: (J,) of the independent joints, rad.
+            load_kg: Mass in the hand, beside the controller's.
+        """
+        qpos = self._body.coupled_qpos(angles)
+        return self._dynamics.load(qpos, self._still, self._still, held_kg=load_kg)
+
+    def torques(self, angles: FloatArray) -> FloatArray:
+        """Return gravity's torques at the joints, (nv,), which they have to balance."""
+        data = self._data
+        data.qpos[:], data.qvel[:] = self._body.coupled_qpos(angles), 0.0
+        mujoco.mj_fwdPosition(self._model, data)
+        mujoco.mj_fwdVelocity(self._model, data)
+        return np.array(data.qfrc_bias)
+
+    def hold(
+        self,
+        angles: FloatArray,
+        load_kg: float,
+        strength: Strength,
+        *,
+        limits_bear: bool = False,
+        muscle_strength: float = 1.0,
+    ) -> Held:
+        """Hold a posture.
+
+        Args:
+            angles: (J,) of the independent joints, rad.
+            load_kg: Mass in the hand, beside the controller's.
+            strength: For the published strength of the shoulder.
+            limits_bear: Whether a joint at its limit rests there, without muscles.
+            muscle_strength: Factor on the forces of the body's muscles beyond those at rest.
+        """
+        load = self.load(angles, load_kg)
+        maximum = strength.shoulder_torque(load.shoulder_deg, load.elbow_deg)
+        corrected = load.torque + nicer_correction(load.shoulder_deg, load.elbow_deg)
+        own: float | None = float(load.torque / maximum)
+        activations: dict[str, float] = {}
+        balance = self._balance(angles, load_kg, limits_bear, muscle_strength)
+        if balance.muscles:
+            own, activations = balance.solve()
+        times = {
+            f"3CC-r, {name}": 0.0
+            if own is None
+            else float(fatigue_endurance_time(own, rates["fatigue"], rates["recovery"]))
+            for name, rates in FATIGUE_PRESETS.items()
+        }
+        consumed = load.torque / strength.consumed_endurance_torque
+        times["NICER"] = float(endurance_time(corrected / maximum))
+        times["Consumed Endurance"] = float(consumed_endurance_time(consumed))
+        return Held(
+            self._arm.side,
+            load.torque,
+            load.shoulder_deg,
+            load.elbow_deg,
+            own,
+            float(load.torque / maximum),
+            activations,
+            times,
+        )
+
+    def _balance(
+        self, angles: FloatArray, load_kg: float, limits_bear: bool, strength: float
+    ) -> _Balance:
+        body, model, data = self._body, self._model, self._data
+        slope = _slope(body, angles)
+        needed = self.torques(angles) - data.qfrc_passive
+        for site in self._sites:
+            push = np.zeros((3, model.nv))
+            mujoco.mj_jacSite(model, data, push, None, site)
+            needed = needed - load_kg * model.opt.gravity @ push
+        data.act[:] = 0.0
+        mujoco.mj_fwdActuation(model, data)
+        passive, slack = np.array(data.qfrc_actuator), np.array(data.actuator_force)
+        data.act[:] = 1.0
+        mujoco.mj_fwdActuation(model, data)
+        moments = np.zeros((model.nu, model.nv))
+        mujoco.mju_sparse2dense(
+            moments,
+            data.actuator_moment,
+            data.moment_rownnz,
+            data.moment_rowadr,
+            data.moment_colind,
+        )
+        forces = (data.actuator_force - slack)[self._actuators, None]
+        effects = strength * (forces * moments[self._actuators]) @ slope
+        at_limits = np.abs(angles[:, None] - body.joint_ranges) < _AT_LIMIT
+        stops = at_limits @ np.array([1.0, -1.0]) * limits_bear
+        pulled = np.abs(effects).max(axis=0, initial=0.0) > _NO_MOMENT
+        rows = self._moved & pulled
+        moving = np.abs(effects[:, rows]).max(axis=1, initial=0.0) > _NO_MOMENT
+        crosses = np.abs(effects[:, rows & self._above]).max(axis=1, initial=0.0) > _NO_MOMENT
+        return _Balance(
+            tuple(name for name, moves in zip(body.muscles, moving, strict=True) if moves),
+            effects[moving][:, rows],
+            crosses[moving],
+            (slope.T @ (needed - passive))[rows],
+            np.diag(stops)[rows][:, rows & (stops != 0.0)],
+        )
 
 
+@dataclass(frozen=True)
 class _Balance:
     """Equilibrium of an arm: what its joints need, and what each muscle can do.
 
-    Passive forces of joints and muscles count; dependent joints follow their couplings.
+    Attributes:
+        muscles: M, that move the arm.
+        effects: (M, R) on its joints, Nm.
+        shoulder: (M,) whether they cross the shoulder.
+        needed: (R,) Nm.
+        stops: (R, S) directions in which joints rest at their limits.
     """
 
-    def __init__(
-        self,
-        body: Body,
-        arm: Arm,
-        angles: FloatArray,
-        load_kg: float,
-        limits_bear: bool,
-        strength: float,
-    ) -> None:
-        model, data = body.physics_model, mujoco.MjData(body.physics_model)
-        data.qpos[:] = body.coupled_qpos(angles)
-        slope = _slope(body, angles)
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fwdVelocity(model, data)
-        needed = data.qfrc_bias - data.qfrc_passive
-        for each in arms_of(body):
-            push = np.zeros((3, model.nv))
-            mujoco.mj_jacSite(model, data, push, None, model.site(each.device).id)
-            needed = needed - load_kg * model.opt.gravity @ push
-        passive = _actuated(model, data)
-        columns = {
-            name: strength
-            * (slope.T @ (_actuated(model, data, int(model.actuator(name).actadr[0])) - passive))
-            for name in body.muscles
-        }
-        linkage = Linkage(body, Point(arm.device)).joints
-        pulled = np.max(np.abs([*columns.values()] or [np.zeros(len(angles))]), axis=0)
-        rows = np.array(
-            [
-                joint in linkage and pull > _NO_MOMENT
-                for joint, pull in zip(body.independent_joints, pulled, strict=True)
-            ]
-        )
-        over, of_elbow = Linkage(body, Point(arm.forearm)).joints, _joints_of(model, arm.forearm)
-        above = [joint in over and joint not in of_elbow for joint in body.independent_joints]
-        at_limits = np.abs(angles[:, None] - body.joint_ranges) < _AT_LIMIT
-        stops = at_limits @ np.array([1.0, -1.0]) * limits_bear
-        self._stops = np.diag(stops)[rows][:, rows & (stops != 0.0)]
-        self._needed = (slope.T @ (needed - passive))[rows]
-        moving = {n: c for n, c in columns.items() if np.abs(c[rows]).max(initial=0.0) > _NO_MOMENT}
-        self.muscles = tuple(moving)
-        """Those that move the arm."""
-        self._effects = np.zeros((len(moving), rows.sum()))
-        for effect, column in zip(self._effects, moving.values(), strict=True):
-            effect[:] = column[rows]
-        self._shoulder = np.array(
-            [np.abs(c[rows & above]).max(initial=0.0) > _NO_MOMENT for c in moving.values()]
-        )
+    muscles: tuple[str, ...]
+    effects: FloatArray
+    shoulder: NDArray[np.bool_]
+    needed: FloatArray
+    stops: FloatArray
 
     def solve(self) -> tuple[float | None, dict[str, float]]:
         """Return the least largest activation of the shoulder's muscles, and all activations.
 
         Muscles that do not cross the shoulder go up to 1. None: nothing balances the arm.
         """
-        n, stops = len(self.muscles), self._stops.shape[1]
-        bounds = [(0.0, None if crosses else 1.0) for crosses in self._shoulder]
+        n, stops = len(self.muscles), self.stops.shape[1]
+        bounds = [(0.0, None if crosses else 1.0) for crosses in self.shoulder]
         bounds += [(0.0, None)] * (1 + stops)
-        shoulder = self._shoulder.astype(float)
+        shoulder = self.shoulder.astype(float)
         found = linprog(
             np.r_[np.full(n, _SPARING), 1.0, np.zeros(stops)],
             A_ub=np.c_[np.diag(shoulder), -shoulder, np.zeros((n, stops))],
             b_ub=np.zeros(n),
-            A_eq=np.c_[self._effects.T, np.zeros(self._effects.shape[1]), self._stops],
-            b_eq=self._needed,
+            A_eq=np.c_[self.effects.T, np.zeros(self.effects.shape[1]), self.stops],
+            b_eq=self.needed,
             bounds=bounds,
         )
         if found.x is None:
@@ -269,24 +307,11 @@ class _Balance:
         return values[n], dict(zip(self.muscles, values, strict=False))
 
 
-def _actuated(model: mujoco.MjModel, data: mujoco.MjData, muscle: int | None = None) -> FloatArray:
-    """(nv,) generalised forces of all actuators, one muscle fully active or none."""
-    data.act[:] = 0.0
-    if muscle is not None:
-        data.act[muscle] = 1.0
-    mujoco.mj_fwdActuation(model, data)
-    return np.array(data.qfrc_actuator)
-
-
 def _slope(body: Body, angles: FloatArray) -> FloatArray:
-    """(nv, J) how all joints follow the independent ones."""
-    rows = np.zeros((len(angles), body.physics_model.nv))
-    for j, row in enumerate(rows):
-        by = np.zeros(len(angles))
-        by[j] = _STEP
-        ends = body.coupled_qpos(angles - by), body.coupled_qpos(angles + by)
-        mujoco.mj_differentiatePos(body.physics_model, row, 2.0 * _STEP, *ends)
-    return rows.T
+    """(nv, J) how all joints follow the independent ones; all are hinges or slides."""
+    by = _STEP * np.eye(len(angles))
+    rise: FloatArray = body.coupled_qpos(angles + by) - body.coupled_qpos(angles - by)
+    return rise.T / (2.0 * _STEP)
 
 
 def _joints_of(model: mujoco.MjModel, part: str) -> list[str]:

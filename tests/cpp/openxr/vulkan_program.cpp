@@ -41,6 +41,8 @@ Function VulkanProgram::function(const char* name) const {
 std::optional<std::string> VulkanProgram::start(std::unique_ptr<VulkanProgram>& program) {
   void* library = dlopen("libvulkan.so.1", RTLD_NOW | RTLD_LOCAL);
   if (library == nullptr) return dlerror();
+  // What Mesa's driver leaks has a name for LeakSanitizer only while it is loaded.
+  dlopen("libvulkan_lvp.so", RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
   program = std::make_unique<VulkanProgram>(
       reinterpret_cast<PFN_vkGetInstanceProcAddr>(dlsym(library, "vkGetInstanceProcAddr")));
   if (program->device == VK_NULL_HANDLE) return "Vulkan has no device";

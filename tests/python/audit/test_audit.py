@@ -12,12 +12,13 @@ import pytest
 from sim2vr_harness.audit.auditing import run
 from sim2vr_harness.audit.causes import cause, shift_words
 from sim2vr_harness.audit.judging import Judged, judge, places_of, seen
+from sim2vr_harness.audit.pages import located
 from sim2vr_harness.audit.population import NONE, Limitation, draw, groups_of
 from sim2vr_harness.audit.reaching import Crowd, Rows
 from sim2vr_harness.audit.remedies import GOAL, remedy
 from sim2vr_harness.audit.report import findings, headline, write
 from sim2vr_harness.audit.summary import plain, proportion
-from sim2vr_harness.audit.targets import AuditTarget, found_targets, located, read_targets
+from sim2vr_harness.audit.targets import AuditTarget, found_targets, read_targets
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.statistics.intervals import wilson_interval
 from sim2vr_harness.tools.users import environment_of
@@ -163,7 +164,7 @@ def test_the_same_seed_writes_the_same_files(tmp_path: Path) -> None:
     values = plain(done)
     for file in ("report.html", "audit.json"):
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
-    assert "too few persons (3)" in headline(values)
+    assert headline(values) == "3 persons are too few to judge 2 targets: 30 at least."
     assert findings(values) == []
     page = (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
     assert "Limits of the model" in page

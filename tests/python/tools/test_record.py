@@ -363,11 +363,70 @@ window.drive = () => {
   }, 10);
 };
 """
+BALLS = """
+const device = window.device = new IWER.XRDevice(IWER.metaQuest3);
+device.installRuntime({ forceInstall: true });
+window.drive = () => {
+  const begun = performance.now();
+  const ball = BABYLON.EngineStore.LastCreatedScene.getMeshByName('ball').position;
+  const at = { x: 0.2, y: 1, z: 0.2 };
+  setInterval(() => {
+    const goal = { x: ball.x, y: ball.y, z: Math.min(0.8, Math.max(0.3, ball.z)) };
+    for (const axis of 'xyz') at[axis] += 0.05 * (goal[axis] - at[axis]);
+    device.controllers.right.position.set(at.x, at.y, -at.z);
+    if (performance.now() - begun > 12000) device.activeSession?.end();
+  }, 10);
+};
+"""
 IWER = ENGINES / "iwer@2.5.0" / "build" / "iwer.js"
+needs_iwer = pytest.mark.skipif(
+    not IWER.is_file(), reason="no IWER; docs/examples/webxr/engines.sh gets it"
+)
 
 
 @NEEDS_BROWSER
-@pytest.mark.skipif(not IWER.is_file(), reason="no IWER; docs/examples/webxr/engines.sh gets it")
+@needs_iwer
+def test_a_page_that_moves_before_vr_replays_the_same(tmp_path: Path) -> None:
+    """Its balls fly while the page waits, and each is thrown by chance."""
+    folder = ENGINES.parent / "balls"
+    text = (folder / "index.html").read_text()
+    address = "https://cdn.jsdelivr.net/npm/babylonjs@9.34.0/babylon.js"
+    shutil.copy(ENGINES / "babylonjs@9.34.0" / "babylon.js", tmp_path)
+    shutil.copy(IWER, tmp_path)
+    (tmp_path / "drive.js").write_text(BALLS)
+    scripts = '<script src="iwer.js"></script><script src="drive.js"></script>'
+    text = text.replace(address, "babylon.js").replace("<title>", f"{scripts}<title>")
+    (tmp_path / "index.html").write_text(text)
+    button = "document.querySelector('.babylonVRicon')"
+    with (
+        closing(RecordingServer(tmp_path / "index.html", SEED)) as made,
+        made.running(),
+        Page(60.0, served=True) as page,
+    ):
+        page.open(made.address, 800)
+        page.wait_for(f"!!{button} && app.missed > 0")
+        page.value(f"{button}.click()")
+        page.wait_for("!!device.activeSession")
+        page.value("drive()")
+        assert made.wait(60.0)
+        caught, missed = page.value("[app.caught, app.missed]")
+        session = made.session()
+    assert session is not None and session.page_start is not None
+    assert missed >= 1 and caught >= 5
+    assert session.page_start.requested_ms > 2000 and len(session.page_start.frames_ms) > 10
+    settings = {
+        "transport": "webxr",
+        "page": str(folder),
+        "map": {"https://cdn.jsdelivr.net/npm/": str(ENGINES)},
+        "task": str(folder / "task.yaml"),
+    }
+    replayed = replay_session(session, app=settings)
+    assert replayed.comparison.same and replayed.comparison.same_frame == caught
+    assert (replayed.values["caught"], replayed.values["missed"]) == (caught, missed)
+
+
+@NEEDS_BROWSER
+@needs_iwer
 def test_a_round_in_an_emulated_headset_replays_the_same(tmp_path: Path) -> None:
     for file in (PAGES / "boxes.js", IWER):
         shutil.copy(file, tmp_path)

@@ -41,10 +41,11 @@ class TaskedApp(SplitStep):
         app: to judge; owned by this object from now on. One that answers no expressions
             reports the numbers of its log.
         task: the judge, of this app alone.
+        ends: whether the task ends rounds; else only the app does.
     """
 
-    def __init__(self, app: AppClient, task: Task) -> None:
-        self.app, self.task = app, task
+    def __init__(self, app: AppClient, task: Task, *, ends: bool = True) -> None:
+        self.app, self.task, self._ends = app, task, ends
         self.moments: list[TaskMoment] | None = None
         """What the task received, where someone wants it recorded; see :meth:`record`."""
         self._time_s = self._start_s = 0.0
@@ -171,7 +172,7 @@ class TaskedApp(SplitStep):
         }
         return AppReply(
             reward=float(outcome.reward),
-            finished=bool(outcome.finished or reply.finished or late),
+            finished=bool(reply.finished or (self._ends and (outcome.finished or late))),
             time_feature=float(part),
             log={**reply.log, **numbers, **{key: float(v) for key, v in outcome.log.items()}},
             haptics=reply.haptics,

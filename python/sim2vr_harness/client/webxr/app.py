@@ -23,7 +23,7 @@ from sim2vr_harness.client.webxr.browser import Browser, find_browser
 from sim2vr_harness.client.webxr.files import PageFiles
 from sim2vr_harness.client.webxr.page import PROFILES, SCRIPT_ERRORS, Page
 from sim2vr_harness.client.webxr.renderers import RENDERERS
-from sim2vr_harness.client.webxr.replies import PageReport
+from sim2vr_harness.client.webxr.replies import PageReport, Thing
 
 __all__ = ["CAPABILITIES", "WebXRApp"]
 
@@ -76,6 +76,7 @@ class WebXRApp(UnsavedApp):
                     "farthest_m": FARTHEST_M,
                     "frame_rate_hz": FRAME_RATE_HZ,
                     "profile": options["profile"],
+                    "start": None if wanted.page_start is None else vars(wanted.page_start),
                 },
                 values=wanted.values,
                 enter=options["enter"] or None,
@@ -219,6 +220,14 @@ class WebXRApp(UnsavedApp):
     def report(self) -> PageReport:
         """Return what the page is made of and requested so far; also after a reset failed."""
         return self._page.report()
+
+    def things(self) -> tuple[Thing, ...]:
+        """Return the objects that people may be able to use, as they are now.
+
+        The page's objects get counters of events; what it does with them does not change.
+        """
+        self._require_open()
+        return self._page.things()
 
     @property
     def usable(self) -> bool:

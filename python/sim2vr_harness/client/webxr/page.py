@@ -17,11 +17,13 @@ from sim2vr_harness.client.webxr.replies import (
     BadReply,
     PageReport,
     StepReply,
+    Thing,
     door_reply,
     place_in,
     report_reply,
     step_reply,
     text_in,
+    things_reply,
 )
 from sim2vr_harness.client.webxr.tab import RENDERER, PageSettings, bundle, open_tab
 from sim2vr_harness.client.webxr.watch import PageWatch, words_of
@@ -236,6 +238,10 @@ class Page:
     def report(self) -> PageReport:
         """Return what the page is made of and requested so far."""
         return self._checked(report_reply, self._evaluate("__sim2vr.report()"))
+
+    def things(self) -> tuple[Thing, ...]:
+        """Return the objects that people may use, as they are now."""
+        return self._checked(things_reply, self._evaluate("__sim2vr.things()"))
 
     def describe_renderer(self) -> str:
         """Return the name of what draws in this browser."""

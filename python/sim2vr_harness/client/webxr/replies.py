@@ -24,14 +24,17 @@ __all__ = [
     "DoorReply",
     "PageReport",
     "StepReply",
+    "Thing",
     "door_reply",
     "place_in",
     "report_reply",
     "step_reply",
     "text_in",
+    "things_reply",
 ]
 
 MOST_TEXTS = 200
+MOST_THINGS = 200
 MOST_PULSES = 10_000
 """Vibrations of one step."""
 
@@ -91,6 +94,44 @@ class PageReport:
     features: tuple[str, ...] = ()
     objects: tuple[str, ...] = ()
     inputs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Thing:
+    """An object of a page that people may be able to use.
+
+    Attributes:
+        name: unique.
+        how: ``touch``, ``point`` or ``look``, by what it listens to; ``unknown``: it does not.
+        place_m: middle, right, up, ahead.
+        half_m: half of its size along these axes.
+        events: that it has received, and rays that have met it.
+        state: changes with where it is and how it looks.
+    """
+
+    name: str
+    how: str
+    place_m: tuple[float, float, float]
+    half_m: tuple[float, float, float]
+    events: int
+    state: int
+
+
+def things_reply(answer: object) -> tuple[Thing, ...]:
+    """Return the objects of a page that people may use; raises :class:`BadReply`."""
+    rows = list_in("things", answer, MOST_THINGS)
+    return tuple(_thing_in(row) for row in rows)
+
+
+def _thing_in(row: object) -> Thing:
+    if not isinstance(row, list) or len(row) != 6:
+        raise bad_reply("things", row, "name, how, place, half of the size, events, state")
+    name, how = text_in("things, name", row[0]), text_in("things, how", row[1])
+    if how not in ("touch", "point", "look", "unknown"):
+        raise bad_reply("things, how", how, "touch, point, look or unknown")
+    events, state = (int(number_in("things", each)) for each in row[4:])
+    place, half = place_in("things, place", row[2]), place_in("things, half of the size", row[3])
+    return Thing(name, how, place, half, events, state)
 
 
 def report_reply(answer: object) -> PageReport:

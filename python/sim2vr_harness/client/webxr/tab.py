@@ -38,6 +38,7 @@ _SCRIPTS = (
     "picture.js",
     "session.js",
     "objects.js",
+    "things.js",
     "report.js",
     "steps.js",
 )

@@ -46,7 +46,7 @@ def _poses(steps: Any, name: str) -> Any:
     columns = [f"{name}_{part}" for part in _PARTS]
     if not set(columns) <= set(steps.columns):
         return None
-    poses = steps[columns].to_numpy(dtype=np.float64)
+    poses = np.array(steps[columns], dtype=np.float64)
     poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
     return poses
 

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.base.files import file_name
-from sim2vr_harness.client import AppClient, AppReply, DevicePoses, InProcessApp, OptionValue
+from sim2vr_harness.client import AppClient, AppReply, OptionValue
 from sim2vr_harness.evaluation.replay.film import ReplayFilm
 from sim2vr_harness.evaluation.replay.recordings import GAME, Event, Recording, read_events
 from sim2vr_harness.evaluation.replay.timing import Timing, spawn_schedule, timing_of
 from sim2vr_harness.sessions import AppIdentity, Controller, Session, SessionEvent
-from sim2vr_harness.sessions.replay import drive
+from sim2vr_harness.sessions.replay import replay_session
 
 __all__ = ["Replay", "replay", "replay_all", "session_of"]
 
@@ -84,28 +84,30 @@ def _replayed(
     renderer: str,
 ) -> Replay:
     timing = timing_of(recording, fixed_step_s)
+    times_ns, frames = _frames(timing)
+
+    def seen(app: AppClient, i: int, reply: AppReply) -> None:
+        if watch is not None and not (len(times_ns) > len(timing.frame_times_ns) and i == 1):
+            watch(app, timing, int(frames[i]), reply)
+
+    session = session_of(recording, closed_loop=closed_loop, timing=timing)
     with tempfile.TemporaryDirectory() as temporary:
         root = Path(temporary) if log_dir is None else log_dir / recording.name
-        with InProcessApp(
-            GAME,
-            {**_options(recording, timing, closed_loop), **(options or {})},
-            renderer=renderer,
-            log_dir=root,
-            clock=timing.clock,
-        ) as app:
-            _play(app, recording, timing, watch)
-        log = max(root.glob("*/events.csv"))
-        return Replay(recording, timing, closed_loop, read_events(log))
+        replay_session(session, options=options, log_dir=root, renderer=renderer, watch=seen)
+        return Replay(recording, timing, closed_loop, read_events(max(root.glob("*/events.csv"))))
 
 
-def session_of(recording: Recording, *, closed_loop: bool = True) -> Session:
+def session_of(
+    recording: Recording, *, closed_loop: bool = True, timing: Timing | None = None
+) -> Session:
     """Return a round as a session of the game, with the clock and the options that repeat it.
 
     Args:
         recording: The round.
         closed_loop: Without, the options take spawns from the log.
+        timing: Of its frames; None works it out.
     """
-    timing = timing_of(recording)
+    timing = timing_of(recording) if timing is None else timing
     times_ns, frames = _frames(timing)
     left, right = (
         None if one is None else Controller(grip=one[frames])
@@ -156,17 +158,6 @@ def _frames(timing: Timing) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         return times_ns, frames
     # The log has no row for the frame that started play; the hammer is where it is next.
     return np.insert(times_ns, 1, start), np.insert(frames, 1, 1)
-
-
-def _play(app: AppClient, recording: Recording, timing: Timing, watch: Watch | None) -> None:
-    times_ns, frames = _frames(timing)
-
-    def seen(i: int, reply: AppReply) -> None:
-        if watch is not None and not (timing.play_start_ns is not None and i == 1):
-            watch(app, timing, int(frames[i]), reply)
-
-    devices = DevicePoses(recording.head, recording.right, recording.left)[frames]
-    drive(app, recording.seed, times_ns, devices, None if watch is None else seen)
 
 
 def replay_all(

@@ -7,6 +7,7 @@
   const RETRY_MS = 500;
   const KEPT_ALIVE_BYTES = 60000; // that a browser sends for a page that has gone
   const WATCH_MS = 100;
+  const MOST_FLAT_FRAMES = 20000; // before VR, five minutes at 60 Hz
   const JOINTS = 25;
   const { fetch, setTimeout, setInterval, performance, console } = window;
   const later = setTimeout.bind(window);
@@ -66,6 +67,30 @@
     };
   };
 
+  // While a frame runs, the page's clock stands at the frame's time, as in a replay.
+  const now = performance.now.bind(performance);
+  let running = null;
+  let read = 0;
+  const during = (time, run) => {
+    running = time;
+    try {
+      run();
+    } finally {
+      running = null;
+    }
+  };
+  // What the page does before VR, ms since its document began: a replay does it at the same times.
+  const start = { frames_ms: [], requested_ms: 0, first_ms: 0 };
+  if (!settings.late) {
+    set(performance, 'now', () => (read = Math.max(read, running ?? now())));
+    const animate = window.requestAnimationFrame;
+    let seen = 0;
+    set(window, 'requestAnimationFrame', (callback) => animate.call(window, (time) => {
+      if (!start.first_ms && time > seen) start.frames_ms.push(seen = time);
+      during(time, () => callback(time));
+    }));
+  }
+
   const record = async (session) => {
     const wished = (kind) => session.requestReferenceSpace(kind).catch(() => null);
     const space = (await wished('local-floor')) ?? (await wished('local'));
@@ -75,8 +100,8 @@
     let lines = [];
     let first = null;
     let latest = -1;
+    let count = 0;
     let flushed = 0;
-    let running = false; // within a callback of a frame
     const write = (line) => lines.push(`${JSON.stringify(line)}\n`);
     const time_ns = (time) => Math.max(0, Math.round((time - first) * 1e6));
     const header = () => write({
@@ -85,7 +110,7 @@
         kind: 'page', name: settings.page ?? location.pathname.split('/').pop().slice(0, 200),
         options: Object.fromEntries(new URLSearchParams(location.search)),
       },
-      ...(settings.late ? {} : { seed: settings.seed }),
+      ...(settings.late ? {} : { seed: settings.seed, page_start: start }),
       headset: headset(session), source: 'recorder', ...(session.frameRate ? { rate_hz: session.frameRate } : {}),
     });
     const flush = (last = false) => {
@@ -95,7 +120,7 @@
 
     const feel = ({ gamepad, handedness: hand }) => {
       const pulse = (amplitude, duration_ms) => {
-        const time = running ? latest : performance.now();
+        const time = running ?? now();
         const data = { hand, amplitude: within(0, amplitude), frequency_hz: 0, duration_s: Math.max(0, duration_ms || 0) / 1e3 };
         if (first !== null) write({ t: time_ns(time), event: 'haptic', data });
       };
@@ -126,9 +151,12 @@
       if (!head) return;
       if (first === null) {
         first = flushed = time;
+        start.first_ms = time;
+        if (start.frames_ms.length > MOST_FLAT_FRAMES) start.frames_ms = [];
         header();
       }
       latest = time;
+      sim.seedFrame?.(count++);
       const line = { t: time_ns(time), head: pose(head) };
       for (const source of session.inputSources) {
         const { handedness: side } = source;
@@ -147,12 +175,7 @@
       } catch (error) {
         complain(error);
       }
-      running = true;
-      try {
-        callback(time, frame);
-      } finally {
-        running = false;
-      }
+      during(time, () => callback(time, frame));
     }));
     session.addEventListener('selectstart', ({ inputSource }) => pinched.add(inputSource));
     session.addEventListener('selectend', ({ inputSource }) => pinched.delete(inputSource));
@@ -172,6 +195,7 @@
       const real = xr[name];
       if (real) set(xr, name, async (mode, wanted = {}) => {
         if (mode === 'inline') return real.call(xr, mode, wanted);
+        start.requested_ms = now();
         const optionalFeatures = [...(wanted.optionalFeatures ?? []), 'local-floor'];
         const session = await real.call(xr, mode, { ...wanted, optionalFeatures });
         await record(session).catch(complain);

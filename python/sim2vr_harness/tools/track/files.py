@@ -17,6 +17,7 @@ from sim2vr_harness.evaluation.data.folder import FOLDER, DataFolder
 from sim2vr_harness.evaluation.data.items import item_columns
 from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.tools.track.figure import draw
+from sim2vr_harness.tools.track.joint_moments import joint_moments, named_joints
 from sim2vr_harness.tools.track.tracking import Tracked
 
 __all__ = ["film", "write"]
@@ -130,6 +131,12 @@ def _steps(one: Tracked) -> Any:
         ]
     columns.append(Column("effort_cost", "single", "reward", "Cost of the step's effort"))
     parts.append(followed.effort[:, None])
+    model = one.body.physics_model
+    columns += [
+        Column(f"moment_{name}", "single", "Nm", f"Moment of muscles and motors about {name}")
+        for name, _ in named_joints(model)
+    ]
+    parts.append(joint_moments(model, followed.qpos, _forces(one)))
     counts = [
         (Column("step", "integer", "", "User step, from 1; a key"), _count(followed.values)),
         (
@@ -141,6 +148,17 @@ def _steps(one: Tracked) -> Any:
     ]
     values = np.concatenate(parts, axis=1, dtype=np.float32)
     return number_table(one.path.name, counts, values, columns)
+
+
+def _forces(one: Tracked) -> NDArray[np.float64]:
+    """(N, nu) force of each actuator of the body, 0 of those that have no column."""
+    model, names = one.body.physics_model, [column.name for column in one.followed.columns]
+    forces = np.zeros((len(one.followed.values), model.nu))
+    for actuator in range(model.nu):
+        name = f"force_{model.actuator(actuator).name}"
+        if name in names:
+            forces[:, actuator] = one.followed.values[:, names.index(name)]
+    return forces
 
 
 def _count(values: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -2,6 +2,7 @@
 
 - Rounds of Whac-A-Mole (``evaluation/replay/recordings.py``): logs and packed rounds.
 - ``states.csv`` of any game, the original's logger's or ours.
+- Sessions of any app (``sessions/``), a file each.
 - A plain CSV file with a header (:func:`read_table_of_poses`).
 
 All end as poses in the app's frame (Unity: left-handed, x right, y up, z forward): position x y z
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name, read_text
 from sim2vr_harness.evaluation.replay.recordings import Recording, read_recordings
+from sim2vr_harness.sessions import Session, read_session
 from sim2vr_harness.sessions.state_log import StateLog, read_state_log
 
 __all__ = [
@@ -96,6 +98,8 @@ def read_paths(path: Path, *, frame: Frame = "app") -> list[RecordedPath]:
     """
     if not path.exists():
         raise InputError("RECORDING", repr(str(path)), "a file or folder that exists")
+    if path.is_file() and path.suffix.lower() not in (".csv", ".npz"):
+        return [_of_session(path, read_session(path))]
     if path.is_file() and path.suffix.lower() == ".csv":
         if not path.name.endswith("states.csv"):
             return [read_table_of_poses(path, frame)]
@@ -140,6 +144,21 @@ def _of_log(file: Path, log: StateLog) -> RecordedPath:
     plain = file.name == "states.csv"
     name = file.parent.resolve().name if plain else file.stem
     return RecordedPath(name, file, times_s, hands, log.head[first:][rows])
+
+
+def _of_session(file: Path, session: Session) -> RecordedPath:
+    times_s, rows = _rising(np.asarray(session.time_ns * 1e-9, dtype=np.float64))
+    if len(times_s) < _LEAST_ROWS:
+        raise InputError(file_name(file), f"{len(times_s)} moments", f"at least {_LEAST_ROWS}")
+    devices = session.devices()
+    poses = {
+        "controller_right": devices.right_controller,
+        "controller_left": devices.left_controller,
+    }
+    hands = {name: each[rows] for name, each in poses.items() if each is not None and _moves(each)}
+    if not hands:
+        raise InputError(file_name(file), "controllers that never move", "one that does")
+    return RecordedPath(file.name.split(".")[0], file, times_s, hands, session.head[rows])
 
 
 def _moves(poses: FloatArray) -> bool:

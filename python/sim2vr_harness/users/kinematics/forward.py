@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.users import Body
+from sim2vr_harness.users.bodies.spec_body import polynomial
 from sim2vr_harness.users.name_errors import unknown_name
 
 __all__ = ["Linkage", "Point"]
 
 FloatArray = NDArray[np.float64]
 
+_EYE = np.eye(3)
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
@@ -40,6 +43,11 @@ class _Link:
     rotation: FloatArray
     joints: tuple[_Joint, ...]
 
+    @cached_property
+    def straight(self) -> bool:
+        """Whether it is not turned against the part above."""
+        return bool((self.rotation == _EYE).all())
+
 
 @dataclass(frozen=True)
 class _Joint:
@@ -58,6 +66,31 @@ class _Joint:
     axis: FloatArray
     anchor: FloatArray
     start: float
+
+    @cached_property
+    def centred(self) -> bool:
+        """Whether the anchor is the link's origin."""
+        return not self.anchor.any()
+
+    @cached_property
+    def cross(self) -> FloatArray:
+        """(3, 3) matrix of the cross product with the axis."""
+        x, y, z = self.axis
+        return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+    @cached_property
+    def cross_twice(self) -> FloatArray:
+        """(3, 3) the same, applied twice."""
+        return np.asarray(self.cross @ self.cross)
+
+    def taken(self, rows: NDArray[np.integer]) -> _Joint:
+        """Return the joint with the anchors of some bodies."""
+        if self.anchor.ndim == 1:
+            return self
+        part = _Joint(self.name, self.hinge, self.axis, self.anchor[rows], self.start)
+        for name in ("centred", "cross", "cross_twice"):
+            part.__dict__[name] = getattr(self, name)
+        return part
 
 
 class Linkage:
@@ -116,7 +149,7 @@ class Linkage:
         driver, slope, column_or_none = self._angle(coupling.driver, q)
         curve = np.asarray(coupling.coefficients, dtype=np.float64)
         steepness = curve[1:] * np.arange(1, len(curve)) if len(curve) > 1 else np.zeros(1)
-        return _polynomial(curve, driver), _polynomial(steepness, driver) * slope, column_or_none
+        return polynomial(curve, driver), polynomial(steepness, driver) * slope, column_or_none
 
     def place(self, q: FloatArray) -> FloatArray:
         """(B, 3) where the point is, MuJoCo's world, m, for angles (B, K)."""
@@ -139,29 +172,21 @@ class Linkage:
         origin, turn = np.zeros((len(q), 3)), np.broadcast_to(np.eye(3), (len(q), 3, 3))
         for link in self._links:
             origin = origin + _turned(turn, link.position)
-            turn = turn @ link.rotation
+            turn = turn if link.straight else turn @ link.rotation
             for joint in link.joints:
                 angle, slope, column = self._angle(joint.name, q)
                 axis = turn @ joint.axis
                 moved = angle - joint.start
-                anchor = origin + _turned(turn, joint.anchor)
+                anchor = origin if joint.centred else origin + _turned(turn, joint.anchor)
                 if joint.hinge:
-                    turn = turn @ _rotations(joint.axis, moved)
-                    origin = anchor - _turned(turn, joint.anchor)
+                    turn = turn @ _rotations(joint, moved)
+                    origin = anchor if joint.centred else anchor - _turned(turn, joint.anchor)
                 else:
                     origin = origin + axis * moved[:, None]
                 if column is not None:
                     weighted = axis * slope[:, None]
                     moves.append((column, weighted, anchor if joint.hinge else None))
         return origin + _turned(turn, self._tail)
-
-
-def _polynomial(coefficients: FloatArray, x: FloatArray) -> FloatArray:
-    """(B,) a polynomial, lowest power first, by Horner's rule; NumPy's takes ten times as long."""
-    value = coefficients[-1] + x * 0.0
-    for coefficient in coefficients[-2::-1]:
-        value = coefficient + value * x
-    return value
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -180,12 +205,11 @@ def _turned(turn: FloatArray, vector: FloatArray) -> FloatArray:
     return np.einsum("bij,bj->bi", turn, vector)
 
 
-def _rotations(axis: FloatArray, angle: FloatArray) -> FloatArray:
-    """(B, 3, 3) turns by angles (B,) about a unit axis (3,), after Rodrigues."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+def _rotations(joint: _Joint, angle: FloatArray) -> FloatArray:
+    """(B, 3, 3) turns of a joint by angles (B,), after Rodrigues."""
     sin, cos = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
-    return np.eye(3) + sin * cross + (1.0 - cos) * (cross @ cross)
+    turns: FloatArray = _EYE + sin * joint.cross + (1.0 - cos) * joint.cross_twice
+    return turns
 
 
 def _matrix(quat: Sequence[float] | FloatArray) -> FloatArray:

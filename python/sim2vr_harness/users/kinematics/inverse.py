@@ -15,6 +15,7 @@ CLOSE_M = 1e-3
 """A place is reached when the point comes so near."""
 
 _DAMPING = 1e-3
+_KEPT = 0.8
 _LEAST, _MOST = 1e-9, 1e9
 """Of the damping, m^2."""
 
@@ -50,18 +51,21 @@ def solve(
     distance = np.linalg.norm(error, axis=1)
     damping, stuck = np.full(len(q), _DAMPING), np.zeros(len(q), dtype=int)
     going = distance > close_m
+    rows, part = np.arange(len(q)), linkage
     for _ in range(iterations):
-        rows = np.flatnonzero(going)
-        if not len(rows):
+        left = np.count_nonzero(going)
+        if not left:
             break
-        part = linkage.take(rows)
+        if left < _KEPT * len(rows):  # to take rows out costs as much as some more of them
+            rows = np.flatnonzero(going)
+            part = linkage.take(rows)
         low, high = np.moveaxis(part.limits, -1, 0)
         tried = _tried(q[rows], slope[rows], error[rows], damping[rows], low, high)
         place, new_slope = part.place_and_slope(tried)
         new_error = places[rows] - place
         new_distance = np.linalg.norm(new_error, axis=1)
         gain = distance[rows] - new_distance
-        better = new_distance < distance[rows]
+        better = (new_distance < distance[rows]) & going[rows]
         won = rows[better]
         q[won], slope[won] = tried[better], new_slope[better]
         error[won], distance[won] = new_error[better], new_distance[better]
@@ -69,7 +73,7 @@ def solve(
         # A failure counts when steps have become small against what is left to go.
         idle = np.where(better, gain < gain_m, damping[rows] > 1.0 + distance[rows] ** 2)
         stuck[rows] = np.where(idle, stuck[rows] + 1, 0)
-        going[rows] = (distance[rows] > close_m) & (stuck[rows] < 4)
+        going[rows] &= (distance[rows] > close_m) & (stuck[rows] < 4)
     return q, distance
 
 

@@ -15,6 +15,7 @@ from scipy.optimize import least_squares, lsq_linear
 
 from sim2vr_harness.client.frames import AIM_DIRECTION
 from sim2vr_harness.users.bodies.body import Body
+from sim2vr_harness.users.bodies.rules import Motor
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 from sim2vr_harness.users.kinematics.reach_controller import ReachController
 
@@ -35,9 +36,11 @@ _FREQUENCY_RAD_S = 9.0
 """Of the springs."""
 _FURTHEST_RAD = 0.5
 """Springs pull no harder than at this error."""
+_SERVO_RAD = 0.08
+"""By which the target of a motor of trunk or neck moves in a user step."""
 _EASE = 0.1
 """Weight of activations beside accelerations."""
-_FEEDBACK, _NEAR_RAD, _SLOW_RAD_S, _MOST_RAD = 0.1, 0.1, 0.05, 0.3
+_FEEDBACK, _NEAR_RAD, _SLOW_RAD_S, _MOST_RAD = 0.1, 0.4, 0.1, 0.5
 """Part of a joint's error that is added to its correction in every user step, of joints that are
 nearer than the second and slower than the third; corrections stay below the fourth."""
 
@@ -79,11 +82,14 @@ class PostureController(ReachController):
         joints = [self._model.joint(joint) for joint in body.independent_joints]
         self._qpos_of = np.array([int(joint.qposadr[0]) for joint in joints])
         self._qvel_of = np.array([int(joint.dofadr[0]) for joint in joints])
+        self._servos = [_TrunkServo(body, name) for name in body.reset_rule.held]
         self.begin()
 
     def begin(self) -> None:
         """Forget the corrections, as an episode begins."""
         self._correction = np.zeros(len(self._qvel_of))
+        for servo in self._servos:
+            servo.begin()
 
     def angles(self, qpos: FloatArray) -> FloatArray:
         """(J,) angles of the independent joints in a posture (nq,)."""
@@ -191,6 +197,8 @@ class PostureController(ReachController):
     ) -> NDArray[np.float32]:
         """Return the body's action, (A,) in [-1, 1]; call it once per user step.
 
+        Motors of trunk and neck move with the muscles; others stay.
+
         Args:
             qpos: (nq,) posture.
             qvel: (nv,) velocities.
@@ -205,6 +213,8 @@ class PostureController(ReachController):
         action = np.zeros(self._actions, np.float32)
         muscles = self._actuation.muscles
         action[muscles] = np.clip(wanted - act, -1.0, 1.0)
+        for servo in self._servos:
+            action[servo.action] = servo.towards(qpos, angles + self._correction)
         return action
 
     def _driving(self, qpos: FloatArray, qvel: FloatArray, angles: FloatArray) -> FloatArray:
@@ -225,6 +235,36 @@ class PostureController(ReachController):
         target = np.concatenate([scale @ torques, np.zeros(pulls.shape[1])])
         found: FloatArray = lsq_linear(stacked, target, bounds=(0.0, 1.0)).x
         return found
+
+
+class _TrunkServo:
+    """A motor that holds its joint as an episode begins (``reset.held``), and then moves it."""
+
+    def __init__(self, body: Body, name: str) -> None:
+        model = body.physics_model
+        i = model.actuator(name).id
+        joint = model.joint(int(model.actuator_trnid[i, 0]))
+        self.action = body.action_names.index(name)
+        self._joint, self._qpos = body.independent_joints.index(joint.name), int(joint.qposadr[0])
+        self._low, high = model.actuator_ctrlrange[i].tolist()
+        self._span = high - self._low
+        self.begin()
+
+    def begin(self) -> None:
+        """Aim at where the joint is, as an episode begins."""
+        self._aim: float | None = None
+
+    def towards(self, qpos: FloatArray, angles: FloatArray) -> float:
+        """Return the action that moves the motor's target towards that of angles (J,)."""
+        if self._aim is None:
+            self._aim = float(np.clip((qpos[self._qpos] - self._low) / self._span, 0.0, 1.0))
+        wanted = float(np.clip((angles[self._joint] - self._low) / self._span, 0.0, 1.0))
+        most = _SERVO_RAD / self._span
+        shift = float(np.clip(wanted - self._aim, -most, most))
+        # What the motor's rule does with an action (users/bodies/rules.py).
+        action = shift / (1.0 - Motor.KEPT)
+        self._aim += shift
+        return action
 
 
 def _unit(vector: FloatArray) -> FloatArray:

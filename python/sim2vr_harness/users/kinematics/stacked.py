@@ -74,11 +74,7 @@ class StackedLinkage(Linkage):
         part.limits = self.limits[rows]
         part._tail = _taken(self._tail, rows)
         part._links = [
-            replace(
-                link,
-                position=link.position[rows],
-                joints=tuple(replace(j, anchor=_taken(j.anchor, rows)) for j in link.joints),
-            )
+            _Link(link.position[rows], link.rotation, tuple(j.taken(rows) for j in link.joints))
             for link in self._links
         ]
         return part

@@ -1,6 +1,7 @@
 // Where a page's objects are, by their names: of three.js, A-Frame and Babylon.js, as they are.
 {
   const scenes = new Set();
+  sim.scenes = scenes;
   const tools = new EventTarget(); // three.js tells its developer tools of every scene
   tools.addEventListener('observe', ({ detail }) => {
     if (detail?.isScene) scenes.add(new WeakRef(detail));

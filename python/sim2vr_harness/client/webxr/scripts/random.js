@@ -9,7 +9,10 @@
     t = (t + Math.imul(t ^ (t >>> 7), 61 | t)) ^ t;
     return (t ^ (t >>> 14)) >>> 0;
   };
-  sim.seed = (seed) => { state = seed | 0; };
+  let first = 0;
+  sim.seed = (seed) => { state = first = seed | 0; };
+  // What a frame of a recorded session draws does not depend on what was drawn before it.
+  sim.seedFrame = (n) => { state = (first + Math.imul(n + 1, 0x9e3779b9)) | 0; };
   sim.seed(sim.settings.seed);
   const define = (object, name, value) =>
     Object.defineProperty(object, name, { value, configurable: true, writable: true });

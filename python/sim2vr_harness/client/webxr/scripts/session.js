@@ -198,6 +198,7 @@
         });
       });
       const layer = this.renderState.baseLayer;
+      sim.beforeFrame();
       if (!this._call(state) || !drawn || this._ended) return null;
       return layer._read(this.renderState.depthNear, this.renderState.depthFar);
     }

@@ -1,7 +1,11 @@
 // What the harness calls: enter the session, run the frames of a user step, read values.
 {
   const TICK_MS = 1000 / 60;
-  const MOST_TICKS = 900; // 15 s of the page's time to get ready
+  // A recorded page has run before its first frame in VR: it runs as long again, at the same times.
+  const { start } = sim.settings;
+  const flat = start ? filter(start.frames_ms, (time) => time <= start.first_ms) : [];
+  const MOST_TICKS = 900 // 15 s of the page's time to get ready
+    + (start ? flat.length + Math.ceil(start.first_ms / TICK_MS) : 0);
   const PART = 30; // of which each call of `enter` runs
   const CLICK_EVERY = 15;
   const AGAIN_AFTER = 60;
@@ -43,6 +47,7 @@
   const { addEventListener } = EventTarget.prototype;
   EventTarget.prototype.addEventListener = function (type, ...rest) {
     if (includes(CLICKS, type) && this instanceof Element) listening.add(this);
+    sim.heard(this, type);
     return Reflect.apply(addEventListener, this, [type, ...rest]);
   };
   const BUTTONS = 'button, a, input[type=button], input[type=submit], [role=button], [onclick], '
@@ -125,6 +130,10 @@
   // Brings the page nearer to VR; called until it says ['done', null] or ['done', why not].
   // ['more']: call again; ['click', x, y] or ['click']: click there, or by `sim.click`, first.
   let ticks = 0;
+  let shown = 0; // recorded frames that have run
+  let free = 0; // ticks in which it could be clicked
+  const nextTime = () => (shown < flat.length ? flat[shown++] : sim.now() + TICK_MS);
+  const held = () => start && (shown < flat.length ? flat[shown] : sim.now() + TICK_MS) <= start.requested_ms;
   const doorOf = (element) => {
     sim.door = element;
     clicking = true;
@@ -132,18 +141,21 @@
   };
   sim.enter = async (selector) => {
     clicking = false;
+    if (start) free ||= selector ? 1 : CLICK_EVERY; // at once
     for (const until = ticks + PART; ticks < Math.min(until, MOST_TICKS);) {
-      const k = ticks++;
-      await tick(sim.now() + TICK_MS);
+      ticks += 1;
+      await tick(nextTime());
       if (sim.failure) return ['done', sim.failure];
       if (sim.session) {
-        if (sim.session._ready) {
+        if (sim.session._ready && shown === flat.length) {
           await sim.loaded();
           await sim.turn();
           return ['done', sim.failure];
         }
         continue;
       }
+      if (held()) continue;
+      const k = free++;
       if (selector) {
         const element = k % AGAIN_AFTER === 1 && document.querySelector(selector);
         if (element) return doorOf(element);
@@ -230,7 +242,9 @@
     };
   };
   sim.begin = () => {
-    sim.base = asked = sim.now() + TICK_MS;
+    sim.base = asked = start ? Math.max(sim.now(), start.first_ms) : sim.now() + TICK_MS;
+    let count = 0;
+    sim.beforeFrame = () => { if (start) sim.seedFrame(count++); }; // as the recorder does
     sim.haptics = [];
   };
 }

@@ -1,0 +1,157 @@
+"""Act it out: a person's muscles and trunk bring the hand, or its ray, to a place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.audit.judging import Judged, places_of
+from sim2vr_harness.audit.population import Subject
+from sim2vr_harness.audit.reaching import MIRROR, Crowd
+from sim2vr_harness.audit.targets import AuditTarget
+from sim2vr_harness.client.frames import aim_direction
+from sim2vr_harness.users import UserBatch
+from sim2vr_harness.users.kinematics.posture_controller import PostureController
+
+__all__ = ["NEAR_DEG", "NEAR_M", "Acted", "Actor", "act_out"]
+
+FloatArray = NDArray[np.float64]
+Watch = Callable[[FloatArray, FloatArray], None]
+
+NEAR_M, NEAR_DEG = 0.02, 1.0
+"""So near counts as there, for :data:`_SETTLED` user steps in a row."""
+_SETTLED = 3
+_DEVICE = "controller_right"
+_SECONDS = 3.0
+"""Of an attempt."""
+
+
+@dataclass(frozen=True)
+class Acted:
+    """What came of acting it out.
+
+    Attributes:
+        seconds: Until the hand was there, over all attempts; None: it did not get there.
+        attempts: How many.
+        gap: Least distance, m; of a ray the angle, degrees.
+    """
+
+    seconds: float | None
+    attempts: int
+    gap: float
+
+    @property
+    def done(self) -> bool:
+        """Whether the hand got there."""
+        return self.seconds is not None
+
+
+class Actor:
+    """A person's body in motion.
+
+    Args:
+        subject: Whose.
+        seed: Of the posture in which attempts begin.
+        watch: Receives posture (nq,) and activations (M,) after each user step.
+    """
+
+    def __init__(self, subject: Subject, seed: int = 1, watch: Watch | None = None) -> None:
+        self._users = UserBatch(subject.body, 1, threads=1)
+        self._controller = PostureController(subject.body, _DEVICE)
+        self._seed, self._watch = seed, watch
+
+    def act(
+        self,
+        place: FloatArray,
+        postures: FloatArray,
+        *,
+        ray: bool = False,
+        near: float | None = None,
+    ) -> Acted:
+        """Bring the right hand to a place, in the body's own frame, from its rest.
+
+        The first attempt searches for a posture by itself; further ones try postures that were
+        found before.
+
+        Args:
+            place: (3,) MuJoCo's world, m.
+            postures: (C, J) of the independent joints; further attempts.
+            ray: Whether the ray has to get there.
+            near: How near is enough, m or degrees.
+        """
+        enough = near if near is not None else NEAR_DEG if ray else NEAR_M
+        gap, steps = np.inf, 0
+        for attempt, posture in enumerate([None, *postures]):
+            arrived, least, passed = self._attempt(place, posture, ray, enough)
+            gap, steps = min(gap, least), steps + passed
+            if arrived:
+                return Acted(steps * self._users.dt, attempt + 1, gap)
+        return Acted(None, 1 + len(postures), gap)
+
+    def _attempt(
+        self, place: FloatArray, posture: FloatArray | None, ray: bool, enough: float
+    ) -> tuple[bool, float, int]:
+        """Return whether the hand got there, the least error, and the user steps."""
+        users, controller = self._users, self._controller
+        users.reset([0], [np.random.default_rng(self._seed)])
+        controller.begin()
+        if posture is None:
+            start = controller.angles(users.qpos[0])
+            found = (
+                controller.find(start, aim_at=place) if ray else controller.find(start, place=place)
+            )
+            posture = found.angles
+        least, settled = np.inf, 0
+        count = round(_SECONDS / users.dt)
+        for step in range(count):
+            error = self._error(place, ray)
+            least = min(least, error)
+            settled = settled + 1 if error <= enough else 0
+            if settled == _SETTLED:
+                return True, least, step - _SETTLED + 1
+            action = controller.towards(users.qpos[0], users.qvel[0], users.act[0], posture)
+            users.step(action[None])
+            if self._watch is not None:
+                self._watch(users.qpos[0], users.act[0])
+        return False, least, count
+
+    def _error(self, place: FloatArray, ray: bool) -> float:
+        positions, quats = self._users.device_poses(_DEVICE)
+        gap = place - positions[0]
+        distance = float(np.linalg.norm(gap))
+        if not ray:
+            return distance
+        along = float(aim_direction(quats[0]) @ gap) / max(distance, 1e-9)
+        return float(np.degrees(np.arccos(np.clip(along, -1.0, 1.0))))
+
+
+def act_out(
+    crowd: Crowd, person: int, targets: Sequence[AuditTarget], judged: Judged
+) -> list[Acted | None]:
+    """Have a person act out all targets with the preferred hand; None: what takes none, or both.
+
+    Args:
+        crowd: Whose.
+        person: Number.
+        targets: Of the audit.
+        judged: Postures that were found; further attempts.
+    """
+    actor = Actor(crowd.subjects[person])
+    side = MIRROR if crowd.subjects[person].mirrored else np.ones(3)
+    found: list[Acted | None] = []
+    for column, target in enumerate(targets):
+        if target.how == "look" or target.hand == "both":
+            found.append(None)
+            continue
+        place = places_of(crowd, target, np.array([person]))[0]
+        place = (place - np.array([0.0, 0.0, crowd.lift_m[person]])) * side
+        posture = judged.postures[person, column]
+        further = posture[None] if not np.isnan(posture).any() else np.zeros((0, 0))
+        ray = target.how == "point"
+        size = np.degrees(np.arctan2(target.radius_m, np.linalg.norm(place))) if ray else 0.0
+        near = max(NEAR_DEG, float(size)) if ray else max(NEAR_M, target.radius_m)
+        found.append(actor.act(place, further, ray=ray, near=near))
+    return found

@@ -1,0 +1,41 @@
+"""Moments that muscles and motors exert about joints, from their forces and moment arms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["joint_moments", "named_joints"]
+
+FloatArray = NDArray[np.float64]
+
+
+def named_joints(model: Any) -> list[tuple[str, int]]:
+    """Return names and degrees of freedom of the hinge joints."""
+    hinges = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE.value)
+    return [(model.joint(int(i)).name, int(model.jnt_dofadr[i])) for i in hinges]
+
+
+def joint_moments(model: Any, qpos: FloatArray, forces: FloatArray) -> FloatArray:
+    """Return (N, J) moments about the joints of :func:`named_joints`, Nm.
+
+    Args:
+        model: the body.
+        qpos: (N, nq) postures.
+        forces: (N, nu) of the actuators in their order, pulling: < 0.
+    """
+    data = mujoco.MjData(model)
+    columns = [dof for _, dof in named_joints(model)]
+    found = np.empty((len(qpos), len(columns)))
+    arms = np.zeros((model.nu, model.nv))
+    for k, (posture, force) in enumerate(zip(qpos, forces, strict=True)):
+        data.qpos[:] = posture
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mju_sparse2dense(
+            arms, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+        )
+        found[k] = (force @ arms)[columns]
+    return found

@@ -1,0 +1,102 @@
+"""Acting out, pace, paths, recorded places, and parts in processes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim2vr_harness.audit.acting import Actor
+from sim2vr_harness.audit.pacing import MOST_MINUTES, Paced, minutes_at_pace, path_loads
+from sim2vr_harness.audit.population import LIMITATIONS, NONE, draw
+from sim2vr_harness.audit.processes import Parts
+from sim2vr_harness.audit.reaching import Crowd
+from sim2vr_harness.audit.recorded import pressed_places
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.sessions import Controller, Session, write_session
+from sim2vr_harness.users.exertion import Strength
+
+NO_POSTURES = np.zeros((0, 0))
+
+
+def arms(share: float, raised_s: float, cycle_s: float) -> Paced:
+    """One arm with the elbow bent and the upper arm low, where NICER corrects nothing."""
+    maximum = float(Strength().shoulder_torque(30.0, 90.0))
+    rows = (share, share * maximum, 30.0, 90.0, 1.0)
+    numbers = [np.array([each]) for each in rows]
+    return Paced(*numbers, np.array([True]), np.array([raised_s]), np.array([cycle_s]))
+
+
+def test_without_breaks_the_published_curve_holds() -> None:
+    # Frey-Law and Avin 2010: 14.86 * 0.4^-1.83 = 79.5 s; 3CC-r with rates of the shoulder: 88.7 s.
+    found = minutes_at_pace(arms(0.4, 10.0, 10.0))
+    assert 60.0 * found["NICER"][0] == pytest.approx(79.5, abs=0.5)
+    assert 60.0 * found["3CC-r, shoulder"][0] == pytest.approx(88.7, abs=1.0)
+
+
+def test_breaks_help() -> None:
+    often, seldom = (minutes_at_pace(arms(0.5, 3.0, cycle)) for cycle in (4.0, 8.0))
+    for model, minutes in often.items():
+        assert minutes[0] <= seldom[model][0]
+    assert often["3CC-r, shoulder"][0] < MOST_MINUTES
+    assert not np.isfinite(seldom["3CC-r, shoulder"][0])
+
+
+def test_a_longer_path_takes_more_torque() -> None:
+    (subject,) = draw(1, 1)
+    rest = Crowd([subject], "seated", NONE).rest
+    raised = rest.copy()
+    raised[subject.body.independent_joints.index("shoulder_elv")] = np.radians(80.0)
+    still, up = path_loads(subject, [rest, rest, raised], NONE)
+    assert up[1] > 2.0 * still[1]
+    assert still[0] == pytest.approx(still[1])
+
+
+def test_near_places_are_reached_and_far_ones_not() -> None:
+    (subject,) = draw(1, 1)
+    actor = Actor(subject)
+    near = actor.act(np.array([0.4, -0.2, 1.0]), NO_POSTURES)
+    far = actor.act(np.array([2.0, -0.2, 1.0]), NO_POSTURES)
+    assert near.done
+    assert near.gap <= 0.02
+    assert 0.2 < (near.seconds or 0.0) < 3.0
+    assert (far.done, far.attempts) == (False, 1)
+    assert far.gap > 0.5
+
+
+def test_who_sits_higher_reaches_higher() -> None:
+    (chair,) = [each for each in LIMITATIONS if each.name == "wheelchair"]
+    assert not chair.verified
+    subjects = draw(2, 1)
+    low, high = Crowd(subjects, "seated", NONE), Crowd(subjects, "seated", chair)
+    np.testing.assert_allclose(high.heads - low.heads, [[0.0, 0.0, 0.05]] * 2, atol=1e-12)
+
+
+def test_processes_change_no_result() -> None:
+    numbers = range(5)
+    one, two = (Parts(count).run(lambda n: np.sin(n), numbers) for count in (1, 2))
+    assert one == two
+
+
+def session(pressed: list[int]) -> Session:
+    inputs = np.zeros((6, 13))
+    inputs[pressed, 0] = 1.0
+    pose = np.zeros((6, 7))
+    pose[:, 6], pose[:, 0] = 1.0, 0.1 * np.arange(6)
+    return Session(50_000_000 * np.arange(6), pose, right=Controller(pose, inputs=inputs))
+
+
+def test_places_of_a_session_are_where_something_is_pressed(tmp_path: Path) -> None:
+    file = tmp_path / "round.json"
+    write_session(session([1, 2, 4]), file)
+    found = pressed_places(file)
+    assert [each.place_m[0] for each in found] == pytest.approx([0.1, 0.4])
+    assert {each.how for each in found} == {"press"}
+
+
+def test_a_session_without_a_press_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "round.json"
+    write_session(session([]), file)
+    with pytest.raises(InputError, match="nothing is pressed"):
+        pressed_places(file)

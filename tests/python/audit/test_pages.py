@@ -1,0 +1,59 @@
+"""Interactive things of pages, found and tried; a page's answers."""
+
+from __future__ import annotations
+
+import pytest
+
+from sim2vr_harness.audit.pages import find_things, located
+from sim2vr_harness.audit.targets import TargetSettings
+from sim2vr_harness.client.answers import BadReply
+from sim2vr_harness.client.webxr.replies import things_reply
+from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from webxr_pages import CDN, ENGINES, NEEDS_BROWSER, NEEDS_ENGINES, ROOT
+
+# Listed by hand from the pages' sources: name and what is done with it.
+THINGS = {
+    "buttons": {"low": "touch", "middle": "touch", "high": "touch"},
+    "keypad": {f"key {k}": "point" for k in range(1, 10)},
+    "drawer": {"handle": "touch"},
+    "balls": {"ball": "touch"},
+}
+
+
+def page(name: str) -> EnvConfig:
+    folder = ROOT / "docs" / "examples" / "webxr" / name
+    return EnvConfig(app=AppConfig(transport="webxr", page=str(folder), map={CDN: str(ENGINES)}))
+
+
+@NEEDS_BROWSER
+@NEEDS_ENGINES
+@pytest.mark.parametrize("name", THINGS)
+def test_things_of_pages_are_found_and_react(name: str) -> None:
+    found = {each.name: each for each in find_things(page(name), 2.0)}
+    assert ("drawer" in found) == (name == "drawer")  # which moves with its handle
+    found.pop("drawer", None)
+    assert {key: each.how for key, each in found.items()} == THINGS[name]
+    assert all(each.reacts for each in found.values())
+    assert [each.moves for each in found.values()] == [name == "balls"] * len(found)
+
+
+@NEEDS_BROWSER
+@NEEDS_ENGINES
+def test_an_object_is_located() -> None:
+    (target,) = located([TargetSettings(name="top", object="high")], page("buttons"))
+    assert target.place_m.tolist() == pytest.approx([0.12, 1.25, 0.42])
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (3, "things"),
+        ([["a"]], "size"),
+        ([["a", "lick", [0, 0, 0], [0, 0, 0], 0, 0]], "touch, point, look"),
+        ([["a", "touch", [0, 0], [0, 0, 0], 0, 0]], "place"),
+        ([["a", "touch", [0, 0, 0], [0, 0, 0], "many", 0]], "many"),
+    ],
+)
+def test_other_answers_are_refused(answer: object, message: str) -> None:
+    with pytest.raises(BadReply, match=message):
+        things_reply(answer)

@@ -1,0 +1,46 @@
+"""Moments about joints against those that MuJoCo works out itself."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from sim2vr_harness.tools.track.joint_moments import joint_moments, named_joints
+from sim2vr_harness.users import load_body
+
+PENDULUM = """
+<mujoco>
+  <worldbody>
+    <site name="fixed" pos="0.3 0 0"/>
+    <body name="arm">
+      <joint name="hinge" axis="0 1 0"/>
+      <geom type="capsule" size="0.02" fromto="0 0 0 0 0 -0.4"/>
+      <site name="moving" pos="0 0 -0.4"/>
+    </body>
+  </worldbody>
+  <tendon><spatial name="cord"><site site="fixed"/><site site="moving"/></spatial></tendon>
+  <actuator><general name="pull" tendon="cord" gainprm="1"/></actuator>
+</mujoco>
+"""
+
+
+def test_a_cord_has_the_moment_of_its_lever() -> None:
+    """A cord from (.3, 0, 0) to (0, 0, -.4) lies .3 x .4 / .5 = .24 m from the hinge."""
+    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    found = joint_moments(model, np.zeros((2, 1)), np.array([[-10.0], [0.0]]))
+    assert named_joints(model) == [("hinge", 0)]
+    np.testing.assert_allclose(np.abs(found), [[2.4], [0.0]], atol=1e-9)
+
+
+def test_the_arm_has_those_of_its_dynamics() -> None:
+    body = load_body("mobl_arms_wrist")
+    model = body.physics_model
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(3)
+    data.act[:] = rng.uniform(0.0, 0.5, model.na)
+    data.ctrl[:] = rng.uniform(0.0, 0.5, model.nu)
+    mujoco.mj_forward(model, data)
+    (found,) = joint_moments(model, data.qpos[None].copy(), data.actuator_force[None].copy())
+    dofs = [dof for _, dof in named_joints(model)]
+    np.testing.assert_allclose(found, data.qfrc_actuator[dofs], rtol=1e-6, atol=1e-6)
+    assert np.abs(found).max() > 1.0

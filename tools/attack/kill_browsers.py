@@ -3,7 +3,7 @@
 ``evaluate`` and a plain Python program play a page, or with ``--openxr`` an OpenXR program with an
 X server of its own, whose lock and socket must go, too; each is ended by SIGKILL or SIGTERM at a
 random moment, every second one with its GPU process or the program stopped (it hangs), every third
-one just after one of its app's processes was killed. Prints one JSON row per kill: how long the program took
+one just after one of its app's processes was killed. Prints one JSON row per kill: how long it took
 to end, the processes left 5 s later, and the folders and logs left after the next start. The log of
 an app that was killed is kept on purpose. Ends with status 0 when nothing else was left.
 

@@ -212,8 +212,7 @@ class Simulation:
         self._over[users] = False
         self.actions.reset(users)
         self._senses.reset(users, numbers)
-        logs = self._group.logs()
-        started = zip(rows, round_seeds, strict=True)
+        logs, started = self._group.logs(), zip(rows, round_seeds, strict=True)
         return [{"seed": seed, "log": logs[i], **self._who(i)} for i, seed in started]
 
     def _streams(

@@ -186,8 +186,8 @@ def run_effects(
     Args:
         folder: Of effects.
         out: What was measured there before is not measured again.
-        user: Who plays, as of ``evaluate``; None: whom the files name, and the human motor policy
-            that ships.
+        user: Who plays, as of ``evaluate``; None: the users that the files name, and the human
+            motor policy that ships.
         jobs: As of a study.
         trust_app: As of a study.
         on_progress: As of a study.

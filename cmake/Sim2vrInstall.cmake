@@ -1,17 +1,23 @@
 # Where things go. Two layouts:
 #   wheel (scikit-build-core sets SKBUILD): everything below sim2vr_harness/
-#   cmake --install: bin/sim2vr-app, share/sim2vr/{shaders,configs}
+#   cmake --install: bin/sim2vr-app, share/sim2vr/{shaders,configs}, lib/sim2vr/
+# The OpenXR runtime's manifest lies beside its library, and so do the libraries that programs preload.
 
 if(SKBUILD)
   set(sim2vr_bin_dir sim2vr_harness/bin)
   set(sim2vr_share_dir sim2vr_harness/share)
+  set(sim2vr_lib_dir sim2vr_harness/lib)
 else()
   include(GNUInstallDirs)
   set(sim2vr_bin_dir ${CMAKE_INSTALL_BINDIR})
   set(sim2vr_share_dir ${CMAKE_INSTALL_DATADIR}/sim2vr)
+  set(sim2vr_lib_dir ${CMAKE_INSTALL_LIBDIR}/sim2vr)
 endif()
 
 install(TARGETS sim2vr-app RUNTIME DESTINATION ${sim2vr_bin_dir})
+install(TARGETS sim2vr_openxr_runtime sim2vr_clock sim2vr_vidmode
+  LIBRARY DESTINATION ${sim2vr_lib_dir})
+install(FILES app_runtime/openxr/sim2vr_openxr.json DESTINATION ${sim2vr_lib_dir})
 install(DIRECTORY shaders configs DESTINATION ${sim2vr_share_dir})
 install(FILES packages.txt THIRD_PARTY_LICENSES.md DESTINATION ${sim2vr_share_dir})
 

@@ -23,4 +23,12 @@ Color lerp(const Color& from, const Color& to, float t) {
   return {mix(from.r, to.r), mix(from.g, to.g), mix(from.b, to.b), mix(from.a, to.a)};
 }
 
+Material unlitMaterial(const Color& color) {
+  Material material;
+  material.albedo = color;
+  material.unlit = true;
+  if (color.a < 1.0F) material.blend = Material::Blend::alpha;
+  return material;
+}
+
 }  // namespace sim2vr::render

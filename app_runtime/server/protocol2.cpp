@@ -5,7 +5,6 @@
 #include <type_traits>
 
 #include "sim2vr/core/json_reader.hpp"
-#include "wire.hpp"
 
 namespace sim2vr::server::protocol2 {
 namespace {

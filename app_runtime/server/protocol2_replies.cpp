@@ -5,7 +5,6 @@
 #include "sim2vr/core/text.hpp"
 #include "sim2vr/core/version.hpp"
 #include "sim2vr/server/protocol2.hpp"
-#include "wire.hpp"
 
 namespace sim2vr::server::protocol2 {
 namespace {

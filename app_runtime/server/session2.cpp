@@ -172,9 +172,9 @@ Reply Session2::respond(const Header& header, const protocol2::Hello& hello) {
   const std::string kind = hello.renderer.value_or(host_.settings().renderer);
   checkMemory(settings, hello.apps);
   std::vector<std::unique_ptr<HostedApp>> apps = host_.makeApps(settings, kind, hello.apps);
-  std::unique_ptr<SharedImages> shared;
+  std::unique_ptr<wire::SharedImages> shared;
   if (hello.shared_memory && host_.settings().local) {
-    shared = SharedImages::create(apps.size(), settings.imageBytes());
+    shared = wire::SharedImages::create(apps.size(), settings.imageBytes());
   }
   apps_ = std::move(apps);
   shared_ = std::move(shared);

@@ -5,10 +5,10 @@
 #include <vector>
 
 #include "pacer.hpp"
-#include "shared_images.hpp"
 #include "sim2vr/runtime/thread_pool.hpp"
 #include "sim2vr/server/protocol2.hpp"
 #include "sim2vr/server/session.hpp"
+#include "sim2vr/wire/shared_images.hpp"
 
 namespace sim2vr::server {
 
@@ -53,7 +53,7 @@ class Session2 final : public Session {
 
   AppHost& host_;
   std::vector<std::unique_ptr<HostedApp>> apps_;
-  std::unique_ptr<SharedImages> shared_;
+  std::unique_ptr<wire::SharedImages> shared_;
   runtime::ThreadPool workers_;
   protocol2::Names names_;
   /// What comes back is what the client can take.

@@ -65,7 +65,7 @@ TRANSPORTS: dict[str, Callable[..., AppClient]] = {
     **{
         transport.name: partial(over, transport.name)
         for transport in list_transports()
-        if "page" not in transport.reads  # those play pages, which have a contract of their own
+        if transport.reports_reward  # apps of others have contracts of their own
     },
     "protocol2, images through the socket": through_the_socket,
 }

@@ -17,6 +17,7 @@ import numpy as np
 
 from sim2vr_harness.client import INPUT_COUNT, DevicePoses, InProcessApp, OptionValue
 from sim2vr_harness.client import protocol2_wire as wire
+from sim2vr_harness.client.openxr import wire as openxr_wire
 from sim2vr_harness.client.protocol2_wire import HEADER, MAGIC, VERSION, Type
 
 CORPUS = Path(__file__).parent / "corpus"
@@ -181,6 +182,36 @@ def zipped_levels() -> dict[str, bytes]:
     return found
 
 
+def openxr_message(kind: openxr_wire.Kind, body: bytes = b"") -> bytes:
+    return openxr_wire.HEADER.pack(len(body) + 1, kind) + body
+
+
+def openxr_step(*frames: int) -> bytes:
+    """Of a player with both controllers, laid out as the runtime's documentation has it."""
+    body = len(frames).to_bytes(4, "little")
+    for frame in frames:
+        poses = devices(frame, left=True, pressed=True)
+        hand = poses.right_controller.astype("<f8").tobytes()
+        inputs = np.zeros(INPUT_COUNT).astype("<f8").tobytes()
+        head = poses.head.astype("<f8").tobytes()
+        body += ((frame + 1) * STEP_NS).to_bytes(8, "little") + head + b"\1\1"
+        body += hand + hand + inputs + inputs
+    return openxr_message(openxr_wire.Kind.STEP, body + b"\1")
+
+
+def openxr_inputs() -> dict[str, bytes]:
+    config = {"width": 12, "height": 8, "eyes": 2, "hands": ["right"], "gate": "pipelined",
+              "timeout_s": 5.0, "profile": "/interaction_profiles/valve/index_controller",
+              "start_time_ns": 1, "images": True, "depth": True, "farthest_m": 10.0}  # fmt: skip
+    start = openxr_message(openxr_wire.Kind.CONFIG, text(config))
+    start += openxr_message(openxr_wire.Kind.ACCEPTED)
+    return {
+        "config": start,
+        "round": start + openxr_step(0) + openxr_step(1, 2) + openxr_message(openxr_wire.Kind.QUIT),
+        "refused": start + openxr_message(openxr_wire.Kind.ERROR, text({"error": "no depth"})),
+    }
+
+
 def main() -> None:
     states = saved_states()
     (CORPUS / "session1" / "load").write_bytes(load_message(states["play"]))
@@ -191,6 +222,7 @@ def main() -> None:
         ("saved_beats", saved_beats()),
         ("level", levels()),
         ("level_zip", zipped_levels()),
+        ("openxr", openxr_inputs()),
     ):
         folder = CORPUS / target
         folder.mkdir(exist_ok=True)

@@ -33,6 +33,9 @@ void level(std::string_view input);
 /// A zipped map.
 void levelZip(std::string_view input);
 
+/// A harness's messages to the OpenXR runtime, one after the other.
+void openxrMessages(std::string_view input);
+
 /// Ends the program unless `holds`.
 void require(bool holds, const char* what);
 
@@ -48,7 +51,7 @@ struct Target {
   void (*run)(std::string_view input);
 };
 
-inline constexpr std::array<Target, 10> kTargets{{{"protocol1", &protocol1},
+inline constexpr std::array<Target, 11> kTargets{{{"protocol1", &protocol1},
                                                   {"protocol2", &protocol2},
                                                   {"base64", &base64},
                                                   {"state_log", &stateLog},
@@ -57,6 +60,7 @@ inline constexpr std::array<Target, 10> kTargets{{{"protocol1", &protocol1},
                                                   {"saved_state", &savedState},
                                                   {"saved_beats", &savedBeats},
                                                   {"level", &level},
-                                                  {"level_zip", &levelZip}}};
+                                                  {"level_zip", &levelZip},
+                                                  {"openxr", &openxrMessages}}};
 
 }  // namespace sim2vr::fuzz

@@ -305,6 +305,25 @@ def rules_of_a_page(case: Case) -> None:
     case.agreed("evaluate", run, *mine, "--out", case.folder / "out")
 
 
+def openxr_program(case: Case) -> None:
+    (case.folder / "libnone.so").touch()
+    manifest = case.folder / "runtime.json"
+    manifest.write_text(json.dumps({"runtime": {"library_path": "./libnone.so"}}))
+    rules = {"seconds": 5, "values": {"x": 'printed("x")'}}
+    app = {"transport": "openxr", "executable": str(case.program()), "task": rules}
+    run = case.run(app=app, vision={"channels": ["green"]})
+    key = "env.app.executable"
+    case.refused("evaluate", run, key=key)
+    case.refused("evaluate", run, "--task", case.folder / "mine.yaml", key=key)
+    case.refused("study", case.study(**{"env.app": app}), "--out", case.folder / "out", key=key)
+    file = case.folder / "config.yaml"
+    shutil.copy(run / "config.yaml", file)
+    case.refused("train", file, "--out", case.folder / "out", key=key)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SIM2VR_OPENXR_RUNTIME", str(manifest))
+        case.agreed("train", file, "--out", case.folder / "out", "--timesteps", "60")
+
+
 def body_file(case: Case) -> None:
     package = case.python(f"evil_body_{os.getpid()}/__init__.py").parent.name
     shutil.copy(Path(OWN_ARM).parent / "arm.xml", case.folder / package / "arm.xml")
@@ -501,6 +520,7 @@ ROWS: dict[str, Callable[[Case], None]] = {
     "Python policy (`FILE.py:CLASS`) that a study names": policy_of_a_study,
     "WebXR page, `map` and `browser` that a file names": page,
     "rules of a page's task that a file names": rules_of_a_page,
+    "OpenXR program that a file names": openxr_program,
     "body file (`BODY.yaml`)": body_file,
     "task rules of an app that is no page (`TASK.yaml`)": task_rules,
     "MJCF model": mjcf,

@@ -17,11 +17,4 @@ inline constexpr render::Color kWall{248.0F / 255.0F, 24.0F / 255.0F, 248.0F / 2
 
 inline const render::Color& colorOf(Hand hand) { return hand == Hand::kLeft ? kRed : kCyan; }
 
-inline render::Material glow(const render::Color& color) {
-  render::Material material;
-  material.albedo = color;
-  material.unlit = true;
-  return material;
-}
-
 }  // namespace sim2vr::games::beats

@@ -6,7 +6,7 @@
 #include "beats/colors.hpp"
 #include "sim2vr/render/components.hpp"
 #include "sim2vr/render/mesh.hpp"
-#include "sim2vr/rl/outside_cameras.hpp"
+#include "sim2vr/rl/room_looks.hpp"
 #include "sim2vr/rl/xr_rig.hpp"
 
 namespace sim2vr::games::beats {
@@ -35,19 +35,13 @@ scene::GameObject& addRoomLooks(scene::Scene& scene) {
   scene::GameObject& lane = scene.create("Lane");
   for (const double side : {-1.0, 1.0}) {
     scene::GameObject& rail = scene.create(side < 0.0 ? "Left Rail" : "Right Rail", &lane);
-    rail.addComponent<render::MeshRenderer>(render::box(), glow(kRail));
+    rail.addComponent<render::MeshRenderer>(render::box(), render::unlitMaterial(kRail));
     rail.transform().setLocalPosition(
         {side * kRail_x_m, kRail_y_m, (kRailFrom_m + kRailTo_m) / 2.0});
     rail.transform().setLocalScale({kRailWidth_m, kRailWidth_m, kRailTo_m - kRailFrom_m});
   }
-  for (const rl::OutsideView& view : views()) {
-    auto& camera = scene.create(std::string(view.path)).addComponent<render::Camera>();
-    camera.vertical_fov_deg = view.vertical_fov_deg;
-    camera.far_m = 20.0;
-  }
-  scene::GameObject& light = scene.create("Light");
-  light.transform().setLocalRotation(lookAlong({-0.4, -0.6, 0.7}));
-  light.addComponent<render::DirectionalLight>();
+  for (const rl::OutsideView& view : views()) rl::addCamera(scene, view).far_m = 20.0;
+  rl::addLight(scene, {-0.4, -0.6, 0.7});
   return lane;
 }
 

@@ -72,13 +72,13 @@ void Stage::Awake() {
   const auto going = [&level](const Wall& wall) { return goneTime_s(level, wall); };
   lane_ = &addRoomLooks(scene());
   for (std::size_t i = mostOut(level.boxes, level.approach_s, passing); i > 0; --i) {
-    boxes_.push_back({&addHidden(scene(), "Box", arrowBox(), glow(kRed)),
-                      &addHidden(scene(), "Dot Box", dotBox(), glow(kRed))});
+    boxes_.push_back({&addHidden(scene(), "Box", arrowBox(), render::unlitMaterial(kRed)),
+                      &addHidden(scene(), "Dot Box", dotBox(), render::unlitMaterial(kRed))});
   }
   for (std::size_t i = mostOut(level.mines, level.approach_s, passing); i > 0; --i) {
-    mines_.push_back(&addHidden(scene(), "Mine", star(), glow(kMine)));
+    mines_.push_back(&addHidden(scene(), "Mine", star(), render::unlitMaterial(kMine)));
   }
-  render::Material wall = glow(kWall);
+  render::Material wall = render::unlitMaterial(kWall);
   wall.cull_back = false;
   for (std::size_t i = mostOut(level.walls, level.approach_s, going); i > 0; --i) {
     walls_.push_back(&addHidden(scene(), "Wall", stripedBlock(), wall));

@@ -5,7 +5,7 @@
 
 #include "panel/shapes.hpp"
 #include "sim2vr/render/mesh.hpp"
-#include "sim2vr/rl/outside_cameras.hpp"
+#include "sim2vr/rl/room_looks.hpp"
 
 namespace sim2vr::games::panel {
 namespace {
@@ -16,8 +16,6 @@ constexpr Color kRay{0.6F, 0.9F, 1.0F, 0.6F};
 constexpr Color kCursor{1.0F, 1.0F, 1.0F, 0.95F};
 constexpr Color kHand{0.30F, 0.32F, 0.36F, 1.0F};
 constexpr Color kFingertip{0.10F, 0.90F, 0.90F, 1.0F};
-constexpr Color kFloor{0.16F, 0.20F, 0.24F, 1.0F};
-constexpr Color kBackground{0.04F, 0.06F, 0.09F, 1.0F};
 
 constexpr double kRayRadius_m = 0.003;
 constexpr double kCursor_m = 0.03;  // at 1.5 m
@@ -25,10 +23,10 @@ constexpr int kCursorLayer = 5;
 constexpr double kMargin_m = 0.1;
 
 // From the head, towards the middle of head and panel.
-const std::array<std::pair<std::string_view, Vec3>, 2>& places() {
-  static const std::array<std::pair<std::string_view, Vec3>, 2> both{{
-      {rl::kThirdPersonCameraPath, {-0.45, 0.35, -0.75}},
-      {rl::kSpectatorCameraPath, {1.0, 0.30, -0.30}},
+const std::array<rl::OutsideView, 2>& views() {
+  static const std::array<rl::OutsideView, 2> both{{
+      {rl::kThirdPersonCameraPath, {-0.45, 0.35, -0.75}, {}, 55.0},
+      {rl::kSpectatorCameraPath, {1.0, 0.30, -0.30}, {}, 55.0},
   }};
   return both;
 }
@@ -36,12 +34,9 @@ const std::array<std::pair<std::string_view, Vec3>, 2>& places() {
 }  // namespace
 
 void addRoomLooks(scene::Scene& scene, const rl::XrRig& rig, Select select) {
-  rig.camera->getComponent<render::Camera>()->background = kBackground;
-  for (const auto& [path, place_m] : places()) {
-    auto& camera = scene.create(std::string(path)).addComponent<render::Camera>();
-    camera.vertical_fov_deg = 55.0;
-    camera.background = kBackground;
-  }
+  const std::array cameras{rig.camera->getComponent<render::Camera>(),
+                           &rl::addCamera(scene, views().front()),
+                           &rl::addCamera(scene, views().back())};
   for (scene::GameObject* controller : {rig.left_controller, rig.right_controller}) {
     auto& body = addShape(*controller, "Controller", render::box(), Vec3::Zero(),
                           {0.03, 0.03, 0.10}, kHand, 0);
@@ -53,25 +48,13 @@ void addRoomLooks(scene::Scene& scene, const rl::XrRig& rig, Select select) {
     addShape(*controller, "Fingertip", render::sphere(8), {0.0, 0.0, kFinger_m - 0.008},
              Vec3::Constant(0.008), kFingertip, 0);
   }
-  scene::GameObject& floor = scene.create("Floor");
-  render::Material stone;
-  stone.albedo = kFloor;
-  stone.sky_reflections = false;
-  stone.specular_highlights = false;
-  floor.addComponent<render::MeshRenderer>(render::disc(24), stone);
-  // Its front looks along -z.
-  floor.transform().setLocalRotation(Quat::FromTwoVectors(-Vec3::UnitZ(), Vec3::UnitY()));
-  floor.transform().setLocalScale({2.0, 2.0, 1.0});
-  scene::GameObject& light = scene.create("Light");
-  light.transform().setLocalRotation(lookAlong({-0.3, -1.0, 0.5}));
-  light.addComponent<render::DirectionalLight>();
+  rl::addDarkRoom(scene, cameras, 2.0, {-0.3, -1.0, 0.5});
 }
 
 void placeCameras(scene::Scene& scene, const Vec3& head_m, const Vec3& panel_m) {
-  for (const auto& [path, place_m] : places()) {
-    const Vec3 from_m = head_m + place_m;
-    const Vec3 towards_m = head_m + 0.4 * (panel_m - head_m) - Vec3(0.0, 0.15, 0.0);
-    scene.find(path)->transform().setPose({from_m, lookAlong(towards_m - from_m)});
+  for (rl::OutsideView view : views()) {
+    view.towards_m = 0.4 * (panel_m - head_m) - Vec3(0.0, 0.15, 0.0);
+    scene.find(view.path)->transform().setPose(view.from(head_m));
   }
 }
 

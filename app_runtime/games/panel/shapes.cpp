@@ -2,15 +2,6 @@
 
 namespace sim2vr::games::panel {
 
-render::Material glow(const render::Color& color) {
-  render::Material material;
-  material.albedo = color;
-  material.unlit = true;
-  material.cull_back = false;
-  if (color.a < 1.0F) material.blend = render::Material::Blend::alpha;
-  return material;
-}
-
 render::MeshRenderer& addShape(scene::GameObject& parent, const std::string& name,
                                const render::MeshPtr& mesh, const Vec3& center_m,
                                const Vec3& size_m, const render::Color& color, int layer) {
@@ -18,7 +9,9 @@ render::MeshRenderer& addShape(scene::GameObject& parent, const std::string& nam
   scene::GameObject& shape = parent.scene().create(name, &parent);
   shape.transform().setLocalPosition(center_m - Vec3(0.0, 0.0, kLayer_m * layer));
   shape.transform().setLocalScale(size_m);
-  return shape.addComponent<render::MeshRenderer>(mesh, glow(color));
+  render::Material material = render::unlitMaterial(color);
+  material.cull_back = false;
+  return shape.addComponent<render::MeshRenderer>(mesh, material);
 }
 
 void moveShape(render::MeshRenderer& shape, const Vec3& center_m) {

@@ -16,10 +16,7 @@ inline constexpr render::Color kPlate{0.05F, 0.08F, 0.11F, 1.0F};
 inline constexpr render::Color kHit{0.10F, 0.85F, 0.30F, 1.0F};
 inline constexpr render::Color kError{0.15F, 0.25F, 1.0F, 1.0F};
 
-/// Unlit colour; transparent below an alpha of 1, and then absent from the depth channel.
-render::Material glow(const render::Color& color);
-
-/// Adds a shape below `parent`, `layer` steps of 1 mm in front of the panel.
+/// Adds an unlit shape below `parent`, `layer` steps of 1 mm in front of the panel.
 render::MeshRenderer& addShape(scene::GameObject& parent, const std::string& name,
                                const render::MeshPtr& mesh, const Vec3& center_m,
                                const Vec3& size_m, const render::Color& color, int layer);

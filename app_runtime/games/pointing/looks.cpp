@@ -5,7 +5,7 @@
 #include <string>
 
 #include "sim2vr/render/mesh.hpp"
-#include "sim2vr/rl/outside_cameras.hpp"
+#include "sim2vr/rl/room_looks.hpp"
 #include "sim2vr/rl/xr_rig.hpp"
 
 namespace sim2vr::games::pointing {
@@ -22,8 +22,6 @@ constexpr Color kError{0.15F, 0.25F, 1.0F, 1.0F};
 constexpr Color kSheet{0.10F, 0.45F, 0.60F, 0.12F};
 constexpr Color kPen{0.30F, 0.32F, 0.36F, 1.0F};
 constexpr Color kTip{0.10F, 0.90F, 0.90F, 1.0F};
-constexpr Color kFloor{0.16F, 0.20F, 0.24F, 1.0F};
-constexpr Color kBackground{0.04F, 0.06F, 0.09F, 1.0F};
 
 // Behind one another, so that none flickers: the target in front, in the plane itself.
 constexpr double kFlash_z_m = 0.0005;
@@ -36,11 +34,8 @@ constexpr double kTipRadius_m = 0.007;
 constexpr double kPenBack_m = 0.06;
 
 render::Material glow(const Color& color) {
-  render::Material material;
-  material.albedo = color;
-  material.unlit = true;
+  render::Material material = render::unlitMaterial(color);
   material.cull_back = false;
-  if (color.a < 1.0F) material.blend = render::Material::Blend::alpha;
   return material;
 }
 
@@ -83,30 +78,14 @@ void addStylusLooks(scene::GameObject& controller, double length_m) {
 }
 
 void addRoomLooks(scene::Scene& scene, scene::GameObject& head_camera, xr::Hand hand) {
-  head_camera.getComponent<render::Camera>()->background = kBackground;
-  for (const rl::OutsideView& view : views()) {
-    auto& camera = scene.create(std::string(view.path)).addComponent<render::Camera>();
-    camera.vertical_fov_deg = view.vertical_fov_deg;
-    camera.background = kBackground;
-    // It looks over the player's shoulder.
-    if (view.path == rl::kThirdPersonCameraPath) {
-      camera.culling_mask = ~(1U << rl::kPlayerLooksLayer);
-    }
-  }
-  scene::GameObject& floor = scene.create("Floor");
-  render::Material stone;
-  stone.albedo = kFloor;
-  stone.sky_reflections = false;
-  stone.specular_highlights = false;
-  floor.addComponent<render::MeshRenderer>(render::disc(24), stone);
-  // Its front looks along -z.
-  floor.transform().setLocalRotation(Quat::FromTwoVectors(-Vec3::UnitZ(), Vec3::UnitY()));
-  floor.transform().setLocalScale({1.5, 1.5, 1.0});
-  scene::GameObject& light = scene.create("Light");
-  // From the other side for a left hand, so that its picture is the mirror image.
+  render::Camera& third_person = rl::addCamera(scene, views().front());
+  render::Camera& spectator = rl::addCamera(scene, views().back());
+  // It looks over the player's shoulder.
+  third_person.culling_mask = ~(1U << rl::kPlayerLooksLayer);
+  // Lit from the other side for a left hand, so that its picture is the mirror image.
   const double side = hand == xr::Hand::left ? -1.0 : 1.0;
-  light.transform().setLocalRotation(lookAlong({side * -0.3, -1.0, 0.5}));
-  light.addComponent<render::DirectionalLight>();
+  const std::array cameras{head_camera.getComponent<render::Camera>(), &third_person, &spectator};
+  rl::addDarkRoom(scene, cameras, 1.5, {side * -0.3, -1.0, 0.5});
 }
 
 void placeCameras(scene::Scene& scene, const Vec3& head_m, xr::Hand hand) {

@@ -8,12 +8,18 @@ from __future__ import annotations
 
 import os
 
-__all__ = ["available", "budget", "settle_torch", "torch_budget"]
+__all__ = ["available", "budget", "free", "settle_torch", "torch_budget"]
 
 
 def available() -> int:
     """Return how many cores this process may run on."""
     return len(os.sched_getaffinity(0))
+
+
+def free() -> int:
+    """Return about how many of these cores no program uses, at least 1; by the last minute."""
+    used = round(os.getloadavg()[0] - 0.3)
+    return max(1, available() - max(0, used))
 
 
 def budget(setting: int) -> int:

@@ -19,6 +19,7 @@ __all__ = [
     "checkout_dir",
     "config_path",
     "exec_app",
+    "package_dirs",
     "shader_dir",
     "share_dir",
     "trained_users_dir",
@@ -34,7 +35,7 @@ SHADER_VARIABLE = "SIM2VR_SHADER_DIR"
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
-def _package_dirs() -> Iterator[Path]:
+def package_dirs() -> Iterator[Path]:
     """Yield every folder of the package (an editable install can have two)."""
     import sim2vr_harness
 
@@ -56,7 +57,7 @@ def share_dir() -> Path:
     root = checkout_dir()
     if root is not None:
         return root
-    for package in _package_dirs():
+    for package in package_dirs():
         if (package / "share").is_dir():
             return package / "share"
     raise FileNotFoundError(
@@ -126,7 +127,7 @@ def app_executable() -> Path:
                 f"{APP_VARIABLE} is {override!r}, which is no executable; unset it or correct it."
             )
         return Path(override)
-    candidates = [package / "bin" / "sim2vr-app" for package in _package_dirs()]
+    candidates = [package / "bin" / "sim2vr-app" for package in package_dirs()]
     root = checkout_dir()
     if root is not None:
         candidates.insert(0, root / "build" / "release" / "app_runtime" / "sim2vr-app")

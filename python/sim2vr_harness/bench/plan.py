@@ -10,7 +10,7 @@ from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.bench.bodies import body_variants
 from sim2vr_harness.bench.scene import IN_PROCESS, Spec
 from sim2vr_harness.bench.senses import sense_variants
-from sim2vr_harness.client import list_transports
+from sim2vr_harness.client import list_transports, transport_named
 from sim2vr_harness.runs.config import TrainingConfig
 
 __all__ = ["NAMES", "USUAL", "BenchPlan", "specs", "transports"]
@@ -24,16 +24,15 @@ DEFAULT_N = 64
 _OVER_TRANSPORTS = ("render", "env")
 
 
-def transports(page: bool = False) -> tuple[str, ...]:
+def transports(chosen: str = IN_PROCESS) -> tuple[str, ...]:
     """The ways to an app that there are, in process first.
 
     Args:
-        page: whether the app is a page, which only some lead to; those lead to nothing else.
+        chosen: the configuration's; one that leads to apps of others leads to nothing else.
     """
-    known = [one for one in list_transports() if ("page" in one.reads) == page]
-    names = [transport.name for transport in known]
-    if page:
-        return tuple(names)
+    if not transport_named(chosen).reports_reward:
+        return (chosen,)
+    names = [one.name for one in list_transports() if one.reports_reward]
     return (IN_PROCESS, *(name for name in names if name != IN_PROCESS))
 
 
@@ -73,7 +72,7 @@ class BenchPlan:
         self.scenes = _names("--scene", scene, NAMES) or list(USUAL)
         self.n = _numbers("--n", n)
         self.threads = _numbers("--threads", usual_threads if threads is None else threads)
-        known = transports(config.env.app.page is not None)
+        known = transports(config.env.app.transport)
         self.transports = _names("--transport", transport, known) or [known[0]]
         self.seconds, self.train_steps = seconds, train_steps
 

@@ -72,6 +72,8 @@ class Spec:
         """
         config = self.config.env
         kept = {"game", "options", "renderer", "page", "map", "browser", "task", "timeout_s"}
+        if self.transport == "openxr":
+            kept |= {"executable", "arguments", "transport_options"}
         settings = config.app.model_dump(include=kept)
         settings |= {"transport": self.transport or IN_PROCESS}
         settings |= {"processes": min(self.threads, self.n), **app}

@@ -5,6 +5,8 @@ from __future__ import annotations
 import functools
 import inspect
 import json as jsonlib
+import shlex
+import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -65,6 +67,22 @@ TaskOption = Annotated[
         "--task", metavar="FILE", help="What the app is worth: FILE.py:CLASS, or rules in YAML."
     ),
 ]
+OpenXROption = Annotated[
+    str | None,
+    typer.Option(
+        "--openxr", metavar="PROGRAM", help="Play an OpenXR program; arguments in the same quotes."
+    ),
+]
+VirtualClockOption = Annotated[
+    bool | None,
+    typer.Option(
+        "--virtual-clock", help="Let clocks of --openxr advance with steps.", show_default=False
+    ),
+]
+XvfbOption = Annotated[
+    bool | None,
+    typer.Option("--xvfb", help="Give --openxr an X server of its own.", show_default=False),
+]
 BrowserOption = Annotated[
     str | None,
     typer.Option(
@@ -73,11 +91,15 @@ BrowserOption = Annotated[
 ]
 
 
+_COMMAND = "PROGRAM, or 'PROGRAM ARGS'"
 _PAGE_OPTIONS: dict[str, Any] = {
     "page": PageOption,
     "mapped": MapOption,
     "task": TaskOption,
     "browser": BrowserOption,
+    "openxr": OpenXROption,
+    "virtual_clock": VirtualClockOption,
+    "xvfb": XvfbOption,
 }
 _APP_OPTIONS: dict[str, Any] = {
     "app": AppOption,
@@ -127,6 +149,9 @@ def app_settings(
     mapped: list[str] | None = None,
     task: str | None = None,
     browser: str | None = None,
+    openxr: str | None = None,
+    virtual_clock: bool | None = None,
+    xvfb: bool | None = None,
 ) -> dict[str, Any]:
     """Return the settings of ``env.app`` that the options mean; none without any of them.
 
@@ -135,20 +160,30 @@ def app_settings(
     """
     if protocol not in (None, 1, 2):
         raise InputError("--protocol", str(protocol), "1 or 2")
-    given = [("--app", app), ("--connect", connect), ("--page", page)]
+    given = [("--app", app), ("--connect", connect), ("--page", page), ("--openxr", openxr)]
     named = [option for option, value in given if value is not None]
     if len(named) > 1:
         raise InputError(named[1], f"it together with {named[0]}", "one of them")
-    if arguments and app is None:
+    if arguments and app is None and openxr is None:
         raise InputError("--app-arg", "it without --app", "it together with --app")
-    for option, value in (("--map", mapped), ("--browser", browser)):
-        if value and page is None:
-            raise InputError(option, "it without --page", "it together with --page")
+    for option, value, owner, owned in (
+        ("--map", mapped, "--page", page),
+        ("--browser", browser, "--page", page),
+        ("--virtual-clock", virtual_clock, "--openxr", openxr),
+        ("--xvfb", xvfb, "--openxr", openxr),
+    ):
+        if value and owned is None:
+            raise InputError(option, f"it without {owner}", f"it together with {owner}")
+    if protocol is not None and (page is not None or openxr is not None):
+        other = "--page" if openxr is None else "--openxr"
+        raise InputError("--protocol", f"it together with {other}", "one of them")
     judged = {} if task is None else {"task": _absolute_task(task)}
     if page is not None:
-        if protocol is not None:
-            raise InputError("--protocol", "it together with --page", "one of them")
         return {**_page_settings(page, mapped or [], browser), **judged}
+    if openxr is not None:
+        options = {"virtual_clock": virtual_clock, "xvfb": xvfb}
+        chosen = {name: True for name, value in options.items() if value}
+        return {**_program_settings(openxr, arguments or [], chosen), **judged}
     if app is None and connect is None and protocol is None:
         return judged
     return {
@@ -169,6 +204,32 @@ def _page_settings(page: str, mapped: list[str], browser: str | None) -> dict[st
         "page": page if "://" in page else _absolute(page),
         "map": mapped_places(mapped),
         "browser": browser,
+    }
+
+
+def _program_settings(
+    program: str, arguments: list[str], options: dict[str, Any]
+) -> dict[str, Any]:
+    """Settings of an OpenXR program; its files are named by whole paths, for later runs."""
+    from sim2vr_harness.envs.config import program_name
+
+    try:
+        words = [program] if Path(program).expanduser().is_file() else shlex.split(program)
+    except ValueError as error:
+        raise InputError("--openxr", f"{program!r} ({error})", _COMMAND) from error
+    if not words:
+        raise InputError("--openxr", "nothing", _COMMAND)
+    found = words[0] if "/" in words[0] or Path(words[0]).is_file() else shutil.which(words[0])
+    command = [_absolute(found or words[0])]
+    for word in (*words[1:], *arguments):
+        file = "/" in word or word.endswith((".py", ".qml"))
+        command.append(_absolute(word) if file and Path(word).expanduser().exists() else word)
+    return {
+        "transport": "openxr",
+        "game": program_name(command),
+        "executable": command[0],
+        "arguments": command[1:],
+        "transport_options": options,
     }
 
 

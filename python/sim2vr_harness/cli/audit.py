@@ -93,8 +93,7 @@ def audit(
         conditions: list[str | None] = [*condition] if condition else [None]
         for name in conditions:
             listed += _of_game(game, name, objects, seconds, cast("How", how))
-    page = (remote or {}).get("page")
-    title = game or (Path(page).name if page else "") or (targets.stem if targets else "")
+    title = game or (remote or {}).get("game") or (targets.stem if targets else "")
     chosen = cast("Stance", stance)
     done = run(title, listed, people=people, seed=seed, stance=chosen, say=say)
     values = plain(done)
@@ -122,10 +121,10 @@ def _check(
     needed("plotly", "studies", "audit")
     seconds, people, seed = numbers
     if game is None and targets is None:
-        got = "--page without --targets" if remote else "neither"
+        got = "an app without --targets" if remote else "neither"
         raise InputError("--game or --targets", got, "a game, or a file of targets")
     if game is not None and remote:
-        raise InputError("--page", "it together with --game", "one of them")
+        raise InputError("--page or --openxr", "it together with --game", "one of them")
     if game is None and (condition or objects is not None):
         raise InputError("--condition or --objects", "it without --game", "it with --game")
     for option, got, known in (
@@ -167,12 +166,12 @@ def _listed(targets: Path | None, remote: Mapping[str, Any] | None) -> list[Audi
     """Return the targets of a file, those of objects located in the page."""
     from sim2vr_harness.audit.targets import located, read_targets
     from sim2vr_harness.envs.config import AppConfig, EnvConfig
-    from sim2vr_harness.envs.games import with_task
+    from sim2vr_harness.envs.games import without_training
 
     if targets is None:
         return []
     settings = read_targets(targets)
-    env = with_task(EnvConfig(app=AppConfig(**remote))) if remote else None
+    env = without_training(EnvConfig(app=AppConfig(**remote))) if remote else None
     return located(settings, env)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json as jsonlib
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -18,6 +18,9 @@ from sim2vr_harness.cli.options import (
     writable_file,
 )
 from sim2vr_harness.cli.progress import say
+
+if TYPE_CHECKING:
+    from sim2vr_harness.runs.config import TrainingConfig
 
 __all__ = ["bench"]
 
@@ -62,6 +65,12 @@ _Output = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="Add the JSON rows to this file.", callback=writable_file),
 ]
+_Profile = Annotated[
+    bool,
+    typer.Option(
+        "--profile", help="With --scene train: each stage of the recipe for a short time."
+    ),
+]
 _Json = Annotated[bool, typer.Option("--json", help="Print JSON rows, one per line, nothing else.")]
 
 
@@ -75,6 +84,7 @@ def bench(
     seconds: Annotated[float, typer.Option(help="Seconds per scene.", callback=finite)] = 2.0,
     train_steps: _TrainSteps = 1000,
     output: _Output = None,
+    profile: _Profile = False,
     trust_app: TrustOption = False,
     json: _Json = False,
 ) -> None:
@@ -94,6 +104,9 @@ def bench(
     settings = load_config(config, set_ or []) if config else defaults(set_ or [])
     source = Path(config or "the defaults")
     require_trust(settings.env, source, named=named_app(set_ or []), trust=trust_app)
+    if profile:
+        _print_profile(settings, scene)
+        return
     plan = BenchPlan(
         settings,
         scene,
@@ -112,3 +125,14 @@ def bench(
     print_rows(rows, Console())
     if output is not None:
         typer.echo(f"Written: {output}")
+
+
+def _print_profile(settings: TrainingConfig, scene: list[str] | None) -> None:
+    """Train the recipe for a short time, and print where the time goes."""
+    from sim2vr_harness.base.errors import InputError
+    from sim2vr_harness.bench.profile import profile_lines
+
+    if scene != ["train"]:
+        raise InputError("--profile", f"scenes {','.join(scene or ['(default)'])}", "--scene train")
+    say("Measuring the stages of the recipe, shortened")
+    typer.echo("\n".join(profile_lines(settings)))

@@ -187,6 +187,40 @@ def _browser_check() -> Iterator[Check]:
     )
 
 
+def _openxr_check() -> Iterator[Check]:
+    """Look for the OpenXR runtime, what programs may draw with, and what they preload."""
+    from sim2vr_harness.client.errors import AppRefused
+    from sim2vr_harness.client.openxr.describe import GRAPHICS
+    from sim2vr_harness.client.openxr.runtime_files import (
+        CLOCK_LIBRARY,
+        find_library,
+        find_runtime,
+    )
+
+    name = "OpenXR runtime"
+    try:
+        manifest = find_runtime()
+    except AppRefused as error:
+        yield Check(name, "info", f"{error}; needed by OpenXR programs (docs/reference/openxr.md)")
+        return
+    works, answer = _probe(
+        "from pathlib import Path\n"
+        "from sim2vr_harness.client.openxr.describe import graphics_of\n"
+        f"print(graphics_of(Path({str(manifest)!r})))"
+    )
+    without = [words for words in GRAPHICS.values() if words not in answer] if works else []
+    lacking = [f"built without {', '.join(without)}"] if without else []
+    if find_library(CLOCK_LIBRARY) is None:
+        lacking.append("no --virtual-clock")
+    if shutil.which("Xvfb") is None:
+        lacking.append("no Xvfb for --xvfb")
+    found = "; ".join([f"{manifest}: {answer}", *lacking])
+    usable = works and answer != "nothing"
+    packages = "libgl-dev libegl-dev libvulkan-dev libx11-dev libopenxr-dev"
+    mend = "" if usable else f"{_apt(packages)}, then {_rebuild_command()}"
+    yield Check(name, "ok" if usable else "warning", found, mend)
+
+
 def _looking_checks() -> Iterator[Check]:
     """Look for what people look with: letters in pictures, films, windows, a viewer of bodies."""
     try:
@@ -296,6 +330,7 @@ def collect() -> list[Check]:
         _app_checks,
         _mujoco_gl_check,
         _browser_check,
+        _openxr_check,
         _looking_checks,
         _machine_checks,
         _debian_checks,

@@ -185,7 +185,7 @@ def _print(found: Evaluation, request: Request, json: bool, checked: CheckedRun)
 def _evaluate_baseline(user: str, request: Request, json: bool, checked: CheckedRun) -> int:
     """Let a baseline play, and measure it; its files go to ``--out`` only."""
     from sim2vr_harness.base.errors import InputError
-    from sim2vr_harness.envs.games import with_task
+    from sim2vr_harness.envs.games import without_training
     from sim2vr_harness.evaluation.conditions import named_options
     from sim2vr_harness.evaluation.scripted_baseline import evaluate_baseline
     from sim2vr_harness.evaluation.tables import results_table
@@ -197,7 +197,7 @@ def _evaluate_baseline(user: str, request: Request, json: bool, checked: Checked
     config = load_config("webxr", [*request.overrides, *as_overrides(dict(request.app or {}))])
     with Share("Playing") as share:
         found = evaluate_baseline(
-            with_task(config.env),
+            without_training(config.env, request.overrides),
             user,
             conditions=request.conditions or (),
             named=named_options(config.env, list(request.overrides)),

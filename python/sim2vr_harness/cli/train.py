@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.console import Console
@@ -69,6 +69,13 @@ _SetAside = Annotated[
         help="With --resume: put files that cannot be used aside, go on from the last good ones.",
     ),
 ]
+_Device = Annotated[
+    Literal["auto", "cpu", "cuda"] | None,
+    typer.Option(help="What learns: cuda is an NVIDIA GPU.", show_default="auto"),
+]
+_Cores = Annotated[
+    int | None, typer.Option(min=1, help="Cores of this machine to use.", show_default="all")
+]
 
 
 @with_app_options
@@ -80,6 +87,8 @@ def train(
     timesteps: _Timesteps = None,
     out: _Out = None,
     seed: Annotated[int | None, typer.Option(help="Short for --set seed=SEED.")] = None,
+    device: _Device = None,
+    cores: _Cores = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the run exactly.")] = False,
     overwrite: _Overwrite = False,
     set_aside: _SetAside = False,
@@ -100,7 +109,9 @@ def train(
     _check_together(config, from_, resume, overwrite, set_aside)
     config, out = _run_or_file(config, out, resume)
     _check_people(people, from_, resume)
-    overrides = [*(set_ or []), *([] if seed is None else [f"seed={seed}"]), *as_overrides(remote)]
+    short = {"seed": seed, "device": device, "env.cores": cores}
+    named = [f"{key}={value}" for key, value in short.items() if value is not None]
+    overrides = [*(set_ or []), *named, *as_overrides(remote)]
     if from_ is None and not resume:
         config, overrides = _configuration(config, remote, overrides, people=people)
     settings = _settings(config, from_, out if resume else None, overrides)
@@ -194,9 +205,9 @@ def _configuration(
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.client import list_games
 
-    if config is None and "page" in app:
+    if config is None and ("page" in app or app.get("transport") == "openxr"):
         if "task" not in app:
-            raise InputError("--task", "nothing", "what the page is worth: rules or FILE.py:CLASS")
+            raise InputError("--task", "nothing", "what the app is worth: rules or FILE.py:CLASS")
         return "webxr", [*overrides, f"name={app['game']}"]
     if config is None and (app.get("executable") or app.get("connect")):
         return "skills", overrides

@@ -102,7 +102,7 @@ def watch(
     _check_rerun(rerun, try_)
     run, baseline = who_plays(run, user)
     if run is None and not try_ and not remote:
-        raise InputError("RUN", "nothing", "a user, a log or a recording; or --try, or --page")
+        raise InputError("RUN", "nothing", "a user, a log or a recording; or --try, or an app")
     if shared and (rerun is not None or host != "127.0.0.1"):
         raise InputError("--share", "it together with --rerun or --host", "one of them")
     needed(*(("rerun", "rerun", "--rerun") if rerun is not None else ("viser", "watch", "watch")))

@@ -55,6 +55,7 @@ from sim2vr_harness.client.launch import (
     start_unity_app,
     unity_arguments,
 )
+from sim2vr_harness.client.openxr import OpenXRApp
 from sim2vr_harness.client.process import AppProcess
 from sim2vr_harness.client.protocol1 import Protocol1App
 from sim2vr_harness.client.protocol2 import Protocol2Connection
@@ -119,6 +120,7 @@ __all__ = [
     "ItemOutcome",
     "LoggedItem",
     "Measure",
+    "OpenXRApp",
     "OptionValue",
     "Outcome",
     "Protocol1App",

@@ -11,6 +11,8 @@ import math
 import reprlib
 from typing import Any
 
+from sim2vr_harness.client.devices import HANDS, HapticPulse
+
 __all__ = [
     "LARGEST",
     "UNREADABLE",
@@ -20,6 +22,7 @@ __all__ = [
     "list_in",
     "number_in",
     "object_in",
+    "pulse_in",
     "text_in",
     "truth_in",
 ]
@@ -30,6 +33,8 @@ MOST_CHARACTERS = 500
 """Of a text that an app answers with."""
 LARGEST = 3.402823567e38
 """Larger numbers are infinite in binary32."""
+SHORTEST_S = -1e-9
+"""Duration of the shortest vibration that a device can (``XR_MIN_HAPTIC_DURATION``)."""
 
 
 UNREADABLE = (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)
@@ -96,6 +101,25 @@ def text_in(what: str, answer: object) -> str:
     if not isinstance(answer, str):
         raise bad_reply(what, answer, "a text")
     return " ".join(answer[:MOST_CHARACTERS].split())
+
+
+def pulse_in(
+    hand: object, amplitude: object, duration_s: object, frequency_hz: object = 0.0
+) -> HapticPulse:
+    """Return a vibration; raises :class:`BadReply`."""
+    known = next((one for one in HANDS if one == hand), None)
+    if known is None:
+        raise bad_reply("haptics, hand", hand, " or ".join(HANDS))
+    strength = number_in("haptics, amplitude", amplitude)
+    if not 0.0 <= strength <= 1.0:
+        raise bad_reply("haptics, amplitude", strength, "0 to 1")
+    length_s = number_in("haptics, duration in s", duration_s)
+    if length_s < 0.0 and length_s != SHORTEST_S:
+        raise bad_reply("haptics, duration in s", length_s, "0 or more")
+    pitch_hz = number_in("haptics, frequency in Hz", frequency_hz)
+    if pitch_hz < 0.0:
+        raise bad_reply("haptics, frequency in Hz", pitch_hz, "0 or more")
+    return HapticPulse(known, strength, pitch_hz, length_s)
 
 
 def list_in(what: str, answer: object, most: int) -> list[Any]:

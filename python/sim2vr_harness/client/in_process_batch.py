@@ -147,6 +147,12 @@ class InProcessBatch:
             raise RuntimeError("the app is closed; make a new one")
         return self._batch
 
+    @property
+    def drawn_by_gpu(self) -> bool:
+        """Whether a GPU draws the images; Mesa's drivers for the processor say so by name."""
+        name = str(self.native.renderer_description)
+        return not any(word in name for word in ("llvmpipe", "softpipe", "null renderer"))
+
     # --- M apps at a time --------------------------------------------------------------------
 
     def reset_rounds(

@@ -6,13 +6,15 @@ import numpy as np
 
 from sim2vr_harness.client.base import Float64Array, Int64Array
 from sim2vr_harness.client.devices import HANDS, INPUT_COUNT, DevicePoses
-from sim2vr_harness.client.errors import AppUnsupported
+from sim2vr_harness.client.errors import AppRefused, AppUnsupported
 
 __all__ = [
     "DEVICES",
     "check_finite",
+    "checked_rows",
     "frame_times",
     "input_rows",
+    "later_times",
     "one_frame",
     "pose_rows",
     "require_devices",
@@ -21,6 +23,7 @@ __all__ = [
 
 DEVICES = ("head", "left_controller", "right_controller")
 """Order of the devices in a block of poses, and names of the fields of DevicePoses."""
+_ROTATION_TOLERANCE = 1e-3
 
 
 def frame_times(times_ns: Int64Array) -> Int64Array:
@@ -28,6 +31,20 @@ def frame_times(times_ns: Int64Array) -> Int64Array:
     times = np.asarray(times_ns, dtype=np.int64)
     if times.ndim != 1 or len(times) == 0:
         raise ValueError(f"times_ns: got shape {times.shape}, expected (K,) with K of 1 or more")
+    return times
+
+
+def later_times(times_ns: Int64Array, last_ns: int) -> Int64Array:
+    """(K,) int64 game times after those before.
+
+    Raises:
+        AppRefused: one runs backwards.
+    """
+    times = frame_times(times_ns)
+    if times[0] < last_ns or (np.diff(times) < 0).any():
+        raise AppRefused(
+            f"time_ns: got {int(times[0])} after {last_ns}, expected no step backwards"
+        )
     return times
 
 
@@ -141,3 +158,23 @@ def check_finite(rows: Float64Array) -> None:
     raise ValueError(
         f"{DEVICES[device]}: got {rows[frame, device].tolist()}, expected finite numbers"
     )
+
+
+def checked_rows(poses: DevicePoses, frames: int) -> tuple[Float64Array, Float64Array]:
+    """:func:`pose_rows` and :func:`input_rows` of K frames.
+
+    Raises:
+        ValueError: a shape, a number that is not finite or a rotation that is none; names it.
+    """
+    rows, inputs = pose_rows(poses, frames), input_rows(poses, frames)
+    check_finite(rows)
+    if not np.isfinite(inputs).all():
+        raise AppRefused("inputs: got numbers that are not finite, expected finite ones")
+    for k, name in enumerate(DEVICES):
+        if getattr(poses, name) is None:
+            continue
+        lengths = np.linalg.norm(rows[:, k, 3:], axis=1)
+        if (np.abs(lengths - 1.0) > _ROTATION_TOLERANCE).any():
+            got = rows[int(np.abs(lengths - 1.0).argmax()), k, 3:].tolist()
+            raise AppRefused(f"{name}.rotation: got {got}, expected a quaternion of length 1")
+    return rows, inputs

@@ -77,6 +77,9 @@ class AppProcess:
         socket: file of the socket that the app listens on, deleted at the end; None: none.
         pipes: descriptors that become the app's 3 (to read from) and 4 (to write to); they stay
             this side's to close.
+        stdin: descriptor of its standard input; None: it is empty.
+        inherited: further descriptors that the app has under the same numbers; they stay this
+            side's to close.
         home: the app's temporary folder and working directory, deleted with it; None: it works in
             this process's.
 
@@ -92,6 +95,8 @@ class AppProcess:
         extra_logs: Sequence[Path] = (),
         socket: Path | None = None,
         pipes: tuple[int, int] | None = None,
+        stdin: int | None = None,
+        inherited: Sequence[int] = (),
         home: TemporaryFolder | None = None,
     ) -> None:
         self.command = [os.fspath(part) for part in command]
@@ -103,18 +108,20 @@ class AppProcess:
         self._logs = [self.log_file, *extra_logs]
         self._keep_logs = False
         self._socket = socket
+        read_from = subprocess.DEVNULL if stdin is None else stdin
         note = _NOTED if pipes is None else _NOTED + _MOVED_PIPES
         noting = [*_dying_with_parent(), "sh", "-c", note, str(self._folder.path)]
         try:
             with self.log_file.open("xb") as log:
                 self._popen = _spawner().start(
                     [*noting, *self.command],
-                    stdin=subprocess.DEVNULL if pipes is None else pipes[0],
+                    stdin=read_from if pipes is None else pipes[0],
                     stdout=log if pipes is None else pipes[1],
                     stderr=log,
                     env={**os.environ, **(environment or {})},
                     cwd=None if home is None else home.path,
                     start_new_session=True,
+                    pass_fds=tuple(inherited),
                 )
         except OSError as error:
             self._folder.remove()
@@ -244,7 +251,13 @@ class AppProcess:
             grace_s: how long to wait before SIGTERM, and again before SIGKILL.
         """
         self._keep_logs = False
-        if self._finalizer.alive and not self.wait(grace_s):
+        if self._finalizer.alive:
+            self.wait(grace_s)
+        self.terminate(grace_s)
+
+    def terminate(self, grace_s: float) -> None:
+        """Ends the process by SIGTERM, and by SIGKILL ``grace_s`` later; idempotent."""
+        if self._finalizer.alive and self.running:
             with suppress(ProcessLookupError):
                 os.killpg(self.pid, signal.SIGTERM)
             self.wait(grace_s)

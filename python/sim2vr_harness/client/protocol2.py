@@ -6,8 +6,6 @@ docs/reference/protocol.md describes every byte.
 from __future__ import annotations
 
 import json
-import mmap
-import os
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -48,6 +46,7 @@ from sim2vr_harness.client.protocol2_wire import (
     error_of,
 )
 from sim2vr_harness.client.scene import AppScene, SceneMesh
+from sim2vr_harness.client.shared_images import map_images
 
 __all__ = ["Protocol2Connection"]
 
@@ -183,22 +182,11 @@ class Protocol2Connection:
 
     def _map(self, path: str, link: str) -> bool:
         """Map the server's memory; False where it cannot be reached from here."""
-        size = self.apps * int(np.prod(self.shape))
-        try:
-            # In another container the same path is something else.
-            if os.readlink(path) != link:
-                return False
-            descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-        except OSError:
+        shared = map_images(path, link, (self.apps, *self.shape))
+        if shared is None:
             return False
-        try:
-            if os.fstat(descriptor).st_size < size:
-                return False
-            memory = mmap.mmap(descriptor, size, prot=mmap.PROT_READ)
-        finally:
-            os.close(descriptor)
-        self._shared = np.frombuffer(memory, np.uint8).reshape(self.apps, *self.shape)
-        self.images = list(self._shared)
+        self._shared = shared
+        self.images = list(shared)
         return True
 
     # --- rounds ------------------------------------------------------------------------------

@@ -21,10 +21,13 @@ import weakref
 from contextlib import suppress
 from pathlib import Path
 
-__all__ = ["GROUP_FILE", "TemporaryFolder"]
+__all__ = ["GROUP_FILE", "OUTSIDE_FILE", "TemporaryFolder"]
 
 GROUP_FILE = "group"
 """In an app's folder: the number of its process group, and the end of the line."""
+
+OUTSIDE_FILE = "outside"
+"""In an app's folder: files that it made elsewhere and that are deleted with it, a line each."""
 
 _LOCK = "lock"
 _NAME = re.compile(r"sim2vr-[0-9]+-\w{8}")
@@ -39,6 +42,9 @@ exec 3<&0 </dev/null
     read -r _ <&3
     for file in "$0"/*/{GROUP_FILE}; do
         read -r group <"$file" && [ "$group" -gt 1 ] && kill -s KILL -- "-$group"
+    done
+    for file in "$0"/*/{OUTSIDE_FILE}; do
+        while read -r made; do rm -f -- "$made"; done <"$file"
     done
     for _ in 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20; do
         rm -rf -- "$0" && break

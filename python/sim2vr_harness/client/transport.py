@@ -10,10 +10,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from sim2vr_harness.client.base import AppClient, OptionValue
+from sim2vr_harness.client.errors import AppRefused
 from sim2vr_harness.client.games import GameFacts
 from sim2vr_harness.client.in_process_batch import InProcessBatch
 
-__all__ = ["AppPlace", "AppSource", "AppsWanted", "Transport"]
+__all__ = ["AppPlace", "AppSource", "AppsWanted", "Transport", "checked_options"]
 
 AppSource = Callable[[int, Path | None], AppClient]
 """Makes the app of a user: (its number, root of the logs or None) -> client. Called again for a
@@ -65,6 +66,7 @@ class AppsWanted:
         height: of one eye's image, pixels.
         eyes: 1, or 2 for a picture of each.
         ipd_m: distance between the pupils, metres.
+        depth: whether a user sees the image's depth.
         renderer: ``automatic``, ``egl``, ``osmesa`` or ``null``.
         frequency_hz: user steps per second.
         threads: for what runs in this process.
@@ -81,6 +83,7 @@ class AppsWanted:
     height: int = 80
     eyes: int = 1
     ipd_m: float = 0.064
+    depth: bool = True
     renderer: str = "automatic"
     frequency_hz: int = 20
     threads: int = 1
@@ -102,6 +105,8 @@ class Transport:
         reads: fields of :class:`AppPlace` that mean something; others must be left alone.
         options: names of :attr:`AppPlace.options` that it knows, with a line each.
         text_options: those of ``options`` that are text, whatever YAML would make of it.
+        needs: the field of :class:`AppPlace` that must be given; "" for none.
+        reports_reward: whether its apps say what a step is worth; otherwise a task always does.
         users_per_connection: how many users an app serves; None: any number.
         knows_options: whether the apps of a place take game options at every reset, rather than at
             their start or never.
@@ -118,7 +123,35 @@ class Transport:
     reads: frozenset[str] = frozenset()
     options: Mapping[str, str] = field(default_factory=dict)
     text_options: frozenset[str] = frozenset()
+    needs: str = ""
+    reports_reward: bool = True
     users_per_connection: int | None = None
     knows_options: Callable[[AppPlace], bool] = lambda place: True
     facts: Callable[[AppPlace, str], GameFacts | None] = lambda place, game: None
     batch: Callable[[AppsWanted, Path | None, Sequence[int]], InProcessBatch] | None = None
+
+
+def checked_options(
+    given: Mapping[str, OptionValue], choices: Mapping[str, tuple[str, ...]]
+) -> dict[str, str]:
+    """Return a transport's options as text, with the first choice where none was made.
+
+    Args:
+        given: :attr:`AppPlace.options`.
+        choices: option -> the values that it can have; others can be any text.
+
+    Raises:
+        AppRefused: one has a value that it cannot have.
+    """
+    found = {name: known[0] for name, known in choices.items()}
+    found |= {
+        name: str(value).lower() if isinstance(value, bool) else str(value)
+        for name, value in given.items()
+    }
+    for name, known in choices.items():
+        if found[name] not in known:
+            raise AppRefused(
+                f"app.transport_options.{name}: got {found[name]!r}, expected one of "
+                f"{', '.join(known)}"
+            )
+    return found

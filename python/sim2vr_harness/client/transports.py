@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 
 from sim2vr_harness.client.in_process_apps import IN_PROCESS
+from sim2vr_harness.client.openxr import OPENXR
 from sim2vr_harness.client.servers import PROTOCOL1, PROTOCOL2
 from sim2vr_harness.client.transport import Transport
 from sim2vr_harness.client.webxr import WEBXR
@@ -22,6 +23,7 @@ _TABLE: dict[str, Transport] = {
         PROTOCOL1,
         PROTOCOL2,
         WEBXR,
+        OPENXR,
     )
 }
 

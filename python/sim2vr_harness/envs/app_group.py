@@ -72,6 +72,8 @@ class AppGroup(Protocol):
     """Users whose app has failed, and why; their next reset starts another one."""
     failures: list[AppFailure]
     """Every app that failed so far, the oldest first."""
+    drawn_by_gpu: bool
+    """Whether a GPU draws inside this process: it draws while the bodies of other users move."""
     reward: NDArray[Any]
     """(N,) of the last step or reset."""
     finished: NDArray[np.uint8]
@@ -202,6 +204,7 @@ class BatchGroup:
         self.failed: dict[int, str] = {}
         self.failures: list[AppFailure] = []
         self._batch = batch
+        self.drawn_by_gpu = batch.drawn_by_gpu
         self.reward, self.finished = batch.rewards, batch.finished
         self.time_feature, self.pictures = batch.time_features, batch.vision
 
@@ -316,6 +319,7 @@ class ClientGroup:
         self.apps: list[AppClient] = []
         self.failed: dict[int, str] = {}
         self.failures: list[AppFailure] = []
+        self.drawn_by_gpu = False
         self._config, self._log_dir, self._channels = config, log_dir, _channels(config)
         self._make_app = make_app
         self._options: list[dict[str, OptionValue]] = [{} for _ in range(n)]

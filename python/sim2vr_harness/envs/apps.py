@@ -58,6 +58,7 @@ def apps_wanted(
         height=height,
         eyes=config.vision.eyes,
         ipd_m=ipd_m,
+        depth="depth" in config.vision.channels,
         renderer=config.app.renderer,
         frequency_hz=config.action_frequency_hz,
         threads=budget(config.cores),
@@ -113,8 +114,8 @@ def app_factory(config: EnvConfig, n: int, ipd_m: float = IPD_M) -> AppFactory:
 
 
 def judged(app: AppConfig) -> bool:
-    """Whether a task says what an app is worth: one that is named; of a page always one."""
-    return app.task is not None or app.page is not None
+    """Whether a task says what an app is worth; always where its transport brings no reward."""
+    return app.task is not None or not transport_named(app.transport).reports_reward
 
 
 def _require(transport: Transport, capability: str, wanted: bool, got: str) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
@@ -291,7 +291,7 @@ class AppConfig(Settings):
     """Settings of a transport of one's own wants to know beyond the settings below."""
     executable: str | None = None
     """The app to start for every user, for example a Unity build with the SIM2VR asset (protocol
-    1); None starts our own sim2vr-app."""
+    1), or an OpenXR program (openxr); None starts our own sim2vr-app."""
     arguments: tuple[str, ...] = ()
     """Further arguments of the executable."""
     connect: str | None = None
@@ -320,10 +320,15 @@ class AppConfig(Settings):
     @model_validator(mode="before")
     @classmethod
     def _named_after_its_page(cls, given: Any) -> Any:
-        """A page's game is called like the page."""
-        if not isinstance(given, dict) or not isinstance(given.get("page"), str):
+        """A page's game is called like the page, an OpenXR program's like the program."""
+        if not isinstance(given, dict):
             return given
-        return {"game": page_name(given["page"]), **given}
+        if isinstance(given.get("page"), str):
+            return {"game": page_name(given["page"]), **given}
+        if given.get("transport") == "openxr" and isinstance(given.get("executable"), str):
+            words = [given["executable"], *map(str, given.get("arguments") or ())]
+            return {"game": program_name(words), **given}
+        return given
 
     @model_validator(mode="after")
     def _consistent_transport(self) -> AppConfig:
@@ -345,8 +350,12 @@ class AppConfig(Settings):
                     "one of the two: an app that runs already, or one to start"
                 )
         transport = transport_named(self.transport)
-        if "page" in transport.reads and self.page is None:
-            raise ValueError(f"page: got none for {self.transport!r}, expected a page in HTML")
+        if transport.needs and getattr(self, transport.needs) is None:
+            what = {"page": "a page in HTML", "executable": "an OpenXR program"}
+            expected = what.get(transport.needs, "one")
+            raise ValueError(
+                f"{transport.needs}: got none for {self.transport!r}, expected {expected}"
+            )
         for name in ("executable", "connect", "arguments", "page", "map", "browser"):
             if getattr(self, name) and name not in transport.reads:
                 readers = [repr(one.name) for one in list_transports() if name in one.reads]
@@ -373,6 +382,12 @@ def page_name(page: str) -> str:
     if stem == "index" and len(parts) > 1:
         stem = parts[-2]
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", stem).strip("_.-") or "page"
+
+
+def program_name(command: Sequence[str]) -> str:
+    """What to call the app that a command starts: its script, or the program itself."""
+    scripts = [word for word in command[1:] if word.endswith((".py", ".qml"))]
+    return page_name((scripts or [command[0]])[0].removesuffix(".py").removesuffix(".qml"))
 
 
 class EnvConfig(Settings):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -11,7 +12,14 @@ from sim2vr_harness.envs.apps import facts_told, judged, knows_options
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, with_options
 from sim2vr_harness.users import Body, installed_bodies, load_body
 
-__all__ = ["game_facts", "with_condition", "with_game", "with_hand", "with_task"]
+__all__ = [
+    "game_facts",
+    "with_condition",
+    "with_game",
+    "with_hand",
+    "with_task",
+    "without_training",
+]
 
 
 def game_facts(app: AppConfig, *, ask: bool = True) -> GameFacts:
@@ -88,6 +96,20 @@ def with_task(config: EnvConfig) -> EnvConfig:
     return (
         config.model_copy(update={"user": user.model_copy(update=changes)}) if changes else config
     )
+
+
+def without_training(config: EnvConfig, overrides: Sequence[str] = ()) -> EnvConfig:
+    """:func:`with_task` for a user who needs no depth, which few OpenXR programs submit.
+
+    Args:
+        config: of the environment.
+        overrides: ``KEY=VALUE`` that were given; channels among them stay.
+    """
+    vision = config.vision
+    if config.app.transport == "openxr" and not any("vision.channels" in one for one in overrides):
+        colours = tuple(name for name in vision.channels if name != "depth")
+        vision = vision.model_copy(update={"channels": colours})
+    return with_task(config.model_copy(update={"vision": vision}))
 
 
 @cache

@@ -15,6 +15,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from sim2vr_harness.client import DevicePoses, OptionValue
+from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.perception import StepContext
 from sim2vr_harness.perception.wrappers import Ring
 
@@ -47,20 +48,18 @@ class LateHands:
     """Delays the controllers' poses of N users; a ``Sense``, so that saved states hold them.
 
     Args:
-        simulation: the users; watched from their next reset on, if the app has a lag.
+        config: of the users.
+        n: number of users N.
     """
 
     name, pauses, frame = "hands as the app gets them", (), -1
     needs: str | None = None
 
-    def __init__(self, simulation: Any) -> None:
-        config = simulation.config
+    def __init__(self, config: EnvConfig, n: int) -> None:
         rate_hz = config.action_frequency_hz * config.frames_per_step
         self.frames = round(hand_lag_s(config.app.options) * rate_hz)
         self.space: spaces.Box[Any] = spaces.Box(-np.inf, np.inf, (2, 7), np.float64)
-        self._ring = Ring(self.name, simulation.n, self.space, self.frames)
-        if self.frames:
-            simulation.watch(self)
+        self._ring = Ring(self.name, n, self.space, self.frames)
 
     def late(self, poses: DevicePoses, ids: IntArray) -> DevicePoses:
         """Return poses (K, F, 7) of a user step with the controllers of some frames before."""

@@ -40,6 +40,7 @@ class MirroredGroup:
     """
 
     def __init__(self, group: AppGroup, n: int, option: str, hand: str, eyes: int) -> None:
+        self.drawn_by_gpu = False  # one hand's users play after the other's
         self._group, self._option, self._hand, self._eyes = group, option, hand, eyes
         self._mirrored = np.zeros(n, dtype=bool)
         self.pictures: NDArray[np.uint8] = group.pictures.copy()

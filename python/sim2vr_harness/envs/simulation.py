@@ -13,13 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from sim2vr_harness.base.cores import budget
 from sim2vr_harness.client import (
     AppClient,
-    DevicePoses,
     OptionValue,
-    frame_times_ns,
     require_capability,
 )
-from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.envs.app_group import AppFailure, AppGroup, Logs, app_group
+from sim2vr_harness.envs.app_steps import AppSteps
 from sim2vr_harness.envs.apps import AppFactory
 from sim2vr_harness.envs.checks import (
     checked_options,
@@ -36,7 +34,7 @@ from sim2vr_harness.envs.config import (
     with_options,
 )
 from sim2vr_harness.envs.games import game_facts, with_hand
-from sim2vr_harness.envs.late_hands import LateHands, app_options
+from sim2vr_harness.envs.late_hands import app_options
 from sim2vr_harness.envs.mirrored import MirroredGroup
 from sim2vr_harness.envs.senses import Senses, make_actions, make_perception
 from sim2vr_harness.envs.states import packed, unpacked
@@ -44,7 +42,6 @@ from sim2vr_harness.envs.step_batch import StepBatch
 from sim2vr_harness.perception import Delayed, Proprioception, Sense
 from sim2vr_harness.users import Body, Physique
 from sim2vr_harness.users.batch import UserBatch
-from sim2vr_harness.users.bodies import DEVICES
 
 Observation = dict[str, NDArray[Any]]
 IntArray = NDArray[np.int64]
@@ -112,10 +109,12 @@ class Simulation:
                 for app in self.apps:
                     require_capability(app.capabilities, "inputs")
             self._senses = Senses(perception, self.users, self._group, self.actions)
+            self._apps = AppSteps(config, self.users, self._group, self.actions, self.max_steps)
         except BaseException:
             self._group.close()
             raise
-        self._late_hands = LateHands(self)
+        if self._apps.late_hands.frames:
+            self.watch(self._apps.late_hands)
         self._seeds = [np.random.default_rng() for _ in range(n)]
         self._steps, self._over = np.zeros(n, dtype=np.int64), np.ones(n, dtype=bool)
         self._closed = False
@@ -207,7 +206,7 @@ class Simulation:
         for i, stream in zip(rows, streams, strict=True):
             self._seeds[i] = stream
         self._prepare(users, requests)
-        self._group.reset(users, numbers, self._poses(users, -1), options)
+        self._group.reset(users, numbers, self._apps.poses(users, -1), options)
         self._steps[users] = 0
         self._over[users] = False
         self.actions.reset(users)
@@ -310,15 +309,22 @@ class Simulation:
         self._require_open()
         active = self._active(resting)
         body = self.actions.take(actions)
-        frames = self.config.frames_per_step
-        self.users.step(body, pose_samples=frames, pauses=self._senses.pauses)
-        self.actions.remember(actions)
-        diverged = self.users.diverged & active
-        asked = active & ~diverged
-        cost = np.where(asked, self.users.effort_cost + self._finger_cost(), 0.0)
-        self._steps += active
-        # A diverged user's app stays where it was, as does its last finite observation.
-        users = self._step_apps(np.flatnonzero(asked))
+        pauses, drawn = self._senses.pauses, self._senses.perception.drawn_frame
+        with self._apps.step(active, self._steps + active, drawn, whole=bool(pauses)) as apps:
+            self.users.step(
+                body,
+                pose_samples=self.config.frames_per_step,
+                pauses=pauses,
+                shares=apps.shares,
+                moved=apps.moved,
+            )
+            self.actions.remember(actions)
+            diverged = self.users.diverged & active
+            asked = active & ~diverged
+            cost = np.where(asked, self.users.effort_cost + self._finger_cost(), 0.0)
+            self._steps += active
+            # A diverged user's app stays where it was, as does its last finite observation.
+            users = apps.answered()
         answered = np.zeros(self.n, dtype=bool)
         answered[users] = True
         game_reward = np.where(answered, self._group.reward, 0.0).astype(np.float64)
@@ -352,17 +358,6 @@ class Simulation:
             raise ValueError(f"resting: got users {wrong}, expected only ones that are over")
         return active
 
-    def _step_apps(self, playing: IntArray) -> IntArray:
-        """Step the apps of these users; return those whose apps have answered."""
-        frames, steps = self.config.frames_per_step, self._steps[playing]
-        # From the step count, so that rounding never accumulates.
-        numbers = ((steps - 1) * frames + 1)[:, None] + np.arange(frames)
-        times_ns = frame_times_ns(numbers, self.config.action_frequency_hz * frames)
-        poses = self._step_poses(playing)
-        drawn = self._senses.perception.drawn_frame
-        drawn = drawn if isinstance(drawn, int) else drawn[playing]
-        return self._group.step(playing, times_ns, poses, steps, self.max_steps, drawn=drawn)
-
     def _ends(
         self,
         ended: NDArray[np.bool_],
@@ -391,30 +386,6 @@ class Simulation:
     def _finger_cost(self) -> Any:
         weight = self.config.user.effort.finger_effort
         return weight * self.actions.finger_use() if weight else 0.0
-
-    def _poses(self, ids: IntArray, sample: int) -> DevicePoses:
-        """Where these users' devices are, (K, 7); see :meth:`UserBatch.device_poses`."""
-        head, right, left = (
-            pose_to_app(*(part[ids] for part in self.users.device_poses(name, sample)))
-            if name in self.body.devices
-            else None
-            for name in DEVICES
-        )
-        assert head is not None  # every body wears a headset
-        return DevicePoses(head, right, left)
-
-    def _step_poses(self, ids: IntArray) -> DevicePoses:
-        """Where these users' devices were in the F frames of the last step, (K, F, 7)."""
-        frames = self.config.frames_per_step
-        samples = [self._poses(ids, k) for k in range(frames)]
-        parts = ("head", "right_controller", "left_controller")
-        stacked = {
-            name: np.stack([getattr(poses, name) for poses in samples], axis=1)
-            for name in parts
-            if getattr(samples[0], name) is not None
-        }
-        inputs = self.actions.input_rows(ids, frames)
-        return self._late_hands.late(DevicePoses(**stacked, **inputs), ids)
 
     # --- saved states ------------------------------------------------------------------------
 
@@ -492,6 +463,7 @@ class Simulation:
     def close(self) -> None:
         """Ends the apps; idempotent. Later calls raise RuntimeError."""
         self._closed = True
+        self._apps.close()
         self._group.close()
 
     def _require_open(self) -> None:

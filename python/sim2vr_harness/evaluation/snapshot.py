@@ -14,7 +14,7 @@ from PIL import Image
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import naming
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, VisionConfig
-from sim2vr_harness.envs.games import game_facts, with_condition, with_game, with_task
+from sim2vr_harness.envs.games import game_facts, with_condition, with_game, without_training
 from sim2vr_harness.evaluation.environment import evaluation_env, make_simulation
 from sim2vr_harness.evaluation.scene_images import BodyPainter, compose, score_text
 from sim2vr_harness.policies.protocol import Act, episode_of
@@ -120,11 +120,12 @@ def _played(
 ) -> tuple[TrainedUser | None, EnvConfig]:
     """Return the user of a run, None without one, and the environment to play in."""
     if run is None:
-        config = with_task(EnvConfig(app=AppConfig(**app))) if app else EnvConfig()
+        plain_env = EnvConfig(app=AppConfig(**app)) if app else EnvConfig()
+        config = without_training(plain_env) if app else plain_env
         if overrides:
             plain, source = TrainingConfig(env=with_game(EnvConfig(), game)), "--set"
             changed = evaluation_env(plain, app, overrides, source=source, trust_app=trust_app)
-            config = with_task(changed)
+            config = without_training(changed, overrides)
         return None, with_game(config, game)
     user = find_user(run, code=True)
     config = evaluation_env(user.config, app, overrides, source=str(run), trust_app=trust_app)
@@ -178,7 +179,8 @@ def _drawn_larger(
     size: tuple[int, int],
 ) -> Any:
     """What the headset shows after the same moves, from between the eyes, (height, width, 3)."""
-    vision = VisionConfig(width=size[0], height=size[1])
+    channels = config.vision.channels
+    vision = VisionConfig(width=size[0], height=size[1], channels=channels)
     larger = config.model_copy(update={"vision": vision})
     with closing(simulation(larger, 1)) as users:
         users.reset(seeds=[seed])

@@ -237,7 +237,8 @@ def _unknown(app: AppConfig, source: str | Path, from_file: Collection[str]) -> 
         doing = "an address that was never connected to by you"
     else:
         command = ["sim2vr-app" if app.executable is None else app.executable, *app.arguments]
-        key, what, option = "executable", shlex.join(command), "--app with the same path"
+        program = "--openxr" if app.transport == "openxr" else "--app"
+        key, what, option = "executable", shlex.join(command), f"{program} with the same path"
         doing = "a program that you have not started before"
     return InputError(
         f"env.app.{key}",

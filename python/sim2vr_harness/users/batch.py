@@ -7,15 +7,16 @@ other users of the batch change a single bit of it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sim2vr_harness.users import checks
 from sim2vr_harness.users.actuation import Actuation
 from sim2vr_harness.users.bodies.body import Body
 from sim2vr_harness.users.bodies.options import Physique
-from sim2vr_harness.users.checks import checked_action, checked_ids, require_each, require_state
 from sim2vr_harness.users.effort import EffortModel, effort_for
 from sim2vr_harness.users.head_reflex import HeadMotion, HeadReflex, head_reflex, moved_head
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
@@ -133,12 +134,12 @@ class UserBatch:
             ValueError: an index out of range or given twice, or another number of generators,
                 postures or persons.
         """
-        ids = checked_ids(ids, self.n)
+        ids = checks.checked_ids(ids, self.n)
         chosen = [None] * len(ids) if postures is None else postures
-        require_each("rngs", rngs, ids)
-        require_each("postures", chosen, ids)
+        checks.require_each("rngs", rngs, ids)
+        checks.require_each("postures", chosen, ids)
         if persons is not None:
-            require_each("persons", persons, ids)
+            checks.require_each("persons", persons, ids)
             self.who.become(ids, persons)
         if len(ids) == 0:
             return
@@ -198,10 +199,10 @@ class UserBatch:
             ValueError: an index out of range, another number of pitches, a pitch beyond +-90
                 degrees, or a body without a headset.
         """
-        ids = checked_ids(ids, self.n)
+        ids = checks.checked_ids(ids, self.n)
         given = [pitch_deg] * len(ids) if pitch_deg is None or np.isscalar(pitch_deg) else pitch_deg
         pitches = np.array([np.nan if p is None else p for p in given], dtype=np.float64)  # type: ignore[union-attr]
-        require_each("pitch_deg", pitches, ids)
+        checks.require_each("pitch_deg", pitches, ids)
         wrong = np.abs(pitches) > 90.0
         if wrong.any():
             raise ValueError(f"pitch_deg: got {pitches[wrong][0]}, expected -90 to 90 degrees")
@@ -237,6 +238,8 @@ class UserBatch:
         *,
         pose_samples: int = 1,
         pauses: Mapping[int, Callable[[], None]] | None = None,
+        shares: Sequence[float] = (1.0,),
+        moved: Callable[[IntArray], None] = lambda ids: None,
     ) -> None:
         """Advances every user by one step of `dt` seconds.
 
@@ -249,19 +252,36 @@ class UserBatch:
             pauses: substep (1 to `substeps`) -> what to call when all users are at its end. Every
                 property then describes that moment, and `device_poses` too (sample -1), but the
                 effort, which is of the last whole step. Changes no bit of the motion.
+            shares: parts of the users to move one after the other.
+            moved: called after each part with the users that have not diverged.
 
         Raises:
             ValueError: the action has another shape or is not finite, a wrong `pose_samples`, or
                 a pause at no substep.
         """
-        action = checked_action(action, self.n, self.body.action_names)
-        stops = self._checked_stops(pose_samples, pauses or {})
-        physics, diverged = self._physics, self._physics.diverged
-        ids = np.flatnonzero(~diverged)
-        before = physics.kept(ids)
+        action = checks.checked_action(action, self.n, self.body.action_names)
+        stops = checks.checked_stops(self.substeps, pose_samples, pauses or {})
+        ids = np.flatnonzero(~self._physics.diverged)
+        before = self._physics.kept(ids)
         self._apply(np.clip(action[ids], -1.0, 1.0), ids)
         self._begin_head(ids)
         self._worn.resize(pose_samples)
+        cuts = np.round(np.cumsum(shares) * len(ids)).astype(int)
+        for begin, end in pairwise([0, *cuts[:-1], len(ids)]):
+            part = slice(begin, end)
+            self._move(ids[part], tuple(each[part] for each in before), stops, pauses or {})
+            moved(ids[part][~self._physics.diverged[ids[part]]])
+        self._update_effort(ids[~self._physics.diverged[ids]])
+
+    def _move(
+        self,
+        ids: IntArray,
+        before: tuple[FloatArray, ...],
+        stops: Sequence[int],
+        pauses: Mapping[int, Callable[[], None]],
+    ) -> None:
+        """Go on to the step's end; those that break are put back to where they were before."""
+        physics, diverged = self._physics, self._physics.diverged
         done = sample = 0
         for stop in stops:
             alive = ids[~diverged[ids]]
@@ -270,17 +290,15 @@ class UserBatch:
             if self._head is not None:
                 self._head.reached = stop
             self._worn.copy(alive, slice(sample, None))
-            if pauses and stop in pauses:
+            if stop in pauses:
                 physics.copy_forces(alive)
                 pauses[stop]()
-            sample += (stop * pose_samples) % self.substeps == 0
+            sample += (stop * self._worn.samples) % self.substeps == 0
         lost = diverged[ids]
         if lost.any():
             physics.put_back(ids[lost], tuple(part[lost] for part in before))
             self._worn.copy(ids[lost], slice(None))
-        survivors = ids[~lost]
-        physics.copy_forces(survivors)
-        self._update_effort(survivors)
+        physics.copy_forces(ids[~lost])
 
     def _begin_head(self, ids: IntArray) -> None:
         if self._head is not None:
@@ -288,20 +306,6 @@ class UserBatch:
             hands = self._worn.hands(-1)
             factors = self.who.head_movement[ids]
             self._head.begin(ids, (pos[ids], quat[ids]), hands[ids], factors)
-
-    def _checked_stops(
-        self, pose_samples: int, pauses: Mapping[int, Callable[[], None]]
-    ) -> list[int]:
-        """The substeps, in order, at whose ends something is to be done."""
-        if pose_samples < 1 or self.substeps % pose_samples:
-            raise ValueError(
-                f"pose_samples: got {pose_samples}, expected a divisor of substeps={self.substeps}"
-            )
-        wrong = [stop for stop in pauses if stop not in range(1, self.substeps + 1)]
-        if wrong:
-            raise ValueError(f"pauses: got substep {wrong[0]}, expected 1 to {self.substeps}")
-        every = self.substeps // pose_samples
-        return sorted({*range(every, self.substeps + 1, every), *pauses})
 
     def _apply(self, action: FloatArray, ids: IntArray) -> None:
         """Sets the controls of these users."""
@@ -442,7 +446,7 @@ class UserBatch:
         was asked to look, so that a restored user goes on to the bit. The last step's extra pose
         samples are not included.
         """
-        i = int(checked_ids([i], self.n)[0])
+        i = int(checks.checked_ids([i], self.n)[0])
         state: dict[str, Any] = {
             **self._physics.get_state(i),
             "head_pitch_deg": np.array(self._worn.head_pitch_deg[i]),
@@ -464,8 +468,8 @@ class UserBatch:
             ValueError: an index out of range, a state of another model, effort or noise, or one
                 that is not finite.
         """
-        i = int(checked_ids([i], self.n)[0])
-        require_state(state, self.get_state(i))
+        i = int(checks.checked_ids([i], self.n)[0])
+        checks.require_state(state, self.get_state(i))
         ids = np.array([i])
         if self.who.people is not None:
             self.who.set_state(i, state["person"])

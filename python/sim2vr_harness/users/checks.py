@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Sized
+from collections.abc import Iterable, Mapping, Sequence, Sized
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["checked_action", "checked_ids", "require_each", "require_state"]
+__all__ = ["checked_action", "checked_ids", "checked_stops", "require_each", "require_state"]
 
 
 def checked_ids(ids: Sequence[int] | NDArray[np.integer], n: int) -> NDArray[np.int64]:
@@ -26,6 +26,23 @@ def checked_ids(ids: Sequence[int] | NDArray[np.integer], n: int) -> NDArray[np.
     if len(np.unique(given)) != len(given):
         raise ValueError(f"ids: got {given.tolist()}, expected each user at most once")
     return given.astype(np.int64)
+
+
+def checked_stops(substeps: int, pose_samples: int, pauses: Iterable[int]) -> list[int]:
+    """The substeps of a user step, in order, at whose ends something is to be done.
+
+    Raises:
+        ValueError: samples that do not divide the step, or a pause at no substep.
+    """
+    if pose_samples < 1 or substeps % pose_samples:
+        raise ValueError(
+            f"pose_samples: got {pose_samples}, expected a divisor of substeps={substeps}"
+        )
+    wrong = [stop for stop in pauses if stop not in range(1, substeps + 1)]
+    if wrong:
+        raise ValueError(f"pauses: got substep {wrong[0]}, expected 1 to {substeps}")
+    every = substeps // pose_samples
+    return sorted({*range(every, substeps + 1, every), *pauses})
 
 
 def require_each(field: str, given: Sized, ids: Sized) -> None:

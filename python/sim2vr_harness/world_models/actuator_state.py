@@ -15,6 +15,7 @@ from torch import Tensor
 
 from sim2vr_harness.users import Body, UserBatch
 from sim2vr_harness.users.bodies.rules import RULES, Direct, Motor, Muscle
+from sim2vr_harness.world_models.columns import Columns
 from sim2vr_harness.world_models.gradient_clipping import within
 
 __all__ = ["REST_ACT", "ActuatorState"]
@@ -38,7 +39,7 @@ class ActuatorState:
         """Which actions are those of muscles, and of motors with smoothed targets."""
         self._direct = _where(rules, Direct)
         self.muscle_columns = torch.tensor(self.muscles)
-        self._observed = torch.tensor([*self.muscles, *self.motors], dtype=torch.long)
+        self._observed = Columns([*self.muscles, *self.motors], self.count)
         self._is_motor = torch.tensor([rule is Motor for rule in rules])
         self._is_direct = torch.tensor([rule is Direct for rule in rules])
         names = body.action_names
@@ -109,7 +110,7 @@ class ActuatorState:
 
     def observe(self, drives: Tensor) -> Tensor:
         """(B, F) drives scaled to [-1, 1], in the order of :attr:`names`."""
-        return 2.0 * drives[:, self._observed] - 1.0
+        return 2.0 * self._observed(drives) - 1.0
 
     def rest(self, start: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, A) where users who move at random come back to: motors to where they began."""

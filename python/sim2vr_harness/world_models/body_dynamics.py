@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from sim2vr_harness.users import Body
 from sim2vr_harness.users.kinematics.forward_torch import Chains
 from sim2vr_harness.world_models.actuator_state import ActuatorState
+from sim2vr_harness.world_models.columns import Columns
 from sim2vr_harness.world_models.joint_groups import JointGroup, limbs_of
 from sim2vr_harness.world_models.learning_device import LearningDevice
 from sim2vr_harness.world_models.person_features import ImaginedPersons
@@ -96,9 +97,10 @@ class _Acceleration(nn.Module):
         self.joint_columns = [j for limb in limbs for j in limb.joints]
         self.seen_columns, self.base_columns = list(seen), list(base)
         drive_columns = [a for limb in limbs for a in limb.actuators]
-        self._of_joint, self._of_drive, self._of_seen, self._of_base = (
-            torch.tensor(columns, dtype=torch.long)
-            for columns in (self.joint_columns, drive_columns, self.seen_columns, base)
+        self._of_joint = Columns(self.joint_columns, len(user.independent_joints))
+        self._of_drive = Columns(drive_columns, len(user.action_names))
+        self._of_seen, self._of_base = (
+            torch.tensor(columns, dtype=torch.long) for columns in (self.seen_columns, base)
         )
         """Of limbs alike, which are more than one, there is nothing else to be seen."""
         for name in ("mean", "spread", "speed", "gain", "remainder"):
@@ -118,10 +120,10 @@ class _Acceleration(nn.Module):
 
     def _of_joints(self, values: Tensor) -> Tensor:
         """(B, J) of a body -> (B L, joints), limb by limb of every user."""
-        return values[:, self._of_joint].reshape(-1, self._joints)
+        return self._of_joint(values).reshape(-1, self._joints)
 
     def _of_drives(self, values: Tensor) -> Tensor:
-        return values[:, self._of_drive].reshape(-1, self._drives)
+        return self._of_drive(values).reshape(-1, self._drives)
 
     def scale_by(self, steps: TransitionStore) -> None:
         """Take the units of inputs and outputs from what happened."""
@@ -162,7 +164,9 @@ class _Acceleration(nn.Module):
         users = len(drives)
         q, v = self._of_joints(before.angles), self._of_joints(before.speeds)
         both = torch.cat([self._of_drives(before.drives), self._of_drives(drives)], -1)
-        low, high = self.low.repeat(users, 1), self.high.repeat(users, 1)
+        low, high = (
+            bound if self._limbs == 1 else bound.repeat(users, 1) for bound in (self.low, self.high)
+        )
         parts = [
             (q - self.mean) / self.spread,
             v / self.speed,
@@ -187,8 +191,9 @@ class _Acceleration(nn.Module):
         if self.base_columns:
             moved = carried / self.base_gain
             pulls, felt = torch.cat([pulls, moved], -1), torch.cat([felt, moved], -1)
-        effect = terms[:, : -self._joints].reshape(-1, self._joints, pulls.shape[1])
-        pulled = 0.2 * (effect @ pulls[..., None])[..., 0] + terms[:, -self._joints :]
+        by_pull, by_itself = terms.split([self._joints * pulls.shape[1], self._joints], -1)
+        effect = by_pull.reshape(-1, self._joints, pulls.shape[1])
+        pulled = 0.2 * (effect @ pulls[..., None])[..., 0] + by_itself
         free_v = v + pulled * self.gain
         free_q = q + 0.5 * self._step_s * (v + free_v)
         beyond = [

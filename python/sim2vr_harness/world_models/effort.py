@@ -11,6 +11,7 @@ from sim2vr_harness.users import Body
 from sim2vr_harness.users.bodies.spec_body import muscle_peak_force
 from sim2vr_harness.users.effort import EffortModel, MuscleState, Neural, Zero
 from sim2vr_harness.world_models.actuator_state import ActuatorState
+from sim2vr_harness.world_models.columns import Columns
 
 __all__ = ["Effort", "imagined_effort", "volume_shares"]
 
@@ -46,7 +47,7 @@ def imagined_effort(
             forces.
         shares: (M,) what muscles count in that mean; None: alike.
     """
-    muscles, weight = drives.muscle_columns, model.weight
+    muscles, weight = Columns(drives.muscles, drives.count), model.weight
     low = torch.tensor(drives.low, dtype=torch.float32)
     span = torch.tensor(drives.span, dtype=torch.float32)
 
@@ -54,13 +55,13 @@ def imagined_effort(
         return weight * (low + control * span).square().sum(1)
 
     def muscle_state(after: Tensor, control: Tensor) -> Tensor:
-        return weight * after[:, muscles].square().sum(1)
+        return weight * muscles(after).square().sum(1)
 
     def nothing(after: Tensor, control: Tensor) -> Tensor:
         return torch.zeros(len(after))
 
     def activations(after: Tensor, control: Tensor) -> Tensor:
-        squares = after[:, muscles].square()
+        squares = muscles(after).square()
         return otherwise * (squares if shares is None else shares * squares).mean(1)
 
     if isinstance(model, Zero) or (not isinstance(model, Neural) and not len(muscles)):

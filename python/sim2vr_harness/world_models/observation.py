@@ -41,6 +41,9 @@ class ImaginedSenses:
             felt=torch.tensor([known[everything[i]] for i in layout.felt], dtype=torch.long),
             seen=torch.tensor([known[everything[i]] for i in layout.seen], dtype=torch.long),
         )
+        columns = [*self._layout.felt.tolist(), *self._layout.seen.tolist()]
+        self._whole = columns == list(range(len(names)))
+        """Whether an observation is all that a moment has, in its order."""
         self._users, self._rounds, self._lag = users, rounds, layout.lag
         actions = users.actions
         self._past = [torch.zeros(users.n, len(names))] * (layout.lag.longest + 1)
@@ -73,16 +76,20 @@ class ImaginedSenses:
 
     def observe(self) -> Tensor:
         """(B, size) what the policy knows."""
-        return self._assembled(self._back)
+        lag = self._layout.lag
+        return self._assembled(self._back, lag.game if lag.game == lag.body else None)
 
     def present(self) -> Tensor:
         """(B, size) the same if nothing were late, for a critic."""
-        return self._assembled(lambda back: self._past[-1])
+        return self._assembled(lambda back: self._past[-1], 0)
 
     def _back(self, steps: int) -> Tensor:
         return self._past[-1 - steps]
 
-    def _assembled(self, at: Any) -> Tensor:
+    def _assembled(self, at: Any, moment: int | None) -> Tensor:
+        """(B, size) observations; ``moment``: of that one alone, as ``at`` counts, or of two."""
+        if self._whole and moment is not None and not self._did:
+            return at(moment)
         observed: Tensor = self._layout.assemble(
             at, lambda back: self._did[-back], lambda parts: torch.cat(parts, 1)
         )

@@ -53,6 +53,21 @@ def test_a_browser_is_looked_at(monkeypatch):
     assert check.status == "ok"
 
 
+def test_an_openxr_runtime_is_looked_at(monkeypatch, tmp_path):
+    monkeypatch.setenv("SIM2VR_OPENXR_RUNTIME", str(tmp_path / "none.json"))
+    (check,) = doctor._openxr_check()
+    assert (check.status, check.mend) == ("info", "")
+    assert "none.json' in SIM2VR_OPENXR_RUNTIME" in check.found
+    (tmp_path / "lib.so").write_bytes(b"no library")
+    (tmp_path / "none.json").write_text('{"runtime": {"library_path": "./lib.so"}}')
+    (check,) = doctor._openxr_check()
+    assert check.status == "warning" and "libopenxr-dev" in check.mend
+    monkeypatch.setattr(doctor, "_probe", lambda code: (True, "OpenGL (EGL)"))
+    (check,) = doctor._openxr_check()
+    assert check.status == "ok"
+    assert "OpenGL (EGL); built without OpenGL (X11), Vulkan" in check.found
+
+
 def test_a_crashing_probe_is_reported_not_suffered():
     assert doctor._probe("import os; os.abort()") == (False, "crashed with signal 6")
     assert doctor._probe("raise ValueError('boom')") == (False, "ValueError: boom")

@@ -78,7 +78,7 @@ def test_what_the_user_sees_of_a_page(capsys: Any, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("train", "--page", TOUCH), "--task: got nothing, expected what the page is worth"),
+        (("train", "--page", TOUCH), "--task: got nothing, expected what the app is worth"),
         (("train", "--page", TOUCH, "--app", "x"), "--page: got it together with --app"),
         (("evaluate", "--user", "random", "--map", "x=y"), "--map: got it without --page"),
         (("evaluate", "--page", TOUCH, "--map", "x"), "--map: got 'x', expected URL=FOLDER"),

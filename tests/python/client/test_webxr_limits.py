@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from sim2vr_harness.client import AppDied, AppRefused, frame_time_ns
-from sim2vr_harness.client.webxr import limits
+from sim2vr_harness.client import AppDied, AppRefused, frame_time_ns, limits
+from sim2vr_harness.client.limits import Kept
 from sim2vr_harness.client.webxr.files import HOST, PageFiles
-from sim2vr_harness.client.webxr.limits import Kept
 from webxr_pages import NEEDS_BROWSER, hands, open_page, page_with
 
 

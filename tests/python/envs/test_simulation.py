@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+
 import numpy as np
 import pytest
 
@@ -217,3 +219,40 @@ def test_a_diverged_user_keeps_its_last_log_and_picture() -> None:
         np.testing.assert_array_equal(after[key][0], before[key][0])
         assert key == "stateful_information" or not np.array_equal(after[key][1], before[key][1])
     simulation.close()
+
+
+def _lived(shares: tuple[float, ...], broken: int | None) -> list[np.ndarray]:
+    """What five users go through in twelve steps; one of them breaks in the seventh."""
+    config = CONFIG.model_copy(update={"cores": 2, "frames_per_step": 5})
+    seen: list[np.ndarray] = []
+    with closing(Simulation(config, 5)) as simulation:
+        simulation._apps.shares = shares
+        simulation.reset(seeds=list(range(5)))
+        for step in range(12):
+            if step == 6 and broken is not None:
+                simulation.users._physics.qvel[broken] = 1e30
+            resting = np.flatnonzero(simulation.over).tolist()
+            outcome = simulation.step(actions(5, step), resting)
+            seen += [outcome.reward, outcome.answered, outcome.terminated]
+            seen += simulation.observation().values()
+        seen.append(np.array([app.state_hash() for app in simulation.apps]))
+        ended = [] if broken is None else [broken]
+        assert np.flatnonzero(simulation.over).tolist() == ended
+    return seen
+
+
+@pytest.mark.parametrize("broken", [None, 3])
+def test_apps_that_play_while_other_bodies_move_play_the_same(broken: int | None) -> None:
+    whole = _lived((1.0,), broken)
+    for shares in ((0.5, 0.25, 0.25), (0.1, 0.9)):
+        for one, other in zip(_lived(shares, broken), whole, strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_what_an_app_refuses_while_bodies_move_is_raised(monkeypatch) -> None:
+    with closing(Simulation(CONFIG, 4)) as simulation:
+        simulation._apps.shares = (0.5, 0.5)
+        simulation.reset()
+        simulation._group._batch._batch.close()
+        with pytest.raises(RuntimeError, match="closed"):
+            simulation.step(np.zeros((4, 32)))

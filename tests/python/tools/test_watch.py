@@ -249,7 +249,7 @@ def test_a_page_is_watched_with_nobody_trained() -> None:
     assert (second.time_s, first.scene.objects) == (2 / show.frequency_hz, ())
     assert first.headset.shape == (160, 240, 3)
     assert int(np.ptp(first.headset)) > 0
-    with pytest.raises(InputError, match=r"--user: got 'still', expected --page with it"):
+    with pytest.raises(InputError, match=r"--user: got 'still', expected --page or --openxr"):
         choosing.choose("mobl_arms_wrist", untrained="still")
 
 

@@ -119,7 +119,7 @@ def test_an_app_is_sent_both_controllers() -> None:
     with closing(Simulation(config, 2)) as users:
         users.reset(seeds=[1, 2])
         users.step(np.zeros((2, 14)))
-        poses = users._step_poses(np.array([0, 1]))
+        poses = users._apps.step_poses(np.array([0, 1]))
         assert poses.left_controller is not None
         assert poses.right_controller is not None
         assert poses.left_controller.shape == poses.right_controller.shape == (2, 5, 7)

@@ -37,4 +37,6 @@ WEBXR = Transport(
     },
     text_options=frozenset({"profile", "enter", "script_errors", "renderer"}),
     users_per_connection=1,
+    needs="page",
+    reports_reward=False,
 )

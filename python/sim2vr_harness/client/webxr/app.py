@@ -6,29 +6,19 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sim2vr_harness.client.base import (
-    AppReply,
-    Int64Array,
-    OptionValue,
-    ThirdPersonView,
-    UInt8Array,
-)
+from sim2vr_harness.client.base import AppReply, Int64Array, OptionValue
 from sim2vr_harness.client.devices import DevicePoses
 from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported
-from sim2vr_harness.client.poses import (
-    DEVICES,
-    check_finite,
-    frame_times,
-    input_rows,
-    one_frame,
-    pose_rows,
-)
+from sim2vr_harness.client.poses import checked_rows, later_times, one_frame
 from sim2vr_harness.client.runtime import checked_seed
-from sim2vr_harness.client.scene import AppScene
-from sim2vr_harness.client.split_step import SplitStep
-from sim2vr_harness.client.transport import AppsWanted
+from sim2vr_harness.client.transport import AppsWanted, checked_options
+from sim2vr_harness.client.unsaved import (
+    FARTHEST_M,
+    FRAME_RATE_HZ,
+    VERTICAL_FOV_DEG,
+    UnsavedApp,
+)
 from sim2vr_harness.client.webxr.browser import Browser, find_browser
 from sim2vr_harness.client.webxr.files import PageFiles
 from sim2vr_harness.client.webxr.page import PROFILES, SCRIPT_ERRORS, Page
@@ -38,15 +28,9 @@ from sim2vr_harness.client.webxr.replies import PageReport
 __all__ = ["CAPABILITIES", "WebXRApp"]
 
 CAPABILITIES = frozenset({"frames", "inputs", "left_controller", "haptics", "two_eyes"})
-FARTHEST_M = 10.0
-"""Distance of which the depth channel's 255 is, as in our own runtime."""
-VERTICAL_FOV_DEG = 90.0
-FRAME_RATE_HZ = 72
-"""What the page learns that the display does; the first Quest's."""
-_ROTATION_TOLERANCE = 1e-3
 
 
-class WebXRApp(SplitStep):
+class WebXRApp(UnsavedApp):
     """One page in one browser.
 
     A reset loads the page anew, unless the task names what begins a round. A page takes no part in
@@ -61,20 +45,19 @@ class WebXRApp(SplitStep):
     """
 
     def __init__(self, wanted: AppsWanted) -> None:
+        super().__init__("a page", wanted.width, wanted.height, wanted.eyes)
         place = wanted.place
         if place.page is None:
             raise AppRefused("app.page: got none, expected a page in HTML, a folder or an address")
-        options = _checked_options(place.options)
+        choices = {"profile": PROFILES, "script_errors": SCRIPT_ERRORS, "renderer": RENDERERS}
+        options = {"enter": ""} | checked_options(place.options, choices)
         self._files = PageFiles(place.page, place.map)
         self._wanted = wanted
         self._options: dict[str, OptionValue] = dict(wanted.options)
-        self._closed = False
         self._playing = False
         self._last_ns = 0
         self._awaited: int | None = None
         self._valued = False
-        shape = (wanted.height, wanted.width, 4)
-        self._image: UInt8Array = np.zeros((2, *shape) if wanted.eyes == 2 else shape, np.uint8)
         self._renderer: str | None = None
         self._browser = Browser(
             find_browser(place.browser), place.start_timeout_s, options["renderer"]
@@ -121,11 +104,6 @@ class WebXRApp(SplitStep):
         """What went wrong in this round that the page can do without."""
         return self._page.notes
 
-    @property
-    def image(self) -> UInt8Array:
-        """See :class:`AppClient`."""
-        return self._image
-
     # --- rounds --------------------------------------------------------------------------------
 
     def reset(
@@ -162,11 +140,7 @@ class WebXRApp(SplitStep):
         self._require_open()
         if not self._playing or self._awaited is not None:
             raise AppError("step: no round was started; call reset first")
-        times = frame_times(times_ns)
-        if times[0] < self._last_ns or (np.diff(times) < 0).any():
-            raise AppRefused(
-                f"time_ns: got {int(times[0])} after {self._last_ns}, expected no step backwards"
-            )
+        times = later_times(times_ns, self._last_ns)
         frames = self._frames(times, poses, range(len(times))[drawn])
         self._last_ns = int(times[-1])
         self._awaited = self._page.start_step(frames, bool(self._wanted.values))
@@ -199,11 +173,7 @@ class WebXRApp(SplitStep):
             ValueError: a pose or an input that cannot be one; names it.
         """
         count = len(times)
-        rows, inputs = pose_rows(poses, count), input_rows(poses, count)
-        check_finite(rows)
-        if not np.isfinite(inputs).all():
-            raise AppRefused("inputs: got numbers that are not finite, expected finite ones")
-        _check_rotations(rows, poses)
+        rows, inputs = checked_rows(poses, count)
         head, left, right = rows.swapaxes(0, 1).tolist()
         return [
             [
@@ -260,96 +230,13 @@ class WebXRApp(SplitStep):
         """Addresses that the page requested in this round: 200, 404, or 0: mapped nowhere."""
         return self._files.asked
 
-    # --- what a page cannot do -----------------------------------------------------------------
-
-    def head_request(
-        self, seed: int, options: Mapping[str, OptionValue] | None = None
-    ) -> float | None:
-        """See :class:`AppClient`; a page has no wish."""
-        return None
-
-    def render_headset(self, width: int, height: int) -> UInt8Array:
-        """See :class:`AppClient`; a page's frame is drawn once, in its own size."""
-        if self._image.shape == (height, width, 4):
-            return self._image.copy()
-        raise _unsupported("views")
-
-    def render_third_person(
-        self, width: int, height: int, view: ThirdPersonView = "spectator"
-    ) -> UInt8Array:
-        """See :class:`AppClient`; not for a page."""
-        raise _unsupported("views")
-
-    def scene(self) -> AppScene:
-        """See :class:`AppClient`; not for a page."""
-        raise _unsupported("scene")
-
-    def save(self) -> bytes:
-        """See :class:`AppClient`; not for a page."""
-        raise _unsupported("save")
-
-    def load(self, state: bytes) -> None:
-        """See :class:`AppClient`; not for a page."""
-        raise _unsupported("save")
-
-    def state_hash(self) -> int:
-        """See :class:`AppClient`; not for a page."""
-        raise _unsupported("save")
-
     # --- the end -------------------------------------------------------------------------------
 
     def close(self) -> None:
         """See :class:`AppClient`; ends the browser."""
         self._page.log_notes()
-        self._closed = True
+        super().close()
         if self._browser.tools.usable and self._awaited is None:
             self._browser.stop()
         else:
             self._browser.kill()
-
-    def _require_open(self) -> None:
-        if self._closed:
-            raise RuntimeError("the app is closed; make a new one")
-
-    def __enter__(self) -> WebXRApp:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-
-def _unsupported(capability: str) -> AppUnsupported:
-    what = {
-        "save": "what a page's scripts hold cannot be saved",
-        "scene": "a page keeps what it draws to itself",
-        "views": "a page draws one view",
-    }
-    return AppUnsupported(f"{capability}: {what[capability]}")
-
-
-def _check_rotations(rows: NDArray[np.float64], poses: DevicePoses) -> None:
-    for k, name in enumerate(DEVICES):
-        if getattr(poses, name) is None:
-            continue
-        lengths = np.linalg.norm(rows[:, k, 3:], axis=1)
-        if (np.abs(lengths - 1.0) > _ROTATION_TOLERANCE).any():
-            got = rows[int(np.abs(lengths - 1.0).argmax()), k, 3:].tolist()
-            raise AppRefused(f"{name}.rotation: got {got}, expected a quaternion of length 1")
-
-
-def _checked_options(given: Mapping[str, OptionValue]) -> dict[str, str]:
-    """The transport's options with their defaults.
-
-    Raises:
-        AppRefused: one has a value that it cannot have.
-    """
-    choices = {"profile": PROFILES, "script_errors": SCRIPT_ERRORS, "renderer": RENDERERS}
-    found = {name: known[0] for name, known in choices.items()} | {"enter": ""}
-    found |= {name: str(value) for name, value in given.items()}
-    for name, known in choices.items():
-        if found[name] not in known:
-            raise AppRefused(
-                f"app.transport_options.{name}: got {found[name]!r}, expected one of "
-                f"{', '.join(known)}"
-            )
-    return found

@@ -10,7 +10,7 @@ from pathlib import Path
 from urllib.parse import quote, unquote, urlsplit
 
 from sim2vr_harness.client.errors import AppRefused
-from sim2vr_harness.client.webxr.limits import Kept
+from sim2vr_harness.client.limits import Kept
 
 __all__ = ["HOST", "Answer", "PageFiles"]
 

@@ -12,11 +12,12 @@ from sim2vr_harness.client.answers import (
     bad_reply,
     list_in,
     number_in,
+    pulse_in,
     text_in,
     truth_in,
 )
 from sim2vr_harness.client.base import AppValue
-from sim2vr_harness.client.devices import HANDS, HapticPulse
+from sim2vr_harness.client.devices import HapticPulse
 
 __all__ = [
     "BadReply",
@@ -188,16 +189,7 @@ def _value_in(what: str, answer: object) -> AppValue:
 def _pulse_in(answer: object) -> HapticPulse:
     if not isinstance(answer, list) or len(answer) != 3:
         raise bad_reply("haptics", answer, "a hand, an amplitude and a duration")
-    hand = next((one for one in HANDS if one == answer[0]), None)
-    if hand is None:
-        raise bad_reply("haptics, hand", answer[0], " or ".join(HANDS))
-    amplitude = number_in("haptics, amplitude", answer[1])
-    duration_s = number_in("haptics, duration in s", answer[2])
-    if not 0.0 <= amplitude <= 1.0:
-        raise bad_reply("haptics, amplitude", amplitude, "0 to 1")
-    if duration_s < 0.0:
-        raise bad_reply("haptics, duration in s", duration_s, "0 or more")
-    return HapticPulse(hand, amplitude, 0.0, duration_s)
+    return pulse_in(*answer)
 
 
 def _picture_in(answer: object, picture_bytes: int) -> bytes | None:

@@ -7,11 +7,11 @@ import logging
 from collections.abc import Mapping
 from typing import Any
 
+from sim2vr_harness.client import limits
 from sim2vr_harness.client.errors import AppDied
-from sim2vr_harness.client.webxr import limits
+from sim2vr_harness.client.limits import Kept
 from sim2vr_harness.client.webxr.browser import Browser
 from sim2vr_harness.client.webxr.files import PageFiles
-from sim2vr_harness.client.webxr.limits import Kept
 from sim2vr_harness.client.webxr.tab import Tab, worker_bundle
 
 __all__ = ["PageWatch", "words_of"]

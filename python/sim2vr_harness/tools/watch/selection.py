@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.games import with_task
+from sim2vr_harness.envs.games import without_training
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.tools.users import environment_of
@@ -49,10 +49,10 @@ def choose(
     if page:
         if run is not None or person or game is not None or condition is not None:
             raise InputError("--page", "it with a user, a game or --try", "the page alone")
-        env = with_task(load_config("webxr", [*overrides, *page]).env)
+        env = without_training(load_config("webxr", [*overrides, *page]).env, overrides)
         return user_show(None, env, seed=seed, untrained=untrained or "random")
     if untrained is not None:
-        raise InputError("--user", repr(untrained), "--page with it")
+        raise InputError("--user", repr(untrained), "--page or --openxr with it")
     if run is not None and _recorded(Path(run)):
         _refuse_with_recording(person, game, condition)
         return recorded_show(Path(run))

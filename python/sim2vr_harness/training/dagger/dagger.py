@@ -13,7 +13,8 @@ import copy
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -35,7 +36,14 @@ from sim2vr_harness.runs.migration import with_new_tensor_names
 from sim2vr_harness.training.replay import ReplayStore
 from sim2vr_harness.training.run.episode_stats import episode_means
 
-__all__ = ["CHECKPOINT_ROUNDS", "PICTURE_FILES", "Expert", "Student", "StudentProgress"]
+__all__ = [
+    "CHECKPOINT_ROUNDS",
+    "COLLECTED",
+    "PICTURE_FILES",
+    "Expert",
+    "Student",
+    "StudentProgress",
+]
 
 STATE_FORMAT = 4
 PICTURE_FILES = "frames.*.bin"
@@ -54,7 +62,7 @@ CHECKPOINT_ROUNDS = 20
 """Rounds of collecting between two checkpoints: 41,000 frames of 64 users."""
 _STATISTICS_EPISODES = 100
 """Latest episodes that the printed statistics are taken over."""
-_COLLECTED = 0.4
+COLLECTED = 0.4
 """Share of a round's time that is over after collecting."""
 _TARGETS = ("label", "facts", "numbers", "crop_places")
 """What a stored frame holds beside the observation."""
@@ -277,7 +285,7 @@ class Student:
         noisy = np.arange(self.n) < _NOISY_USERS * self.n
         shown = 0
         for step in range(_ROLLOUT_STEPS):
-            on_progress(_COLLECTED * step / _ROLLOUT_STEPS)
+            on_progress(COLLECTED * step / _ROLLOUT_STEPS)
             observation = self.simulation.observation()
             label = np.clip(self.guide.actions(self.simulation), -1.0, 1.0)
             facts = self.guide.facts(self.simulation)
@@ -337,7 +345,7 @@ class Student:
         for group in self._optimizer.param_groups:
             group["lr"] = config.learning_rate * max(fall, 0.02)
         self.policy.train()
-        sums: dict[str, float] = {}
+        found: list[dict[str, Tensor]] = []
         weights = {
             "imitation": _IMITATION_WEIGHT,
             "facts": _FACTS_WEIGHT,
@@ -345,21 +353,42 @@ class Student:
             "crops": _CROPS_WEIGHT,
             "reading": config.numbers_weight,
         }
-        first, last = self.store.first, self.store.count
-        for number in range(minibatches):
-            on_progress(_COLLECTED + (1.0 - _COLLECTED) * number / minibatches)
-            rows = np.sort(self._rng.integers(first, last, config.batch_size))
-            batch = {key: value.to(self._device) for key, value in self.store.rows(rows).items()}
+        for number, batch in enumerate(self._minibatches(minibatches)):
+            on_progress(COLLECTED + (1.0 - COLLECTED) * number / minibatches)
             losses = self._losses(batch)
             loss = torch.stack([weights[name] * loss for name, loss in losses.items()]).sum()
             self._optimizer.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             nn.utils.clip_grad_norm_(self._parameters, _MAX_GRAD_NORM)
             self._optimizer.step()
-            for name, value in losses.items():
-                sums[name] = sums.get(name, 0.0) + float(value.detach())
+            found.append({name: value.detach() for name, value in losses.items()})
         self.policy.eval()
-        return {name: sums.get(name, 0.0) / minibatches for name in weights}
+        # Read at the end: a GPU would be waited for in each minibatch.
+        return {
+            name: sum(float(one[name]) for one in found if name in one) / minibatches
+            for name in weights
+        }
+
+    def _minibatches(self, count: int) -> Iterator[dict[str, Tensor]]:
+        """Yield minibatches on the device; the next one is read while one is learned from."""
+        first, last = self.store.first, self.store.count
+
+        def read() -> dict[str, Tensor]:
+            rows = np.sort(self._rng.integers(first, last, self.config.batch_size))
+            batch = self.store.rows(rows)
+            if self._device.type != "cuda":
+                return batch
+            return {key: value.pin_memory() for key, value in batch.items()}
+
+        with ThreadPoolExecutor(1, "minibatch") as beside:
+            following = beside.submit(read)
+            for number in range(count):
+                batch = following.result()
+                if number + 1 < count:
+                    following = beside.submit(read)
+                yield {
+                    key: value.to(self._device, non_blocking=True) for key, value in batch.items()
+                }
 
     def _losses(self, batch: dict[str, Tensor]) -> dict[str, Tensor]:
         """The errors that there are, each a number."""

@@ -25,6 +25,7 @@ from sim2vr_harness.runs.migration import with_new_tensor_names
 from sim2vr_harness.runs.run_folder import append_row, keep_rows, metric_key
 from sim2vr_harness.training.dagger.dagger import (
     CHECKPOINT_ROUNDS,
+    COLLECTED,
     PICTURE_FILES,
     Expert,
     Student,
@@ -183,6 +184,7 @@ def _require_finite(snapshot: Mapping[str, Any], last_good: Path | None) -> None
 
 
 def _show(callbacks: Callbacks, view: Callable[[], View], share: float) -> None:
+    callbacks.doing("playing" if share < COLLECTED else "learning")
     callbacks.show(view)
 
 

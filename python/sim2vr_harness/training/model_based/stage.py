@@ -123,6 +123,7 @@ class CycleStage(ABC):
                 text = f"cycle {cycle + 1} of {self.total:.0f}: {doing}"
                 return View(cycle + share, text, left)
 
+            callbacks.doing(doing)
             callbacks.show(view)
 
         return trainer.step(show)

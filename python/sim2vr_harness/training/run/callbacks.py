@@ -198,6 +198,7 @@ class ProgressCallback(BaseCallback):
             self._hook = None
 
     def _show(self, force: bool = False) -> None:
+        self._callbacks.doing(self._progress.phase)
         self._callbacks.show(self._progress.view, force=force)
 
     def _pass_on(self, step: int, row: dict[str, Any]) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Protocol
 
 from rich.console import Console
@@ -17,6 +17,7 @@ from rich.console import Console
 from sim2vr_harness.base.signals import interrupts_ignored, sigterm_interrupts
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.training.run.progress import StageDisplay, View
+from sim2vr_harness.training.run.stopwatch import Stopwatch
 
 __all__ = ["Callbacks", "Report", "Stage", "StageOutcome", "StageStopped", "run_stages", "say_line"]
 
@@ -121,6 +122,12 @@ class Callbacks:
         self._stage, self._number, self._stages = stage, number, stages
         self._folder, self._display = folder, display
         self._report, self._stop = report, stop
+        self.watch = Stopwatch()
+        """Times of the stage's parts."""
+
+    def doing(self, part: str) -> None:
+        """Say what the stage does from now on, for the table of its times."""
+        self.watch.begin(part)
 
     def show(self, view: Callable[[], View], *, force: bool = False) -> None:
         """Show how far the stage is; to be called often.
@@ -223,7 +230,8 @@ def run_stages(
                     stage.close()
                     outcome.saved = stage.saved
                     outcome.seconds[stage.name] = time.monotonic() - began
-                    _add_seconds(folder, stage.name, outcome.seconds[stage.name])
+                    callbacks.watch.stop()
+                    _add_seconds(folder, stage.name, outcome.seconds[stage.name], callbacks.watch)
                     folder.end_session(status=outcome.status, stage=stage.name)
             if outcome.status != "finished":
                 break
@@ -249,8 +257,14 @@ def say_line(console: Console, text: str) -> None:
     console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
-def _add_seconds(folder: RunFolder, stage: str, seconds: float) -> None:
-    """Add wall time to ``stage_seconds`` in run.json."""
-    known = dict(folder.metadata().get("stage_seconds", {}))
-    known[stage] = round(known.get(stage, 0.0) + seconds, 1)
-    folder.note(stage_seconds=known)
+def _add_seconds(folder: RunFolder, stage: str, seconds: float, watch: Stopwatch) -> None:
+    """Add times to ``stage_seconds`` and ``stage_parts`` in run.json."""
+    known = folder.metadata()
+    all_seconds = dict(known.get("stage_seconds", {}))
+    all_seconds[stage] = round(all_seconds.get(stage, 0.0) + seconds, 1)
+    parts = dict(known.get("stage_parts", {}).get(stage, {}))
+    for name, part in watch.parts.items():
+        old = parts.get(name, {"seconds": 0.0, "cpu_seconds": 0.0})
+        parts[name] = {key: round(old[key] + value, 1) for key, value in asdict(part).items()}
+    all_parts = dict(known.get("stage_parts", {})) | {stage: parts}
+    folder.note(stage_seconds=all_seconds, stage_parts=all_parts)

@@ -23,6 +23,7 @@ from sim2vr_harness.runs.config import TrainingConfig, first_difference, read_ma
 from sim2vr_harness.runs.migration import changed_constant
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.runs.trust import remember
+from sim2vr_harness.training.run.expected import plan_lines
 from sim2vr_harness.training.run.loggers import require_wandb
 from sim2vr_harness.training.run.memory import keep_freed_memory, require_memory
 from sim2vr_harness.training.run.pipelines import MakeSimulation, Run, stages_of
@@ -198,6 +199,8 @@ class _Session:
             name, recipe = self.config.name, self.config.recipe
             say_line(self.console, f"Continuing {name} (recipe {recipe}) ...")
             folder.store_config(self.config)
+        for line in plan_lines([stage for _, stage in remaining(stages)], self.config):
+            say_line(self.console, line)
         remember(self.config.env.app, folder.path)
         folder.begin_session(start_step=folder.step)
         try:

@@ -126,11 +126,6 @@ class Direct(_Ranged):
 RULES: dict[str, type[ActionRule]] = {rule.name: rule for rule in (Muscle, Motor, Direct)}
 
 
-def list_rules() -> tuple[str, ...]:
-    """Returns the names of the action rules."""
-    return tuple(sorted(RULES))
-
-
 def usual_rule(model: mujoco.MjModel, i: int) -> str:
     """Returns the rule that actuator i follows unless something else is requested."""
     muscle = model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_MUSCLE

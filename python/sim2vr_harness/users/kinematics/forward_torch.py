@@ -57,6 +57,8 @@ class Chain(nn.Module):
     by_cos: Tensor
     polynomials: Tensor
     tail: Tensor
+    still: Tensor | None
+    """(1, 4, 4) of a device that no joint moves, where all users are alike."""
     by_size: Tensor
     """(1 + S, 3 K + 1, 3) translations of the parts of K links and of the tail, by 1 and sizes."""
 
@@ -78,9 +80,16 @@ class Chain(nn.Module):
             buffers["by_size"] = flat.reshape(-1, *wanted.shape[1:])
         for buffer, values in buffers.items():
             self.register_buffer(buffer, torch.tensor(values, dtype=torch.float32))
+        # Zeros change nothing: the highest power that some joint has.
+        self._degree = int(np.flatnonzero(links.polynomials.any(0)).max(initial=1))
+        self.register_buffer("still", None, persistent=False)
+        if not links.polynomials[:, 1:].any() and not references:
+            self.still = self(torch.zeros(1, len(user.independent_joints)))
 
     def forward(self, angles: Tensor, sizes: Tensor | None = None) -> Tensor:
         """(B, 4, 4) the device's transform, MuJoCo world frame, for independent angles (B, J)."""
+        if self.still is not None:
+            return self.still.expand(len(angles), 4, 4)
         tail, moved = self.tail, None
         if sizes is not None:
             moved = torch.einsum("bs,skx->bkx", sizes, self.by_size[1:]) + self.by_size[0]
@@ -88,8 +97,8 @@ class Chain(nn.Module):
         if not len(self._drivers):  # it does not move
             return tail.expand(len(angles), 4, 4)
         x = angles[:, self._drivers]
-        turned = self.polynomials[:, 4]
-        for power in (3, 2, 1, 0):
+        turned = self.polynomials[:, self._degree]
+        for power in reversed(range(self._degree)):
             turned = turned * x + self.polynomials[:, power]
         sin, cos = turned.sin()[..., None], turned.cos()[..., None]
         links = self.fixed + sin[..., None] * self.by_sin + cos[..., None] * self.by_cos

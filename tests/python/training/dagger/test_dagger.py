@@ -259,6 +259,7 @@ def test_all_phases_of_a_round_are_seen_from_the_start(tmp_path: Path) -> None:
     assert max(phases) >= 3
 
 
+@pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no GPU")
 def test_a_student_learns_on_a_gpu_and_goes_on_there(tmp_path: Path) -> None:
     config = CONFIG.model_copy(update={"numbers_weight": 1.0})

@@ -70,6 +70,7 @@ def test_random_numbers_continue_where_they_stood() -> None:
     assert torch.equal(torch.get_rng_state(), outside)
 
 
+@pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no CUDA device")
 def test_a_captured_window_is_as_the_eager_one() -> None:
     with short_teacher(updates=4):

@@ -69,4 +69,7 @@ struct Material {
   }
 };
 
+/// A colour that is shown as it is, whatever the light; transparent below an alpha of 1.
+Material unlitMaterial(const Color& color);
+
 }  // namespace sim2vr::render

@@ -4,24 +4,19 @@
 #include <array>
 #include <cstdint>
 #include <span>
-#include <stdexcept>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/runtime/lockstep_app.hpp"
+#include "sim2vr/wire/numbers.hpp"
 #include "sim2vr/xr/device.hpp"
 #include "sim2vr/xr/pose_row.hpp"
 
 namespace sim2vr::server {
 
-/// A received message that is not what its protocol says: the only error that decoders throw. The
-/// text names the field, what was got and what was expected.
-class MalformedMessage : public std::runtime_error {
- public:
-  using std::runtime_error::runtime_error;
-};
+using wire::MalformedMessage;
 
 /// What `decode` returns; what reading JSON finds wrong becomes a MalformedMessage.
 template <class Decode>

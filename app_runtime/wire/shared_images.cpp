@@ -1,4 +1,4 @@
-#include "shared_images.hpp"
+#include "sim2vr/wire/shared_images.hpp"
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -12,7 +12,7 @@
 
 #include "sim2vr/core/log.hpp"
 
-namespace sim2vr::server {
+namespace sim2vr::wire {
 namespace {
 
 std::string nextName() {
@@ -21,7 +21,7 @@ std::string nextName() {
 }
 
 std::unique_ptr<SharedImages> givenUp(std::string_view call, int problem) {
-  logger().warn("shared memory for images: {}: {}; they go through the socket", call,
+  logger().warn("shared memory for images: {}: {}", call,
                 std::strerror(problem));
   return nullptr;
 }
@@ -60,4 +60,4 @@ void SharedImages::write(std::size_t index, std::span<const std::uint8_t> image)
   std::memcpy(data_ + index * image_bytes_, image.data(), image_bytes_);
 }
 
-}  // namespace sim2vr::server
+}  // namespace sim2vr::wire

@@ -1,4 +1,4 @@
-// Numbers in the frames of protocol 2: little-endian, one after the other.
+// Numbers in binary messages: little-endian, one after the other.
 #pragma once
 
 #include <algorithm>
@@ -6,13 +6,19 @@
 #include <bit>
 #include <cstdint>
 #include <cstring>
+#include <stdexcept>
 #include <string>
 #include <string_view>
 #include <utility>
 
-#include "sim2vr/server/message.hpp"
+namespace sim2vr::wire {
 
-namespace sim2vr::server::wire {
+/// A received message that is not what its protocol says: the only error that decoders throw. The
+/// text names the field, what was got and what was expected.
+class MalformedMessage : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
 
 template <class T>
 T littleEndian(T value) {
@@ -52,4 +58,4 @@ void append(std::string& bytes, T value) {
   bytes.append(reinterpret_cast<const char*>(&ordered), sizeof(T));
 }
 
-}  // namespace sim2vr::server::wire
+}  // namespace sim2vr::wire

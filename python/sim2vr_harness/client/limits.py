@@ -1,4 +1,4 @@
-"""Limits of a page's messages and of its browser's memory."""
+"""Limits of texts that an app has the harness keep, and of the memory of its processes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 __all__ = ["MOST_MEMORY_BYTES", "Kept", "memory_of_group"]
 
 MOST_MEMORY_BYTES = 2 << 30
-"""Memory of a browser with all its processes; a page of the examples takes a tenth of it."""
+"""Memory of an app with all its processes; a page of the examples takes a tenth of it."""
 MOST_KEPT = 20
 MOST_CHARACTERS = 300
 MOST_LISTED = 5

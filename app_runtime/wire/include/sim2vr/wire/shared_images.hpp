@@ -7,7 +7,7 @@
 #include <span>
 #include <string>
 
-namespace sim2vr::server {
+namespace sim2vr::wire {
 
 /// Memory without a name in any file system (memfd_create): the kernel takes it back with the last
 /// process that has it, whoever is killed when.
@@ -43,4 +43,4 @@ class SharedImages {
   std::size_t image_bytes_;
 };
 
-}  // namespace sim2vr::server
+}  // namespace sim2vr::wire

@@ -1,0 +1,40 @@
+// The socket to the harness.
+#pragma once
+
+#include <mutex>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+
+#include "messages.hpp"
+
+namespace sim2vr::openxr {
+
+/// The harness closed its end, or the socket failed.
+class ChannelClosed : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// One end of a stream socket, which it does not own.
+class Channel {
+ public:
+  explicit Channel(int socket) : socket_(socket) {}
+  int socket() const { return socket_; }
+
+  /// Thread-safe. Throws ChannelClosed.
+  void send(MessageKind kind, std::string_view body);
+  /// Blocks for a whole message. Throws ChannelClosed, and wire::MalformedMessage for a length
+  /// above kMaximumMessageBytes or an unknown kind.
+  Message receive();
+  /// Wakes a thread in receive().
+  void shutdown();
+
+ private:
+  void read(char* to, std::size_t bytes);
+
+  int socket_;
+  std::mutex sending_;
+};
+
+}  // namespace sim2vr::openxr

@@ -1,0 +1,159 @@
+// What the program holds handles of. Everything here is read and changed under the world's lock.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <deque>
+#include <map>
+#include <memory>
+#include <optional>
+#include <set>
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "api.hpp"
+#include "graphics.hpp"
+#include "harness.hpp"
+#include "sim2vr/xr/device.hpp"
+#include "world.hpp"
+
+namespace sim2vr::openxr {
+
+struct Session;
+
+struct Component;
+
+/// The one system: a headset with two controllers.
+inline constexpr XrSystemId kSystem = 1;
+
+struct ActionSet final : Object {
+  static constexpr HandleType kType = HandleType::action_set;
+  std::string name, localized_name;
+  std::uint32_t priority = 0;
+  bool attached = false;  // to a session: it cannot change any more
+};
+
+/// A value as of the latest xrSyncActions.
+struct ActionValue {
+  XrVector2f value{0.0F, 0.0F};
+  bool active = false;
+  bool changed = false;
+  XrTime last_change = 0;
+};
+
+struct Action final : Object {
+  static constexpr HandleType kType = HandleType::action;
+  std::shared_ptr<ActionSet> set;
+  std::string name, localized_name;
+  XrActionType type = XR_ACTION_TYPE_BOOLEAN_INPUT;
+  std::vector<XrPath> subactions;
+  // Of the session that it is attached to. Index 0: left hand, 1: right hand, 2: both together.
+  std::vector<const Component*> bound;
+  std::array<ActionValue, 3> values;
+};
+
+struct SuggestedBinding {
+  std::shared_ptr<Action> action;
+  XrPath path = XR_NULL_PATH;
+};
+
+struct Messenger final : Object {
+  static constexpr HandleType kType = HandleType::messenger;
+  std::uint64_t severities = 0;
+  std::uint64_t types = 0;
+  PFN_xrDebugUtilsMessengerCallbackEXT callback = nullptr;
+  void* user_data = nullptr;
+};
+
+struct Instance final : Object {
+  static constexpr HandleType kType = HandleType::instance;
+  XrVersion version = kVersion10;
+  std::set<std::string, std::less<>> extensions;
+  std::shared_ptr<Harness> harness;  // nullptr: real time
+  Config config;
+  std::unordered_map<std::string, XrPath> paths;
+  std::vector<std::string> path_texts;  // path p is at p - 1
+  std::deque<XrEventDataBuffer> events;
+  std::set<std::string, std::less<>> requirements_asked;
+  std::map<XrPath, std::vector<SuggestedBinding>> suggested;  // by interaction profile
+  bool system_asked = false;
+
+  bool enabled(std::string_view extension) const { return extensions.contains(extension); }
+};
+
+struct Space final : Object {
+  static constexpr HandleType kType = HandleType::space;
+  std::shared_ptr<Session> session;
+  XrReferenceSpaceType reference = XR_REFERENCE_SPACE_TYPE_STAGE;
+  std::shared_ptr<Action> action;  // not null: an action space
+  int hand = 2;                    // 0 left, 1 right, 2 whichever the action is bound to
+  XrPosef offset = xr::kIdentityPose;
+};
+
+struct Swapchain final : Object {
+  static constexpr HandleType kType = HandleType::swapchain;
+  std::shared_ptr<Session> session;
+  XrSwapchainCreateInfo info{};
+  std::unique_ptr<SwapchainImages> images;
+  std::deque<std::uint32_t> acquired;  // oldest first
+  bool waited = false;                 // for the oldest
+  std::uint32_t next = 0;
+  std::optional<std::uint32_t> released;
+  bool is_static = false;
+};
+
+/// xrWaitFrame, xrBeginFrame, xrEndFrame.
+struct FrameLoop {
+  bool waiting = false;  // a thread is inside xrWaitFrame
+  bool waited = false;   // a frame was waited for and has not begun
+  bool begun = false;
+  std::uint64_t waited_frames = 0;
+  std::uint64_t done_frames = 0;  // ended or discarded
+};
+
+/// The step that the harness gave.
+struct StepProgress {
+  std::deque<Frame> frames;  // not yet handed out
+  bool open = false;         // not yet answered
+  bool image_wanted = false;
+  std::uint32_t shown = 0;
+  std::uint32_t layers = 0;
+};
+
+struct Session final : Object {
+  static constexpr HandleType kType = HandleType::session;
+  std::shared_ptr<Instance> instance;
+  std::unique_ptr<Graphics> graphics;  // nullptr: headless
+  std::string graphics_name = "headless";
+
+  XrSessionState state = XR_SESSION_STATE_UNKNOWN;
+  bool running = false;
+  bool exiting = false;  // the program or the harness wants it to end
+  bool lost = false;     // XR_ERROR_SESSION_LOST from now on
+  bool harness_gone = false;
+  std::uint32_t frames_after_stop = 0;
+  bool destroyed = false;
+
+  FrameLoop loop;
+  StepProgress step;
+  std::array<Picture, 2> pictures;  // of the latest frames, by frame number
+  std::deque<Frame> history;        // devices of the latest frames, newest last
+  XrTime latest_end = 0;
+  std::int64_t monotonic_offset_ns = 0;  // XrTime - CLOCK_MONOTONIC
+  std::optional<XrPosef> stage_T_local;
+  bool local_is_set = false;
+
+  std::vector<std::shared_ptr<ActionSet>> action_sets;
+  bool attached = false;
+  bool synced = false;
+  XrPath profile = XR_NULL_PATH;  // whose suggestions are bound
+  XrPath announced_profile = XR_NULL_PATH;
+
+  bool focused() const { return state == XR_SESSION_STATE_FOCUSED; }
+  /// Time of the frame that was handed out last.
+  XrTime now() const { return history.empty() ? 1 : history.back().time; }
+};
+
+}  // namespace sim2vr::openxr

@@ -1,0 +1,127 @@
+#include "session_state.hpp"
+
+#include <cstring>
+
+namespace sim2vr::openxr {
+namespace {
+
+constexpr std::size_t kMaximumEvents = 1000;
+
+}  // namespace
+
+void queueEvent(Instance& instance, const void* event, std::size_t bytes) {
+  XrEventDataBuffer buffer{};
+  std::memcpy(&buffer, event, bytes);
+  if (instance.events.size() >= kMaximumEvents) {
+    XrEventDataEventsLost lost{XR_TYPE_EVENT_DATA_EVENTS_LOST, nullptr, 1};
+    const XrEventDataBuffer& oldest = instance.events.front();
+    if (oldest.type == XR_TYPE_EVENT_DATA_EVENTS_LOST) {
+      std::memcpy(&lost, &oldest, sizeof lost);
+      ++lost.lostEventCount;
+      instance.events.pop_front();
+    }
+    instance.events.pop_front();
+    XrEventDataBuffer first{};
+    std::memcpy(&first, &lost, sizeof lost);
+    instance.events.push_front(first);
+  }
+  instance.events.push_back(buffer);
+}
+
+const char* stateName(XrSessionState state) {
+  switch (state) {
+    case XR_SESSION_STATE_IDLE:
+      return "IDLE";
+    case XR_SESSION_STATE_READY:
+      return "READY";
+    case XR_SESSION_STATE_SYNCHRONIZED:
+      return "SYNCHRONIZED";
+    case XR_SESSION_STATE_VISIBLE:
+      return "VISIBLE";
+    case XR_SESSION_STATE_FOCUSED:
+      return "FOCUSED";
+    case XR_SESSION_STATE_STOPPING:
+      return "STOPPING";
+    case XR_SESSION_STATE_LOSS_PENDING:
+      return "LOSS_PENDING";
+    case XR_SESSION_STATE_EXITING:
+      return "EXITING";
+    default:
+      return "UNKNOWN";
+  }
+}
+
+void enterState(Session& session, XrSessionState state) {
+  session.state = state;
+  const XrEventDataSessionStateChanged event{XR_TYPE_EVENT_DATA_SESSION_STATE_CHANGED, nullptr,
+                                             reinterpret_cast<XrSession>(session.handle), state,
+                                             session.now()};
+  queueEvent(*session.instance, event);
+  if (Harness* harness = session.instance->harness.get()) {
+    harness->note({.kind = "state", .text = stateName(state), .time_ns = session.now()});
+  }
+}
+
+void start(Session& session) {
+  enterState(session, XR_SESSION_STATE_IDLE);
+  enterState(session, XR_SESSION_STATE_READY);
+}
+
+void show(Session& session) {
+  if (session.state != XR_SESSION_STATE_READY || session.exiting) return;
+  enterState(session, XR_SESSION_STATE_SYNCHRONIZED);
+  enterState(session, XR_SESSION_STATE_VISIBLE);
+  enterState(session, XR_SESSION_STATE_FOCUSED);
+}
+
+void stop(Session& session) {
+  if (!session.running || session.state == XR_SESSION_STATE_STOPPING) return;
+  session.exiting = true;
+  if (session.state == XR_SESSION_STATE_READY) enterState(session, XR_SESSION_STATE_SYNCHRONIZED);
+  if (session.state == XR_SESSION_STATE_FOCUSED) enterState(session, XR_SESSION_STATE_VISIBLE);
+  if (session.state == XR_SESSION_STATE_VISIBLE) enterState(session, XR_SESSION_STATE_SYNCHRONIZED);
+  enterState(session, XR_SESSION_STATE_STOPPING);
+  world().changed.notify_all();
+}
+
+void harnessGone(Session& session) {
+  if (session.harness_gone) return;
+  session.harness_gone = true;
+  session.instance->harness->lose();
+  if (session.running) {
+    stop(session);
+  } else {
+    lose(session);
+  }
+}
+
+void lose(Session& session) {
+  if (session.lost) return;
+  session.lost = true;
+  session.running = false;
+  enterState(session, XR_SESSION_STATE_LOSS_PENDING);
+  world().changed.notify_all();
+}
+
+void checkHarness(Session& session) {
+  const Harness* harness = session.instance->harness.get();
+  if (harness != nullptr && harness->lost()) harnessGone(session);
+}
+
+void requireAlive(const Session& session) {
+  if (session.lost) {
+    throw Failure(XR_ERROR_SESSION_LOST, session.harness_gone
+                                             ? "the harness is gone or waited in vain; destroy "
+                                               "the session"
+                                             : "the session is lost");
+  }
+}
+
+std::shared_ptr<Session> liveSession(XrSession handle) {
+  auto session = get<Session>(handle, "session");
+  checkHarness(*session);
+  requireAlive(*session);
+  return session;
+}
+
+}  // namespace sim2vr::openxr

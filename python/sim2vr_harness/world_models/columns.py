@@ -1,0 +1,34 @@
+"""Columns of tensors; all of them in order cost nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+__all__ = ["Columns"]
+
+
+class Columns:
+    """Some columns of (B, F) tensors, differentiable.
+
+    Args:
+        which: of the columns, in the order that is wanted.
+        of: F.
+    """
+
+    def __init__(self, which: Sequence[int] | NDArray[Any], of: int) -> None:
+        self.ids = torch.tensor(list(which), dtype=torch.long)
+        """(K,)"""
+        self.all = list(which) == list(range(of))
+        """Whether they are all columns, in their order."""
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def __call__(self, values: Tensor) -> Tensor:
+        """(B, K) of them; the tensor itself if these are all its columns."""
+        return values if self.all else values[:, self.ids]

@@ -1,0 +1,262 @@
+"""OpenXR programs: the channel, values, rounds, and what goes wrong, with stand-ins."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from openxr_programs import PLAY, hands, manifest, open_program, program
+from sim2vr_harness.client import (
+    AppDied,
+    AppRefused,
+    AppTimeout,
+    AppUnsupported,
+    DevicePoses,
+    HapticPulse,
+    ProtocolError,
+    frame_time_ns,
+)
+
+VALUES = {
+    "score": r'printed("score: (\d+)")',
+    "lines": 'printed("score")',
+    "hits": r'label("hits (\d+)")',
+    "labels": 'label("hits")',
+    "buzzes": 'haptics("right")',
+    "left": 'haptics("left")',
+    "height": 'pose("right_controller.y")',
+    "ball": r"printed('target at (\S+) (\S+) (\S+)')",
+    "over": r'printed("score: (\d+)") >= 20',
+}
+
+
+@pytest.fixture(autouse=True)
+def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SIM2VR_OPENXR_RUNTIME", str(manifest(tmp_path)))
+
+
+def test_a_round_and_its_values(tmp_path: Path) -> None:
+    with open_program(program(tmp_path), values=VALUES) as app:
+        reply = app.reset(1, hands())
+        at_rest = {"score": None, "lines": 0, "hits": None, "labels": 0, "buzzes": 0, "left": 0}
+        assert reply.values == {**at_rest, "height": 1.1, "ball": None, "over": False}
+        assert (app.image == [1, 110, 0, 128]).all()
+        for step in (1, 2):
+            reply = app.step(frame_time_ns(step, 20), hands(1.25, trigger=1.0))
+            assert reply.haptics == (HapticPulse("right", 0.5, 0.0, 0.02),)
+        assert reply.values == {
+            "score": 20.0,
+            "lines": 2,
+            "hits": 2.0,
+            "labels": 2,
+            "buzzes": 2,
+            "left": 0,
+            # OpenXR's z points backwards, the app frame's forwards.
+            "height": 1.25,
+            "ball": (0.1, 1.25, 0.5),
+            "over": True,
+        }
+        assert (app.image == [3, 125, 0, 128]).all()
+        assert not reply.finished
+        assert app.renderer_description == "fake over OpenXR (egl)"
+        assert app.reset(1, hands()).values["score"] is None
+
+
+def test_frames_of_a_step_and_the_one_that_is_drawn(tmp_path: Path) -> None:
+    poses = DevicePoses.stack([hands(h) for h in (1.0, 1.1, 1.2)])
+    with open_program(program(tmp_path), eyes=2) as app:
+        app.reset(1, hands())
+        times = np.array([frame_time_ns(k, 60) for k in (1, 2, 3)])
+        app.step_frames(times, poses)
+        assert (app.image[0] == [4, 120, 0, 128]).all()
+        assert (app.image[1] == [4, 120, 1, 128]).all()
+        app.step_frames(times + frame_time_ns(3, 60), poses, 0)
+        assert (app.image[0] == [5, 100, 0, 128]).all()
+        with pytest.raises(AppRefused, match=r"time_ns: got .* expected no step backwards"):
+            app.step_frames(times, poses)
+
+
+def test_each_round_is_another_process_and_arguments_have_the_seed(tmp_path: Path) -> None:
+    place = tmp_path / "seeds"
+    place.mkdir()
+    note = "open(os.path.join(sys.argv[2], f'{sys.argv[1]} {os.getpid()}'), 'w')\n"
+    with open_program(program(tmp_path, note + PLAY), "{seed}-{level}", str(place)) as app:
+        for seed in (3, 4):
+            app.reset(seed, hands(), {"level": 2})
+    names = sorted(one.name.split()[0] for one in place.iterdir())
+    assert names == ["3-2", "4-2"]
+    assert len({one.name.split()[1] for one in place.iterdir()}) == 2
+
+
+def test_the_next_start_is_made_ahead(tmp_path: Path) -> None:
+    slow = "import time; time.sleep(0.4)\n" + PLAY
+    with open_program(program(tmp_path, slow)) as app:
+        began = time.monotonic()
+        app.reset(1, hands())
+        assert time.monotonic() - began > 0.4
+        end = time.monotonic() + 5.0
+        step = 0
+        while time.monotonic() < end and not app._spare[1].ready:  # type: ignore[index]
+            step += 1
+            app.step(frame_time_ns(step, 20), hands())
+            time.sleep(0.02)
+        began = time.monotonic()
+        app.reset(2, hands())
+        assert time.monotonic() - began < 0.3
+        assert (app.image == [1, 110, 0, 128]).all()
+
+
+# --- what goes wrong ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("body", "error", "words"),
+    [
+        ("import time; time.sleep(60)", AppTimeout, r"no xrCreateInstance within 1 s; is it an"),
+        ("hello(); time.sleep(60)", AppTimeout, r"no xrCreateSession within 1 s; it made an inst"),
+        ("print('no GPU'); sys.exit(5)", AppDied, r"status 5 before its xrCreateInst.*no GPU"),
+        ("hello(); sys.exit(6)", AppDied, r"ended with exit status 6 before its xrCreateSession"),
+        (
+            "os.kill(os.getpid(), 11)",
+            AppDied,
+            r"was killed \(SIGSEGV\) before its xrCr",
+        ),
+        (
+            "say(1, protocol=7); time.sleep(9)",
+            ProtocolError,
+            r"protocol: got 7, expected 1; re",
+        ),
+        ("send(77); time.sleep(9)", ProtocolError, r"a message of kind 77 with 1 bytes"),
+        (
+            "session(hello()); time.sleep(60)",
+            AppTimeout,
+            r"no answer to a step within 1 s \(it drew no frame: .*gate=pipelined",
+        ),
+        (
+            "session(hello()); step(); say(8, call='xrEndFrame', reason='did not follow "
+            "xrBeginFrame within 10 s'); time.sleep(9)",
+            AppDied,
+            r"xrEndFrame: did not follow xrBeginFrame within 10 s",
+        ),
+        (
+            "session(hello()); answer([], 0, [dict(kind='haptic', hand='foot', amplitude=1, "
+            "duration_ns=0)]); time.sleep(9)",
+            ProtocolError,
+            r"haptics, hand: got 'foot', expected left or right",
+        ),
+        (
+            "session(hello()); send(6, b'x'); time.sleep(9)",
+            ProtocolError,
+            r"1 bytes', expected at le",
+        ),
+        (
+            "session(hello(), depth=False)",
+            AppRefused,
+            r"vision.channels: got depth, but fake.py does not enable the ext.*expected --set",
+        ),
+        (
+            "session(hello()); answer(step()[0], 1, has_depth=False); time.sleep(9)",
+            AppRefused,
+            r"vision.channels: got depth, but fake.py submits no depth",
+        ),
+    ],
+)
+def test_failures_are_one_sentence(
+    tmp_path: Path, body: str, error: type[Exception], words: str
+) -> None:
+    with (
+        open_program(program(tmp_path, body), timeout_s=1.0, start_timeout_s=1.0) as app,
+        pytest.raises(error, match=f"(?s){words}"),
+    ):
+        app.reset(1, hands())
+
+
+def test_a_program_without_depth_plays_for_a_user_that_sees_none(tmp_path: Path) -> None:
+    file = program(tmp_path, PLAY.replace("session(config)", "session(config, depth=False)"))
+    with open_program(file, depth=False) as app:
+        app.reset(1, hands())
+        assert (app.image == [1, 110, 0, 128]).all()
+
+
+def test_a_program_that_leaves_ends_the_round(tmp_path: Path) -> None:
+    leave = "    if shown > 2: say(8, reason='', call='xrDestroySession'); sys.exit(0)\n"
+    body = PLAY.replace("    answer(", f"{leave}    answer(")
+    with open_program(program(tmp_path, body)) as app:
+        app.reset(1, hands())
+        assert not app.step(frame_time_ns(1, 20), hands()).finished
+        assert app.step(frame_time_ns(2, 20), hands()).finished
+        assert not app.reset(1, hands()).finished
+
+
+def test_a_killed_program_is_started_again(tmp_path: Path) -> None:
+    with open_program(program(tmp_path)) as app:
+        app.reset(1, hands())
+        os.kill(app._program.process.pid, signal.SIGKILL)  # type: ignore[union-attr]
+        with pytest.raises(AppDied, match=r"was killed \(SIGKILL\) before its answer to a step"):
+            app.step(frame_time_ns(1, 20), hands())
+        app.reset(1, hands())
+        assert app.usable
+
+
+@pytest.mark.parametrize(
+    ("expression", "words"),
+    [
+        ("app.score", r"with another form, expected printed\(\"REGEX\"\), label"),
+        ('printed("(")', r"with the regular expression '\(' \(missing"),
+        (r'printed("(\d) (\d)")', r"with 2 pairs of brackets"),
+        ('haptics("foot")', r"with the hand 'foot'"),
+        ('pose("nose.x")', r"with 'nose.x'; there are head"),
+        ('shouted("x")', r"with 'shouted'"),
+        ('printed("x") => 2', r"with '=>' behind it"),
+        ('printed("x") >= two', r"could not convert"),
+    ],
+)
+def test_expressions_that_are_none(tmp_path: Path, expression: str, words: str) -> None:
+    with pytest.raises(AppRefused, match=rf"^task: got the expression .*{words}"):
+        open_program(program(tmp_path), values={"x": expression})
+
+
+def test_what_cannot_be_had(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with open_program(program(tmp_path)) as app:
+        for capability, call in (
+            ("save", app.save),
+            ("scene", app.scene),
+            ("views", lambda: app.render_third_person(8, 8)),
+            ("time_ns", lambda: app.reset(1, hands(), time_ns=5)),
+        ):
+            with pytest.raises(AppUnsupported, match=f"^{capability}: a program"):
+                call()
+        nan = replace(hands(), head=np.full(7, np.nan))
+        with pytest.raises(ValueError, match=r"head: got .*nan.* expected finite numbers"):
+            app.reset(1, nan)
+    for options, words in (
+        ({"gate": "loose"}, r"transport_options.gate: got 'loose', expected one of strict, pipe"),
+        ({"frame_rate_hz": 60}, r"frame_rate_hz: got '60', expected one of 72, 90"),
+    ):
+        with pytest.raises(AppRefused, match=words):
+            open_program(program(tmp_path), options=options)
+    with pytest.raises(AppRefused, match=r"executable: got '/none', which is no file"):
+        open_program("/none").reset(1, hands())
+    monkeypatch.setenv("SIM2VR_OPENXR_RUNTIME", "/none.json")
+    with pytest.raises(AppRefused, match=r"OpenXR runtime: got '/none.json' in SIM2VR_OPENXR_RUNT"):
+        open_program(program(tmp_path))
+
+
+def test_nothing_is_left(tmp_path: Path) -> None:
+    before = set(os.listdir("/proc/self/fd"))
+    for _ in range(3):
+        app = open_program(program(tmp_path), options={"ahead": True})
+        app.reset(1, hands())
+        started = [app._program.process.pid, app._spare[1].process.pid]  # type: ignore[union-attr, index]
+        app.close()
+        app.close()
+        for pid in started:
+            assert not Path(f"/proc/{pid}").exists()
+    assert set(os.listdir("/proc/self/fd")) <= before | {str(k) for k in range(64)}
+    assert len(os.listdir("/proc/self/fd")) <= len(before) + 4  # watcher and folder, once

@@ -1,0 +1,52 @@
+"""What a training says at its start: devices, times, and cores that are not free."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from sim2vr_harness.base import cores
+from sim2vr_harness.runs.config import load_config
+from sim2vr_harness.training.run import expected
+
+NAMES = ("imagined", "teacher", "student", "ppo")
+STAGES: list[Any] = [SimpleNamespace(name=name) for name in NAMES]
+
+
+def test_the_recipe_takes_about_what_was_measured_on_two_cores() -> None:
+    config = load_config("whacamole_constrained_distill", ["device=cpu"])
+    whole = sum(expected.expected_seconds(name, config, 2.0, 1.0) or 0.0 for name in NAMES)
+    assert whole / 60.0 == pytest.approx(21.7, rel=0.2)  # with the evaluation
+    half = load_config("whacamole_constrained_distill", ["device=cpu", "student.frames=128_000"])
+    student = [expected.expected_seconds("student", each, 2.0, 1.0) for each in (half, config)]
+    assert student[1] == pytest.approx(2.0 * student[0])  # type: ignore[operator]
+    assert expected.expected_seconds("looking", config, 2.0, 1.0) is None
+
+
+def test_devices_are_those_that_the_stages_ask_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(expected, "get_device", lambda name: SimpleNamespace(type="cuda"))
+    whacamole = load_config("whacamole_constrained_distill", [])
+    assert [expected.device_of(name, whacamole) for name in NAMES] == [
+        "cuda",
+        "cpu",
+        "cuda",
+        "cuda",
+    ]
+    pointing = load_config("pointing", [])
+    assert expected.device_of("imagined", pointing) == "cpu"  # its game model reads values
+    lines = expected.plan_lines(STAGES, whacamole)
+    assert "imagined on the GPU, about" in lines[-2]
+    assert "teacher on the processor, about" in lines[-2]
+
+
+@pytest.mark.parametrize(("load", "noted"), [(0.4, False), (3.0, True)])
+def test_cores_that_are_not_free_are_noted(
+    load: float, noted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cores.os, "getloadavg", lambda: (load, load, load))
+    monkeypatch.setattr(cores, "available", lambda: 4)
+    lines = expected.plan_lines(STAGES, load_config("whacamole_constrained_distill", []))
+    assert lines[0].startswith("Note: 4 cores are requested and about 1 are free") == noted
+    assert lines[-1].endswith(" on 1 cores." if noted else " on 4 cores.")

@@ -135,3 +135,4 @@ def test_a_user_without_a_folder_is_refused() -> None:
     file = SHIPPED.parent / "paper_beats.yaml"
     found = CliRunner().invoke(app, ["study", str(file), "--user", "whacamole_people"])
     assert found.exit_code != 0
+    assert "a study names its users in fixed.user" in found.output + str(found.exception)

@@ -54,5 +54,5 @@ def test_a_saved_state_holds_the_hands_past() -> None:
 
 @pytest.mark.parametrize("value", [-0.1, 3.0, "late", True])
 def test_a_lag_that_cannot_be_is_refused(value: object) -> None:
-    with pytest.raises(ValueError, match="hand_lag_s: got .*, expected 0 to 2 s"):
+    with pytest.raises(ValueError, match=r"hand_lag_s: got .*, expected 0 to 2 s"):
         Simulation(_config(hand_lag_s=value), 1)  # type: ignore[arg-type]

@@ -91,7 +91,7 @@ class HumanMeasures:
     cells: tuple[AimedMovements, ...]
 
     def of(self, rows: NDArray[np.int64]) -> HumanMeasures:
-        """Return the measures of some movements of every cell; those of a person follow each other."""
+        """Return the measures of some movements of every cell, ordered by person."""
         return HumanMeasures(tuple(cell.of(rows) for cell in self.cells))
 
     def summary(self) -> dict[str, float]:

@@ -32,7 +32,7 @@ _CONTROLLERS = {
 }
 _POINTERS = ("Ray", "Cursor")
 """What our games show of where a hand points; no target."""
-_STILL_M, _FLOOR_M = 0.25, 0.2
+_STILL_M, _FLOOR_M = 0.25, 0.05
 """Half the diagonal of a still thing at most, and its least height: no wall, no floor."""
 _NEW_AFTER_M = 0.01
 """Places nearer to each other than this are one."""

@@ -20,7 +20,7 @@ from sim2vr_harness.client.poses import checked_rows, later_times, one_frame
 from sim2vr_harness.client.runtime import checked_seed
 from sim2vr_harness.client.shared_images import map_images
 from sim2vr_harness.client.transport import AppsWanted
-from sim2vr_harness.client.unsaved import UnsavedApp
+from sim2vr_harness.client.unsaved import FARTHEST_M, UnsavedApp
 
 __all__ = ["CAPABILITIES", "OpenXRApp"]
 
@@ -294,7 +294,6 @@ def config_of(
     *,
     frame_rate_hz: int,
     vertical_fov_deg: float,
-    farthest_m: float,
     pipelined: bool,
     profile: str,
 ) -> dict[str, object]:
@@ -313,5 +312,5 @@ def config_of(
         "timeout_s": wanted.place.timeout_s,
         "start_time_ns": START_NS,
         "images": wanted.renderer != "null",
-        "farthest_m": farthest_m,
+        "farthest_m": FARTHEST_M,
     }

@@ -183,9 +183,10 @@ def kill(number: int, program: str, app: App, folder: Path) -> bool:
 
 
 def of_the_killed(file: str, own: dict[int, str]) -> bool:
-    """Whether a lock is of a process that was ended; one of another user's server is not ours."""
+    """Whether a lock is of a process that was ended, or no server listens at a socket."""
     if not file.endswith("-lock"):
-        return not Path(f"/tmp/.{Path(file).name}-lock").exists()
+        listening = Path("/proc/net/unix").read_text().split()
+        return file not in listening and not Path(f"/tmp/.{Path(file).name}-lock").exists()
     with suppress(OSError, ValueError):
         return int(Path(file).read_text()) in own
     return False

@@ -155,7 +155,10 @@ def test_no_command_function_is_long() -> None:
 
 
 def test_shared_options_are_the_same_everywhere() -> None:
-    """Of all that have it; --user of track takes bodies as well, of study only users that play, --set of some is shorter."""
+    """Of all that have it; --user of track takes bodies, too; of study only users.
+
+    --set of some is shorter.
+    """
     found: dict[str, set[tuple[str | None, str]]] = {}
     owners: dict[str, set[str]] = {}
     for words, command in shown_commands():

@@ -100,20 +100,13 @@ def bench(
     from sim2vr_harness.runs.trust import named_app, require_trust
 
     settings = load_config(config, set_ or []) if config else defaults(set_ or [])
-    source = Path(config or "the defaults")
-    require_trust(settings.env, source, named=named_app(set_ or []), trust=trust_app)
-    if profile:
-        _print_profile(settings, scene)
-        return
-    plan = BenchPlan(
-        settings,
-        scene,
-        n=n,
-        threads=threads,
-        transport=transport,
-        seconds=seconds,
-        train_steps=train_steps,
+    require_trust(
+        settings.env, Path(config or "the defaults"), named=named_app(set_ or []), trust=trust_app
     )
+    if profile:
+        return _print_profile(settings, scene)
+    amounts = {"n": n, "threads": threads, "seconds": seconds, "train_steps": train_steps}
+    plan = BenchPlan(settings, scene, transport=transport, **amounts)  # type: ignore[arg-type]
     rows = measure(plan, lambda stage: say(f"Measuring {stage}"))
     _report(rows, output, json=json)
 

@@ -162,7 +162,7 @@ def _chosen(
     from sim2vr_harness.cli.session import read_any
     from sim2vr_harness.sessions.formats import is_session
     from sim2vr_harness.tools.watch.selection import choose
-    from sim2vr_harness.tools.watch.sessions import beside as side_by_side
+    from sim2vr_harness.tools.watch.sessions import beside as shown_beside
     from sim2vr_harness.tools.watch.sessions import session_show
 
     if run is not None and Path(run).suffix != ".npz" and is_session(Path(run)):
@@ -177,7 +177,7 @@ def _chosen(
     show = choose(run, seed=1 if seed is None else seed, **how)
     if session is None or beside is None:
         return show
-    return side_by_side(show, session_show(session, beside.name, game=game, app=remote))
+    return shown_beside(show, session_show(session, beside.name, game=game, app=remote))
 
 
 def _record(show: Playlist, file: Path) -> None:

@@ -136,7 +136,7 @@ def _together(user: ViewerFrame, person: ViewerFrame, events: list[str]) -> View
     numbers = {f"session/{name}": value for name, value in person.numbers.items()}
     return replace(
         user,
-        scene=_side_by_side(user.scene, person.scene),
+        scene=_both_scenes(user.scene, person.scene),
         headset=_pictures(user.headset, person.headset),
         text=f"{user.text}   session: {person.text}",
         events=(*user.events, *(f"{line} (session)" for line in events)),
@@ -144,7 +144,7 @@ def _together(user: ViewerFrame, person: ViewerFrame, events: list[str]) -> View
     )
 
 
-def _side_by_side(user: AppScene, person: AppScene) -> AppScene:
+def _both_scenes(user: AppScene, person: AppScene) -> AppScene:
     """Both scenes; shapes take turns, so that each keeps its number as others are added."""
     count = max(len(user.meshes), len(person.meshes))
     nothing = SceneMesh("nothing", np.zeros((3, 3), np.float32), np.array([[0, 1, 2]]))

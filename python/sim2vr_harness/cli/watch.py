@@ -104,7 +104,6 @@ def watch(
     The page shows body, game and headset view.
 
     Examples:
-        sim2vr-harness watch pretrained:whacamole_people
         sim2vr-harness watch --try --game beats
         sim2vr-harness watch pretrained:whacamole_people --beside round.jsonl
     """

@@ -112,7 +112,8 @@ def audit(
     if checked.asked:
         checked.prepare(_planned(cast("Stance", stance)))
     if game is not None:
-        for name in condition or [None]:
+        names: list[str | None] = [*condition] if condition else [None]
+        for name in names:
             listed += _of_game(game, name, objects, seconds, cast("How", how))
     title = game or _title(remote or {}, targets or session)
     # fmt: off

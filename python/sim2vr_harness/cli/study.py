@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 __all__ = ["study"]
 
 
+_File = Annotated[
+    Path, typer.Argument(metavar="STUDY.yaml", help="The study's file, or a folder of effects.")
+]
 _Out = Annotated[
     Path | None,
     typer.Option(
@@ -90,10 +93,7 @@ _Difference = Annotated[
 
 
 def study(
-    file: Annotated[
-        Path,
-        typer.Argument(metavar="STUDY.yaml", help="The study's file, or a folder of effects."),
-    ],
+    file: _File,
     out: _Out = None,
     user: _User = None,
     jobs: _Jobs = None,

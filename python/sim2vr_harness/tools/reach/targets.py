@@ -32,8 +32,8 @@ _CONTROLLERS = {
 }
 _POINTERS = ("Ray", "Cursor")
 """What our games show of where a hand points; no target."""
-_STILL_M, _FLOOR_M = 0.25, 0.05
-"""Half the diagonal of a still thing at most, and its least height: no wall, no floor."""
+_STILL_M, _FLOOR_M = 0.4, 0.05
+"""Half the diagonal of a still thing at most, and how far from the floor it is at least."""
 _NEW_AFTER_M = 0.01
 """Places nearer to each other than this are one."""
 _MOST = 500
@@ -255,7 +255,7 @@ class _Tracks:
             self._radius[other] < radius and np.linalg.norm(where - place) < radius
             for other, (_, _, where) in self._best.items()
         )
-        return radius <= _STILL_M and place[1] >= _FLOOR_M and not carried
+        return radius <= _STILL_M and abs(place[1]) >= _FLOOR_M and not carried
 
 
 def _radius(scene: AppScene, one: SceneObject) -> float:

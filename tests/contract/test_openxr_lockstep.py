@@ -36,7 +36,7 @@ class Played:
     options: Mapping[str, object] = field(default_factory=dict)
 
 
-QT = {"xvfb": True, "virtual_clock": True, "depth_unit_m": "0.005"}
+QT = {"xvfb": True, "virtual_clock": True}
 TOUCH, LAMPS = (str(EXAMPLES / name / f"{name}.py") for name in ("touch", "lamps"))
 PROGRAMS = {
     "hello_xr, Vulkan2": Played(("hello_xr", "-g", "Vulkan2")),

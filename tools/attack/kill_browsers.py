@@ -3,7 +3,7 @@
 ``evaluate`` and a plain Python program play a page, or with ``--openxr`` an OpenXR program with an
 X server of its own, whose lock and socket must go, too; each is ended by SIGKILL or SIGTERM at a
 random moment, every second one with its GPU process or the program stopped (it hangs), every third
-one just after one of its app's processes was killed. Prints one JSON row per kill: how long the program took
+one just after one of its app's processes was killed. Prints one JSON row per kill: how long it took
 to end, the processes left 5 s later, and the folders and logs left after the next start. The log of
 an app that was killed is kept on purpose. Ends with status 0 when nothing else was left.
 
@@ -183,9 +183,10 @@ def kill(number: int, program: str, app: App, folder: Path) -> bool:
 
 
 def of_the_killed(file: str, own: dict[int, str]) -> bool:
-    """Whether a lock is of a process that was ended; one of another user's server is not ours."""
+    """Whether a lock is of a process that was ended, or no server listens at a socket."""
     if not file.endswith("-lock"):
-        return not Path(f"/tmp/.{Path(file).name}-lock").exists()
+        listening = Path("/proc/net/unix").read_text().split()
+        return file not in listening and not Path(f"/tmp/.{Path(file).name}-lock").exists()
     with suppress(OSError, ValueError):
         return int(Path(file).read_text()) in own
     return False

@@ -46,7 +46,8 @@ def profile_lines(config: TrainingConfig) -> list[str]:
     """Train for a short time in a folder that is deleted, and return the table of its parts."""
     with TemporaryDirectory(prefix="sim2vr-profile-") as folder:
         result = train(short_run(config), Path(folder) / "run", console=Console(quiet=True))
-        return stage_lines(result.folder)
+        lines = stage_lines(result.folder)
+    return [*lines, "Stopped: what follows is missing."] if result.interrupted else lines
 
 
 def stage_lines(run: RunFolder) -> list[str]:

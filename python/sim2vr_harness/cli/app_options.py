@@ -267,5 +267,8 @@ def _absolute_task(task: str) -> str:
 
 
 def as_overrides(settings: dict[str, Any]) -> list[str]:
-    """Return settings of ``env.app`` as ``--set`` takes them."""
-    return [f"env.app.{key}={jsonlib.dumps(value)}" for key, value in settings.items()]
+    """Return settings of ``env.app`` as ``--set`` takes them; options add to those set before."""
+    flat = {key: value for key, value in settings.items() if key != "transport_options"}
+    for name, value in settings.get("transport_options", {}).items():
+        flat[f"transport_options.{name}"] = value
+    return [f"env.app.{key}={jsonlib.dumps(value)}" for key, value in flat.items()]

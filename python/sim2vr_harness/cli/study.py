@@ -15,6 +15,7 @@ from sim2vr_harness.cli.options import (
     ExpectOption,
     JunitOption,
     TrustOption,
+    known_users,
     writable_folder,
 )
 
@@ -61,6 +62,15 @@ _ReplayDamaged = Annotated[
 ]
 
 
+_User = Annotated[
+    str | None,
+    typer.Option(
+        autocompletion=known_users,
+        metavar="USER",
+        help="With a folder of effects: who plays, such as a run.",
+        show_default="those that the files name",
+    ),
+]
 _Plan = Annotated[
     bool,
     typer.Option(
@@ -80,8 +90,12 @@ _Difference = Annotated[
 
 
 def study(
-    file: Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The study's file.")],
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="STUDY.yaml", help="The study's file, or a folder of effects."),
+    ],
     out: _Out = None,
+    user: _User = None,
     jobs: _Jobs = None,
     report: _Report = True,
     ray: _Ray = None,
@@ -101,13 +115,22 @@ def study(
 
     Examples:
         sim2vr-harness study studies/placement_search.yaml --jobs 2
-        sim2vr-harness study studies/people_ablation.yaml --no-report
+        sim2vr-harness study studies/effects --user runs/pointing
     """
     from sim2vr_harness.cli.studies import Shown
     from sim2vr_harness.evaluation.expectations import of_study
     from sim2vr_harness.studies import run_study
 
     checked = CheckedRun(expect, against, junit, "study")
+    if file.is_dir():
+        unused = {"--plan": plan, "--difference": difference, "--ray": ray,
+                  "--storage": storage, "--replay-damaged": replay_damaged,
+                  "--expect, --against": checked.asked}  # fmt: skip
+        given = [name for name in unused if unused[name]]
+        return _effects(file, out, user, jobs, given, trust_app)
+    if user is not None:
+        expected = "a folder of effects; a study names its users in fixed.user"
+        raise InputError("--user", f"it with {file}", expected)
     if plan or difference:
         return _show_plan(file, out, difference or (), checked, plan=plan, trust_app=trust_app)
     with Shown() as progress:
@@ -126,6 +149,39 @@ def study(
 
         typer.echo(f"Written: {write_report(found.data.root).page}")
     return checked.status(lambda: of_study(found.data.statistics["summaries"]))
+
+
+def _effects(
+    folder: Path,
+    out: Path | None,
+    user: str | None,
+    jobs: int | None,
+    unused: Sequence[str],
+    trust_app: bool,
+) -> int:
+    """Measure the published effects of a folder, and print them beside the user's."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from sim2vr_harness.cli.progress import Share
+    from sim2vr_harness.cli.studies import Shown
+    from sim2vr_harness.studies.effects import HEADER, load_effects, run_effects, score, table
+
+    if unused:
+        raise InputError(unused[0], f"it with the folder {folder}", "a study's file")
+    load_effects(folder)
+    out = out or Path("outputs") / folder.resolve().name
+    with Shown() as progress, Share("Measuring reaches") as share:
+        found = run_effects(
+            folder, out, user=user, jobs=jobs, trust_app=trust_app,
+            on_progress=progress.show, on_reaches=share.show,
+        )  # fmt: skip
+    shown = Table(*HEADER[:-1])
+    for row in table(found):
+        shown.add_row(*row[:-1])
+    Console().print(shown)
+    typer.echo(f"{score(found)}\nWritten: {out / 'effects.html'}")
+    return 0
 
 
 def _show_plan(

@@ -109,9 +109,8 @@ def train(
     _check_together(config, from_, resume, overwrite, set_aside)
     config, out = _run_or_file(config, out, resume)
     _check_people(people, from_, resume)
-    short = {"seed": seed, "device": device, "env.cores": cores}
-    named = [f"{key}={value}" for key, value in short.items() if value is not None]
-    overrides = [*(set_ or []), *named, *as_overrides(remote)]
+    short = _short({"seed": seed, "device": device, "env.cores": cores})
+    overrides = [*(set_ or []), *short, *as_overrides(remote)]
     if from_ is None and not resume:
         config, overrides = _configuration(config, remote, overrides, people=people)
     settings = _settings(config, from_, out if resume else None, overrides)
@@ -120,8 +119,7 @@ def train(
     require_trust(settings.env, source, named=named_app(overrides), trust=trust_app)
     if not resume:
         settings = settings.model_copy(update={"env": with_task(settings.env)})
-    if people:
-        settings = _of_people(settings)
+    settings = _of_people(settings) if people else settings
     how: dict[str, Any] = {"resume": resume, "overwrite": overwrite, "set_aside": set_aside}
     result = trainer.train(settings, folder, timesteps=timesteps, **how)
     if not result.interrupted and settings.evaluation.episodes_after_training:
@@ -129,6 +127,11 @@ def train(
     goes_on = result.step < settings.last_stage_steps
     _print_where_next(result, resumable=result.interrupted or goes_on)
     return INTERRUPTED if result.interrupted else 0
+
+
+def _short(values: Mapping[str, Any]) -> list[str]:
+    """Return overrides for options that are short for a key."""
+    return [f"{key}={value}" for key, value in values.items() if value is not None]
 
 
 def _check_together(

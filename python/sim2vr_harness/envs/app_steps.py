@@ -14,6 +14,7 @@ from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.envs.actions import Actions
 from sim2vr_harness.envs.app_group import AppGroup
 from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.late_hands import LateHands
 from sim2vr_harness.users.batch import UserBatch
 from sim2vr_harness.users.bodies import DEVICES
 
@@ -45,6 +46,8 @@ class AppSteps:
     ) -> None:
         self._config, self._users, self._group = config, users, group
         self._actions, self._max_steps = actions, max_steps
+        self.late_hands = LateHands(config, users.n)
+        """To be watched by who saves states, where it has frames."""
         self.shares = _SHARES if group.drawn_by_gpu else (1.0,)
         """Parts of the users to move one after the other."""
         self._beside: ThreadPoolExecutor | None = None
@@ -108,7 +111,8 @@ class AppSteps:
             for name in parts
             if getattr(samples[0], name) is not None
         }
-        return DevicePoses(**stacked, **self._actions.input_rows(ids, frames))
+        poses = DevicePoses(**stacked, **self._actions.input_rows(ids, frames))
+        return self.late_hands.late(poses, ids)
 
 
 class _Step:

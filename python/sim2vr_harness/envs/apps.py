@@ -18,6 +18,7 @@ from sim2vr_harness.client import (
 )
 from sim2vr_harness.client.tasks import Task, TaskedApp, load_task
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.envs.late_hands import app_options
 
 __all__ = [
     "IPD_M",
@@ -52,7 +53,7 @@ def apps_wanted(
     return AppsWanted(
         n=n,
         game=config.app.game,
-        options=config.app.options,
+        options=app_options(config.app.options),
         width=width,
         height=height,
         eyes=config.vision.eyes,

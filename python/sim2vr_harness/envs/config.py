@@ -279,7 +279,8 @@ class AppConfig(Settings):
     game: str = "whacamole"
     """Name of the game or app; ``sim2vr-harness games`` lists those that are built in."""
     options: dict[str, OptionValue] = Field(default_factory=dict)
-    """The game's options; each game has defaults and validates its own (docs/reference/games/)."""
+    """The game's options; each game has defaults and validates its own (docs/reference/games/).
+    ``hand_lag_s``, of every app: by how much it sees hands late, s."""
     renderer: Literal["automatic", "egl", "osmesa", "null"] = "automatic"
     """How images are drawn: on a GPU (``egl``), on the CPU (``osmesa``), or not at all
     (``null``)."""

@@ -34,6 +34,7 @@ from sim2vr_harness.envs.config import (
     with_options,
 )
 from sim2vr_harness.envs.games import game_facts, with_hand
+from sim2vr_harness.envs.late_hands import app_options
 from sim2vr_harness.envs.mirrored import MirroredGroup
 from sim2vr_harness.envs.senses import Senses, make_actions, make_perception
 from sim2vr_harness.envs.states import packed, unpacked
@@ -59,8 +60,8 @@ class Simulation:
     Simulations can be pickled and copied, by way of :meth:`save_state`: the copy goes on in apps
     of its own, as exactly as these save their rounds. It writes no episode logs.
 
-    An app outside this process may fail. Its user's episode ends there (``app_failed``, truncated,
-    on the last observation), the others go on, and the user's next reset starts another app.
+    An app outside this process may fail. Its user's episode is truncated there (``app_failed``),
+    the others go on, and the user's next reset starts another app.
 
     Args:
         config: user, app and perception.
@@ -81,8 +82,7 @@ class Simulation:
         log_dir: Path | None = None,
         make_app: AppFactory | None = None,
     ) -> None:
-        self.n = n
-        self._make_app = make_app
+        self.n, self._make_app, self._closed = n, make_app, False
         self.body: Body = body_of(config.user)
         self._hand_option: str | None = None
         if make_app is None:
@@ -113,9 +113,10 @@ class Simulation:
         except BaseException:
             self._group.close()
             raise
+        if self._apps.late_hands.frames:
+            self.watch(self._apps.late_hands)
         self._seeds = [np.random.default_rng() for _ in range(n)]
-        self._steps = np.zeros(n, dtype=np.int64)
-        self._over = np.ones(n, dtype=bool)
+        self._steps, self._over = np.zeros(n, dtype=np.int64), np.ones(n, dtype=bool)
         self._closed = False
 
     def _make_users(self, substeps: int) -> UserBatch:
@@ -190,7 +191,7 @@ class Simulation:
         self._require_open()
         rows = checked_users("ids", ids, self.n)
         given = checked_seeds(seeds, len(rows))
-        options = checked_options(options)
+        options = app_options(checked_options(options))
         if not rows:
             return []
         if self._hand_option in options:
@@ -210,8 +211,7 @@ class Simulation:
         self._over[users] = False
         self.actions.reset(users)
         self._senses.reset(users, numbers)
-        logs = self._group.logs()
-        started = zip(rows, round_seeds, strict=True)
+        logs, started = self._group.logs(), zip(rows, round_seeds, strict=True)
         return [{"seed": seed, "log": logs[i], **self._who(i)} for i, seed in started]
 
     def _streams(

@@ -10,6 +10,7 @@ from sim2vr_harness import __version__
 from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.client import GameFacts, InProcessBatch, Measure
 from sim2vr_harness.envs.config import AppConfig, with_options
+from sim2vr_harness.envs.late_hands import app_options, hand_lag_s
 from sim2vr_harness.evaluation.expectations import Planned, study_group
 from sim2vr_harness.evaluation.fatigue import fatigue_measures
 from sim2vr_harness.evaluation.metrics import measures_of
@@ -205,7 +206,8 @@ def _check_options(app: AppConfig) -> None:
     if app.transport != "in_process":
         return
     try:
-        InProcessBatch(1, app.game, app.options, renderer="null", width=8, height=8)
+        hand_lag_s(app.options)
+        InProcessBatch(1, app.game, app_options(app.options), renderer="null", width=8, height=8)
     except ValueError as error:
         field, _, rest = str(error).partition(": got ")
         got, _, expected = rest.partition(", expected ")

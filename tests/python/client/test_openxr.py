@@ -46,7 +46,7 @@ def test_a_round_and_its_values(tmp_path: Path) -> None:
         reply = app.reset(1, hands())
         at_rest = {"score": None, "lines": 0, "hits": None, "labels": 0, "buzzes": 0, "left": 0}
         assert reply.values == {**at_rest, "height": 1.1, "ball": None, "over": False}
-        assert (app.image == [1, 110, 0, 128]).all()
+        assert (app.image == [2, 110, 0, 128]).all()
         for step in (1, 2):
             reply = app.step(frame_time_ns(step, 20), hands(1.25, trigger=1.0))
             assert reply.haptics == (HapticPulse("right", 0.5, 0.0, 0.02),)
@@ -62,7 +62,7 @@ def test_a_round_and_its_values(tmp_path: Path) -> None:
             "ball": (0.1, 1.25, 0.5),
             "over": True,
         }
-        assert (app.image == [3, 125, 0, 128]).all()
+        assert (app.image == [4, 125, 0, 128]).all()
         assert not reply.finished
         assert app.renderer_description == "fake over OpenXR (egl)"
         assert app.reset(1, hands()).values["score"] is None
@@ -74,10 +74,10 @@ def test_frames_of_a_step_and_the_one_that_is_drawn(tmp_path: Path) -> None:
         app.reset(1, hands())
         times = np.array([frame_time_ns(k, 60) for k in (1, 2, 3)])
         app.step_frames(times, poses)
-        assert (app.image[0] == [4, 120, 0, 128]).all()
-        assert (app.image[1] == [4, 120, 1, 128]).all()
+        assert (app.image[0] == [5, 120, 0, 128]).all()
+        assert (app.image[1] == [5, 120, 1, 128]).all()
         app.step_frames(times + frame_time_ns(3, 60), poses, 0)
-        assert (app.image[0] == [5, 100, 0, 128]).all()
+        assert (app.image[0] == [6, 100, 0, 128]).all()
         with pytest.raises(AppRefused, match=r"time_ns: got .* expected no step backwards"):
             app.step_frames(times, poses)
 
@@ -109,7 +109,7 @@ def test_the_next_start_is_made_ahead(tmp_path: Path) -> None:
         began = time.monotonic()
         app.reset(2, hands())
         assert time.monotonic() - began < 0.3
-        assert (app.image == [1, 110, 0, 128]).all()
+        assert (app.image == [2, 110, 0, 128]).all()
 
 
 # --- what goes wrong ---------------------------------------------------------------------------
@@ -181,11 +181,11 @@ def test_a_program_without_depth_plays_for_a_user_that_sees_none(tmp_path: Path)
     file = program(tmp_path, PLAY.replace("session(config)", "session(config, depth=False)"))
     with open_program(file, depth=False) as app:
         app.reset(1, hands())
-        assert (app.image == [1, 110, 0, 128]).all()
+        assert (app.image == [2, 110, 0, 128]).all()
 
 
 def test_a_program_that_leaves_ends_the_round(tmp_path: Path) -> None:
-    leave = "    if shown > 2: say(8, reason='', call='xrDestroySession'); sys.exit(0)\n"
+    leave = "    if shown > 3: say(8, reason='', call='xrDestroySession'); sys.exit(0)\n"
     body = PLAY.replace("    answer(", f"{leave}    answer(")
     with open_program(program(tmp_path, body)) as app:
         app.reset(1, hands())

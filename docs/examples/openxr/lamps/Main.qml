@@ -51,8 +51,14 @@ XrView {
         nextLamp()
     }
 
+    // Time counts from the first frame: until then it is the machine's.
+    property real begin: -1
+    onFrameReady: {
+        if (begin < 0)
+            begin = Date.now()
+    }
+
     FrameAnimation {
-        id: clock
         running: true
         onTriggered: lamp.place()
     }
@@ -101,7 +107,8 @@ XrView {
         property real phase: 0
 
         function place() {
-            const angle = phase + 1.5 * clock.elapsedTime
+            const seconds = view.begin < 0 ? 0 : (Date.now() - view.begin) / 1000
+            const angle = phase + 1.5 * seconds
             position = Qt.vector3d(centre.x + 6 * Math.cos(angle), centre.y, centre.z)
         }
 

@@ -18,7 +18,7 @@ from sim2vr_harness.client.openxr.runtime_files import (
 )
 from sim2vr_harness.client.openxr.values import ProgramValues
 from sim2vr_harness.client.transport import AppSource, AppsWanted, Transport, checked_options
-from sim2vr_harness.client.unsaved import FARTHEST_M, FRAME_RATE_HZ, VERTICAL_FOV_DEG
+from sim2vr_harness.client.unsaved import FRAME_RATE_HZ, VERTICAL_FOV_DEG
 
 __all__ = ["OPENXR", "OpenXRApp", "find_runtime"]
 
@@ -88,7 +88,6 @@ class _Programs:
                 wanted,
                 frame_rate_hz=int(options["frame_rate_hz"]),
                 vertical_fov_deg=VERTICAL_FOV_DEG,
-                farthest_m=FARTHEST_M / _unit_m(options.get("depth_unit_m", "1")),
                 pipelined=options["gate"] == "pipelined",
                 profile=_PROFILES[options["profile"]],
             ),
@@ -97,6 +96,7 @@ class _Programs:
             virtual_clock=virtual,
             depth=wanted.depth and wanted.renderer != "null",
             start_timeout_s=place.start_timeout_s,
+            depth_unit_m=_unit_m(options.get("depth_unit_m")),
         )
 
     def _preload(self, virtual: bool) -> list[Path]:
@@ -113,8 +113,10 @@ class _Programs:
         return found
 
 
-def _unit_m(text: str) -> float:
-    """Metres of one unit of depth; raises :class:`AppRefused`."""
+def _unit_m(text: str | None) -> float | None:
+    """Metres of one unit of depth, None: the engine's; raises :class:`AppRefused`."""
+    if text is None:
+        return None
     try:
         unit_m = float(text)
     except ValueError:
@@ -147,7 +149,7 @@ OPENXR = Transport(
         "xvfb": "whether to start an X server without a screen (default: false)",
         "ahead": "start the next round's program early: auto (default: if slow), true, false",
         "frame_rate_hz": "the display's: 72 (default) or 90",
-        "depth_unit_m": "metres of one unit of the program's depth: 1 (default); Qt's 0.005",
+        "depth_unit_m": "metres of one unit of the program's depth (default: 1, Qt's 0.005)",
         "profile": "controllers: oculus-touch (default), valve-index, htc-vive, khr-simple",
     },
     text_options=frozenset({"gate", "profile", "depth_unit_m", "frame_rate_hz", "ahead"}),

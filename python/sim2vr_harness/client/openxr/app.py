@@ -20,13 +20,15 @@ from sim2vr_harness.client.poses import checked_rows, later_times, one_frame
 from sim2vr_harness.client.runtime import checked_seed
 from sim2vr_harness.client.shared_images import map_images
 from sim2vr_harness.client.transport import AppsWanted
-from sim2vr_harness.client.unsaved import UnsavedApp
+from sim2vr_harness.client.unsaved import FARTHEST_M, UnsavedApp
 
 __all__ = ["CAPABILITIES", "OpenXRApp"]
 
 CAPABILITIES = frozenset({"frames", "inputs", "left_controller", "haptics", "two_eyes"})
 _AHEAD_S = 0.1
 """A program that takes longer to start is started ahead of the next round."""
+_FIRST_FRAMES = 2
+"""Of a round: in the first a session gets its focus, and hands are there from the second on."""
 _DOING = "answer to a step"
 _HINT = (
     " (it drew no frame: is it stuck, does it wait for real time to pass (--virtual-clock), or "
@@ -113,7 +115,7 @@ class OpenXRApp(UnsavedApp):
         program.greet()
         self._take_session(program)
         self._playing, self._last_ns, self._poses = True, 0, rows[-1]
-        frames = 2 if self._pipelined else 1
+        frames = _FIRST_FRAMES + self._pipelined
         times = np.arange(1 - frames, 1, dtype=np.int64) * self._period_ns
         self._send([(times, np.repeat(rows, frames, 0), np.repeat(inputs, frames, 0))], poses)
         reply = self.finish_step()
@@ -294,7 +296,6 @@ def config_of(
     *,
     frame_rate_hz: int,
     vertical_fov_deg: float,
-    farthest_m: float,
     pipelined: bool,
     profile: str,
 ) -> dict[str, object]:
@@ -313,5 +314,5 @@ def config_of(
         "timeout_s": wanted.place.timeout_s,
         "start_time_ns": START_NS,
         "images": wanted.renderer != "null",
-        "farthest_m": farthest_m,
+        "farthest_m": FARTHEST_M,
     }

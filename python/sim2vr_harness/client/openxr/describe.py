@@ -79,7 +79,7 @@ def extensions_of(manifest: Path) -> list[str]:
         ctypes.c_uint32,
         ctypes.POINTER(ctypes.c_uint32),
         ctypes.c_void_p,
-    )(address.value)
+    )(address.value or 0)
     count = ctypes.c_uint32()
     enumerate_them(None, 0, ctypes.byref(count), None)
     found = (_Extension * count.value)()

@@ -8,6 +8,10 @@ import select
 import shutil
 import struct
 import time
+import weakref
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
 
 from sim2vr_harness.client.errors import AppRefused, AppTimeout
 from sim2vr_harness.client.process import AppProcess
@@ -57,9 +61,11 @@ class Display:
             os.close(ours)
             if theirs >= 0:
                 os.close(theirs)
-        made = (f"/tmp/.X{self.number}-lock", f"/tmp/.X11-unix/X{self.number}")
+        made = _files(self.number)
         outside = self._folder.path / OUTSIDE_FILE
-        outside.write_text("".join(f"{name}\n" for name in made))
+        outside.write_text("".join(f"{file}\n" for file in made))
+        # Runs before the process's own finalizer, which ends it without a chance to clear up.
+        self._finalizer = weakref.finalize(self, _remove_files, made, os.getpid())
 
     def _number(self, descriptor: int, timeout_s: float) -> int:
         deadline = time.monotonic() + timeout_s
@@ -92,6 +98,23 @@ class Display:
     def close(self) -> None:
         """End it; idempotent."""
         self._process.terminate(_STOP_S)
+        self._finalizer()
+
+
+def _files(number: int) -> dict[Path, int]:
+    """Files of a display, with inodes; a server that picks its number makes no lock."""
+    named = Path(f"/tmp/.X11-unix/X{number}"), Path(f"/tmp/.X{number}-lock")
+    return {file: file.lstat().st_ino for file in named if file.exists()}
+
+
+def _remove_files(made: Mapping[Path, int], owner: int) -> None:
+    """Delete files of a display, unless another server has made them anew."""
+    if os.getpid() != owner:
+        return
+    for file, inode in made.items():
+        with suppress(OSError):
+            if file.lstat().st_ino == inode:
+                file.unlink()
 
 
 def _authority(cookie: bytes) -> bytes:

@@ -25,6 +25,8 @@ SOCKET_VARIABLE = "SIM2VR_OPENXR_SOCKET"
 _MOST_LINE_BYTES = 1 << 20
 """Of what a program prints in a step; the rest is left out."""
 _STOP_S = 1.0
+_ENGINES_UNIT_M = {"Qt": 0.005}
+"""Metres of a unit of depth, where that is not 1: Qt 6.12 gives centimetres and half the range."""
 _NO_HELLO = (
     "; is it an OpenXR program, and does its loader read XR_RUNTIME_JSON (a program with "
     "permissions of its own does not)?"
@@ -45,6 +47,7 @@ class Launch:
         virtual_clock: whether its time is virtual.
         depth: whether a user sees depth.
         start_timeout_s: how long the start may take.
+        depth_unit_m: metres of one unit of its depth; None: what its engine is known to give.
     """
 
     command: Sequence[str]
@@ -55,6 +58,12 @@ class Launch:
     virtual_clock: bool = False
     depth: bool = True
     start_timeout_s: float = 60.0
+    depth_unit_m: float | None = None
+
+    def config_for(self, engine: str) -> dict[str, Any]:
+        """Return the settings for a program of an engine."""
+        unit_m = self.depth_unit_m or _ENGINES_UNIT_M.get(engine, 1.0)
+        return {**self.config, "farthest_m": self.config["farthest_m"] / unit_m}
 
 
 class Program:
@@ -148,7 +157,8 @@ class Program:
         try:
             if kind == Kind.HELLO:
                 self.about = about_in(body)
-                self.link.send(Kind.CONFIG, json.dumps(self._launch.config).encode())
+                config = self._launch.config_for(self.about.engine)
+                self.link.send(Kind.CONFIG, json.dumps(config).encode())
                 return
             if kind == Kind.SESSION and self.about is not None:
                 self.session = session_in(body)

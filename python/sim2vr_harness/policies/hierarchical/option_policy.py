@@ -29,7 +29,11 @@ from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
 from sim2vr_harness.policies.hierarchical.frame_history import BEFORE_S
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.options import option_set
-from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, PrimitiveController
+from sim2vr_harness.policies.hierarchical.primitives import (
+    Manner,
+    OptionChoice,
+    PrimitiveController,
+)
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.policies.protocol import (
     Observation,
@@ -96,6 +100,8 @@ class HierarchicalPolicy(nn.Module):
         config: of the run; its senses as :func:`require_senses` has them.
     """
 
+    manner = Manner()
+    """How hands do what is chosen."""
     layer: MotorPolicy
     tool: Tensor
     hold: Tensor
@@ -152,7 +158,7 @@ class HierarchicalPolicy(nn.Module):
         """Turns decisions into goals; made of the weights when it is first needed."""
         if self._primitives is None:
             self._primitives = PrimitiveController(
-                self.layer, self.tool, self._poses, self.values.options
+                self.layer, self.tool, self._poses, self.values.options, self.manner
             )
         return self._primitives
 

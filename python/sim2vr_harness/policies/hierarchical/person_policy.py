@@ -20,7 +20,7 @@ from sim2vr_harness.policies.hierarchical.human_motor import (
 from sim2vr_harness.policies.hierarchical.motor_goals import tips
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, Intention
 from sim2vr_harness.policies.hierarchical.person_layer import human_goals
-from sim2vr_harness.policies.hierarchical.primitives import OptionChoice
+from sim2vr_harness.policies.hierarchical.primitives import PERSONS, OptionChoice
 from sim2vr_harness.policies.protocol import Observation, require_observation
 from sim2vr_harness.runs.option_config import PeopleTraining
 from sim2vr_harness.users import FEATURES
@@ -72,6 +72,8 @@ class PersonPolicy(HierarchicalPolicy):
     Args:
         config: of the run, with people and the sense ``person``.
     """
+
+    manner = PERSONS
 
     def __init__(self, config: TrainingConfig) -> None:
         super().__init__(config)

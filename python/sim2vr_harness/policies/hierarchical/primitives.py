@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -21,19 +23,49 @@ from sim2vr_harness.policies.hierarchical.options import (
 )
 from sim2vr_harness.policies.hierarchical.pointing import Pointing, off_ray
 
-__all__ = ["MOVES", "OptionChoice", "PrimitiveController", "is_swing", "points"]
+__all__ = [
+    "MOVES",
+    "PERSONS",
+    "Manner",
+    "OptionChoice",
+    "PrimitiveController",
+    "is_swing",
+    "points",
+]
 
-_TOUCH_MPS, _STRIKE_MPS, _PUSH_MPS, _SWING_MPS = 0.9, 1.2, 2.5, 2.0
+_TOUCH_MPS, _STRIKE_MPS = 0.9, 1.2
 _DEEPER_M = 0.015
-_RUN_UP_M, _FURTHER = 0.4, 1.25
-"""Over which a hand gains its speed, and how much farther back it goes to begin."""
-_SLOWEST = 0.55
-"""Share of the speed it should have by then, below which it begins again."""
+_FURTHER = 1.25
+"""How much farther back than its run-up a hand goes to begin."""
 _REACHED_M = 0.06
 _DEPTH_WEIGHT = 0.2
 """How much less depth counts than height and side, where a place is out of reach."""
 
 
+@dataclass(frozen=True)
+class Manner:
+    """How hands do what is chosen.
+
+    Attributes:
+        push_mps: speed through a place, away from the head.
+        swing_mps: the same sideways.
+        run_up_m: over which a hand gains its speed.
+        slowest: share of the speed it should have by then, below which it begins again.
+        lift_m: most that a hand that comes to a place stays before its surface until it is there;
+            nothing is touched on the way.
+    """
+
+    push_mps: float = 2.5
+    swing_mps: float = 2.0
+    run_up_m: float = 0.4
+    slowest: float = 0.55
+    lift_m: float = 0.0
+
+
+PERSONS = Manner(push_mps=2.0, swing_mps=2.0, run_up_m=0.15, slowest=0.3, lift_m=0.05)
+"""How persons do (docs/concepts/people.md)."""
+_ABOVE_M = 0.01
+"""A hand that is no farther beside its place does not stay before it any more."""
 _POINT, _PULL = PLACED.index("point"), PLACED.index("pull")
 _ARRIVING = torch.tensor(
     [PLACED.index(n) for n in ("touch", "press", "hold", "grab", "release", "pull")]
@@ -155,12 +187,18 @@ class PrimitiveController:
             with which it touches and pushes, and the middle, with which it swings through things.
         poses: (P, H, 4, 4) places that the devices can be at.
         options: of the hands.
+        manner: how they move.
     """
 
     def __init__(
-        self, layer: MotorLayer, tool: Tensor, poses: Tensor, options: OptionSet = PLAIN
+        self,
+        layer: MotorLayer,
+        tool: Tensor,
+        poses: Tensor,
+        options: OptionSet = PLAIN,
+        manner: Manner = Manner(),
     ) -> None:
-        self.layer, self.tool, self.options = layer, tool, options
+        self.layer, self.tool, self.options, self._manner = layer, tool, options, manner
         self._pointing = Pointing(poses)
         self._inputs = ControllerInputs(options.inputs, layer.hands)
         self._works = [ROLES.index(FREE[name][0]) for name in options.free]
@@ -207,7 +245,7 @@ class PrimitiveController:
             soon: the same ``MOMENT_S`` later.
         """
         n, hands = choice.move.shape
-        goals = MotorGoals.none(n, hands)
+        goals, manner = MotorGoals.none(n, hands), self._manner
         goals.tip = torch.where(
             is_swing(choice.move)[..., None], self.tool[:, 1], self.tool[:, 0]
         ).clone()
@@ -219,12 +257,12 @@ class PrimitiveController:
         for number, name in enumerate(MOVES):
             chosen = choice.move == number
             if name == "push":
-                directions[chosen] = _PUSH_MPS * away[chosen]
+                directions[chosen] = manner.push_mps * away[chosen]
             elif name in SIDEWAYS:
                 left, up = SIDEWAYS[name]
-                directions[chosen] = _SWING_MPS * torch.tensor([0.0, left, up])
+                directions[chosen] = manner.swing_mps * torch.tensor([0.0, left, up])
         touches = _comes(choice.move)[..., None]
-        goals.place = choice.place + _DEEPER_M * away * touches
+        goals.place = choice.place + (_DEEPER_M - self._lift(choice, away, now)) * away * touches
         back = (choice.move == _PULL) & (choice.closed > 0)
         goals.place = torch.where(back[..., None], choice.closed_at + _BACK, goals.place)
         goals.velocity = directions
@@ -297,8 +335,14 @@ class PrimitiveController:
         met = (along > 0.0) & (beside < (_ON_RAD * along).clamp(min=_ON_M))
         return torch.where(points(choice.move), met, near)
 
-    @staticmethod
-    def _run_up(goals: MotorGoals, now: Tensor, velocity: Tensor) -> None:
+    def _lift(self, choice: OptionChoice, away: Tensor, now: Tensor) -> Tensor:
+        """(N, H, 1) how far hands stay before the surface they go for, m."""
+        way = now - choice.place
+        along = (way * away).sum(-1, keepdim=True)
+        beside = (way - along * away).norm(dim=-1, keepdim=True)
+        return (beside - _ABOVE_M).clamp(0.0, self._manner.lift_m)
+
+    def _run_up(self, goals: MotorGoals, now: Tensor, velocity: Tensor) -> None:
         """Send hands back that are about to go through their place too slowly.
 
         Args:
@@ -306,12 +350,12 @@ class PrimitiveController:
             now: (N, H, 3) where the tips are.
             velocity: (N, H, 3) theirs.
         """
-        speed = goals.velocity.norm(dim=-1, keepdim=True)
+        speed, run_up = goals.velocity.norm(dim=-1, keepdim=True), self._manner.run_up_m
         direction = goals.velocity / speed.clamp(min=1e-6)
         before = ((goals.place - now) * direction).sum(-1, keepdim=True)
-        due = _SLOWEST * speed * (1.0 - before / _RUN_UP_M).clamp(max=1.0)
+        due = self._manner.slowest * speed * (1.0 - before / run_up).clamp(max=1.0)
         late = (velocity * direction).sum(-1, keepdim=True) < due
         back = late & (speed > 0.0)
-        begin = goals.place - _FURTHER * _RUN_UP_M * direction
+        begin = goals.place - _FURTHER * run_up * direction
         goals.place = torch.where(back, begin, goals.place)
         goals.velocity = torch.where(back, torch.zeros(()), goals.velocity)

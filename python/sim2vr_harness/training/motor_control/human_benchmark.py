@@ -7,7 +7,7 @@ movement is over. Times count from the onset: the first 10 % of the peak speed.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -72,6 +72,11 @@ class AimedMovements:
         missed: NDArray[np.bool_] = np.linalg.norm(self.end, axis=1) > 0.5 * self.width_m
         return missed | np.isnan(self.time_s)
 
+    def of(self, rows: NDArray[np.int64]) -> AimedMovements:
+        """Return movements (K,), by their numbers."""
+        names = ("time_s", "reaction_s", "end", "way", "profile", "peak_mps")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
     @property
     def spread_m(self) -> float:
         """Standard deviation of the end points, root mean square over three axes."""
@@ -84,6 +89,10 @@ class HumanMeasures:
     """Aimed movements of all nine indices of difficulty."""
 
     cells: tuple[AimedMovements, ...]
+
+    def of(self, rows: NDArray[np.int64]) -> HumanMeasures:
+        """Return the measures of some movements of every cell, ordered by person."""
+        return HumanMeasures(tuple(cell.of(rows) for cell in self.cells))
 
     def summary(self) -> dict[str, float]:
         """Return the measures by name with unit."""

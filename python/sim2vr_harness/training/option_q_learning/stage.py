@@ -34,7 +34,7 @@ from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolic
 from sim2vr_harness.policies.hierarchical.options import OptionSet, option_set
 from sim2vr_harness.policies.hierarchical.person_layer import PersonLayer
 from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy, seen_late_steps
-from sim2vr_harness.policies.hierarchical.primitives import PrimitiveController
+from sim2vr_harness.policies.hierarchical.primitives import PERSONS, Manner, PrimitiveController
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools, straight_tool
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors, write_user
@@ -145,6 +145,10 @@ class QLearningStage:
         return motor_layer_for(body, step_s)
 
     @property
+    def _manner(self) -> Manner:
+        return PERSONS if self._config.skills.people else Manner()
+
+    @property
     def _options(self) -> OptionSet:
         return option_set(self._config.env.user.inputs, self._config.skills.options)
 
@@ -194,7 +198,7 @@ class QLearningStage:
             learner = self._learner = OptionQLearning(
                 self._config.skills.q_learning,
                 simulation,
-                PrimitiveController(layer, tool, poses, self._options),
+                PrimitiveController(layer, tool, poses, self._options, self._manner),
                 self.folder / _PICTURES,
                 seed=seed,
                 late_steps=self._late_steps,

@@ -99,3 +99,30 @@ def test_people_need_decisions_by_themselves() -> None:
     assert config.skills.people and config.env.user.people is not None
     assert [sense.sense for sense in config.env.senses].count("person") == 1
     assert torch.is_tensor(PersonPolicy(config).hold)
+
+
+@pytest.mark.parametrize(("beside_m", "depth_m"), [(0.0, 0.015), (0.03, -0.005), (0.2, -0.035)])
+def test_hands_lift_off_until_they_are_there(
+    policy: Following, beside_m: float, depth_m: float
+) -> None:
+    """At most 5 cm before a goal 1.5 cm behind the surface, 1 cm beside it begins the descent."""
+    head, choice = torch.zeros(1, 3), OptionChoice(1, 1)
+    choice.move[:] = 0
+    choice.place[0, 0] = choice.seen[0, 0] = torch.tensor([0.4, 0.0, 0.0])
+    hand = torch.eye(4).repeat(1, 1, 1, 1)
+    hand[0, 0, :3, 3] = torch.tensor([0.42, beside_m, 0.0])
+    goals = policy.primitives.goals(choice, head, hand, hand)
+    assert goals.place[0, 0].tolist() == pytest.approx([0.4 + depth_m, 0.0, 0.0], abs=1e-6)
+
+
+def test_persons_work_controller_inputs() -> None:
+    policy = Following(_of_people(load_config("skills", ["env.user.inputs=[right.trigger]"])))
+    vision, memory = policy._wanted["vision"], policy.reset()
+    observation = {
+        "vision": np.full((2 * vision[0], *vision[1:]), 5.0, dtype=np.float32),
+        "proprioception": np.zeros(len(Proprioception(policy.layer.body).names), np.float32),
+        "person": np.zeros(len(FEATURES), np.float32),
+    }
+    action = policy.act(observation, memory, None)
+    assert action.shape == (policy.layer.drives.count + 1,)
+    assert action[-1] == -1.0  # at rest: a touch pulls no trigger

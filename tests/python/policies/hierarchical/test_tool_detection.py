@@ -68,8 +68,8 @@ def draw(
 @pytest.mark.parametrize(("wall", "stick_m"), [(False, 0.25), (True, 0.25), (True, 0.12)])
 def test_a_stick_is_found_to_its_end(wall: bool, stick_m: float) -> None:
     (tool,) = tools_in(looks_at(wall, stick_m))
-    assert tool.tip[0] == pytest.approx(stick_m, abs=0.05)
-    assert np.linalg.norm(tool.tip[1:]) < 0.03
+    assert tool.tip[0] == pytest.approx(stick_m, abs=0.02)
+    assert np.linalg.norm(tool.tip[1:]) < 0.02
 
 
 def test_a_wall_that_hands_come_near_is_not_in_the_hand() -> None:

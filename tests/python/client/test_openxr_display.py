@@ -1,0 +1,78 @@
+"""The X server of ``--xvfb``: reached by cookie only, and nothing of it stays."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from sim2vr_harness.client import AppRefused
+from sim2vr_harness.client.openxr.display import Display
+
+NEEDS_XVFB = pytest.mark.skipif(shutil.which("Xvfb") is None, reason="no Xvfb")
+SERVE = """
+import sys, time
+from sim2vr_harness.client.openxr.display import Display
+display = Display(30.0)
+print(display.number, flush=True)
+time.sleep(600) if sys.argv[1] == "stay" else None
+"""
+
+
+def files_of(number: int) -> list[Path]:
+    return [Path(f"/tmp/.X{number}-lock"), Path(f"/tmp/.X11-unix/X{number}")]
+
+
+def connect(number: int) -> bytes:
+    """The first byte of the server's answer to a client without a cookie: 0 refuses it."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
+        client.connect(f"/tmp/.X11-unix/X{number}")
+        client.sendall(b"l\0\x0b\0\0\0\0\0\0\0\0\0")
+        return client.recv(1)
+
+
+@NEEDS_XVFB
+def test_a_display_is_there_for_those_who_have_its_cookie_and_goes() -> None:
+    display, other = Display(30.0), Display(30.0)
+    assert display.number != other.number
+    assert files_of(display.number)[1].exists()
+    authority = Path(display.environment["XAUTHORITY"])
+    assert authority.stat().st_mode & 0o777 == 0o600
+    assert connect(display.number) == b"\0"
+    display.close()
+    display.close()
+    assert not any(file.exists() for file in [*files_of(display.number), authority])
+    assert files_of(other.number)[1].exists()
+    number = other.number
+    del other
+    assert not any(file.exists() for file in files_of(number))
+
+
+@NEEDS_XVFB
+@pytest.mark.parametrize("end", ["by itself", signal.SIGTERM, signal.SIGKILL])
+def test_nothing_stays_when_the_harness_ends(end: object) -> None:
+    how = "go" if end == "by itself" else "stay"
+    harness = subprocess.Popen([sys.executable, "-c", SERVE, how], stdout=subprocess.PIPE)
+    assert harness.stdout is not None
+    number = int(harness.stdout.readline())
+    if isinstance(end, signal.Signals):
+        harness.send_signal(end)
+    harness.wait(30.0)
+    deadline = time.monotonic() + 20.0
+    while any(file.exists() for file in files_of(number)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(file.exists() for file in files_of(number))
+    harness.stdout.close()
+
+
+def test_without_xvfb_the_reason_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", os.devnull)
+    with pytest.raises(AppRefused, match=r"^--xvfb: got no Xvfb on the PATH, expected"):
+        Display(5.0)

@@ -22,18 +22,21 @@ from sim2vr_harness.figures.figure import (
 __all__ = ["plotly_of"]
 
 _HEIGHT, _HEIGHT_IN_SPACE, _ROW = 300, 460, 17
+_HEIGHT_NAMED, _NEARER = 640, 0.8
+"""In space with names beside places, which need room: height, and the camera's distance."""
 _SLANTED = 60
 """More height for names of many categories."""
 _INK, _FAINT, _GRID = "#24292f", "#57606a", "#e3e6ea"
 _SCALE = [[0, "#f7fbff"], [0.35, "#9ecae1"], [0.7, "#3182bd"], [1, "#08306b"]]
 """Of tables of colours: pale is little."""
 _CLEAR = [[0, "rgba(0,0,0,0)"], [1, "rgba(0,0,0,0)"]]
+_EYE, _CENTER = {"x": -1.6, "y": -1.9, "z": 0.8}, {"x": 0, "y": 0, "z": -0.12}
 _SCENE = {
     "xaxis": {"title": {"text": "right (m)"}},
     "yaxis": {"title": {"text": "forward (m)"}},
     "zaxis": {"title": {"text": "up (m)"}},
     "aspectmode": "data",
-    "camera": {"eye": {"x": -1.6, "y": -1.9, "z": 0.8}, "center": {"x": 0, "y": 0, "z": -0.12}},
+    "camera": {"eye": _EYE, "center": _CENTER},
 }
 _DARK = 0.72
 """Share of the scale from where on white stands out more than black (luminance .18)."""
@@ -172,7 +175,12 @@ def _layout(panel: Panel) -> dict[str, Any]:
     if any(isinstance(layer, Ranges) for layer in panel.layers):
         layout["barmode"] = "overlay"
     if panel.in_space:
-        return layout | {"scene": _SCENE, "margin": {"l": 0, "r": 0, "t": 30, "b": 0}}
+        layout |= {"scene": _SCENE, "margin": {"l": 0, "r": 0, "t": 30, "b": 0}}
+        if any(isinstance(layer, Path) and layer.text is not None for layer in panel.layers):
+            eye = {axis: _NEARER * value for axis, value in _EYE.items()}
+            camera = {"eye": eye, "center": _CENTER}
+            layout |= {"height": _HEIGHT_NAMED, "scene": _SCENE | {"camera": camera}}
+        return layout
     heat = any(isinstance(layer, Heat) for layer in panel.layers)
     x_axis, y_axis = _axis(panel.x_label), _axis(panel.y_label)
     if panel.crowded:

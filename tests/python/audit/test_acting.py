@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.audit.acting import Actor
+from sim2vr_harness.audit.judging import judge
 from sim2vr_harness.audit.pacing import MOST_MINUTES, Paced, minutes_at_pace, path_loads
 from sim2vr_harness.audit.population import LIMITATIONS, NONE, draw
 from sim2vr_harness.audit.processes import Parts
 from sim2vr_harness.audit.reaching import Crowd
 from sim2vr_harness.audit.recorded import pressed_places
+from sim2vr_harness.audit.targets import AuditTarget
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.sessions import Controller, Session, write_session
 from sim2vr_harness.users.exertion import Strength
@@ -33,6 +35,30 @@ def test_without_breaks_the_published_curve_holds() -> None:
     found = minutes_at_pace(arms(0.4, 10.0, 10.0))
     assert 60.0 * found["NICER"][0] == pytest.approx(79.5, abs=0.5)
     assert 60.0 * found["3CC-r, shoulder"][0] == pytest.approx(88.7, abs=1.0)
+
+
+@pytest.mark.parametrize(("model", "within"), [("3CC-r, shoulder", 0.16), ("NICER", 0.01)])
+def test_endurance_of_the_shoulder_is_near_the_published_curve(model: str, within: float) -> None:
+    # Frey-Law and Avin 2010, 194 publications: 14.86 f^-1.83. 3CC-r leaves it above .6.
+    shares = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+    held = [60.0 * minutes_at_pace(arms(f, 10.0, 10.0))[model][0] for f in shares.tolist()]
+    np.testing.assert_allclose(held, 14.86 * shares**-1.83, rtol=within, atol=0.3)
+
+
+def test_above_the_shoulder_is_worse_than_below() -> None:
+    # Li et al. 2024 (NICER), Hincapie-Ramos et al. 2014: Borg ratings by height of targets.
+    crowd = Crowd(draw(6, 1), "seated", NONE)
+    heights = [
+        AuditTarget("low", np.array([0.15, -0.55, 0.42]), from_head=True),
+        AuditTarget("high", np.array([0.15, 0.05, 0.42]), from_head=True),
+    ]
+    judged = judge(crowd, heights, NONE)
+    assert judged.reached.all()
+    assert (judged.share[:, 1] > judged.share[:, 0]).all()
+    assert (judged.published_share[:, 1] > judged.published_share[:, 0]).all()
+    for minutes in judged.minutes.values():
+        low, high = np.median(minutes, axis=0)
+        assert high < 0.8 * low
 
 
 def test_breaks_help() -> None:

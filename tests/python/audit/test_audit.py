@@ -133,6 +133,21 @@ def test_higher_moles_tire_more(crowd: Crowd) -> None:
     assert medians[2] > 1.2 * medians[0]
 
 
+@pytest.mark.parametrize(
+    ("game", "condition", "names"),
+    [
+        ("sample", None, {"Ball"}),
+        ("panel", "touch", {"Button"}),
+    ],
+)
+def test_still_things_of_games_are_found(game: str, condition: str | None, names: set[str]) -> None:
+    """Neither the ray and cursor of a hand, nor plates, floors and lights."""
+    env = environment_of("mobl_arms_wrist", game=game, condition=condition)
+    found = found_targets(env, seconds=1.0)
+    assert {each.name.rstrip("0123456789 ") for each in found} == names
+    assert len(found) == (12 if game == "panel" else 3), "a ball in each of three rounds"
+
+
 def test_a_target_of_the_head_moves_with_it(crowd: Crowd) -> None:
     persons = np.arange(6)
     places = places_of(crowd, target("near", 0.0, -0.2, 0.4, from_head=True), persons)
@@ -169,6 +184,7 @@ def test_the_same_seed_writes_the_same_files(tmp_path: Path) -> None:
     page = (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
     assert "Limits of the model" in page
     assert "&lt;near&gt;" in page
+    assert '"mode":"markers+text"' in page
 
 
 def test_shifts_in_words() -> None:

@@ -32,8 +32,8 @@ _CONTROLLERS = {
 }
 _POINTERS = ("Ray", "Cursor")
 """What our games show of where a hand points; no target."""
-_STILL_M, _FLOOR_M = 0.25, 0.05
-"""Half the diagonal of a still thing at most, and its least height: no wall, no floor."""
+_STILL_M, _FLOOR_M, _FLAT_M = 0.4, 0.05, 0.02
+"""Half the diagonal of a still thing at most; what is so near the floor and so flat is none."""
 _NEW_AFTER_M = 0.01
 """Places nearer to each other than this are one."""
 _MOST = 500
@@ -211,7 +211,7 @@ class _Tracks:
         self._first = {_key(one): one for one in first.objects}
         self._best: dict[tuple[int, int], tuple[float, str, FloatArray]] = {}
         self._moved: set[tuple[int, int]] = set()
-        self._radius: dict[tuple[int, int], float] = {}
+        self._size: dict[tuple[int, int], tuple[float, float]] = {}
         self._start = _head(first)
         self.paths: set[str] = set()
         self.add(first)
@@ -229,7 +229,7 @@ class _Tracks:
             before = self._first.get(_key(one))
             if before is None or not _same(before.pose[:3], one.pose[:3]):
                 self._moved.add(key)
-            self._radius.setdefault(key, _radius(scene, one))
+            self._size.setdefault(key, _size(scene, one))
             distance = float(np.linalg.norm(one.pose[:3] - head))
             if key not in self._best or distance < self._best[key][0]:
                 self._best[key] = distance, one.path.rpartition("/")[2], one.pose[:3].copy()
@@ -250,19 +250,21 @@ class _Tracks:
 
     def _thing(self, key: tuple[int, int]) -> bool:
         """Whether it is small, above the floor, and no board that smaller ones lie on."""
-        radius, place = self._radius[key], self._best[key][2]
+        (radius, height), place = self._size[key], self._best[key][2]
         carried = any(
-            self._radius[other] < radius and np.linalg.norm(where - place) < radius
+            self._size[other][0] < radius and np.linalg.norm(where - place) < radius
             for other, (_, _, where) in self._best.items()
         )
-        return radius <= _STILL_M and place[1] >= _FLOOR_M and not carried
+        on_floor = abs(place[1]) < _FLOOR_M and height < _FLAT_M
+        return radius <= _STILL_M and not on_floor and not carried
 
 
-def _radius(scene: AppScene, one: SceneObject) -> float:
-    """Half the diagonal of what an object shows, m."""
+def _size(scene: AppScene, one: SceneObject) -> tuple[float, float]:
+    """Half the diagonal of what an object shows, and its height, m."""
     assert one.mesh is not None
     extent = np.ptp(scene.meshes[one.mesh].vertices, axis=0) * one.scale
-    return float(np.linalg.norm(extent)) / 2.0
+    height = sum(abs(_turned(one.pose[3:], side)[1]) for side in np.diag(extent))
+    return float(np.linalg.norm(extent)) / 2.0, float(height)
 
 
 def _head(scene: AppScene) -> FloatArray:

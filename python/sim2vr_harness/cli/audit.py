@@ -101,14 +101,9 @@ def audit(
     """
     from sim2vr_harness.audit.auditing import run
     from sim2vr_harness.audit.recorded import pressed_places
-    from sim2vr_harness.audit.report import findings, headline, write
-    from sim2vr_harness.audit.summary import estimates, plain
-    from sim2vr_harness.base.errors import InputError
+    from sim2vr_harness.audit.summary import estimates
 
-    if not 0.1 <= pace <= 120.0:
-        raise InputError("--pace", f"{pace:g}", "0.1 to 120 uses in a minute")
-    if not 0 <= operate <= people:
-        raise InputError("--operate", str(operate), f"0 to the {people} persons of --people")
+    _check_use(pace, operate, people)
     numbers = seconds, people, seed
     _check(game, condition, objects, targets or session, remote, how, numbers, stance)
     checked = CheckedRun(_with_group(expect), None, junit, "audit")
@@ -117,30 +112,47 @@ def audit(
     if checked.asked:
         checked.prepare(_planned(cast("Stance", stance)))
     if game is not None:
-        conditions: list[str | None] = [*condition] if condition else [None]
-        for name in conditions:
+        names: list[str | None] = [*condition] if condition else [None]
+        for name in names:
             listed += _of_game(game, name, objects, seconds, cast("How", how))
-    settings, source = remote or {}, targets or session
-    page = settings.get("page")
-    title = game or (_page_name(page) if page else settings.get("game"))
-    title = title or (source.stem if source else "")
-    chosen = cast("Stance", stance)
+    title = game or _title(remote or {}, targets or session)
+    # fmt: off
     done = run(
-        title,
-        listed,
-        people=people,
-        seed=seed,
-        stance=chosen,
-        pace=pace,
-        operate=operate,
-        say=say,
+        title, listed, people=people, seed=seed, stance=cast("Stance", stance), pace=pace,
+        operate=operate, say=say,
     )
+    # fmt: on
+    _tell(done, out)
+    return checked.status(lambda: estimates(done))
+
+
+def _check_use(pace: float, operate: int, people: int) -> None:
+    """Refuse numbers that no audit can use."""
+    from sim2vr_harness.base.errors import InputError
+
+    if not 0.1 <= pace <= 120.0:
+        raise InputError("--pace", f"{pace:g}", "0.1 to 120 uses in a minute")
+    if not 0 <= operate <= people:
+        raise InputError("--operate", str(operate), f"0 to the {people} persons of --people")
+
+
+def _title(settings: Mapping[str, Any], source: Path | None) -> str:
+    """What an app without a game's name is called."""
+    page = settings.get("page")
+    title = _page_name(page) if page else settings.get("game")
+    return title or (source.stem if source else "")
+
+
+def _tell(done: Any, out: Path) -> None:
+    """Print what was found, and write the report."""
+    from sim2vr_harness.audit.report import findings, headline, write
+    from sim2vr_harness.audit.summary import plain
+
     values = plain(done)
     for sentence in (headline(values), *findings(values)):
         typer.echo(sentence)
     for file in write(done, out):
         typer.echo(f"Written: {file}")
-    return checked.status(lambda: estimates(done))
 
 
 def _page_name(page: str) -> str:

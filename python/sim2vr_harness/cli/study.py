@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 __all__ = ["study"]
 
 
+_File = Annotated[
+    Path, typer.Argument(metavar="STUDY.yaml", help="The study's file, or a folder of effects.")
+]
 _Out = Annotated[
     Path | None,
     typer.Option(
@@ -90,10 +93,7 @@ _Difference = Annotated[
 
 
 def study(
-    file: Annotated[
-        Path,
-        typer.Argument(metavar="STUDY.yaml", help="The study's file, or a folder of effects."),
-    ],
+    file: _File,
     out: _Out = None,
     user: _User = None,
     jobs: _Jobs = None,
@@ -126,11 +126,8 @@ def study(
         unused = {"--plan": plan, "--difference": difference, "--ray": ray,
                   "--storage": storage, "--replay-damaged": replay_damaged,
                   "--expect, --against": checked.asked}  # fmt: skip
-        given = [name for name in unused if unused[name]]
-        return _effects(file, out, user, jobs, given, trust_app)
-    if user is not None:
-        expected = "a folder of effects; a study names its users in fixed.user"
-        raise InputError("--user", f"it with {file}", expected)
+        return _effects(file, out, user, jobs, [name for name in unused if unused[name]], trust_app)
+    _refuse_user(file, user)
     if plan or difference:
         return _show_plan(file, out, difference or (), checked, plan=plan, trust_app=trust_app)
     with Shown() as progress:
@@ -141,6 +138,18 @@ def study(
             on_plan=checked.prepare if checked.asked else None,
         )
         # fmt: on
+    _tell(found, report)
+    return checked.status(lambda: of_study(found.data.statistics["summaries"]))
+
+
+def _refuse_user(file: Path, user: str | None) -> None:
+    if user is not None:
+        expected = "a folder of effects; a study names its users in fixed.user"
+        raise InputError("--user", f"it with {file}", expected)
+
+
+def _tell(found: Any, report: bool) -> None:
+    """Print what was played, and write the report."""
     _print(found.data)
     done = f"{found.played} of {found.played + found.found} cells and trainings"
     typer.echo(f"Played: {done}\nWritten: {found.data.root}")
@@ -148,7 +157,6 @@ def study(
         from sim2vr_harness.studies.report import write_report
 
         typer.echo(f"Written: {write_report(found.data.root).page}")
-    return checked.status(lambda: of_study(found.data.statistics["summaries"]))
 
 
 def _effects(

@@ -28,9 +28,9 @@ _Run = Annotated[
     str | None,
     typer.Argument(
         autocompletion=known_users,
-        metavar="RUN|LOG|RECORDING",
-        help="A trained user, a configuration or body, or the folder of a logged or recorded "
-        "round.",
+        metavar="RUN|LOG|SESSION",
+        help="A trained user, a configuration or body, the folder of a logged or recorded round, "
+        "or a session.",
     ),
 ]
 _Try = Annotated[bool, typer.Option("--try", help="Play yourself, with mouse and keyboard.")]
@@ -50,6 +50,16 @@ _Deterministic = Annotated[
         "--deterministic/--stochastic",
         help="Take the policy's mean, or sample.",
         show_default="the user's evaluation.deterministic",
+    ),
+]
+_Beside = Annotated[
+    Path | None,
+    typer.Option(metavar="SESSION", help="Show a recorded session to the left of the user."),
+]
+_Seed = Annotated[
+    int | None,
+    typer.Option(
+        min=0, max=2**31 - 1, help="Seed of the round.", show_default="1, or the session's"
     ),
 ]
 _Rerun = Annotated[
@@ -76,7 +86,8 @@ def watch(
     try_: _Try = False,
     game: _Game = None,
     condition: _Condition = None,
-    seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Seed of the round.")] = 1,
+    seed: _Seed = None,
+    beside: _Beside = None,
     deterministic: _Deterministic = None,
     rerun: _Rerun = None,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
@@ -93,26 +104,19 @@ def watch(
     The page shows body, game and headset view.
 
     Examples:
-        sim2vr-harness watch pretrained:whacamole_people
         sim2vr-harness watch --try --game beats
+        sim2vr-harness watch pretrained:whacamole_people --beside round.jsonl
     """
-    from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.base.optional import needed
 
-    _check_rerun(rerun, try_)
+    _check(rerun, try_, beside, shared=shared, host=host)
     run, baseline = who_plays(run, user)
-    if run is None and not try_ and not remote:
-        raise InputError("RUN", "nothing", "a user, a log or a recording; or --try, or an app")
-    if shared and (rerun is not None or host != "127.0.0.1"):
-        raise InputError("--share", "it together with --rerun or --host", "one of them")
     needed(*(("rerun", "rerun", "--rerun") if rerun is not None else ("viser", "watch", "watch")))
-
-    from sim2vr_harness.tools.watch.selection import choose
-
+    _require_user(run, try_, remote)
     # fmt: off
-    show = choose(
-        run, person=try_, game=game, condition=condition, seed=seed, deterministic=deterministic,
-        trust_app=trust_app, page=as_overrides(remote), untrained=baseline,
+    show = _chosen(
+        run, beside, game=game, condition=condition, seed=seed, remote=remote, person=try_,
+        deterministic=deterministic, trust_app=trust_app, untrained=baseline,
         overrides=overrides or (),
     )
     # fmt: on
@@ -122,13 +126,57 @@ def watch(
         _serve(show, host, port, shared)
 
 
-def _check_rerun(rerun: Path | None, try_: bool) -> None:
+def _check(rerun: Path | None, try_: bool, beside: Path | None, *, shared: bool, host: str) -> None:
+    """Refuse options that do not go together."""
     from sim2vr_harness.base.errors import InputError
 
     if rerun is not None and rerun.suffix.lower() != ".rrd":
         raise InputError("--rerun", repr(str(rerun)), "a file name that ends in .rrd")
     if rerun is not None and try_:
         raise InputError("--rerun", "it together with --try", "one of them")
+    if beside is not None and try_:
+        raise InputError("--beside", "it together with --try", "one of them")
+    if shared and (rerun is not None or host != "127.0.0.1"):
+        raise InputError("--share", "it together with --rerun or --host", "one of them")
+
+
+def _require_user(run: str | None, try_: bool, remote: dict[str, Any]) -> None:
+    from sim2vr_harness.base.errors import InputError
+
+    if run is None and not try_ and not remote:
+        raise InputError("RUN", "nothing", "a user, a log or a recording; or --try, or an app")
+
+
+def _chosen(
+    run: str | None,
+    beside: Path | None,
+    *,
+    game: str | None,
+    condition: str | None,
+    seed: int | None,
+    remote: dict[str, Any],
+    **how: Any,
+) -> Playlist:
+    """Return what to watch: a session, a user, or both."""
+    from sim2vr_harness.cli.session import read_any
+    from sim2vr_harness.sessions.formats import is_session
+    from sim2vr_harness.tools.watch.selection import choose
+    from sim2vr_harness.tools.watch.sessions import beside as shown_beside
+    from sim2vr_harness.tools.watch.sessions import session_show
+
+    if run is not None and Path(run).suffix != ".npz" and is_session(Path(run)):
+        alone = Path(run)
+        return session_show(read_any(alone), alone.name, game=game, app=remote)
+    session = None if beside is None else read_any(beside)
+    if session is not None:
+        seed = session.seed if seed is None else seed
+        same = session.app.kind == "game" and not remote and game in (None, session.app.name)
+        condition = condition or (session.app.condition if same else "") or None
+    how |= {"game": game, "condition": condition, "page": as_overrides(remote)}
+    show = choose(run, seed=1 if seed is None else seed, **how)
+    if session is None or beside is None:
+        return show
+    return shown_beside(show, session_show(session, beside.name, game=game, app=remote))
 
 
 def _record(show: Playlist, file: Path) -> None:

@@ -203,6 +203,10 @@ def _cause(recording: Session, replayed: Session, pairs: Sequence[Pair], time_ns
     gap = _gap_before(recording, time_ns)
     if gap:
         return gap
+    if not pairs and not {one.kind for one in recording.events} & {
+        one.kind for one in replayed.events
+    }:
+        return "no event of these kinds came: the app reports none here, or had other options"
     if not pairs:
         return "no event came again: other options, or chance that the seed does not govern"
     if recording.rounding_m:

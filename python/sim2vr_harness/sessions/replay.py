@@ -125,8 +125,8 @@ def replay_session(
 
             devices = _devices_for(client, session)
             _drive(client, session.seed or 0, session.time_ns - start_ns, devices, take)
-        logs = sorted(log_dir.glob("*/events.csv"))
-        logged = logged_events(logs[-1]) if chosen.kind == "game" and logs else ()
+        logs = sorted(log_dir.rglob("events.csv"))
+        logged = logged_events(logs[-1]) if logs else ()
     events = sorted([*recorder.events, *logged], key=lambda event: event.time_ns)
     kept = slice(0, recorder.frames)
     replayed = replace(
@@ -165,19 +165,25 @@ def _chosen(
         page = Path(str(settings["page"]))  # the file, as recorders name it
         return AppIdentity("page", "index.html" if page.is_dir() else page.name, "", given)
     if "transport" in settings:
-        return AppIdentity("app", str(settings.get("game") or recorded.name), "", given)
+        named = _of_condition(recorded.name, recorded.condition) if recorded.kind == "game" else {}
+        played = str(settings.get("game") or recorded.name)
+        return AppIdentity("app", played, "", {**named, **given})
     name = game or (recorded.name if recorded.kind == "game" else "")
     if not name:
         got = f"a session of {recorded.name or 'an app that it does not name'}"
         raise InputError("SESSION", got, "the app to replay it in: --game NAME or --page FILE")
-    facts = describe_game(name)
     condition = recorded.condition if recorded.name in ("", name) else ""
-    named = {}
-    if any(each.name == condition for each in facts.conditions):
-        named = dict(facts.condition(condition).options)
-    elif recorded.name not in ("", name):
+    named = _of_condition(name, condition)
+    if not named and recorded.name not in ("", name):
         given = dict(options or {})
     return AppIdentity("game", name, condition, {**named, **given})
+
+
+def _of_condition(game: str, condition: str) -> dict[str, OptionValue]:
+    """The options of a condition of a game of this runtime; none if it is not known."""
+    facts = describe_game(game)
+    known = any(each.name == condition for each in facts.conditions)
+    return dict(facts.condition(condition).options) if known else {}
 
 
 @contextmanager
@@ -209,7 +215,9 @@ def _opened(
             values={} if task is None else dict(task.values),
             page_start=session.page_start,
         )
-        client = transport_named(str(settings["transport"])).apps(wanted)(0, None)
+        starts = str(settings["transport"]).startswith("protocol") and not place.get("connect")
+        apps = transport_named(str(settings["transport"])).apps(wanted)
+        client = apps(0, log_dir if starts else None)  # programs and pages write no logs
     with closing(client):
         yield client if task is None else TaskedApp(client, task, ends=False)
 

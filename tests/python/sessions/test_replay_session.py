@@ -12,6 +12,7 @@ import pytest
 
 from python.sessions.sessions_made import ROOT, SHARED, full_session
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.paths import app_executable
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.evaluation.replay.recordings import read_recordings
 from sim2vr_harness.evaluation.replay.replayer import session_of
@@ -134,3 +135,13 @@ def test_rounds_of_people_come_again_by_the_general_path(tmp_path: Path) -> None
         recorded, again = recorded + found.recorded, again + found.again
     assert recorded > 2000
     assert again / recorded >= 0.997
+
+
+def test_a_game_over_a_server_does_the_same() -> None:
+    """With the condition's options; the server's own log has the events."""
+    session = read_session(ROUND)
+    assert session.app.condition == "hard"
+    place = {"transport": "protocol2", "executable": str(app_executable())}
+    replayed = replay_session(session, app=place)
+    assert replayed.comparison.same and replayed.comparison.recorded == 39
+    assert (replayed.values["Points"], replayed.values["Misses"]) == (7.0, 8.0)

@@ -32,7 +32,15 @@ from sim2vr_harness.policies.scripted import scripted_policy, with_inputs
 from sim2vr_harness.policies.store import TrainedUser
 from sim2vr_harness.users import Body
 
-__all__ = ["Playlist", "ViewerFrame", "person_show", "recorded_show", "user_show"]
+__all__ = [
+    "Counters",
+    "Playlist",
+    "ViewerFrame",
+    "look",
+    "person_show",
+    "recorded_show",
+    "user_show",
+]
 
 HEADSET_SIZE = (240, 160)
 """Of the headset's picture, pixels."""
@@ -105,8 +113,12 @@ class Hands:
         )
 
 
-class _Counters:
-    """Words for the game's numbers, and for what changed in them."""
+class Counters:
+    """Words for the game's numbers, and for what changed in them.
+
+    Args:
+        facts: of the game.
+    """
 
     def __init__(self, facts: GameFacts) -> None:
         self._facts = facts
@@ -128,8 +140,8 @@ class _Counters:
         return "   ".join(parts), tuple(events)
 
 
-def _look(app: AppClient) -> tuple[AppScene, NDArray[np.uint8]]:
-    """What there is to be seen of an app: of one that tells nothing of its scene, the picture."""
+def look(app: AppClient) -> tuple[AppScene, NDArray[np.uint8]]:
+    """Return what is to be seen of an app: of one that tells nothing of its scene, the picture."""
     scene = app.scene() if "scene" in app.capabilities else AppScene((), ())
     if "views" in app.capabilities:
         return scene, np.ascontiguousarray(app.render_headset(*HEADSET_SIZE)[..., :3])
@@ -192,7 +204,7 @@ def _played(
     users: Any, act: Callable[..., Any], facts: GameFacts, seed: int, deterministic: bool
 ) -> Iterator[ViewerFrame]:
     rng = np.random.default_rng([seed, 1])
-    counters, steps, total, most = _Counters(facts), 0, 0.0, 1e-9
+    counters, steps, total, most = Counters(facts), 0, 0.0, 1e-9
     users.reset(seeds=[seed])
     while True:
         observation = {key: value[0] for key, value in users.observation().items()}
@@ -207,7 +219,7 @@ def _played(
         most = max(most, info["effort_cost"])
         log = info.get("log", {})
         text, events = counters.told(log, time_s)
-        scene, headset = _look(users.apps[0])
+        scene, headset = look(users.apps[0])
         act_now = np.array(users.users.act[0])
         bars = {
             "Effort of this step, of the greatest so far": info["effort_cost"] / most,
@@ -254,14 +266,14 @@ def recorded_show(path: Path) -> Playlist:
 
     def moments() -> Iterator[ViewerFrame]:
         found: list[ViewerFrame] = []
-        counters = _Counters(facts)
+        counters = Counters(facts)
 
         def watch(app: AppClient, timing: Any, frame: int, reply: AppReply) -> None:
             time_s = (int(timing.frame_times_ns[frame]) - int(timing.frame_times_ns[0])) / 1e9
             if time_s < len(found) / _RECORDED_HZ:
                 return
             text, events = counters.told(reply.log, time_s)
-            scene, headset = _look(app)
+            scene, headset = look(app)
             found.append(ViewerFrame(time_s, scene, headset, text, events, numbers=dict(reply.log)))
 
         replay(recording, renderer="automatic", watch=watch)
@@ -290,14 +302,14 @@ def person_show(env: EnvConfig, *, seed: int = 1) -> Playlist:
     rate = env.action_frequency_hz
 
     def moments() -> Iterator[ViewerFrame]:
-        counters, frame = _Counters(facts), 0
+        counters, frame = Counters(facts), 0
         with InProcessApp(env.app.game, env.app.options) as app:
             reply = app.reset(seed, hands.devices())
             while not reply.finished:
                 frame += 1
                 reply = app.step(frame_time_ns(frame, rate), hands.devices())
                 text, events = counters.told(reply.log, frame / rate)
-                scene, headset = _look(app)
+                scene, headset = look(app)
                 yield ViewerFrame(
                     frame / rate, scene, headset, text, events, numbers=dict(reply.log)
                 )

@@ -292,7 +292,7 @@ class _Plan:
                 **summarise(own, self.facts),
                 **self.settings,
                 "game": self.facts.name,
-                "score": self.facts.score,
+                "score_measure": self.facts.score,
                 "effort_weight": self.effort_weight,
                 "unpractised": self.unpractised,
                 "rounds": [result.as_dict() for result in own],

@@ -245,7 +245,7 @@ def _of_evaluation(root: Path, data: EvaluationData) -> ReportSource:
         groups.append(Group(label, str(user), str(condition), own, mine, parts))
     facts = facts_of_outside(str(episodes["game"].iloc[0]))
     told = results_in(data.root.parent, groups[0].condition)
-    facts = replace(facts, score=told.get("score") or facts.score)
+    facts = replace(facts, score=told.get("score_measure") or facts.score)
     measures = _told_measures(facts, data)
     title = f"{', '.join(map(str, episodes['user'].unique()))} in {facts.name}"
     grids = [grid for grid in facts.grids if f"{grid.name}_0" in episodes]

@@ -15,6 +15,7 @@ from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
 from sim2vr_harness.evaluation.video import Film
 from sim2vr_harness.users import load_body
+from sim2vr_harness.users.rendering import OrbitView, UserRenderer
 
 __all__ = ["worst_case", "write_film"]
 
@@ -23,6 +24,11 @@ FloatArray = NDArray[np.float64]
 _SIZE = (640, 480)
 _RED, _GREY = (0.7, 0.12, 0.1, 1.0), (0.5, 0.55, 0.6, 1.0)
 _HALF_M = 0.04
+_TRUNK_M = 0.6
+"""Below the head, which the film shows too."""
+_AWAY_M, _AWAY = 0.6, 1.1
+"""Distance of the camera: so far, and so much of what it shows."""
+_AZIMUTH_DEG, _ELEVATION_DEG = 115.0, -12.0
 
 
 def worst_case(audit: Audit) -> tuple[int, int] | None:
@@ -47,8 +53,6 @@ def write_film(audit: Audit, file: Path) -> Path | None:
         RenderingError: Nothing draws here.
         RuntimeError: ffmpeg cannot be started.
     """
-    from sim2vr_harness.users.rendering import UserRenderer
-
     found = worst_case(audit)
     if found is None:
         return None
@@ -62,16 +66,27 @@ def write_film(audit: Audit, file: Path) -> Path | None:
         places[column], np.zeros((0, 0))
     )
     body = load_body(MODEL, person=subject.user.person, torso=True, appearance=True)
+    head, place = position_to_mujoco(audit.landmarks_m[0]), places[column]
+    view = _view(head - np.array([0.0, 0.0, audit.lifts_m[audit.middle]]), place)
     film = Film(file, *_SIZE, fps=20.0)
     try:
         with UserRenderer(body, *_SIZE) as renderer:
             scene = _scene(places, column)
             for qpos, act in frames:
-                film.add(renderer.render(qpos, "third_person", act, scene))
+                film.add(renderer.render(qpos, view, act, scene))
         return film.finish()
     except BaseException:
         film.discard()
         raise
+
+
+def _view(head: FloatArray, place: FloatArray) -> OrbitView:
+    """From the right and a little ahead: head, trunk and target are in the picture."""
+    shown = np.stack([head, head - np.array([0.0, 0.0, _TRUNK_M]), place])
+    low, high = shown.min(axis=0), shown.max(axis=0)
+    x, y, z = ((low + high) / 2.0).tolist()
+    distance = _AWAY_M + _AWAY * float(np.linalg.norm(high - low))
+    return OrbitView((x, y, z), distance, _AZIMUTH_DEG, _ELEVATION_DEG)
 
 
 def _scene(places: FloatArray, column: int) -> AppScene:

@@ -6,6 +6,7 @@ import json
 import logging
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from sim2vr_harness.audit.remedies import GOAL
 from sim2vr_harness.audit.summary import EVERYONE, Audit, plain
 from sim2vr_harness.client import AppRefused
 from sim2vr_harness.client.webxr.printing import print_page
-from sim2vr_harness.figures.figure import GREY, Bars, Figure, Panel
+from sim2vr_harness.figures.figure import GREY, INK, Bars, Figure, Panel
 from sim2vr_harness.figures.figure import Path as Places
 from sim2vr_harness.figures.html import save_page, table
 from sim2vr_harness.figures.matplotlib_backend import write_figure
@@ -214,7 +215,7 @@ _PATHS = (
 
 _CAPTION = (
     "Targets for a person of median stature, coloured by the share of people who can use them. "
-    "Grey: eyes and shoulders."
+    "Lines: eyes, shoulders, and the way down to the floor."
 )
 _GROUPS = (
     "Share who can use a target, with Wilson's 95 % interval. Groups of fewer than "
@@ -262,20 +263,29 @@ def _target_table(values: Mapping[str, Any]) -> str:
         rows.append([each["name"], how, *parts, why])
         if each["remedy"] is not None:
             bad.append(number)
-    return table(header, rows, bad)
+    return table(header, rows, bad, wrap=True)
 
 
 def _group_table(values: Mapping[str, Any]) -> str:
+    """Groups by targets, some targets a table, so that it fits a page."""
     names = [each["name"] for each in values["targets"]]
-    header = ["group", "persons", "every target", *names]
+    parts = [names[i : i + _ABREAST] for i in range(0, len(names), _ABREAST)]
+    return "".join(_some_targets(values, part, first=part is parts[0]) for part in parts)
+
+
+_ABREAST = 6
+"""Targets beside each other."""
+
+
+def _some_targets(values: Mapping[str, Any], names: list[str], *, first: bool) -> str:
+    header = ["group", "persons", *(["every target"] if first else []), *names]
     rows = []
     for group in values["groups"]:
-        mark = "" if group["verified"] else " *"
-        shares = [_percent(group["targets"][name]) for name in names]
-        rows.append(
-            [group["name"] + mark, str(group["n"]), _percent(group["every_target"]), *shares]
-        )
-    return table(header, rows)
+        row = [group["name"] + ("" if group["verified"] else " *"), str(group["n"])]
+        row += [_percent(group["every_target"])] if first else []
+        row += [_percent(group["targets"][name]) for name in names]
+        rows.append([cell.replace(" ", "\u00a0") if i else cell for i, cell in enumerate(row)])
+    return table(header, rows, wrap=True)
 
 
 def _exertion_table(values: Mapping[str, Any]) -> str:
@@ -292,7 +302,7 @@ def _exertion_table(values: Mapping[str, Any]) -> str:
         for each in values["targets"]
         if each["how"] != "look"
     ]
-    return table(["target", *keys], rows)
+    return table(["target", *keys], rows, wrap=True)
 
 
 def _spread(target: Mapping[str, Any], key: str) -> str:
@@ -344,12 +354,20 @@ def _space(audit: Audit) -> Panel:
     """The targets, the eyes and the shoulders of the person of median stature."""
     usable = audit.judged.usable.mean(axis=0)
     places = audit.judged.places_m[audit.middle]
-    layers = [_places("eyes and shoulders", audit.landmarks_m, GREY)]
+    eyes, right, left = audit.landmarks_m
+    neck = (right + left) / 2.0
+    figure = np.array([eyes, neck, right, left, neck, neck * [1.0, 0.0, 1.0]])
+    layers = [
+        replace(_places("a person, down to the floor", figure, INK), places=False),
+        _places("eyes and shoulders", audit.landmarks_m, GREY),
+    ]
+    names = np.array([each.name for each in audit.targets])
     for number, (least, name, colour) in enumerate(_CLASSES):
         most = np.inf if number == 0 else _CLASSES[number - 1][0]
         chosen = (usable >= least) & (usable < most)
         if chosen.any():
-            layers.append(_places(name, places[chosen], colour))
+            placed = _places(name, places[chosen], colour)
+            layers.append(replace(placed, text=names[chosen].tolist()))
     return Panel(
         "Share of people who can use each target",
         tuple(layers),

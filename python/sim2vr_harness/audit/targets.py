@@ -141,12 +141,14 @@ def found_targets(
 
     Args:
         env: User and game.
-        objects: Pattern of the objects' names; None: those that come, go or move.
+        objects: Pattern of the objects' names; None: those that come, go or move, and small ones.
         seconds: How long to look at each round.
         how: What is done with them.
-        look: Plays rounds: (environment, pattern, ``seconds``) -> targets.
+        look: Plays rounds: (environment, pattern, ``seconds``, ``still``) -> targets.
     """
-    short, tall = (look(_sized(env, stature), objects, seconds=seconds) for stature in _STATURES_M)
+    short, tall = (
+        look(_sized(env, stature), objects, seconds=seconds, still=True) for stature in _STATURES_M
+    )
     found = []
     for target in short:
         other_place = next((each for each in tall if target.same_as(each)), None)

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 __all__ = ["audit"]
 
 _MOST_PEOPLE = 10_000
+_TWO_HANDED = "mobl_arms_bimanual"
+"""Looks at games that are played with both hands."""
 
 _Game = Annotated[
     str | None,
@@ -120,7 +122,7 @@ def audit(
             listed += _of_game(game, name, objects, seconds, cast("How", how))
     settings, source = remote or {}, targets or session
     page = settings.get("page")
-    title = game or (Path(page).name if page else settings.get("game"))
+    title = game or (_page_name(page) if page else settings.get("game"))
     title = title or (source.stem if source else "")
     chosen = cast("Stance", stance)
     done = run(
@@ -139,6 +141,12 @@ def audit(
     for file in write(done, out):
         typer.echo(f"Written: {file}")
     return checked.status(lambda: estimates(done))
+
+
+def _page_name(page: str) -> str:
+    """The file's name, or its folder's where that says more."""
+    file = Path(page).resolve()
+    return file.parent.name if file.name == "index.html" else file.name
 
 
 def _check(
@@ -229,8 +237,11 @@ def _of_game(
 
     from sim2vr_harness.audit.population import MODEL
     from sim2vr_harness.audit.targets import found_targets
+    from sim2vr_harness.envs.games import game_facts
     from sim2vr_harness.tools.users import environment_of
 
     env = environment_of(MODEL, game=game, condition=condition)
+    if "controller_left" in game_facts(env.app).needs("right"):
+        env = environment_of(_TWO_HANDED, game=game, condition=condition)
     found = found_targets(env, objects=objects, seconds=seconds, how=how)
     return [replace(each, name=f"{condition or ''} {each.name}".strip()) for each in found]

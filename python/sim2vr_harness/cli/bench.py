@@ -5,7 +5,7 @@ from __future__ import annotations
 import json as jsonlib
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -95,8 +95,6 @@ def bench(
         sim2vr-harness bench --scene physics,env --n 1,16,64
     """
     from sim2vr_harness.bench.plan import BenchPlan
-    from sim2vr_harness.bench.report import print_rows
-    from sim2vr_harness.bench.rows import append_rows
     from sim2vr_harness.bench.run import run as measure
     from sim2vr_harness.runs.config import defaults, load_config
     from sim2vr_harness.runs.trust import named_app, require_trust
@@ -110,6 +108,14 @@ def bench(
     amounts = {"n": n, "threads": threads, "seconds": seconds, "train_steps": train_steps}
     plan = BenchPlan(settings, scene, transport=transport, **amounts)  # type: ignore[arg-type]
     rows = measure(plan, lambda stage: say(f"Measuring {stage}"))
+    _report(rows, output, json=json)
+
+
+def _report(rows: list[dict[str, Any]], output: Path | None, *, json: bool) -> None:
+    """Print what was measured, and add it to a file."""
+    from sim2vr_harness.bench.report import print_rows
+    from sim2vr_harness.bench.rows import append_rows
+
     if output is not None:
         append_rows(output, rows)
     if json:

@@ -123,8 +123,9 @@ def study(
 
     checked = CheckedRun(expect, against, junit, "study")
     if file.is_dir():
-        unused = {"--plan": plan, "--difference": difference, "--ray": ray, "--storage": storage,
-                  "--replay-damaged": replay_damaged, "--expect, --against": checked.asked}  # fmt: skip
+        unused = {"--plan": plan, "--difference": difference, "--ray": ray,
+                  "--storage": storage, "--replay-damaged": replay_damaged,
+                  "--expect, --against": checked.asked}  # fmt: skip
         given = [name for name in unused if unused[name]]
         return _effects(file, out, user, jobs, given, trust_app)
     if user is not None:

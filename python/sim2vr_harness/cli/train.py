@@ -119,8 +119,7 @@ def train(
     require_trust(settings.env, source, named=named_app(overrides), trust=trust_app)
     if not resume:
         settings = settings.model_copy(update={"env": with_task(settings.env)})
-    if people:
-        settings = _of_people(settings)
+    settings = _of_people(settings) if people else settings
     how: dict[str, Any] = {"resume": resume, "overwrite": overwrite, "set_aside": set_aside}
     result = trainer.train(settings, folder, timesteps=timesteps, **how)
     if not result.interrupted and settings.evaluation.episodes_after_training:

@@ -39,7 +39,7 @@ class _Run:
 
     name: str
     facts: GameFacts
-    looking: Rows
+    q_learning: Rows
     imagined: Rows
     student: Rows
     rows: Rows
@@ -90,7 +90,7 @@ def plot(runs: Sequence[str | Path], out: Path) -> Path:
     if len({each.name for each in found}) < len(found):
         found = [replace(each, name=str(run)) for run, each in zip(runs, found, strict=True)]
     for run, each in zip(runs, found, strict=True):
-        if not (each.rows or each.looking or each.imagined or each.student):
+        if not (each.rows or each.q_learning or each.imagined or each.student):
             raise InputError("RUN", f"{str(run)!r}, which has no metrics yet", "a trained run")
     return write_figure(_figure(found), out)
 
@@ -102,7 +102,7 @@ def pack_curves(run: Path, place: Path) -> None:
         return
     found = _of_folder(folder)
     content = {
-        "looking": _thinned(found.looking, None),
+        "q_learning": _thinned(found.q_learning, None),
         "imagined": _thinned(found.imagined, None),
         "student": _thinned(found.student, ("student/", "rollout/ep_")),
         "rows": _thinned(found.rows, tuple(key for key, _ in _panels(found.facts))),
@@ -138,13 +138,13 @@ def _of_packed(user: TrainedUser, run: str | Path) -> _Run:
         )
     expected = "learning curves: a JSON object with lists of rows"
     rows = read_json(file, expected)
-    rows.setdefault("looking", [])  # not in older ones
-    for key in ("looking", "imagined", "student", "rows"):
+    rows.setdefault("q_learning", rows.get("looking", []))  # its name, if any, in version 0.1
+    for key in ("q_learning", "imagined", "student", "rows"):
         found = rows.get(key)
         if not isinstance(found, list) or not all(isinstance(row, dict) for row in found):
             raise InputError(file_name(file), f"{key}: {shown(found, 40)}", expected)
     facts = game_facts(user.config.env.app, ask=False)
-    stages = (rows[key] for key in ("looking", "imagined", "student", "rows"))
+    stages = (rows[key] for key in ("q_learning", "imagined", "student", "rows"))
     return _Run(str(user.card["name"]), facts, *stages)
 
 
@@ -152,7 +152,10 @@ def _of_folder(folder: RunFolder) -> _Run:
     return _Run(
         name=folder.path.name,
         facts=game_facts(folder.load_config().env.app, ask=False),
-        looking=read_rows(folder.path / "looking" / "cycles.jsonl"),
+        q_learning=_first_rows(
+            folder.path / "q_learning" / "cycles.jsonl",
+            folder.path / "looking" / "cycles.jsonl",  # of runs of version 0.1
+        ),
         imagined=_first_rows(
             folder.path / "imagined" / "cycles.jsonl",
             folder.path / "teacher" / "practice.jsonl",  # of runs of version 0.1
@@ -169,9 +172,12 @@ def _first_rows(*files: Path) -> Rows:
 
 def _figure(runs: Sequence[_Run]) -> Figure:
     facts = runs[0].facts
-    looking = any(run.looking for run in runs)
+    learned = any(run.q_learning for run in runs)
     stages = any(run.imagined or run.student for run in runs)
-    panels = [*(_looking_panels(runs) if looking else ()), *(_stage_panels(runs) if stages else ())]
+    panels = [
+        *(_q_learning_panels(runs) if learned else ()),
+        *(_stage_panels(runs) if stages else ()),
+    ]
     told = " (from pixels)" if panels else ""
     if any(run.rows for run in runs):
         for key, title in _panels(facts):
@@ -179,7 +185,7 @@ def _figure(runs: Sequence[_Run]) -> Figure:
     return Figure("curves", f"Training on {facts.name}", "", panels, columns=3)
 
 
-def _looking_panels(runs: Sequence[_Run]) -> list[Panel]:
+def _q_learning_panels(runs: Sequence[_Run]) -> list[Panel]:
     """Value learning of users with a motor layer."""
     titles = {
         "reward": "reward per minute",
@@ -187,7 +193,7 @@ def _looking_panels(runs: Sequence[_Run]) -> list[Panel]:
         "loss": "loss",
     }
     return [
-        _panel(f"Value learning: {title}", [curve(run.looking, key) for run in runs], runs)
+        _panel(f"Value learning: {title}", [curve(run.q_learning, key) for run in runs], runs)
         for key, title in titles.items()
     ]
 

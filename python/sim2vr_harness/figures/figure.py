@@ -133,7 +133,10 @@ class Heat:
 
 @dataclass(frozen=True)
 class Path:
-    """A way through space, or single places of it; x right, y forward, z up, m."""
+    """A way through space, or single places of it; x right, y forward, z up, m.
+
+    ``text``: a name beside each place.
+    """
 
     name: str
     x: Numbers
@@ -141,6 +144,7 @@ class Path:
     z: Numbers
     colour: str
     places: bool = False
+    text: Sequence[str] | None = None
 
 
 Layer = Line | Points | Band | Ranges | Bars | Heat | Path

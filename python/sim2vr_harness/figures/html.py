@@ -24,6 +24,7 @@ th,td{padding:.2rem .7rem;text-align:right;border-bottom:1px solid #dde1e6;white
 th:first-child,td:first-child{text-align:left}.bad{color:#b3201f;font-weight:600}
 .warn{background:#fff4d6;border-left:4px solid #e0a100;padding:.4rem .8rem;margin:.4rem 0}
 .answer td,.answer th{white-space:normal;text-align:left;vertical-align:top}
+.wrap td,.wrap th{white-space:normal}
 .figure{width:100%}
 """
 
@@ -47,20 +48,28 @@ def plotly_code(option: str) -> str:
     return code.replace("</script", "<\\/script")
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]], bad: Sequence[int] = ()) -> str:
+def table(
+    header: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    bad: Sequence[int] = (),
+    *,
+    wrap: bool = False,
+) -> str:
     """Return an HTML table.
 
     Args:
         header: Names of the columns.
         rows: Texts.
         bad: Numbers of rows to point out.
+        wrap: Whether texts take several lines, so that a wide table fits.
     """
     head = "".join(f"<th>{escape(cell)}</th>" for cell in header)
     body = ""
     for number, row in enumerate(rows):
         mark = ' class="bad"' if number in bad else ""
         body += f"<tr{mark}>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>"
-    return f'<div class="wide"><table><tr>{head}</tr>{body}</table></div>'
+    kind = "wide wrap" if wrap else "wide"
+    return f'<div class="{kind}"><table><tr>{head}</tr>{body}</table></div>'
 
 
 def save_page(

@@ -179,6 +179,8 @@ def _draw(axes: Any, panel: Panel, width: float) -> None:
             x, y, z = (_array(values) for values in (layer.x, layer.y, layer.z))
             if layer.places:
                 axes.scatter(x, y, z, color=layer.colour, s=6, label=layer.name)
+                for place in zip(x, y, z, layer.text or (), strict=False):
+                    axes.text(*place, fontsize=5)
             else:
                 axes.plot(x, y, z, color=layer.colour, linewidth=0.8, label=layer.name)
         else:

@@ -148,6 +148,8 @@ def _path(layer: Path) -> dict[str, Any]:
     trace: dict[str, Any] = {"type": "scatter3d", "mode": "markers" if layer.places else "lines"}
     trace |= {"x": _plain(layer.x), "y": _plain(layer.y), "z": _plain(layer.z)}
     if layer.places:
+        if layer.text is not None:
+            trace |= {"mode": "markers+text", "text": list(layer.text), "textfont": {"size": 10}}
         return trace | {"marker": {"color": layer.colour, "size": 4}}
     return trace | {"line": {"color": layer.colour, "width": 3}}
 

@@ -155,13 +155,17 @@ def test_no_command_function_is_long() -> None:
 
 
 def test_shared_options_are_the_same_everywhere() -> None:
-    """Of all that have it; --user of track takes bodies as well, --set of some is shorter."""
+    """Of all that have it; --user of track takes bodies, too; of study only users.
+
+    --set of some is shorter.
+    """
     found: dict[str, set[tuple[str | None, str]]] = {}
     owners: dict[str, set[str]] = {}
     for words, command in shown_commands():
         for each in command.params:
             for option in ("--page", "--map", "--task", "--browser", "--user", "--set"):
-                own = (words, option) in {("track", "--user"), ("plot level", "--set")}
+                own = (words, option) in {("track", "--user"), ("study", "--user")}
+                own |= (words, option) == ("plot level", "--set")
                 own |= option == "--set" and words in ("train", "bench", "users motor train")
                 own |= (words, option) == ("session record", "--page")
                 if option in each.opts:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fake_simulation import FakeSimulation
+from rich.console import Console
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import Condition, GameFacts, describe_game, facts_of_outside
@@ -17,6 +18,7 @@ from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.metrics import RoundResult, round_result, summarise
 from sim2vr_harness.evaluation.rollouts import Job, jobs_for, play
+from sim2vr_harness.evaluation.tables import results_table
 from sim2vr_harness.evaluation.training_distribution import met, unpractised
 from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.store import find_user
@@ -408,3 +410,13 @@ def test_jobs() -> None:
         Job("a", 0, 7, {"x": 1}), Job("a", 1, 8, {"x": 1}),
         Job("b", 0, 7, {"x": 2}), Job("b", 1, 8, {"x": 2}),
     ]  # fmt: skip
+
+
+def test_a_game_s_own_score_is_beside_the_name_of_its_score() -> None:
+    """Beats has a measure ``score``; that name once replaced it, and no table was printed."""
+    found = evaluate("beats_first_lazy", Request(episodes=1, conditions=["first"]))
+    summary = found.summaries["first"]
+    assert summary["score_measure"] == "slice_rate"
+    assert summary["score"] == summary["rounds"][0]["log"]["Score"]
+    console = Console(width=100, record=True, quiet=True)
+    console.print(results_table(found.summaries, found.facts, "Title"))

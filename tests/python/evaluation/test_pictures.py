@@ -232,15 +232,17 @@ def test_curves_of_who_tries_are_of_its_stage(trained: Path, tmp_path: Path) -> 
     run = tmp_path / "decider"
     shutil.copytree(trained, run)
     (run / "metrics.jsonl").unlink()
-    (run / "looking").mkdir()
+    (run / "q_learning").mkdir()
     rows = [{"step": 960 * k, "reward": 5.0 * k, "loss": None, "explore": 0.9} for k in (1, 2)]
-    (run / "looking" / "cycles.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    (run / "q_learning" / "cycles.jsonl").write_text(
+        "".join(json.dumps(row) + "\n" for row in rows)
+    )
     assert lines_of(plot([run], tmp_path / "tries.png")) == 1
     assert lines_of(plot([run, trained], tmp_path / "both.png")) == 3
     packed = tmp_path / "packed"
     packed.mkdir()
     pack_curves(run, packed)
-    assert json.loads((packed / "curves.json").read_text())["looking"] == rows
+    assert json.loads((packed / "curves.json").read_text())["q_learning"] == rows
 
 
 def test_curves_of_packed_users(trained: Path, tmp_path: Path) -> None:

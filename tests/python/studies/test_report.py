@@ -362,7 +362,7 @@ def test_warnings_of_the_evaluation_are_in_the_report(tmp_path: Path) -> None:
     folder = strange_game.write_tables(tmp_path)
     lines = {"calm": ["people = yes", "torso = yes (trained: no)"]}
     results = {
-        name: {"unpractised": lines.get(name, []), "score": "sparks"}
+        name: {"unpractised": lines.get(name, []), "score_measure": "sparks"}
         for name in strange_game.CONDITIONS
     }
     (folder / "results.json").write_text(json.dumps(results))

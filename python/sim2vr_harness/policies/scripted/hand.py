@@ -17,8 +17,12 @@ By = Literal["touch", "ray"]
 
 REACH_M = 0.02
 """A place to which a posture comes so near is within reach."""
+_AIMED_DEG = 1.0
+"""A ray that is nearer to its direction points there."""
 _MOVED_M = 0.003
 """A place that moves by more gets a new posture."""
+_NEAR_M = 0.1
+"""A place that moves by less, and is within reach, gets one near the posture before."""
 
 
 class Hand:
@@ -74,7 +78,7 @@ class Hand:
         if self.place is not None and by == self._by:
             far = float(np.linalg.norm(place - self.place))
         if far > _MOVED_M:
-            self._found = self._search(place, by, nearby=far < REACH_M)
+            self._found = self._search(place, by, nearby=far < _NEAR_M)
             self.place, self._by = place, by
 
     def beyond_m(self, place: FloatArray) -> float:
@@ -84,11 +88,15 @@ class Hand:
 
     def _search(self, place: FloatArray, by: By, *, nearby: bool = False) -> FoundPosture:
         start = self._controller.angles(self._users.qpos[0])
-        if nearby and self._found is not None:
-            start = self._found.angles
         if by == "ray":
-            return self._controller.find(start, aim_at=place, nearby=nearby)
-        return self._controller.find(start, place=place, tip_m=self._tip_m, nearby=nearby)
+            goal: dict[str, Any] = {"aim_at": place}
+        else:
+            goal = {"place": place, "tip_m": self._tip_m}
+        if nearby and self._found is not None:
+            found = self._controller.find(self._found.angles, **goal, nearby=True)
+            if found.gap_m < REACH_M and found.error_deg < _AIMED_DEG:
+                return found
+        return self._controller.find(start, **goal)
 
     def action(self) -> NDArray[np.float32] | None:
         """Return the body's action, (B,); None: the hand follows nothing."""

@@ -30,6 +30,10 @@ _CONTROLLERS = {
     "XR Rig/RightHand Controller": "controller_right",
     "XR Rig/LeftHand Controller": "controller_left",
 }
+_POINTERS = ("Ray", "Cursor")
+"""What our games show of where a hand points; no target."""
+_STILL_M, _FLOOR_M = 0.25, 0.05
+"""Half the diagonal of a still thing at most, and its least height: no wall, no floor."""
 _NEW_AFTER_M = 0.01
 """Places nearer to each other than this are one."""
 _MOST = 500
@@ -129,6 +133,7 @@ def seen_targets(
     seed: int = 1,
     rounds: int = 3,
     person: int | None = None,
+    still: bool = False,
     simulation: Callable[..., Any] = make_simulation,
 ) -> list[Target]:
     """Let the user sit still in a game, and note where objects come up.
@@ -144,6 +149,7 @@ def seen_targets(
         seed: Of the first round.
         rounds: How many rounds to look at.
         person: Number of the person, where users are people.
+        still: Whether small things above the floor that stay count without a pattern, too.
         simulation: How to make the user: (EnvConfig, n) -> simulation.
 
     Raises:
@@ -159,7 +165,7 @@ def seen_targets(
             users.reset(seeds=[seed + number], persons=None if person is None else [person])
             tracks = _watched_round(users, pattern, seconds)
             paths |= tracks.paths
-            for target in tracks.targets():
+            for target in tracks.targets(still=still):
                 if not any(target.same_as(other) for other in seen):
                     seen.append(target)
     if not seen:
@@ -205,6 +211,7 @@ class _Tracks:
         self._first = {_key(one): one for one in first.objects}
         self._best: dict[tuple[int, int], tuple[float, str, FloatArray]] = {}
         self._moved: set[tuple[int, int]] = set()
+        self._radius: dict[tuple[int, int], float] = {}
         self._start = _head(first)
         self.paths: set[str] = set()
         self.add(first)
@@ -222,23 +229,40 @@ class _Tracks:
             before = self._first.get(_key(one))
             if before is None or not _same(before.pose[:3], one.pose[:3]):
                 self._moved.add(key)
+            self._radius.setdefault(key, _radius(scene, one))
             distance = float(np.linalg.norm(one.pose[:3] - head))
             if key not in self._best or distance < self._best[key][0]:
                 self._best[key] = distance, one.path.rpartition("/")[2], one.pose[:3].copy()
 
     def _fits(self, one: SceneObject) -> bool:
-        if one.mesh is None or self._pattern is None:
-            return one.mesh is not None
         name = one.path.rpartition("/")[2]
+        if one.mesh is None or self._pattern is None:
+            return one.mesh is not None and name not in _POINTERS
         return fnmatchcase(name, self._pattern) or fnmatchcase(one.path, self._pattern)
 
-    def targets(self) -> list[Target]:
-        """Those that were found, the earliest first."""
+    def targets(self, *, still: bool = False) -> list[Target]:
+        """Those that were found, the earliest first; ``still``: as of :func:`seen_targets`."""
         return [
             Target(name, place, place - self._start)
             for key, (_, name, place) in self._best.items()
-            if self._pattern is not None or key in self._moved
+            if self._pattern is not None or key in self._moved or (still and self._thing(key))
         ]
+
+    def _thing(self, key: tuple[int, int]) -> bool:
+        """Whether it is small, above the floor, and no board that smaller ones lie on."""
+        radius, place = self._radius[key], self._best[key][2]
+        carried = any(
+            self._radius[other] < radius and np.linalg.norm(where - place) < radius
+            for other, (_, _, where) in self._best.items()
+        )
+        return radius <= _STILL_M and place[1] >= _FLOOR_M and not carried
+
+
+def _radius(scene: AppScene, one: SceneObject) -> float:
+    """Half the diagonal of what an object shows, m."""
+    assert one.mesh is not None
+    extent = np.ptp(scene.meshes[one.mesh].vertices, axis=0) * one.scale
+    return float(np.linalg.norm(extent)) / 2.0
 
 
 def _head(scene: AppScene) -> FloatArray:

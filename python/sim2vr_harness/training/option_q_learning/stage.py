@@ -77,7 +77,7 @@ class QLearningStage:
         stop: user steps after which the session ends; None: when all are taken.
     """
 
-    name, unit = "looking", "user steps"
+    name, unit = "q_learning", "user steps"
     title = "hands try what is worth doing with what is seen."
 
     def __init__(
@@ -318,7 +318,7 @@ class QLearningStage:
                 doing = (
                     f"step {done:,}, reward per minute {report.reward:.2f} (still "
                     f"{before['still']:.2f}, random {before['random']:.2f}), "
-                    f"{100 * report.explore:.0f} % tries ({rate:,.0f} steps/s)"
+                    f"{100 * report.explore:.0f} % exploratory ({rate:,.0f} steps/s)"
                 )
                 row = asdict(report) | {"step": done}
                 row["loss"] = None if math.isnan(report.loss) else report.loss

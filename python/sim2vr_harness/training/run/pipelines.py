@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 from torch import Tensor, nn
 
@@ -108,16 +109,20 @@ def _skills(run: Run) -> list[Stage]:
     config, path = run.config, run.folder.path
     motor = MotorStage(config, path / MotorStage.name) if needs_motor_policy(config) else None
     if config.policy_kind == "hierarchical":
-        looking = QLearningStage(
-            config, path / QLearningStage.name, motor, run.folder, stop=run.stop
-        )
-        return [looking] if motor is None else [motor, looking]
-    looking = QLearningStage(config, path / QLearningStage.name, motor)
-    student = StudentStage(config, path / StudentStage.name, looking.guide)
+        values = QLearningStage(config, _of_values(path), motor, run.folder, stop=run.stop)
+        return [values] if motor is None else [motor, values]
+    values = QLearningStage(config, _of_values(path), motor)
+    student = StudentStage(config, path / StudentStage.name, values.guide)
     title = "the student goes on by itself: PPO from what the user senses."
     last = _from_pixels(run, title, begin=_with(student.weights))
-    stages: list[Stage] = [looking, student, last]
+    stages: list[Stage] = [values, student, last]
     return stages if motor is None else [motor, *stages]
+
+
+def _of_values(path: Path) -> Path:
+    """Return the folder of Q-learning in a run's; of runs of version 0.1 it has another name."""
+    old = path / "looking"
+    return old if old.is_dir() else path / QLearningStage.name
 
 
 def _adapt(run: Run) -> list[Stage]:

@@ -289,10 +289,12 @@ class SpecBody:
         full[:] = self.physics_model.qpos0
         full[..., self.qpos_independent] = q
         address = self._qpos_address
+        # A single posture in Python's numbers, which are the same and ten times as fast.
+        angles: Any = full.tolist() if q.ndim == 1 else np.moveaxis(full, -1, 0)
         for coupling in self.couplings:
-            driver = full[..., address[coupling.driver]] if coupling.driver else 0.0
-            full[..., address[coupling.dependent]] = polynomial(coupling.coefficients, driver)
-        return full
+            driver = angles[address[coupling.driver]] if coupling.driver else 0.0
+            angles[address[coupling.dependent]] = polynomial(coupling.coefficients, driver)
+        return np.array(angles) if q.ndim == 1 else full
 
     @cached_property
     def _qpos_address(self) -> Mapping[str, int]:

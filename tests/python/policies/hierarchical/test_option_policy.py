@@ -148,7 +148,7 @@ def test_a_run_that_stops_on_the_way_goes_on_to_the_bit(run: Path, tmp_path: Pat
     assert train(config(*SMALL), parts, timesteps=100, resume=True).step == 108
     assert evaluate(parts, Request(episodes=1, steps=False, out=tmp_path / "early")).summaries
     assert train(config(*SMALL), parts, resume=True).step == 243
-    whole, both = (torch.load(each / "looking" / "values.pt")["values"] for each in (run, parts))
+    whole, both = (torch.load(each / "q_learning" / "values.pt")["values"] for each in (run, parts))
     assert all(torch.equal(values, both[name]) for name, values in whole.items())
 
 

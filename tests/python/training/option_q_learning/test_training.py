@@ -181,7 +181,7 @@ def learner(layer: MotorPolicy, folder: Path, cores: int = 1) -> OptionQLearning
     return OptionQLearning(SMALL, simulation, primitives, folder / "pictures.bin", seed=2)
 
 
-def test_looking_goes_on_from_a_state_to_the_bit(layer: MotorPolicy, tmp_path: Path) -> None:
+def test_q_learning_goes_on_from_a_state_to_the_bit(layer: MotorPolicy, tmp_path: Path) -> None:
     whole = learner(layer, tmp_path / "whole")
     while not whole.finished:
         last = whole.step()

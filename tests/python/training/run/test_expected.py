@@ -22,7 +22,7 @@ def test_the_recipe_takes_about_what_was_measured_on_two_cores() -> None:
     half = load_config("whacamole_constrained_distill", ["device=cpu", "student.frames=128_000"])
     student = [expected.expected_seconds("student", each, 2.0, 1.0) for each in (half, config)]
     assert student[1] == pytest.approx(2.0 * student[0])  # type: ignore[operator]
-    assert expected.expected_seconds("looking", config, 2.0, 1.0) is None
+    assert expected.expected_seconds("q_learning", config, 2.0, 1.0) is None
 
 
 def test_devices_are_those_that_the_stages_ask_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -41,11 +41,16 @@ def test_devices_are_those_that_the_stages_ask_for(monkeypatch: pytest.MonkeyPat
     assert "teacher on the processor, about" in lines[-2]
 
 
-@pytest.mark.parametrize(("load", "noted"), [(0.4, False), (3.0, True)])
+@pytest.mark.parametrize(
+    ("machine", "load", "noted"),
+    # On 16 cores, of which this process has four, others have room beside it.
+    [(4, 0.4, False), (4, 3.0, True), (16, 12.0, False), (16, 15.0, True)],
+)
 def test_cores_that_are_not_free_are_noted(
-    load: float, noted: bool, monkeypatch: pytest.MonkeyPatch
+    machine: int, load: float, noted: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cores.os, "getloadavg", lambda: (load, load, load))
+    monkeypatch.setattr(cores.os, "cpu_count", lambda: machine)
     monkeypatch.setattr(cores, "available", lambda: 4)
     lines = expected.plan_lines(STAGES, load_config("whacamole_constrained_distill", []))
     assert lines[0].startswith("Note: 4 cores are requested and about 1 are free") == noted

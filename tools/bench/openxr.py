@@ -72,25 +72,32 @@ def program_s() -> float:
 
 
 def play(wanted: AppsWanted, steps: int, picture: Path | None) -> Run:
-    """Start the program and play."""
-    app = OPENXR.apps(wanted)(0, None)
+    """Start the program of every user and play; steps of all count, pictures of the first."""
+    source = OPENXR.apps(wanted)
+    apps = [source(user, None) for user in range(wanted.n)]
     try:
         began = time.perf_counter()
-        app.reset(0, poses_of(0))
-        start_s = time.perf_counter() - began
+        for app in apps:
+            app.reset(0, poses_of(0))
+        start_s = (time.perf_counter() - began) / wanted.n
         pictures = hashlib.sha256()
         poses = [poses_of(step) for step in range(1, steps + 1)]
         period_ns = 1_000_000_000 // FRAME_RATE_HZ
         busy_s, began = program_s(), time.perf_counter()
         for step, devices in enumerate(poses, 1):
-            app.step(step * period_ns, devices)
-            pictures.update(app.image.tobytes())
+            for app in apps:
+                app.start_step(np.array([step * period_ns]), DevicePoses.stack([devices]))
+            for app in apps:
+                app.finish_step()
+            pictures.update(apps[0].image.tobytes())
         seconds, busy_s = time.perf_counter() - began, program_s() - busy_s
         if picture is not None:
-            write_png(picture, app.image)
+            write_png(picture, apps[0].image)
     finally:
-        app.close()
-    return Run(steps / seconds, start_s, 1e3 * busy_s / steps, pictures.hexdigest()[:16])
+        for app in apps:
+            app.close()
+    done = steps * wanted.n
+    return Run(done / seconds, start_s, 1e3 * busy_s / done, pictures.hexdigest()[:16])
 
 
 def write_png(file: Path, image: UInt8Array) -> None:
@@ -117,6 +124,7 @@ def arguments_of(words: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("program", nargs="+", help="program and its arguments, after --")
     parser.add_argument("--steps", type=int, default=2000, help="steps of a run (default 2000)")
     parser.add_argument("--runs", type=int, default=5, help="starts of the program (default 5)")
+    parser.add_argument("--users", type=int, default=1, help="how many play at once (default 1)")
     parser.add_argument("--width", type=int, default=120)
     parser.add_argument("--height", type=int, default=80)
     parser.add_argument("--eyes", type=int, choices=(1, 2), default=2)
@@ -132,7 +140,7 @@ def arguments_of(words: Sequence[str] | None) -> argparse.Namespace:
     for option in parsed.option:
         if "=" not in option:
             parser.error(f"--option: got {option!r}, expected NAME=VALUE")
-    for name in ("steps", "runs"):
+    for name in ("steps", "runs", "users"):
         if getattr(parsed, name) < 1:
             parser.error(f"--{name}: got {getattr(parsed, name)}, expected at least 1")
     return parsed
@@ -145,7 +153,7 @@ def main(words: Sequence[str] | None = None) -> int:
     options = {"ahead": "false"} | {name: "true" for name, on in switches.items() if on}
     options |= dict(option.split("=", 1) for option in parsed.option)
     wanted = AppsWanted(
-        n=1,
+        n=parsed.users,
         game="",
         width=parsed.width,
         height=parsed.height,
@@ -165,6 +173,7 @@ def main(words: Sequence[str] | None = None) -> int:
     row = {
         "program": " ".join([Path(parsed.program[0]).name, *parsed.program[1:]]),
         "image": [parsed.eyes, parsed.height, parsed.width],
+        "users": parsed.users,
         "steps": parsed.steps,
         "steps_per_s": [round(rate) for rate in rates],
         "start_s": [round(run.start_s, 2) for run in runs],

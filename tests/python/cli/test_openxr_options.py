@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 
 from openxr_programs import manifest, program
-from sim2vr_harness.cli.app_options import app_settings
+from sim2vr_harness.cli.app_options import app_settings, as_overrides
 from sim2vr_harness.cli.main import main
+from sim2vr_harness.runs.config import load_config
 
 
 @pytest.fixture(autouse=True)
@@ -37,6 +38,14 @@ def test_a_program_with_its_arguments(tmp_path: Path, monkeypatch: pytest.Monkey
     assert found["arguments"] == [str(script), "--level", "1 2", "{seed}"]
     assert found["transport_options"] == {"virtual_clock": True, "xvfb": True}
     assert (found["transport"], found["game"]) == ("openxr", "play")
+
+
+def test_options_of_set_stay(tmp_path: Path) -> None:
+    app = app_settings(openxr=str(program(tmp_path)), xvfb=True, virtual_clock=False)
+    config = load_config(
+        "webxr", ["env.app.transport_options.depth_unit_m=0.01", *as_overrides(app)]
+    )
+    assert config.env.app.transport_options == {"depth_unit_m": "0.01", "xvfb": True}
 
 
 @pytest.mark.parametrize(

@@ -260,3 +260,22 @@ def test_nothing_is_left(tmp_path: Path) -> None:
             assert not Path(f"/proc/{pid}").exists()
     assert set(os.listdir("/proc/self/fd")) <= before | {str(k) for k in range(64)}
     assert len(os.listdir("/proc/self/fd")) <= len(before) + 4  # watcher and folder, once
+
+
+@pytest.mark.parametrize(
+    ("engine", "options", "far"),
+    [("", {}, 10.0), ("Qt", {}, 2000.0), ("Qt", {"depth_unit_m": "0.01"}, 1000.0)],
+)
+def test_depth_is_in_the_unit_of_the_engine(
+    tmp_path: Path, engine: str, options: dict[str, object], far: float
+) -> None:
+    """10 m in the units of the program."""
+    told = (
+        "plain = say\n"
+        f"say = lambda kind, **what: plain(kind, **(what | {{'engine': {engine!r}}}))\n"
+        "config = hello()\n"
+        "print('far:', config['farthest_m'], flush=True)\n"
+    )
+    file = program(tmp_path, PLAY.replace("config = hello()\n", told))
+    with open_program(file, values={"far": r'printed("far: (\S+)")'}, options=options) as app:
+        assert app.reset(1, hands()).values["far"] == far

@@ -139,6 +139,7 @@ def test_defaults_come_from_the_run_and_results_are_stored(trained: Path) -> Non
     assert found.step == 120
     summary = found.summaries["medium"]
     assert (summary["episodes"], summary["seed"], summary["deterministic"]) == (3, 1, False)
+    assert summary["score_measure"] == "hit_rate" and "score" not in summary  # a task's value
     file = trained / "evaluation" / "step_000000120" / "results.json"
     assert found.files == [file, file.with_name("data")]
     assert json.loads(file.read_text()) == found.summaries

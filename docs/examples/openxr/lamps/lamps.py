@@ -23,6 +23,6 @@ given = parser.parse_args()
 signal.signal(signal.SIGINT, signal.SIG_DFL)
 app = QGuiApplication(sys.argv[:1])
 engine = QQmlApplicationEngine()
-engine.setInitialProperties({"seed": given.seed})
+engine.setInitialProperties({"seed": given.seed % 2147483646 + 1})  # the generator's own range
 engine.load(Path(__file__).with_name("Main.qml"))
 sys.exit(app.exec() if engine.rootObjects() else 1)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from sim2vr_harness.audit.acting import Acted, act_out
+from sim2vr_harness.audit.acting import act_out
 from sim2vr_harness.audit.judging import Judged, judge
 from sim2vr_harness.audit.pacing import path_loads
 from sim2vr_harness.audit.population import (
@@ -72,42 +72,21 @@ def run(
     """
     say(f"{people} persons, {len(targets)} targets ...")
     subjects = draw(people, seed)
-    few: list[Subject] = subjects[: limited_persons(people)]
-    limitations = limitations_of(stance)
     everyone = Crowd(subjects, stance, NONE)
-    crowds = [everyone, *(Crowd(few, stance, limitation) for limitation in limitations)]
-    # The same parts for any number of processes, so that this number changes no result.
-    shares = [(0, columns) for columns in np.array_split(np.arange(len(targets)), _PARTS)]
-    jobs = [each for each in shares if len(each[1])]
-    jobs += [(1 + i, np.arange(len(targets))) for i in range(len(limitations))]
-
-    def judged_part(number: int) -> Judged:
-        crowd, columns = jobs[number]
-        limitation = NONE if crowd == 0 else limitations[crowd - 1]
-        chosen = [targets[i] for i in columns.tolist()]
-        return judge(crowds[crowd], chosen, limitation, None if crowd else pace)
-
-    found = Parts(processes).run(judged_part, range(len(jobs)))
-    count = len(jobs) - len(limitations)
-    judged, limited = Judged.joined(found[:count]), found[count:]
+    parts = Parts(processes)
+    judged, limited = _judge_all(everyone, stance, targets, pace, parts)
     missed = [i for i in range(len(targets)) if judged.usable[:, i].mean() < GOAL]
     if missed:
         say(f"what would include 95 %: {', '.join(targets[i].name for i in missed)} ...")
-    fixes = Parts(processes).run(lambda i: remedy(everyone, targets[i], judged, i), missed)
+    fixes = parts.run(lambda i: remedy(everyone, targets[i], judged, i), missed)
     remedies: list[Remedy | None] = [None] * len(targets)
     for column, fix in zip(missed, fixes, strict=True):
         remedies[column] = fix
-    acted: list[list[Acted | None]] = []
-    if operate:
-        say(f"{min(operate, people)} persons act it out ...")
-        acted = Parts(processes).run(
-            lambda person: act_out(everyone, person, targets, judged),
-            range(min(operate, people)),
-        )
-    order = sorted(range(people), key=lambda i: subjects[i].person.stature_m)
-    middle = order[people // 2]
-    landmarks = everyone.landmarks(middle)
-    groups = groups_of(subjects)
+    acting = min(operate, people)
+    if acting:
+        say(f"{acting} persons act it out ...")
+    acted = parts.run(lambda person: act_out(everyone, person, targets, judged), range(acting))
+    middle = sorted(range(people), key=lambda i: subjects[i].person.stature_m)[people // 2]
     return Audit(
         title,
         seed,
@@ -117,14 +96,39 @@ def run(
         subjects,
         everyone.lift_m,
         judged,
-        groups,
+        groups_of(subjects),
         limited,
         remedies,
         middle,
-        landmarks,
+        everyone.landmarks(middle),
         _paths(subjects[middle], targets, judged.postures[middle]),
         acted,
     )
+
+
+def _judge_all(
+    everyone: Crowd, stance: Stance, targets: Sequence[AuditTarget], pace: float, parts: Parts
+) -> tuple[Judged, list[Judged]]:
+    """Return everyone judged on all targets, and some of them with each limitation.
+
+    The same parts for any number of processes, so that this number changes no result.
+    """
+    few = everyone.subjects[: limited_persons(len(everyone.subjects))]
+    limitations = limitations_of(stance)
+    crowds = [everyone, *(Crowd(few, stance, limitation) for limitation in limitations)]
+    shares = [(0, columns) for columns in np.array_split(np.arange(len(targets)), _PARTS)]
+    jobs = [each for each in shares if len(each[1])]
+    count = len(jobs)
+    jobs += [(1 + i, np.arange(len(targets))) for i in range(len(limitations))]
+
+    def judged_part(number: int) -> Judged:
+        crowd, columns = jobs[number]
+        limitation = NONE if crowd == 0 else limitations[crowd - 1]
+        chosen = [targets[i] for i in columns.tolist()]
+        return judge(crowds[crowd], chosen, limitation, None if crowd else pace)
+
+    found = parts.run(judged_part, range(len(jobs)))
+    return Judged.joined(found[:count]), found[count:]
 
 
 def _paths(

@@ -23,6 +23,7 @@ from webxr_pages import HEAD, NEEDS_BROWSER, NEEDS_ENGINES, PAGES, hands, open_p
 
 pytestmark = NEEDS_BROWSER
 STEPS = 12
+CAPABILITIES = {"frames", "inputs", "left_controller", "haptics", "two_eyes", "scene"}
 VALUES = {
     "score": "app.score",
     "ticks": "app.ticks",
@@ -118,6 +119,34 @@ def test_depth_and_place_are_those_of_the_scene(touch: WebXRApp) -> None:
     assert abs(depth - front / 10.0 * 255.0) <= 1.0
 
 
+def test_what_a_page_shows_is_told_as_boxes() -> None:
+    """The block of keypad.html: 8 cm, 40 cm ahead."""
+    with open_page(PAGES / "keypad.html") as app:
+        app.reset(7, DevicePoses(HEAD))
+        before = app.image.copy()
+        (box,) = app.scene().named("block")
+        assert box.pose == pytest.approx([0.25, 0.95, 0.4, 0.0, 0.0, 0.0, 1.0], abs=1e-6)
+        assert box.scale == pytest.approx([0.08, 0.08, 0.08])
+        assert box.color == pytest.approx([0.9, 0.5, 0.1, 1.0], abs=1 / 255)
+        np.testing.assert_array_equal(app.image, before)
+
+
+@NEEDS_ENGINES
+@pytest.mark.parametrize(
+    ("page", "name", "place", "size"),
+    [
+        ("buttons", "low", (0.12, 0.85, 0.42), (0.12, 0.12, 0.12)),
+        ("balls", "wall", (0.0, 1.2, 2.0), (3.0, 2.0, 0.1)),
+    ],
+)
+def test_engines_show_boxes(page: str, name: str, place: Any, size: Any) -> None:
+    with open_page(page) as app:
+        app.reset(7, DevicePoses(HEAD))
+        (box, *_) = app.scene().named(name)
+        assert box.pose[:3] == pytest.approx(place, abs=1e-6)
+        assert box.scale == pytest.approx(size, abs=1e-3)
+
+
 def test_time_is_the_harness_s(touch: WebXRApp) -> None:
     first = touch.reset(7, hands(0)).values
     later = [touch.step(frame_time_ns(step, 20), hands(0)).values for step in range(1, 21)]
@@ -209,7 +238,7 @@ def test_bad_input_names_the_field_and_leaves_the_round_as_it_was(touch: WebXRAp
 
 
 def test_what_a_page_cannot_do_is_said_by_capability(touch: WebXRApp) -> None:
-    assert touch.capabilities == {"frames", "inputs", "left_controller", "haptics", "two_eyes"}
+    assert touch.capabilities == CAPABILITIES
     touch.reset(7, hands(0))
     for name, call in {
         "save": touch.save,

@@ -23,7 +23,7 @@ FRAME_RATE_HZ = 72
 
 
 class UnsavedApp(SplitStep):
-    """An app whose state is its own: it cannot be saved, nor seen from outside.
+    """An app whose state is its own: it cannot be saved, nor drawn from outside.
 
     Args:
         kind: what it is, in a word with its article: ``a page``.

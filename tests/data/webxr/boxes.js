@@ -96,17 +96,39 @@ export function button(text, onClick) {
   made.onclick = onClick;
 }
 
+const vector = (value) => ({ x: value, y: value, z: value, clone: () => vector(value) });
+
 // Names boxes as three.js names objects to its developer tools: {name: box}.
 export function nameBoxes(named) {
   const object = (name) => named[name] && {
     name,
+    isMesh: true,
+    position: vector(0),
+    quaternion: vector(0),
+    scale: vector(1),
+    geometry: {
+      attributes: { position: { count: 36 } },
+      computeBoundingBox() {},
+      get boundingBox() {
+        const [x, y, z] = named[name].half;
+        return { min: { x: -x, y: -y, z: -z }, max: { x, y, z } };
+      },
+    },
+    get material() {
+      const hex = named[name].colour.reduce((sum, part) => sum * 256 + Math.round(part * 255), 0);
+      return { visible: true, color: { getHex: () => hex } };
+    },
     updateWorldMatrix() {},
-    matrixWorld: { get elements() { return [...Array(12).fill(0), ...named[name].centre, 1]; } },
+    matrixWorld: {
+      get elements() { return [...Array(12).fill(0), ...named[name].centre, 1]; },
+      decompose(place, turn) { Object.assign(turn, { x: 0, y: 0, z: 0, w: 1 }); },
+    },
   };
   const scene = {
     isScene: true,
     getObjectByName: object,
     traverse(visit) { for (const name of Object.keys(named)) visit(object(name)); },
+    traverseVisible(visit) { this.traverse(visit); },
   };
   nameBoxes.scene = scene; // the tools hold it weakly
   window.__THREE_DEVTOOLS__?.dispatchEvent(new CustomEvent('observe', { detail: scene }));

@@ -12,6 +12,7 @@ from sim2vr_harness.client.devices import DevicePoses
 from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported
 from sim2vr_harness.client.poses import checked_rows, later_times, one_frame
 from sim2vr_harness.client.runtime import checked_seed
+from sim2vr_harness.client.scene import AppScene
 from sim2vr_harness.client.transport import AppsWanted, checked_options
 from sim2vr_harness.client.unsaved import (
     FARTHEST_M,
@@ -24,10 +25,11 @@ from sim2vr_harness.client.webxr.files import PageFiles
 from sim2vr_harness.client.webxr.page import PROFILES, SCRIPT_ERRORS, Page
 from sim2vr_harness.client.webxr.renderers import RENDERERS
 from sim2vr_harness.client.webxr.replies import PageReport, Thing
+from sim2vr_harness.client.webxr.shown import scene_of
 
 __all__ = ["CAPABILITIES", "WebXRApp"]
 
-CAPABILITIES = frozenset({"frames", "inputs", "left_controller", "haptics", "two_eyes"})
+CAPABILITIES = frozenset({"frames", "inputs", "left_controller", "haptics", "two_eyes", "scene"})
 
 
 class WebXRApp(UnsavedApp):
@@ -58,6 +60,7 @@ class WebXRApp(UnsavedApp):
         self._last_ns = 0
         self._awaited: int | None = None
         self._valued = False
+        self._head = np.zeros(3)
         self._renderer: str | None = None
         self._browser = Browser(
             find_browser(place.browser), place.start_timeout_s, options["renderer"]
@@ -175,6 +178,7 @@ class WebXRApp(UnsavedApp):
         """
         count = len(times)
         rows, inputs = checked_rows(poses, count)
+        self._head = rows[-1, 0, :3]
         head, left, right = rows.swapaxes(0, 1).tolist()
         return [
             [
@@ -216,6 +220,11 @@ class WebXRApp(UnsavedApp):
         """
         self._require_open()
         return self._page.locate(name)
+
+    def scene(self) -> AppScene:
+        """See :class:`AppClient`; meshes of three.js, A-Frame and Babylon.js, as boxes."""
+        self._require_open()
+        return scene_of(self._page.boxes(), self._head)
 
     def report(self) -> PageReport:
         """Return what the page is made of and requested so far; also after a reset failed."""

@@ -15,9 +15,11 @@ from sim2vr_harness.client.webxr.files import PageFiles
 from sim2vr_harness.client.webxr.pipe import RefusedRequest
 from sim2vr_harness.client.webxr.replies import (
     BadReply,
+    Box,
     PageReport,
     StepReply,
     Thing,
+    boxes_reply,
     door_reply,
     place_in,
     report_reply,
@@ -242,6 +244,10 @@ class Page:
     def things(self) -> tuple[Thing, ...]:
         """Return the objects that people may use, as they are now."""
         return self._checked(things_reply, self._evaluate("__sim2vr.things()"))
+
+    def boxes(self) -> tuple[Box, ...]:
+        """Return what the page shows now, as boxes."""
+        return self._checked(boxes_reply, self._evaluate("__sim2vr.boxes()"))
 
     def describe_renderer(self) -> str:
         """Return the name of what draws in this browser."""

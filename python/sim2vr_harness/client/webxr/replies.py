@@ -21,10 +21,12 @@ from sim2vr_harness.client.devices import HapticPulse
 
 __all__ = [
     "BadReply",
+    "Box",
     "DoorReply",
     "PageReport",
     "StepReply",
     "Thing",
+    "boxes_reply",
     "door_reply",
     "place_in",
     "report_reply",
@@ -35,6 +37,7 @@ __all__ = [
 
 MOST_TEXTS = 200
 MOST_THINGS = 200
+MOST_BOXES = 500
 MOST_PULSES = 10_000
 """Vibrations of one step."""
 
@@ -134,6 +137,41 @@ def _thing_in(row: object) -> Thing:
     return Thing(name, how, place, half, events, state)
 
 
+@dataclass(frozen=True)
+class Box:
+    """A box around something that a page shows, app frame.
+
+    Attributes:
+        name: of it, or of what it belongs to.
+        place: of its middle, x y z in m.
+        rotation: x y z w, not normalised.
+        size: along its own axes, m.
+        color: red, green, blue (sRGB) and opacity, 0 to 1.
+    """
+
+    name: str
+    place: tuple[float, ...]
+    rotation: tuple[float, ...]
+    size: tuple[float, ...]
+    color: tuple[float, ...]
+
+
+def boxes_reply(answer: object) -> tuple[Box, ...]:
+    """Return what a page shows, as boxes; raises :class:`BadReply`."""
+    return tuple(_box_in(row) for row in list_in("boxes", answer, MOST_BOXES))
+
+
+def _box_in(row: object) -> Box:
+    if not isinstance(row, list) or len(row) != 5:
+        raise bad_reply("boxes", row, "name, place, rotation, size, colour")
+    counts = {"place": 3, "rotation": 4, "size": 3, "color": 4}
+    parts = {
+        name: numbers_in(f"boxes, {name}", each, count)
+        for (name, count), each in zip(counts.items(), row[1:], strict=True)
+    }
+    return Box(text_in("boxes, name", row[0]), **parts)
+
+
 def report_reply(answer: object) -> PageReport:
     """Return what a page is made of; raises :class:`BadReply`."""
     keys = tuple(each.name for each in fields(PageReport))
@@ -194,10 +232,16 @@ def _failure_in(answer: object) -> str | None:
 
 def place_in(what: str, answer: object) -> tuple[float, float, float]:
     """Return a place x y z; raises :class:`BadReply`."""
-    if not isinstance(answer, list) or len(answer) != 3:
-        raise bad_reply(what, answer, "three finite numbers")
-    x, y, z = (number_in(what, part) for part in answer)
+    x, y, z = numbers_in(what, answer, 3)
     return x, y, z
+
+
+def numbers_in(what: str, answer: object, count: int) -> tuple[float, ...]:
+    """Return so many finite numbers; raises :class:`BadReply`."""
+    if not isinstance(answer, list) or len(answer) != count:
+        words = {3: "three", 4: "four"}
+        raise bad_reply(what, answer, f"{words[count]} finite numbers")
+    return tuple(number_in(what, part) for part in answer)
 
 
 def _values_in(

@@ -1,0 +1,65 @@
+// What a page shows, as boxes: pictures from outside show them beside the body.
+{
+  const MOST = 500;
+  const center = (low, high, axis) => (low[axis] + high[axis]) / 2;
+  const size = (low, high, scale) => map(['x', 'y', 'z'], (axis) => Math.abs((high[axis] - low[axis]) * scale[axis]));
+  // Of a right-handed frame in the app's, and back.
+  const mirrored = ([x, y, z], [i, j, k, w]) => [[x, y, -z], [-i, -j, k, w]];
+  const nameOf = (object) => {
+    for (let each = object; each; each = each.parent) if (each.el?.id || each.name) return each.el?.id || each.name;
+    return object.type;
+  };
+  const localBox = (mesh) => {
+    const { geometry } = mesh;
+    if (!geometry?.attributes?.position?.count || !geometry.computeBoundingBox) return null;
+    const owner = mesh.isInstancedMesh ? mesh : geometry;
+    if (!owner.boundingBox) owner.computeBoundingBox?.();
+    return owner.boundingBox;
+  };
+  const ofThree = (mesh) => {
+    const box = localBox(mesh);
+    const material = [mesh.material].flat()[0];
+    if (!box || !material?.visible) return null;
+    mesh.updateWorldMatrix(true, false);
+    const { elements: e } = mesh.matrixWorld;
+    const [place, turn, scale] = [mesh.position.clone(), mesh.quaternion.clone(), mesh.scale.clone()];
+    mesh.matrixWorld.decompose(place, turn, scale);
+    const [x, y, z] = map(['x', 'y', 'z'], (axis) => center(box.min, box.max, axis));
+    const middle = map([0, 1, 2], (row) => e[row] * x + e[row + 4] * y + e[row + 8] * z + e[row + 12]);
+    const hex = material.color?.getHex?.() ?? 0x999999;
+    const color = map([16, 8, 0], (shift) => ((hex >> shift) & 255) / 255);
+    push(color, material.transparent ? Math.min(1, Math.max(0, material.opacity)) : 1);
+    return [nameOf(mesh), ...mirrored(middle, [turn.x, turn.y, turn.z, turn.w]), size(box.min, box.max, scale), color];
+  };
+  const ofBabylon = (mesh, flipped) => {
+    const [scale, place] = [mesh.scaling.clone(), mesh.position.clone()];
+    const turn = window.BABYLON.Quaternion.Identity();
+    mesh.computeWorldMatrix(true).decompose(scale, turn, place);
+    const { minimum, maximum, centerWorld: c } = mesh.getBoundingInfo().boundingBox;
+    const pose = [[c.x, c.y, c.z], [turn.x, turn.y, turn.z, turn.w]];
+    const { r, g, b } = mesh.material?.diffuseColor ?? mesh.material?.albedoColor ?? { r: 0.6, g: 0.6, b: 0.6 };
+    const color = map([r, g, b, mesh.visibility * (mesh.material?.alpha ?? 1)], (v) => Math.min(1, Math.max(0, v)));
+    return [mesh.name, ...(flipped ? mirrored(...pose) : pose), size(minimum, maximum, scale), color];
+  };
+  // Rows of name, middle, rotation x y z w, size along its own axes (m, the app's frame), and
+  // colour: red, green, blue (sRGB) and opacity, 0 to 1.
+  sim.boxes = () => {
+    const found = [];
+    const add = (row) => {
+      if (!row || found.length >= MOST || !every(row.slice(1).flat(), Number.isFinite)) return;
+      row[0] = slice(String(row[0] || 'mesh'), 0, 60);
+      push(found, row);
+    };
+    for (const reference of sim.scenes) {
+      reference.deref()?.traverseVisible?.((object) => object.isMesh && add(ofThree(object)));
+    }
+    for (const scene of window.BABYLON?.EngineStore?.Instances?.flatMap((one) => one.scenes) ?? []) {
+      for (const mesh of scene.meshes) {
+        if (mesh.isEnabled() && mesh.isVisible && mesh.getTotalVertices()) {
+          add(ofBabylon(mesh, scene.useRightHandedSystem));
+        }
+      }
+    }
+    return found;
+  };
+}

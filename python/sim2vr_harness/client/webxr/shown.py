@@ -1,4 +1,4 @@
-"""What a page shows, as boxes in a scene: for pictures of the body beside it."""
+"""Meshes of a page as boxes in a scene, for pictures of the body beside them."""
 
 from __future__ import annotations
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import stat
 import sys
 from pathlib import Path
@@ -116,7 +115,6 @@ def manifest(folder: Path) -> Path:
     (folder / "libnone.so").touch()
     file = folder / "runtime.json"
     file.write_text(json.dumps({"runtime": {"library_path": "./libnone.so"}}))
-    os.environ["SIM2VR_OPENXR_RUNTIME"] = str(file)
     return file
 
 

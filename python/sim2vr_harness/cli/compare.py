@@ -136,7 +136,7 @@ def compare(
 
     Examples:
         sim2vr-harness compare whacamole_people --people recordings
-        sim2vr-harness compare 'touch ball' --people round.jsonl --page game.html --task task.yaml
+        sim2vr-harness compare 'touch ball' --people round.jsonl --page game.html
     """
     users, told = _told_names(users)
     played = partial(_plays, out, seed, overrides, batch, persons, trust_app)

@@ -49,7 +49,7 @@ _RAY_M, _ENDLESS_M = 0.6, 1.2
 from the other on, anywhere: hardly a tool is that long."""
 _ON_RAY = 0.8
 """Share of its points that lie on the aim ray, at least."""
-_END_M = 0.02
+_END_M = 0.045
 """The tip is the middle of the last so many metres of what is in the hand."""
 
 

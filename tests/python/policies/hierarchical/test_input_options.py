@@ -220,7 +220,7 @@ def test_a_ray_is_no_tool(length_m: float, way: np.ndarray, pointed: bool, is_to
 
 def test_a_tool_of_a_given_length_goes_on_forward() -> None:
     tool = straight_tool(0.5)
-    assert tool.tip[0] == pytest.approx(0.5 - 0.02 / 2, abs=0.005)
+    assert tool.tip[0] == pytest.approx(0.5 - 0.045 / 2, abs=0.005)
     assert not tool.tip[1:].any()
 
 

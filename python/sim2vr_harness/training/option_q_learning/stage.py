@@ -330,7 +330,7 @@ class QLearningStage:
             if not warned and done > _HOPELESS * self.total:
                 warned = True
                 _warn(report.reward, before, learner, callbacks)
-        callbacks.say("Looking: " + doing)
+        callbacks.say("Q-learning: " + doing)
 
     def _pace(self, each: int) -> Pace:
         """The time that the stage takes; a decision of all users is ``each`` user steps."""

@@ -4,6 +4,7 @@
 #include "extensions.hpp"
 #include "objects.hpp"
 #include "session_state.hpp"
+#include "sim2vr/xr/state_name.hpp"
 #include "system.hpp"
 
 namespace sim2vr::openxr {
@@ -111,7 +112,7 @@ XrResult XRAPI_CALL calls::xrBeginSession(XrSession session, const XrSessionBegi
     if (self->running) throw Failure(XR_ERROR_SESSION_RUNNING, "the session runs already");
     if (self->state != XR_SESSION_STATE_READY) {
       throw Failure(XR_ERROR_SESSION_NOT_READY,
-                    fmt::format("the session is {}, expected READY", stateName(self->state)));
+                    fmt::format("the session is {}, expected READY", xr::stateName(self->state)));
     }
     if (self->graphics || info.primaryViewConfigurationType != 0) {
       requireStereo(info.primaryViewConfigurationType);
@@ -130,8 +131,9 @@ XrResult XRAPI_CALL calls::xrEndSession(XrSession session) {
     const auto self = liveSession(session);
     if (!self->running) throw Failure(XR_ERROR_SESSION_NOT_RUNNING, "the session does not run");
     if (self->state != XR_SESSION_STATE_STOPPING) {
+      const char* state = xr::stateName(self->state);
       throw Failure(XR_ERROR_SESSION_NOT_STOPPING,
-                    fmt::format("the session is {}, expected STOPPING", stateName(self->state)));
+                    fmt::format("the session is {}, expected STOPPING", state));
     }
     self->running = false;
     self->loop.waited = self->loop.begun = false;

@@ -2,6 +2,8 @@
 
 #include <cstring>
 
+#include "sim2vr/xr/state_name.hpp"
+
 namespace sim2vr::openxr {
 namespace {
 
@@ -28,29 +30,6 @@ void queueEvent(Instance& instance, const void* event, std::size_t bytes) {
   instance.events.push_back(buffer);
 }
 
-const char* stateName(XrSessionState state) {
-  switch (state) {
-    case XR_SESSION_STATE_IDLE:
-      return "IDLE";
-    case XR_SESSION_STATE_READY:
-      return "READY";
-    case XR_SESSION_STATE_SYNCHRONIZED:
-      return "SYNCHRONIZED";
-    case XR_SESSION_STATE_VISIBLE:
-      return "VISIBLE";
-    case XR_SESSION_STATE_FOCUSED:
-      return "FOCUSED";
-    case XR_SESSION_STATE_STOPPING:
-      return "STOPPING";
-    case XR_SESSION_STATE_LOSS_PENDING:
-      return "LOSS_PENDING";
-    case XR_SESSION_STATE_EXITING:
-      return "EXITING";
-    default:
-      return "UNKNOWN";
-  }
-}
-
 void enterState(Session& session, XrSessionState state) {
   session.state = state;
   const XrEventDataSessionStateChanged event{XR_TYPE_EVENT_DATA_SESSION_STATE_CHANGED, nullptr,
@@ -58,7 +37,7 @@ void enterState(Session& session, XrSessionState state) {
                                              session.now()};
   queueEvent(*session.instance, event);
   if (Harness* harness = session.instance->harness.get()) {
-    harness->note({.kind = "state", .text = stateName(state), .time_ns = session.now()});
+    harness->note({.kind = "state", .text = xr::stateName(state), .time_ns = session.now()});
   }
 }
 

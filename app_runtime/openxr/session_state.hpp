@@ -35,6 +35,4 @@ void checkHarness(Session& session);
 std::shared_ptr<Session> liveSession(XrSession handle);
 void requireAlive(const Session& session);
 
-const char* stateName(XrSessionState state);
-
 }  // namespace sim2vr::openxr

@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "sim2vr/xr/device.hpp"
+#include "sim2vr/xr/state_name.hpp"
 
 namespace sim2vr::xr {
 
@@ -18,27 +19,6 @@ inline std::string quote(std::string_view text) {
 }
 
 inline const char* handName(Hand hand) { return hand == Hand::left ? "left" : "right"; }
-
-inline const char* stateName(XrSessionState state) {
-  switch (state) {
-    case XR_SESSION_STATE_IDLE:
-      return "IDLE";
-    case XR_SESSION_STATE_READY:
-      return "READY";
-    case XR_SESSION_STATE_SYNCHRONIZED:
-      return "SYNCHRONIZED";
-    case XR_SESSION_STATE_VISIBLE:
-      return "VISIBLE";
-    case XR_SESSION_STATE_FOCUSED:
-      return "FOCUSED";
-    case XR_SESSION_STATE_STOPPING:
-      return "STOPPING";
-    case XR_SESSION_STATE_EXITING:
-      return "EXITING";
-    default:
-      return "UNKNOWN";
-  }
-}
 
 inline const char* typeName(XrActionType type) {
   switch (type) {

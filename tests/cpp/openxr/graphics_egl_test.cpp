@@ -116,16 +116,8 @@ class Program {
 
 XrSwapchainCreateInfo swapchain(GLenum format, std::uint32_t width, std::uint32_t height,
                                 std::uint32_t layers = 1, std::uint32_t samples = 1) {
-  auto info = typed<XrSwapchainCreateInfo>(XR_TYPE_SWAPCHAIN_CREATE_INFO);
-  info.usageFlags = XR_SWAPCHAIN_USAGE_COLOR_ATTACHMENT_BIT | XR_SWAPCHAIN_USAGE_SAMPLED_BIT;
-  info.format = format;
-  info.sampleCount = samples;
-  info.width = width;
-  info.height = height;
-  info.faceCount = 1;
-  info.arraySize = layers;
-  info.mipCount = 1;
-  return info;
+  return swapchainInfo(XR_SWAPCHAIN_USAGE_COLOR_ATTACHMENT_BIT, format, width, height, layers,
+                       samples);
 }
 
 class GraphicsEgl : public testing::Test {

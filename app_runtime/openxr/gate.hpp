@@ -9,6 +9,10 @@ namespace sim2vr::openxr {
 /// session stops (quit, or the harness is gone).
 std::optional<Frame> nextFrame(Session& session, Lock& lock);
 
+/// A headless session goes on without frames: it is focused as soon as it runs, and in real time
+/// its devices are there.
+void runHeadless(Session& session);
+
 /// A frame was ended, or discarded (nullptr): the last one of a step answers it in strict lockstep.
 void frameDone(Session& session, const XrFrameEndInfo* info);
 

@@ -182,9 +182,8 @@ std::optional<Frame> nextFrame(Session& session, Lock& lock) {
 }
 
 void runHeadless(Session& session) {
-  if (!session.instance->harness) {
-    track(session, {monotonic_ns() + session.instance->config.period_ns(), standing()});
-  }
+  if (session.instance->harness) return;
+  track(session, {monotonic_ns() + session.instance->config.period_ns(), standing()});
   show(session);
 }
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -47,15 +48,44 @@ PROGRAMS = {
 }
 
 
+LAYER = "XR_APILAYER_LUNARG_core_validation"
+LAYER_FILES = "XrApiLayer_core_validation*.json"
+DEBIAN_LAYERS = Path("/usr/share/openxr/1/api_layers/explicit.d")
+EXPECTED = {
+    "Qt": [
+        # The layer makes another handle of it than the one that it gave to the program: a program
+        # that only creates and destroys a messenger gets the same message.
+        "VUID-xrDestroyDebugUtilsMessengerEXT-messenger-parameter | xrDestroyDebugUtilsMessengerEXT"
+    ]
+}
+"""Errors of the validation layer that are not the runtime's."""
+
+
 def has(module: str) -> bool:
     """Whether the programs' interpreter has a package."""
     asked = subprocess.run([PYTHON, "-c", f"import {module}"], capture_output=True, check=False)
     return asked.returncode == 0
 
 
+def folder_of_layer() -> Path:
+    """The folder with Khronos's validation layer: of pyopenxr, or of Debian."""
+    where = "import xr; print(xr.__path__[0])"
+    asked = subprocess.run([PYTHON, "-c", where], capture_output=True, text=True, check=False)
+    own = Path(asked.stdout.strip(), "api_layer", f"linux_{os.uname().machine}")
+    for folder in (own, DEBIAN_LAYERS):
+        if any(folder.glob(LAYER_FILES)):
+            return folder
+    pytest.skip("no validation layer (apt-get install openxr-layer-corevalidation)")
+
+
 @pytest.fixture(params=PROGRAMS)
-def played(request: pytest.FixtureRequest) -> Played:
-    found = PROGRAMS[request.param]
+def name(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture
+def played(name: str) -> Played:
+    found = PROGRAMS[name]
     try:
         find_runtime()
     except AppRefused as error:
@@ -95,6 +125,22 @@ def test_the_same_round_twice_and_another_one(played: Played) -> None:
         assert (left != right).any()
     with opened(played) as app:
         assert round_of(app) == first
+
+
+def test_the_validation_layer_finds_no_error(
+    name: str, played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    report = tmp_path / "report.txt"
+    monkeypatch.setenv("XR_API_LAYER_PATH", str(folder_of_layer()))
+    monkeypatch.setenv("XR_ENABLE_API_LAYERS", LAYER)
+    monkeypatch.setenv("XR_CORE_VALIDATION_EXPORT_TYPE", "text")
+    monkeypatch.setenv("XR_CORE_VALIDATION_FILE_NAME", str(report))
+    with opened(played) as app:
+        round_of(app)
+    lines = report.read_text()
+    assert "Core Validation Layer is initialized" in lines
+    found = re.findall(r"\[VALID_(?:ERROR|WARNING) \| ([^\]]+)\]", lines)
+    assert found == EXPECTED.get(name, []), lines
 
 
 def test_frames_of_a_step_reach_the_program(played: Played) -> None:

@@ -89,7 +89,7 @@ struct Space final : Object {
   std::shared_ptr<Session> session;
   XrReferenceSpaceType reference = XR_REFERENCE_SPACE_TYPE_STAGE;
   std::shared_ptr<Action> action;  // not null: an action space
-  int hand = 2;  // 0 left, 1 right, 2 whichever the action is bound to, 3 neither
+  int hand = 2;                    // 0 left, 1 right, 2 whichever the action is bound to, 3 neither
   XrPosef offset = xr::kIdentityPose;
 };
 
@@ -139,8 +139,8 @@ struct Session final : Object {
 
   FrameLoop loop;
   StepProgress step;
-  std::array<Picture, 2> pictures;  // of the latest frames, by frame number
-  std::deque<Frame> history;        // devices of the latest frames, newest last
+  std::array<Picture, 2> pictures;       // of the latest frames, by frame number
+  std::deque<Frame> history;             // devices of the latest frames, newest last
   std::int64_t monotonic_offset_ns = 0;  // XrTime - CLOCK_MONOTONIC
   std::optional<XrPosef> stage_T_local;
 

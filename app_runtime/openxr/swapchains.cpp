@@ -34,8 +34,8 @@ void requireSize(const XrSwapchainCreateInfo& info) {
     throw Failure(XR_ERROR_FEATURE_UNSUPPORTED, "createInfo->faceCount is 6: no cube layers");
   }
   within(info.faceCount, 1, "faceCount");
-  const std::uint64_t pixels = static_cast<std::uint64_t>(info.width) * info.height *
-                               info.arraySize * info.sampleCount;
+  const std::uint64_t pixels =
+      static_cast<std::uint64_t>(info.width) * info.height * info.arraySize * info.sampleCount;
   if (pixels > kMaximumPixels) {
     throw Failure(
         XR_ERROR_OUT_OF_MEMORY,

@@ -199,8 +199,8 @@ XrResult XRAPI_CALL createVulkanInstance(XrInstance instance,
                                          const XrVulkanInstanceCreateInfoKHR* info,
                                          VkInstance* made, VkResult* vk_result) {
   constexpr const char* kCall = "xrCreateVulkanInstanceKHR";
-  const XrResult result = creating(
-      kCall, instance, info, XR_TYPE_VULKAN_INSTANCE_CREATE_INFO_KHR, made != nullptr && vk_result != nullptr);
+  const XrResult result = creating(kCall, instance, info, XR_TYPE_VULKAN_INSTANCE_CREATE_INFO_KHR,
+                                   made != nullptr && vk_result != nullptr);
   if (result != XR_SUCCESS) return result;
   return guarded(kCall, [&] {
     const auto create = instanceFunction<PFN_vkCreateInstance>(info->pfnGetInstanceProcAddr,
@@ -228,8 +228,8 @@ VkInstance instanceOf(VkPhysicalDevice device) {
 XrResult XRAPI_CALL createVulkanDevice(XrInstance instance, const XrVulkanDeviceCreateInfoKHR* info,
                                        VkDevice* made, VkResult* vk_result) {
   constexpr const char* kCall = "xrCreateVulkanDeviceKHR";
-  const XrResult result = creating(
-      kCall, instance, info, XR_TYPE_VULKAN_DEVICE_CREATE_INFO_KHR, made != nullptr && vk_result != nullptr);
+  const XrResult result = creating(kCall, instance, info, XR_TYPE_VULKAN_DEVICE_CREATE_INFO_KHR,
+                                   made != nullptr && vk_result != nullptr);
   if (result != XR_SUCCESS) return result;
   const VkInstance owner = info->vulkanPhysicalDevice == VK_NULL_HANDLE
                                ? VK_NULL_HANDLE

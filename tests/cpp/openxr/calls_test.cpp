@@ -298,9 +298,9 @@ TEST_F(Calls, AHeadlessSessionNeedsNoFrames) {
   ASSERT_EQ(XR_CALL(program.instance, xrBeginSession)(program.session, &begin), XR_SUCCESS);
   EXPECT_EQ(program.states().back(), XR_SESSION_STATE_FOCUSED);
   std::uint32_t count = 7;
-  EXPECT_EQ(XR_CALL(program.instance, xrEnumerateSwapchainFormats)(program.session, 0, &count,
-                                                                   nullptr),
-            XR_SUCCESS);
+  EXPECT_EQ(
+      XR_CALL(program.instance, xrEnumerateSwapchainFormats)(program.session, 0, &count, nullptr),
+      XR_SUCCESS);
   EXPECT_EQ(count, 0U);
 }
 

@@ -4,8 +4,8 @@
 X server of its own, whose lock and socket must go, too; each is ended by SIGKILL or SIGTERM at a
 random moment, every second one with its GPU process or the program stopped (it hangs), every third
 one just after one of its app's processes was killed. Prints one JSON row per kill: how long it took
-to end, the processes left 5 s later, and the folders and logs left after the next start. The log of
-an app that was killed is kept on purpose. Ends with status 0 when nothing else was left.
+to end, the processes left 5 s later, and the X sockets, folders and logs left after the next start.
+The log of an app that was killed is kept on purpose. Ends with status 0 when nothing else was left.
 
 Run: sh docs/examples/webxr/engines.sh && python tools/attack/kill_browsers.py --kills 50
      python tools/attack/kill_browsers.py --kills 50 --openxr "hello_xr -g OpenGL"
@@ -28,7 +28,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sim2vr_harness.client.temporary import OUTSIDE_FILE
+from sim2vr_harness.client.temporary import outside_files
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "webxr"
 LONGEST_END_S = 20.0
@@ -91,16 +91,6 @@ def command(program: str, app: App, folder: Path, steps: int) -> list[str]:
     return [*words, "--episodes", "1", "--out", str(folder / "out"), "--overwrite"]
 
 
-def display_files(folder: Path) -> dict[Path, int]:
-    """Locks and sockets of the X servers whose folders are in a temporary folder, with inodes."""
-    found = {}
-    for listed in folder.glob(f"sim2vr-*/*/{OUTSIDE_FILE}"):
-        for file in map(Path, listed.read_text().splitlines()):
-            with suppress(OSError):
-                found[file] = file.lstat().st_ino
-    return found
-
-
 def same_file(file: Path, inode: int) -> bool:
     """Whether a file is there, and not one that another server has made anew."""
     with suppress(OSError):
@@ -153,7 +143,9 @@ def kill(number: int, program: str, app: App, folder: Path) -> bool:
     groups = wait_for_app(harness, folder, app)
     time.sleep(random.uniform(0.0, 4.0))
     of_app = processes(folder, groups)
-    own, displays = processes(None, groups), display_files(folder)
+    own, displays = processes(None, groups), {}
+    for place in folder.glob("sim2vr-*"):
+        displays |= outside_files(place)
     hung = [pid for pid, words in of_app.items() if app.marker in words and pid in own]
     hung = hung if number % 2 == 0 else []
     one = random.sample(sorted(set(of_app) - {harness.pid}), 1) if number % 3 == 0 else []
@@ -170,6 +162,7 @@ def kill(number: int, program: str, app: App, folder: Path) -> bool:
     seconds = time.monotonic() - sent
     time.sleep(5.0)
     left = processes(folder, groups)
+    after_start = [] if left else left_after_a_start(app, folder, failed=bool(one))
     lasting = sorted(str(file) for file, inode in displays.items() if same_file(file, inode))
     row = {
         "kill": number,
@@ -182,7 +175,7 @@ def kill(number: int, program: str, app: App, folder: Path) -> bool:
         "processes_left": [words[:80] for words in left.values()],
         "displays": len(displays),
         "displays_left": lasting,
-        "folders_left": [] if left else left_after_a_start(app, folder, failed=bool(one)),
+        "folders_left": after_start,
     }
     print(json.dumps(row), flush=True)
     harness.kill()

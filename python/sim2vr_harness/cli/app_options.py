@@ -15,15 +15,6 @@ import typer
 
 from sim2vr_harness.base.errors import InputError
 
-__all__ = [
-    "AppArgOption",
-    "app_settings",
-    "as_overrides",
-    "mapped_places",
-    "with_app_options",
-    "with_page_options",
-]
-
 AppOption = Annotated[
     str | None,
     typer.Option(

@@ -16,8 +16,9 @@ from sim2vr_harness.base.errors import InputError, shown, unknown_name
 from sim2vr_harness.cli.app_options import with_app_options
 from sim2vr_harness.cli.options import (
     EnvSetOption,
+    JsonOption,
     TrustOption,
-    known_games,
+    game_option,
     known_users,
     writable_folder,
 )
@@ -27,9 +28,6 @@ if TYPE_CHECKING:
     from sim2vr_harness.games.behaviour import Behaviour
     from sim2vr_harness.human_comparison.report import ComparisonReport
     from sim2vr_harness.human_comparison.sources import Plays, Source
-
-__all__ = ["compare"]
-
 
 _Users = Annotated[
     list[str],
@@ -55,12 +53,7 @@ _People = Annotated[
 ]
 _Game = Annotated[
     str | None,
-    typer.Option(
-        autocompletion=known_games,
-        metavar="NAME",
-        help="The game.",
-        show_default="that of the first user",
-    ),
+    game_option("The game.", "that of the first user"),
 ]
 _Condition = Annotated[
     list[str] | None,
@@ -128,7 +121,7 @@ def compare(
     batch: Annotated[int, typer.Option(help="Rounds played in parallel at most.")] = 10,
     trust_app: TrustOption = False,
     overrides: EnvSetOption = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON, nothing else.")] = False,
+    json: JsonOption = False,
     *,
     remote: dict[str, Any],
 ) -> None:

@@ -35,8 +35,6 @@ from sim2vr_harness.cli.options import print_json
 if TYPE_CHECKING:
     from sim2vr_harness.client import AppTrial
 
-__all__ = ["Check", "check_app", "collect", "run_doctor"]
-
 Status = Literal["ok", "info", "warning", "missing"]
 
 _PROBE_DEADLINE_S = 60.0

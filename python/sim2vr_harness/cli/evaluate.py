@@ -13,6 +13,7 @@ from sim2vr_harness.cli.app_options import as_overrides, with_app_options
 from sim2vr_harness.cli.options import (
     AgainstOption,
     CheckedRun,
+    DeterministicOption,
     EnvSetOption,
     ExpectOption,
     JsonOption,
@@ -29,9 +30,6 @@ from sim2vr_harness.cli.progress import Share
 if TYPE_CHECKING:
     from sim2vr_harness.evaluation.evaluate import Evaluation, Request
     from sim2vr_harness.policies.scripted import StepOutcome
-
-__all__ = ["evaluate"]
-
 
 _Run = Annotated[
     str | None,
@@ -73,14 +71,6 @@ _Seed = Annotated[
         show_default="the run's evaluation.seed: 1 unless set",
     ),
 ]
-_Deterministic = Annotated[
-    bool | None,
-    typer.Option(
-        "--deterministic/--stochastic",
-        help="Take the policy's mean, or sample.",
-        show_default="the user's evaluation.deterministic",
-    ),
-]
 _Record = Annotated[
     bool, typer.Option("--record", help="Film the first round of every condition (MP4).")
 ]
@@ -112,7 +102,7 @@ def evaluate(
     episodes: _Episodes = None,
     people: _People = None,
     seed: _Seed = None,
-    deterministic: _Deterministic = None,
+    deterministic: DeterministicOption = None,
     record: _Record = False,
     log: _Log = False,
     steps: _Steps = True,

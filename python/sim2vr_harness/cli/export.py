@@ -10,8 +10,6 @@ import typer
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.options import writable_folder
 
-__all__ = ["export"]
-
 
 def export(
     folder: Annotated[

@@ -24,30 +24,6 @@ from sim2vr_harness.base.errors import InputError, unknown_name
 if TYPE_CHECKING:
     from sim2vr_harness.evaluation.expectations import Planned, Results
 
-__all__ = [
-    "AgainstOption",
-    "CheckedRun",
-    "ConditionsOption",
-    "EnvSetOption",
-    "ExpectOption",
-    "JsonOption",
-    "JunitOption",
-    "ObjectsOption",
-    "SetOption",
-    "TrustOption",
-    "UserOption",
-    "finite",
-    "known_configs",
-    "known_games",
-    "known_players",
-    "known_users",
-    "print_json",
-    "readable_file",
-    "who_plays",
-    "writable_file",
-    "writable_folder",
-]
-
 
 def known_games(incomplete: str) -> list[str]:
     """Complete the name of a game."""
@@ -72,6 +48,13 @@ def known_players(incomplete: str) -> list[str]:
     """Complete the name of a trained user that ships, or of a baseline."""
     baselines = [name for name in ("still", "random") if name.startswith(incomplete)]
     return [*baselines, *known_users(incomplete)]
+
+
+def game_option(help_: str, default: str | bool = True) -> Any:
+    """Return an option that names a game; ``default`` says which one is meant without it."""
+    return typer.Option(
+        autocompletion=known_games, metavar="NAME", help=help_, show_default=default
+    )
 
 
 SetOption = Annotated[
@@ -102,6 +85,15 @@ UserOption = Annotated[
         help="Who plays: a trained user, or one without training: still, random, 'touch NAME', "
         "'point NAME', 'press NAME by ray', 'grab NAME to NAME2', or a SCRIPT.yaml of such steps. "
         "NAME is an object, or X Y Z in metres.",
+    ),
+]
+
+DeterministicOption = Annotated[
+    bool | None,
+    typer.Option(
+        "--deterministic/--stochastic",
+        help="Take the policy's mean, or sample.",
+        show_default="the user's evaluation.deterministic",
     ),
 ]
 

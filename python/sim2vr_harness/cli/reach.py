@@ -14,7 +14,7 @@ from sim2vr_harness.cli.options import (
     ObjectsOption,
     TrustOption,
     finite,
-    known_games,
+    game_option,
     known_users,
     writable_folder,
 )
@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from sim2vr_harness.tools.reach.measuring import Measured
     from sim2vr_harness.tools.reach.targets import Target
     from sim2vr_harness.users.kinematics.forward import Point
-
-__all__ = ["reach"]
-
 
 _User = Annotated[
     str,
@@ -64,11 +61,7 @@ _Log = Annotated[
 ]
 _Game = Annotated[
     str | None,
-    typer.Option(
-        autocompletion=known_games,
-        metavar="NAME",
-        help="Targets of a game that is run, no one playing.",
-    ),
+    game_option("Targets of a game that is run, no one playing."),
 ]
 _People = Annotated[
     int | None,

@@ -11,13 +11,10 @@ import typer
 from sim2vr_harness.cli.options import (
     EnvSetOption,
     TrustOption,
-    known_games,
+    game_option,
     known_users,
     writable_folder,
 )
-
-__all__ = ["rewards"]
-
 
 _User = Annotated[
     str,
@@ -33,12 +30,7 @@ _Terms = Annotated[
 ]
 _Game = Annotated[
     str | None,
-    typer.Option(
-        autocompletion=known_games,
-        metavar="NAME",
-        help="Another game than that of a body or configuration.",
-        show_default="the user's",
-    ),
+    game_option("Another game than that of a body or configuration.", "the user's"),
 ]
 _Condition = Annotated[
     str | None,

@@ -19,6 +19,7 @@ from sim2vr_harness.cli import motor
 from sim2vr_harness.cli.command import CommandGroup
 from sim2vr_harness.cli.endurance import endurance
 from sim2vr_harness.cli.options import (
+    JsonOption,
     TrustOption,
     finite,
     known_users,
@@ -32,8 +33,6 @@ from sim2vr_harness.evaluation.tables import cell
 if TYPE_CHECKING:
     from sim2vr_harness.policies.store import TrainedUser
     from sim2vr_harness.users import Physique
-
-JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON, nothing else.")]
 
 
 _File = Annotated[

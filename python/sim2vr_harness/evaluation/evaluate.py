@@ -38,8 +38,6 @@ from sim2vr_harness.policies.store import TrainedUser, find_user, require_contra
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.users import PeopleSettings, effort_weight
 
-__all__ = ["Evaluation", "Request", "evaluate", "name_of", "with_people"]
-
 _LONGEST_NAME = 120
 """Of a folder, in characters."""
 

@@ -23,8 +23,6 @@ from sim2vr_harness.runs.config import first_difference
 from sim2vr_harness.runs.run_folder import RunFolder, write_atomically
 from sim2vr_harness.runs.trust import require_trust
 
-__all__ = ["card_measures", "measured_keys", "pack_measured", "seed_keys"]
-
 
 def pack_measured(
     run: str | Path,

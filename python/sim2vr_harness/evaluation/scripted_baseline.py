@@ -44,8 +44,6 @@ from sim2vr_harness.policies.scripted import (
     with_inputs,
 )
 
-__all__ = ["BaselineRun", "evaluate_baseline"]
-
 _PARALLEL = 2
 """Rounds at once."""
 

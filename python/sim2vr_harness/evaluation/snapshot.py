@@ -23,8 +23,6 @@ from sim2vr_harness.policies.scripted import scripted_policy, with_inputs
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import TrainingConfig
 
-__all__ = ["parse_size", "snapshot"]
-
 
 def parse_size(text: str, largest: tuple[int, int] = (1280, 960)) -> tuple[int, int]:
     """Return (width, height) of ``WIDTHxHEIGHT``, 16x16 to ``largest``.

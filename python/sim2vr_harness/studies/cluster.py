@@ -13,8 +13,6 @@ from sim2vr_harness.base.errors import InputError, reason, shown
 from sim2vr_harness.studies.jobs import TRAININGS, CellTask, Task, folder_of, mark_of
 from sim2vr_harness.studies.pool import Done, Work, done_by, play_or_train
 
-__all__ = ["OnRay"]
-
 _ATTEMPTS = 3
 """Of a task whose worker, or machine, is lost."""
 _ANSWER_S = 5.0

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 
-__all__ = ["add_meshes", "put_objects"]
-
 _NAME = "app_mesh_{}"
 _DEGENERATE_M2 = 1e-14
 _GLOW = 0.6

@@ -23,8 +23,6 @@ from sim2vr_harness.world_models.learning_device import LearningDevice
 from sim2vr_harness.world_models.person_features import ImaginedPersons
 from sim2vr_harness.world_models.transitions import Motion, TransitionStore
 
-__all__ = ["BodyModel", "fit_body", "mlp"]
-
 _LIMIT_RAD = 0.02
 """Over which a joint's limit is felt: its sharp stop, as a network can learn it."""
 _BEYOND_RAD, _FASTEST_RADPS = 0.3, 40.0

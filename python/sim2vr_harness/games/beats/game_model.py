@@ -46,8 +46,6 @@ from sim2vr_harness.games.beats.sabers import (
 )
 from sim2vr_harness.games.beats.settings import GameModelSettings, Relaxation
 
-__all__ = ["FIELDS", "ImaginedBeats"]
-
 _HEAD = tuple(f"head.{axis}_m" for axis in "xyz")
 _ROOT = tuple(f"{hand}.root_{axis}_m" for hand in HANDS for axis in "xyz")
 _AXIS = tuple(f"{hand}.axis_{axis}" for hand in HANDS for axis in "xyz")

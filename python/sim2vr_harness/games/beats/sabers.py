@@ -9,8 +9,6 @@ from torch import Tensor
 
 from sim2vr_harness.games.beats.rules import BLADE_FROM_M, BLADE_M
 
-__all__ = ["HANDS", "Blades", "Sabers", "distances", "head_of", "looked_away", "swing"]
-
 HANDS = ("left", "right")
 """In the order of the boxes' hands."""
 _ALONG_M = (-0.15, 0.0, 0.15)

@@ -24,8 +24,6 @@ from sim2vr_harness.games.pointing.rules import (
 from sim2vr_harness.games.pointing.settings import FAILING_BLOCKS, GameModelSettings, Relaxation
 from sim2vr_harness.games.pointing.stylus import Stylus, head_of
 
-__all__ = ["FIELDS", "ImaginedPointing"]
-
 _ROUND = ("round.side_m", "round.height_m", "round.depth_m")
 _TIP = tuple(f"tip.{axis}_m" for axis in "xyz")
 FIELDS = (*_ROUND, *_TIP, "tip.armed")

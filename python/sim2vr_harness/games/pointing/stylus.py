@@ -5,8 +5,6 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-__all__ = ["Stylus", "head_of"]
-
 
 def _to_app(vectors: Tensor) -> Tensor:
     """(..., 3) of MuJoCo's axes (x forward, y left, z up)."""

@@ -11,8 +11,6 @@ import numpy as np
 from sim2vr_harness.client import Measure
 from sim2vr_harness.studies.report.source import PROPORTION, Group
 
-__all__ = ["Summary", "in_words", "known", "summary_of", "with_spread"]
-
 
 @dataclass(frozen=True)
 class Summary:

@@ -18,8 +18,6 @@ from sim2vr_harness.statistics.distances import percentile, standard_deviations
 from sim2vr_harness.studies.report.numbers import in_words, known, summary_of
 from sim2vr_harness.studies.report.source import ReportSource
 
-__all__ = ["people_sentences", "place_among"]
-
 _MOST_GROUPS = 6
 _FATIGUE = "max_fatigued"
 

@@ -13,8 +13,6 @@ from sim2vr_harness.studies.report.numbers import in_words, summary_of
 from sim2vr_harness.studies.report.people import people_sentences
 from sim2vr_harness.studies.report.source import ReportSource
 
-__all__ = ["Sentence", "n_sentence", "sentences_of", "warnings_of"]
-
 _MOST_TESTS = 6
 """Of a kind that have a sentence each; the table of tests has all."""
 _MOST_GROUPS = 6

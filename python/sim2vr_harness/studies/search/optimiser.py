@@ -14,8 +14,6 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.studies.search.config import OptimiseConfig, ParameterConfig, Value
 from sim2vr_harness.studies.search.trials import Trial
 
-__all__ = ["Optimiser"]
-
 _CONSTRAINTS = "constraints"
 
 

@@ -22,8 +22,6 @@ from sim2vr_harness.training.run.callbacks import CheckpointCallback, ProgressCa
 from sim2vr_harness.training.run.progress import TrainingProgress
 from sim2vr_harness.training.run.stage import Callbacks
 
-__all__ = ["PPOStage"]
-
 NOT_EXACT = "--resume starts new rounds, since this app cannot save its state."
 
 

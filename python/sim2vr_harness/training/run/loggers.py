@@ -16,8 +16,6 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder, append_row
 
-__all__ = ["make_logger", "require_wandb", "silent_logger"]
-
 
 def _numbers(values: Mapping[str, Any]) -> dict[str, float]:
     """Return the entries that are numbers, as plain floats."""

@@ -54,8 +54,6 @@ from sim2vr_harness.training.sac.checkpoint import (
     npz,
 )
 
-__all__ = ["SACStage", "checked_arguments"]
-
 _RANGES: dict[str, tuple[float, float]] = {
     "learning_rate": (0.0, 1.0),
     "buffer_size": (1, 1e9),

@@ -14,8 +14,6 @@ from sim2vr_harness.users import Body
 from sim2vr_harness.users.bodies.spec_body import polynomial
 from sim2vr_harness.users.name_errors import unknown_name
 
-__all__ = ["Linkage", "Point"]
-
 FloatArray = NDArray[np.float64]
 
 _EYE = np.eye(3)

@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.users.kinematics.forward import Linkage
 
-__all__ = ["CLOSE_M", "solve"]
-
 FloatArray = NDArray[np.float64]
 
 CLOSE_M = 1e-3

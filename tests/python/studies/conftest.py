@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 import strange_game
+from fake_people import FakePeople
+from fake_simulation import FakeSimulation
 
+from sim2vr_harness.evaluation.evaluate import evaluate
+from sim2vr_harness.studies import worker as work
 from sim2vr_harness.studies.report import write_report
 from sim2vr_harness.studies.report.source import ReportSource, read_source
 
@@ -24,3 +29,17 @@ def source(strange_folder: Path) -> ReportSource:
 @pytest.fixture(scope="module")
 def page(strange_folder: Path) -> str:
     return write_report(strange_folder).page.read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Plays with the stand-in; returns what was played."""
+    played: list[str] = []
+
+    def play(user: str, request: Any) -> Any:
+        played.append(request.conditions[0])
+        fake = FakePeople if request.people else FakeSimulation
+        return evaluate(user, request, simulation=fake)
+
+    monkeypatch.setattr(work, "evaluate", play)
+    return played

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from sim2vr_harness.games.app_axes import head_of
 from sim2vr_harness.games.beats.cuts import (
     CONTACT_MARGIN_M,
     Contact,
@@ -38,7 +39,6 @@ from sim2vr_harness.games.beats.sabers import (
     Blades,
     Sabers,
     distances,
-    head_of,
     looked_away,
     nearest,
     swing,

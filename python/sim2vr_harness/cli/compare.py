@@ -20,6 +20,8 @@ from sim2vr_harness.cli.options import (
     TrustOption,
     game_option,
     known_users,
+    print_json,
+    print_written,
     writable_folder,
 )
 from sim2vr_harness.cli.progress import Share
@@ -267,11 +269,10 @@ def _write(report: ComparisonReport, out: Path, *, figures: bool, every: bool, j
     drawn = draw(report, out) if figures else []
     files += [*drawn, write_page(report, drawn, out / "comparison.html")]
     if json:
-        typer.echo(jsonlib.dumps(as_json(report), indent=1))
+        print_json(as_json(report))
         return
     Console().print(report_tables(report, every=every))
-    for file in files:
-        typer.echo(f"Written: {file}")
+    print_written(files)
 
 
 def _to_play(condition: list[str] | None, group: list[str] | None, game: str) -> list[str] | None:
@@ -410,5 +411,4 @@ def _compare_aimed(
         typer.echo(text)
         return
     Console().print(aimed_tables(report, every=every))
-    for file in files:
-        typer.echo(f"Written: {file}")
+    print_written(files)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
-import json as jsonlib
 import os
 import platform
 import shutil
@@ -424,7 +423,7 @@ def run_doctor(json: bool = False) -> int:
     ok = all(check.status != "missing" for check in checks)
     if json:
         report = {"ok": ok, "checks": [dataclasses.asdict(check) for check in checks]}
-        sys.stdout.write(jsonlib.dumps(report, indent=2) + "\n")
+        print_json(report)
     else:
         _print_table(checks, Console())
     return 0 if ok else 1

@@ -22,6 +22,7 @@ from sim2vr_harness.cli.options import (
     UserOption,
     known_users,
     print_json,
+    print_written,
     who_plays,
     writable_folder,
 )
@@ -167,8 +168,7 @@ def _print(found: Evaluation, request: Request, json: bool, checked: CheckedRun)
         title += f"\nWith {words_of_change(key.strip(), value.strip())}"
     Console().print(results_table(found.summaries, found.facts, title))
     typer.echo(f"Evaluated: {found.checkpoint}")
-    for file in found.files:
-        typer.echo(f"Written: {file}")
+    print_written(found.files)
     return _status(checked, found.summaries)
 
 
@@ -206,8 +206,7 @@ def _evaluate_baseline(user: str, request: Request, json: bool, checked: Checked
         return _status(checked, found.summaries)
     Console().print(results_table(found.summaries, found.facts, f"A user without training: {user}"))
     _print_steps(found.steps)
-    for file in found.files:
-        typer.echo(f"Written: {file}")
+    print_written(found.files)
     return _status(checked, found.summaries)
 
 

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from sim2vr_harness.cli.command import Command
-from sim2vr_harness.cli.options import JsonOption, known_games
+from sim2vr_harness.cli.options import JsonOption, known_games, print_json
 from sim2vr_harness.client import GameFacts, describe_game, list_games, list_options
 
 
@@ -51,7 +51,7 @@ def games(
     facts = [describe_game(each) for each in chosen]
     if json:
         told = [{**asdict(each), "options": _options_of(each.name)} for each in facts]
-        typer.echo(jsonlib.dumps(told, indent=2))
+        print_json(told)
         return
     console = Console()
     for each in facts:

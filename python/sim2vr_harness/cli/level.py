@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as jsonlib
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,6 +13,7 @@ from sim2vr_harness.base.written_values import written_value
 from sim2vr_harness.cli.options import (
     JsonOption,
     game_option,
+    print_json,
     writable_file,
 )
 from sim2vr_harness.client import OptionValue, describe_game, describe_level, list_games
@@ -73,7 +73,7 @@ def level(
     timeline = describe_level(chosen, options, seed)
     written = None if out is None else draw_timeline(timeline, out)
     if json:
-        typer.echo(jsonlib.dumps({"name": timeline.name, **timeline.facts}, indent=2))
+        print_json({"name": timeline.name, **timeline.facts})
         return
     told = ", ".join(f"{label} {value}" for label, value in timeline.facts.items())
     typer.echo(f"{timeline.name}: {told}")

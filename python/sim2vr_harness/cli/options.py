@@ -12,7 +12,7 @@ import re
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -118,9 +118,15 @@ TrustOption = Annotated[
 ]
 
 
-def print_json(content: dict[str, Any]) -> None:
-    """Print one JSON object."""
+def print_json(content: Any) -> None:
+    """Print a JSON object or list."""
     sys.stdout.write(json.dumps(content, indent=2) + "\n")
+
+
+def print_written(files: Iterable[Path]) -> None:
+    """Print the names of written files."""
+    for file in files:
+        typer.echo(f"Written: {file}")
 
 
 def who_plays(run: str | None, user: str | None) -> tuple[str | None, str | None]:

@@ -16,6 +16,7 @@ from sim2vr_harness.cli.options import (
     finite,
     game_option,
     known_users,
+    print_written,
     writable_folder,
 )
 from sim2vr_harness.cli.progress import say
@@ -135,8 +136,7 @@ def _write(found: Measured, out: Path, *, film: bool) -> None:
     from sim2vr_harness.tools.reach.files import write
 
     say("Writing files" + (" and the film" if film else "") + " ...")
-    for file in write(found, out, film=film):
-        typer.echo(f"Written: {file}")
+    print_written(write(found, out, film=film))
 
 
 def _check_together(

@@ -13,6 +13,7 @@ from sim2vr_harness.cli.options import (
     TrustOption,
     game_option,
     known_users,
+    print_written,
     writable_folder,
 )
 
@@ -85,8 +86,7 @@ def rewards(
     _print(header, rows, f"{own.name}: one target, {own.start_m:g} m, {own.seconds:g} s")
     for line in told:
         typer.echo(f"note: {line}")
-    for file in write(found, told, out):
-        typer.echo(f"Written: {file}")
+    print_written(write(found, told, out))
 
 
 def _print(header: Sequence[str], rows: Sequence[Sequence[str]], title: str) -> None:

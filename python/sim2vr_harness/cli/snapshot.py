@@ -14,6 +14,7 @@ from sim2vr_harness.cli.options import (
     UserOption,
     finite,
     game_option,
+    print_written,
     who_plays,
     writable_folder,
 )
@@ -69,5 +70,4 @@ def snapshot(
         overrides=overrides or (),
         trust_app=trust_app,
     )
-    for file in files:
-        typer.echo(f"Written: {file}")
+    print_written(files)

@@ -23,6 +23,7 @@ from sim2vr_harness.cli.options import (
     TrustOption,
     finite,
     known_users,
+    print_json,
     writable_file,
     writable_folder,
 )
@@ -62,7 +63,7 @@ def list_users(json: JsonOption = False) -> None:
 
     cards = list_cards()
     if json:
-        typer.echo(jsonlib.dumps(cards, indent=2))
+        print_json(cards)
         return
     if not cards:
         typer.echo("No trained users are installed.")
@@ -163,7 +164,7 @@ def show(
 
     user = find_user(name if Path(name).exists() else f"pretrained:{name.split(':')[-1]}")
     if json:
-        typer.echo(jsonlib.dumps(user.card, indent=2))
+        print_json(user.card)
         return
     console = Console()
     for heading, lines in _sections(user, name):

@@ -1,4 +1,4 @@
-"""What the stages of Stable-Baselines3's learners have in common: the run's checkpoints."""
+"""Checkpoints of the stages of Stable-Baselines3's learners."""
 
 from __future__ import annotations
 

@@ -12,6 +12,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 from sim2vr_harness.client import GameFacts, Measure
 
+__all__ = ["BodyPainter", "Painter", "Panels", "PlainLooks", "compose", "score_text"]
+
 Picture = NDArray[np.uint8]
 
 PANEL_HEIGHT = 420

@@ -14,6 +14,8 @@ from sim2vr_harness.evaluation.replay.timing import Timing
 from sim2vr_harness.evaluation.scene_images import Painter, score_text
 from sim2vr_harness.evaluation.video import Film
 
+__all__ = ["ReplayFilm", "RoundFilm"]
+
 
 class ReplayFilm:
     """Where the films of replayed rounds go, and what they look like.

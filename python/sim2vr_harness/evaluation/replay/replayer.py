@@ -21,6 +21,8 @@ from sim2vr_harness.evaluation.replay.timing import Timing, spawn_schedule, timi
 from sim2vr_harness.sessions import AppIdentity, Controller, Session, SessionEvent
 from sim2vr_harness.sessions.replay import replay_session
 
+__all__ = ["Replay", "replay", "replay_all", "session_of"]
+
 Watch = Callable[[AppClient, Timing, int, AppReply], None]
 """Called after frame i of the recording (the app, the timing, i, the app's reply)."""
 

@@ -32,6 +32,16 @@ from sim2vr_harness.policies.scripted import scripted_policy, with_inputs
 from sim2vr_harness.policies.store import TrainedUser
 from sim2vr_harness.users import Body
 
+__all__ = [
+    "Counters",
+    "Playlist",
+    "ViewerFrame",
+    "look",
+    "person_show",
+    "recorded_show",
+    "user_show",
+]
+
 HEADSET_SIZE = (240, 160)
 """Of the headset's picture, pixels."""
 _RECORDED_HZ = 20.0
@@ -147,6 +157,7 @@ def user_show(
     seed: int = 1,
     deterministic: bool = False,
     untrained: str | None = None,
+    simulation: Callable[..., Any] | None = None,
 ) -> Playlist:
     """Return a round of a user.
 
@@ -157,9 +168,11 @@ def user_show(
         deterministic: whether actions are the policy's mean.
         untrained: how a body moves that no one trained: one of :data:`scripted.USERS`; None:
             at random, gently.
+        simulation: how to make the user: (EnvConfig, n) -> simulation.
     """
     from sim2vr_harness.envs.simulation import Simulation
 
+    make = simulation or Simulation
     facts = game_facts(env.app)
     name = untrained or "no particular person"
     if user is not None:
@@ -167,11 +180,11 @@ def user_show(
     if user is None and untrained is not None:
         env = with_inputs(env, untrained)
     # The body of a running simulation, drawn shapes included.
-    first = Simulation(env, 1)
+    first = make(env, 1)
     body: Body = first.body
 
     def moments() -> Iterator[ViewerFrame]:
-        with closing(first if not used else Simulation(env, 1)) as users:
+        with closing(first if not used else make(env, 1)) as users:
             used.append(True)
             act = _gentle(users.action_space.shape[0])
             if user is not None:

@@ -13,6 +13,7 @@ import typer
 from rich.console import Console
 
 from sim2vr_harness.base.errors import InputError, shown, unknown_name
+from sim2vr_harness.base.progress import progress_of_part
 from sim2vr_harness.cli.app_options import with_app_options
 from sim2vr_harness.cli.options import (
     EnvSetOption,
@@ -238,10 +239,7 @@ def _compared(
     with Share("Comparing") as share:
         measured_people = read_people(people, behaviour, unconstrained=unconstrained)
         for user in users:
-
-            def show(part: float, done: int = len(sources)) -> None:
-                share.show((done + part) / len(users))
-
+            show = progress_of_part(share.show, len(sources), len(users))
             if not _is_study(user):
                 sources[user] = [read_user(user, behaviour, plays, on_progress=show)]
     for user in users:
@@ -393,10 +391,7 @@ def _compare_aimed(
         recorded = read_aimed_people(people)
         found: list[AimedUser] = []
         for user in users:
-
-            def show(part: float, done: int = len(found)) -> None:
-                share.show((done + part) / len(users))
-
+            show = progress_of_part(share.show, len(found), len(users))
             found.append(read_aimed_user(user, game, plays, on_progress=show))
     names = _names([(user, each.name) for user, each in zip(users, found, strict=True)], told)
     found = [replace(each, name=name) for each, name in zip(found, names, strict=True)]

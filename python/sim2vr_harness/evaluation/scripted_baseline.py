@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.progress import progress_of_part
 from sim2vr_harness.client import (
     Condition,
     GameFacts,
@@ -167,10 +168,6 @@ class _Baseline:
             self._script = _ScriptWatcher(self._facts)
             watchers = [self._script, *watchers]
         for number, (config, conditions) in enumerate(groups):
-
-            def advance(share: float, done: int = number) -> None:
-                on_progress((done + share) / len(groups))
-
             rounds += play(
                 partial(self._make, config),
                 self._policy,
@@ -179,7 +176,7 @@ class _Baseline:
                 deterministic=False,
                 batch=batch_for(config, _PARALLEL if self._script is None else 1),
                 watchers=watchers,
-                on_progress=advance,
+                on_progress=progress_of_part(on_progress, number, len(groups)),
             )
         return rounds if self._script is None else self._script.with_steps(rounds)
 

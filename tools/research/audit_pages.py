@@ -26,13 +26,18 @@ from sim2vr_harness.envs.config import AppConfig, EnvConfig
 LIST = Path(__file__).with_suffix(".yaml")
 ROOT = Path(__file__).parents[2]
 CDN = "https://cdn.jsdelivr.net/npm/"
+HANDS = "https://cdn.aframe.io/controllers/"
+MODELS = [
+    *(f"{HANDS}hands/{side}HandLow.glb" for side in ("left", "right")),
+    *(f"{HANDS}oculus/oculus-touch-controller-gen2-{side}.gltf" for side in ("left", "right")),
+]
+"""Models of hands and controllers, which npm has not: a cube of 10 cm stands in for each."""
 ENGINES = ("three@0.187.0", "aframe@1.8.0", "babylonjs@9.34.0")
 
 
 def environment(row: Mapping[str, Any], folder: Path) -> EnvConfig:
     """Fetch what a page needs, and return it as an app."""
-    files = {address: [part.rpartition("/")[0] or part for part in parts] and parts
-             for address, parts in row.get("files", {}).items()}
+    files: Mapping[str, list[str]] = row.get("files", {})
     addresses = [row["page"], *row.get("loads", [])]
     addresses = [one for one in addresses if "://" in one]
     addresses += [CDN + part for parts in files.values() for part in parts]
@@ -47,6 +52,7 @@ def environment(row: Mapping[str, Any], folder: Path) -> EnvConfig:
         joined = folder / f"{row['name'].replace(' ', '_').replace('/', '_')}_{number}.js"
         joined.write_text(";\n".join(_content(CDN + part, mapped) for part in parts))
         mapped[address] = str(joined)
+    mapped |= dict.fromkeys(MODELS, str(LIST.with_name("audit_hand.gltf")))
     page = row["page"] if "://" in row["page"] else str(ROOT / row["page"])
     return EnvConfig(app=AppConfig(transport="webxr", page=page, map=mapped))
 

@@ -20,6 +20,7 @@ __all__ = ["BUTTONS", "MOVED_M", "Operator", "Way"]
 
 FloatArray = NDArray[np.float64]
 
+OTHERS = "another object changes"
 MOVED_M = 0.02
 """So far something has moved."""
 BUTTONS: Mapping[str, tuple[str, ...]] = {
@@ -77,7 +78,7 @@ class _Effects:
 
     def beyond(self, control: _Effects) -> frozenset[str]:
         """Return what the page did here, and not in the control."""
-        others = {"another object changes"} if self.objects - control.objects else set()
+        others = {OTHERS} if self.objects - control.objects else set()
         return frozenset((self.kinds - control.kinds) | others)
 
 
@@ -105,13 +106,21 @@ class Operator:
         """Things that a hand carried, and how."""
 
     def reaction(self, name: str, way: Way) -> frozenset[str]:
-        """Return what the page does if a thing is operated, and not if the same is done beside."""
+        """Return what the page does if a thing is operated, and not if the same is done beside.
+
+        If only other objects change, the same ones must do so in a second try.
+        """
         done = self._act(name, way)
         if done.carried and len(self.carriers) < 2:
             self.carriers.append((name, way))
         if not done.kinds and not done.objects:
             return frozenset()
-        return done.beyond(self._act(name, way, beside=True))
+        found = done.beyond(self._act(name, way, beside=True))
+        if found != {OTHERS}:
+            return found
+        again = self._act(name, way)
+        again.objects &= done.objects
+        return again.beyond(self._act(name, way, beside=True))
 
     def beside(self, name: str, way: Way) -> frozenset[str]:
         """Return what the page does if the same is done beside the thing."""

@@ -27,7 +27,7 @@ __all__ = ["FoundThing", "find_things", "located", "page_app", "things_as_target
 FloatArray = NDArray[np.float64]
 
 _MOST_TRIED = 160
-_MOST_ROUNDS = 16
+_MOST_ROUNDS = 24
 """A page that was left or died is opened again so often."""
 _AGAIN_S = 1.0
 """How long nothing happens in these rounds."""
@@ -35,6 +35,7 @@ _LARGEST_M = 2.0
 """Half of the size, from which a thing is a room or a ground."""
 _CARRIED_M = 0.02
 LEAVES = "leaves the page"
+_LEFT = ("left its document", "went to another address")
 
 
 @dataclass
@@ -200,7 +201,9 @@ class _Search:
 
 
 def _left(error: BaseException) -> bool:
-    return isinstance(error, AppDied) and "left its document" in str(error)
+    """Whether the page went to another address, and did not break."""
+    said = str(error)
+    return isinstance(error, AppDied) and any(word in said for word in _LEFT)
 
 
 def _named(things: Sequence[Thing], name: str) -> Thing | None:

@@ -21,6 +21,8 @@ __all__ = ["BUTTONS", "MOVED_M", "Operator", "Way"]
 FloatArray = NDArray[np.float64]
 
 OTHERS = "another object changes"
+_OWN = {"hears an event", "changes"}
+"""Reactions of the thing itself."""
 MOVED_M = 0.02
 """So far something has moved."""
 BUTTONS: Mapping[str, tuple[str, ...]] = {
@@ -76,11 +78,6 @@ class _Effects:
     objects: set[int] = field(default_factory=set)
     carried: bool = False
 
-    def beyond(self, control: _Effects) -> frozenset[str]:
-        """Return what the page did here, and not in the control."""
-        others = {OTHERS} if self.objects - control.objects else set()
-        return frozenset((self.kinds - control.kinds) | others)
-
 
 class Operator:
     """Operates things of a page.
@@ -102,30 +99,35 @@ class Operator:
     ) -> None:
         self._app, self._hands = app, hands
         self._restless, self._text_rests = restless, text_rests
+        self._strays: set[int] = set()
         self.carriers: list[tuple[str, Way]] = []
         """Things that a hand carried, and how."""
 
     def reaction(self, name: str, way: Way) -> frozenset[str]:
         """Return what the page does if a thing is operated, and not if the same is done beside.
 
-        If only other objects change, the same ones must do so in a second try.
+        Other objects that changed beside anything do not count. What the thing itself does not show
+        must happen in a second try, too.
         """
         done = self._act(name, way)
         if done.carried and len(self.carriers) < 2:
             self.carriers.append((name, way))
         if not done.kinds and not done.objects:
             return frozenset()
-        found = done.beyond(self._act(name, way, beside=True))
-        if found != {OTHERS}:
+        found = self._beyond_control(done, name, way)
+        if not found or found & _OWN:
             return found
-        again = self._act(name, way)
-        again.objects &= done.objects
-        return again.beyond(self._act(name, way, beside=True))
+        return found & self._beyond_control(self._act(name, way), name, way)
+
+    def _beyond_control(self, done: _Effects, name: str, way: Way) -> frozenset[str]:
+        control = self._act(name, way, beside=True)
+        self._strays |= control.objects
+        others = {OTHERS} if done.objects - self._strays else set()
+        return frozenset((done.kinds - control.kinds) | others)
 
     def beside(self, name: str, way: Way) -> frozenset[str]:
         """Return what the page does if the same is done beside the thing."""
-        done = self._act(name, way, beside=True)
-        return frozenset(done.kinds)
+        return frozenset(self._act(name, way, beside=True).kinds)
 
     def _act(self, name: str, way: Way, *, beside: bool = False) -> _Effects:
         hands, effects = self._hands, _Effects()

@@ -29,6 +29,8 @@ FloatArray = NDArray[np.float64]
 _MOST_TRIED = 160
 _MOST_ROUNDS = 24
 """A page that was left or died is opened again so often."""
+_MOST_AGAIN = 4
+"""A thing that looks different is operated again so often."""
 _AGAIN_S = 1.0
 """How long nothing happens in these rounds."""
 _LARGEST_M = 2.0
@@ -111,6 +113,8 @@ class _Search:
         self._env, self._stack = env, stack
         self._rounds = 0
         self._hands: PageHands | None = None
+        self._looks: dict[str, int | None] = {}
+        self._again: dict[str, int] = {}
         tracks = self._open(seconds)
         self.found = {track.name: track.found() for track in tracks}
 
@@ -125,11 +129,15 @@ class _Search:
         names = frozenset(track.name for track in watched.tracks if track.changes)
         restless = frozenset(watched.restless) | names
         self._app, self._hands = app, hands
+        self._restless = restless
         self._operator = Operator(app, hands, restless, text_rests=watched.text_rests)
         return watched.tracks
 
     def operate_all(self) -> None:
-        """Operate each thing with the right hand, and those that did not react with the left."""
+        """Operate each thing with the right hand, and those that did not react with the left.
+
+        What appears is operated next, and what looks different is operated again.
+        """
         first = sorted(self.found.values(), key=lambda thing: not thing.listens)
         queue = deque((thing.name, "right") for thing in first)
         for _ in range(_MOST_TRIED):
@@ -143,6 +151,29 @@ class _Search:
             for new in self._appeared(name):
                 self.found[new.name] = new
                 queue.appendleft((new.name, "right"))
+            queue.extendleft((each, side) for each in self._changed(thing))
+
+    def _changed(self, tried: FoundThing) -> list[str]:
+        """Return what looks otherwise than when it was operated, such as a key that is lit now.
+
+        Operating it may bring on what has not reacted yet.
+        """
+        now = {each.name: each.state for each in self._app.things()}
+        self._looks[tried.name] = now.get(tried.name)
+        if not tried.reacts or all(each.reacts for each in self.found.values() if each.listens):
+            return []
+        others = [
+            name
+            for name, looks in self._looks.items()
+            if name != tried.name
+            and self.found[name].listens
+            and name not in self._restless
+            and looks != now.get(name, looks)
+            and self._again.get(name, 0) < _MOST_AGAIN
+        ]
+        for name in others:
+            self._again[name] = self._again.get(name, 0) + 1
+        return others
 
     def _appeared(self, after: str) -> list[FoundThing]:
         now = [each for each in self._app.things() if each.name not in self.found]
@@ -153,19 +184,21 @@ class _Search:
         return found
 
     def _operate(self, thing: FoundThing, side: str) -> None:
+        for way in [thing.way] if thing.way is not None else self._ways(thing, side):
+            if signs := self._reaction(thing.name, way):
+                thing.how, thing.way = way.how, way
+                thing.signs = tuple(sorted({*thing.signs, *signs}))
+                return
+
+    def _ways(self, thing: FoundThing, side: str) -> list[Way]:
+        """Return how a thing may be operated, the likeliest first."""
         assert self._hands is not None
-        gaze = thing.how == "look" or [*self._hands.rays] == ["head"]
-        ways: Sequence[How] = ("touch", "point")
-        if gaze:
-            ways = ("look",)
-        elif thing.listens and thing.how != "touch":
-            ways = ("point", "touch")
-        for how in ways:
-            for button in ("trigger",) if gaze else BUTTONS:
-                way = Way(how, side, button)
-                if signs := self._reaction(thing.name, way):
-                    thing.how, thing.way, thing.signs = how, way, tuple(sorted(signs))
-                    return
+        if thing.how == "look" or [*self._hands.rays] == ["head"]:
+            return [Way("look", side, "trigger")]
+        hows: Sequence[How] = ("touch", "point")
+        if thing.listens and thing.how != "touch":
+            hows = ("point", "touch")
+        return [Way(how, side, button) for how in hows for button in BUTTONS]
 
     def _reaction(self, name: str, way: Way) -> frozenset[str]:
         try:

@@ -115,7 +115,10 @@ class PageHands:
                 self.rays[side] = best[0], best[1]
 
     def _note(
-        self, known: list[tuple[FloatArray, FloatArray, int, int]], begin: FloatArray, along: FloatArray
+        self,
+        known: list[tuple[FloatArray, FloatArray, int, int]],
+        begin: FloatArray,
+        along: FloatArray,
     ) -> None:
         for k, (first, way, count, posture) in enumerate(known):
             near = np.linalg.norm(first - begin) < _SAME_M and np.linalg.norm(way - along) < _SAME

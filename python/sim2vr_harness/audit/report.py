@@ -15,9 +15,9 @@ import numpy as np
 
 from sim2vr_harness.audit.film import worst_case, write_film
 from sim2vr_harness.audit.judging import MODELS
+from sim2vr_harness.audit.labels import labels_of
 from sim2vr_harness.audit.population import FEWEST
 from sim2vr_harness.audit.remedies import GOAL
-from sim2vr_harness.audit.labels import labels_of
 from sim2vr_harness.audit.summary import EVERYONE, Audit, plain
 from sim2vr_harness.client import AppRefused
 from sim2vr_harness.client.webxr.printing import print_page

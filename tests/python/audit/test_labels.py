@@ -36,5 +36,7 @@ def test_no_labels_overlap(view: tuple[float, float]) -> None:
 
 def test_a_camera_in_front_sees_right_and_up() -> None:
     places = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    assert screen(places, -90.0, 0.0) == pytest.approx(np.array([[1, 0], [0, 1], [0, 0]]), abs=1e-12)
+    assert screen(places, -90.0, 0.0) == pytest.approx(
+        np.array([[1, 0], [0, 1], [0, 0]]), abs=1e-12
+    )
     assert screen(places, 0.0, 0.0)[2] == pytest.approx([1.0, 0.0])

@@ -45,8 +45,8 @@ class PageHands:
     Attributes:
         place: Of each controller, m.
         pulses: Vibrations so far.
-        rays: By which the page points with each device, in the device's frame: origin and direction;
-            without one, the one of WebXR.
+        rays: By which the page points with each device, in the device's frame: origin and
+            direction; without one, the one of WebXR.
     """
 
     def __init__(self, app: WebXRApp, seed: int = 1, rays: dict[str, Ray] | None = None) -> None:

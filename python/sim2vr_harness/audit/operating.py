@@ -21,8 +21,9 @@ __all__ = ["BUTTONS", "MOVED_M", "Operator", "Way"]
 FloatArray = NDArray[np.float64]
 
 OTHERS = "another object changes"
-_OWN = {"hears an event", "changes"}
-"""Reactions of the thing itself."""
+APPEARS = "another object appears"
+_OWN = {"hears an event", "changes", APPEARS}
+"""Reactions of the thing itself, and one that cannot come twice."""
 MOVED_M = 0.02
 """So far something has moved."""
 BUTTONS: Mapping[str, tuple[str, ...]] = {
@@ -68,6 +69,7 @@ class _Moment:
     thing: Thing | None
     signs: Signs
     pulses: int
+    names: frozenset[str]
 
 
 @dataclass
@@ -193,7 +195,7 @@ class Operator:
         return name not in self._restless and bool(np.linalg.norm(gap) > _CARRIED_M)
 
     def carried_to(self, carrier: str, way: Way, name: str) -> frozenset[str]:
-        """Return what a thing does if another one is carried to it and let go, and not beside it."""
+        """Return what a thing does if another one is let go there, and not beside it."""
         done = self._carry(carrier, way, name, beside=False)
         if not done.kinds:
             return frozenset()
@@ -223,7 +225,7 @@ class Operator:
         hands.rest()
         hands.step(3)
         self._add(effects, before, self._moment(name))
-        effects.kinds -= {"vibrates", "sounds", "the page's text changes"}
+        effects.kinds &= {"hears an event", "changes"}
         return effects
 
     def _offset(self, thing: Thing, how: How) -> FloatArray:
@@ -257,7 +259,9 @@ class Operator:
         return float(angle - np.arctan2(half, np.linalg.norm(second)))
 
     def _moment(self, name: str) -> _Moment:
-        return _Moment(self._named(name), self._app.signs(), self._hands.pulses)
+        things = {each.name: each for each in self._app.things()}
+        pulses = self._hands.pulses
+        return _Moment(things.get(name), self._app.signs(), pulses, frozenset(things))
 
     def _named(self, name: str) -> Thing | None:
         return next((each for each in self._app.things() if each.name == name), None)
@@ -267,6 +271,7 @@ class Operator:
         tests: Sequence[tuple[str, Callable[[], bool]]] = (
             ("hears an event", lambda: _events(now) > _events(before)),
             ("changes", lambda: self._differs(before.thing, now.thing)),
+            (APPEARS, lambda: bool(now.names - before.names)),
             ("vibrates", lambda: now.pulses > before.pulses),
             ("sounds", lambda: now.signs.sounds > before.signs.sounds),
             (

@@ -32,6 +32,7 @@ MODELS = [
     *(f"{HANDS}oculus/oculus-touch-controller-gen2-{side}.gltf" for side in ("left", "right")),
 ]
 """Models of hands and controllers, which npm has not: a cube of 10 cm stands in for each."""
+PATIENT: dict[str, Any] = {"timeout_s": 120.0, "start_timeout_s": 300.0}
 ENGINES = ("three@0.187.0", "aframe@1.8.0", "babylonjs@9.34.0")
 
 
@@ -54,7 +55,7 @@ def environment(row: Mapping[str, Any], folder: Path) -> EnvConfig:
         mapped[address] = str(joined)
     mapped |= dict.fromkeys(MODELS, str(LIST.with_name("audit_hand.gltf")))
     page = row["page"] if "://" in row["page"] else str(ROOT / row["page"])
-    return EnvConfig(app=AppConfig(transport="webxr", page=page, map=mapped))
+    return EnvConfig(app=AppConfig(transport="webxr", page=page, map=mapped, **PATIENT))
 
 
 def _content(address: str, mapped: Mapping[str, str]) -> str:

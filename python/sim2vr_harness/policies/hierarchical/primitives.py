@@ -66,9 +66,7 @@ class Manner:
     by_hand: bool = False
 
 
-PERSONS = Manner(
-    push_mps=3.0, swing_mps=2.0, run_up_m=0.2, slowest=0.15, lift_m=0.05, by_hand=True
-)
+PERSONS = Manner(push_mps=3.0, swing_mps=2.0, run_up_m=0.2, slowest=0.15, lift_m=0.05, by_hand=True)
 """How persons do (docs/concepts/people.md)."""
 _ABOVE_M = 0.01
 """A hand that is no farther beside its place does not stay before it any more."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -157,7 +158,8 @@ class _Strikes:
         rngs = [np.random.default_rng(int(s)) for s in self._rng.integers(2**31, size=self._n)]
         middle = self._bodies.body.joint_ranges.mean(1)
         self._bodies.users.reset(np.arange(self._n), rngs, [middle] * self._n, who)
-        self._layer = PersonLayer(policy, self._n, lambda: policy.persons.of(self._bodies), seed)  # type: ignore[arg-type]
+        bodies: Any = self._bodies
+        self._layer = PersonLayer(policy, self._n, lambda: policy.persons.of(bodies), seed)
         tool = torch.tensor(_TIP_M).expand(len(policy.hands), 2, 3)
         poses = reachable_poses(self._layer, seed)
         self._primitives = PrimitiveController(self._layer, tool, poses, manner=PERSONS)

@@ -194,7 +194,7 @@ def measure(
 ) -> None:
     """Measure a motor layer: end points, speeds, effort and Fitts' law.
 
-    With --people, a population aims at targets of nine indices of difficulty, and pushes.
+    With --people, a population reaches at nine indices of difficulty, and pushes.
 
     Examples:
         sim2vr-harness users motor measure mobl_arms_wrist

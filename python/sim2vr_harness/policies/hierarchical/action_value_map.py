@@ -63,8 +63,12 @@ class ActionValueMap(nn.Module):
             tips: (N, H, 3).
             velocities: (N, H, 3) m/s.
         """
-        n, rows, columns = len(pictures), self.sight.rows, self.sight.columns
-        x = self.stem(pictures.float() / 127.5 - 1.0)[:, :, :rows, :columns]
+        return self.values(*self.inputs(pictures, places, head, tips, velocities))
+
+    def inputs(
+        self, pictures: Tensor, places: Tensor, head: Tensor, tips: Tensor, velocities: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Return what the layers of any network of this geometry take; see :meth:`forward`."""
         from_head = places - head[:, :, None, None]
         maps = [from_head]
         for hand in range(self.hands):
@@ -72,10 +76,16 @@ class ActionValueMap(nn.Module):
             maps += [from_tip, from_tip.norm(dim=1, keepdim=True)]
         fine, coarse = torch.cat(maps, 1) / _UNIT_M, from_head / _FAR_UNIT_M
         geometry = torch.cat([fine, coarse], 1).clamp(-3.0, 3.0)
+        hands = [(tips - head[:, None]) / _UNIT_M, velocities / _UNIT_MPS]
+        return pictures.float().div_(127.5).sub_(1.0), geometry, torch.cat(hands, -1).flatten(1)
+
+    def values(self, pictures: Tensor, geometry: Tensor, hands: Tensor) -> Tensor:
+        """Return what :meth:`forward` does, for :meth:`inputs`."""
+        rows, columns = self.sight.rows, self.sight.columns
+        x = self.stem(pictures)[:, :, :rows, :columns]
         x = functional.silu(self.enter(torch.cat([x, geometry], 1)))
-        told = torch.cat([(tips - head[:, None]) / _UNIT_M, velocities / _UNIT_MPS], -1).flatten(1)
-        common = self.common(torch.cat([x.mean((2, 3)), told], 1))
+        common = self.common(torch.cat([x.mean((2, 3)), hands], 1))
         x = functional.silu(self.spread(x) + x + common[:, :, None, None])
-        moves = self.leave(x).reshape(n, self.hands, -1)
-        rest = self.rest(functional.silu(common)).reshape(n, self.hands, -1)
+        moves = self.leave(x).reshape(len(x), self.hands, -1)
+        rest = self.rest(functional.silu(common)).reshape(len(x), self.hands, -1)
         return torch.cat([moves, rest], -1)

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from statistics import median
 
 import torch
 
-__all__ = ["torch_threads"]
+__all__ = ["FastestThreads", "torch_threads"]
+
+_TRIALS = 3
+"""Pieces of work that are timed with each number of threads."""
 
 
 @contextmanager
@@ -23,3 +28,43 @@ def torch_threads(count: int) -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
+
+
+class FastestThreads:
+    """Finds the number of torch's threads by timing the first pieces of the work itself.
+
+    Candidates take turns, so that all of them meet the same neighbours. How many threads are fastest
+    depends on what else the machine does: measure anew from time to time.
+
+    Args:
+        counts: candidates, at least one; results must not depend on which of them is used.
+        clock: returns s.
+    """
+
+    def __init__(
+        self, counts: Sequence[int], clock: Callable[[], float] = time.perf_counter
+    ) -> None:
+        self._counts, self._clock = tuple(counts), clock
+        self.measure()
+
+    def measure(self) -> None:
+        """Forget what was found; the next turns are timed again."""
+        self._seconds: dict[int, list[float]] = {count: [] for count in self._counts}
+
+    @property
+    def best(self) -> int:
+        """The fastest candidate so far, by the median; the first one before anything is timed."""
+        timed = {count: median(each) for count, each in self._seconds.items() if each}
+        return min(timed, key=lambda count: timed[count]) if timed else self._counts[0]
+
+    @contextmanager
+    def turn(self) -> Iterator[int]:
+        """Use a candidate that has to be timed still, or the best one, within the block."""
+        due = min(self._counts, key=lambda count: len(self._seconds[count]))
+        measures = len(self._counts) > 1 and len(self._seconds[due]) < _TRIALS
+        count = due if measures else self.best
+        with torch_threads(count):
+            began = self._clock() if measures else 0.0
+            yield count
+            if measures:
+                self._seconds[count].append(self._clock() - began)

@@ -35,7 +35,7 @@ from sim2vr_harness.training.replay import ReplayStore
 
 __all__ = ["OptionQLearning", "OptionScene", "QLearningReport"]
 
-STATE_FORMAT = 2
+STATE_FORMAT = 3
 _GAMMA = 0.85
 """Discount factor per decision: rewards follow within about 7 decisions."""
 _LEARNING_RATE = 1e-3
@@ -116,7 +116,7 @@ class OptionQLearning:
         """What rewards are divided by."""
         n, hands = self.n, self.hands
         shapes: dict[str, tuple[tuple[int, ...], Any]] = {
-            "pictures": ((n, 8, vision.height, vision.width), np.uint8),
+            "pictures": ((n, vision.height, vision.width, 8), np.uint8),
             "head": ((n, 3), np.float32),
             "turned": ((n, 9), np.float32),
             "tips": ((n, hands, 3), np.float32),
@@ -250,6 +250,7 @@ class OptionQLearning:
         scene = self._selector.scene()
         chosen = self._decide(scene, explore)
         seen = {name: getattr(scene, name)[None] for name in _SCENE}
+        seen["pictures"] = seen["pictures"].transpose(0, 1, 3, 4, 2)
         self._memory.append({**seen, "chosen": chosen[None]})
         updates = 0
         if self.step_count >= self.config.try_steps:
@@ -375,7 +376,7 @@ class OptionQLearning:
         for parameter, *shares in zip(
             self.net.parameters(), *(grads for _, grads in found), strict=True
         ):
-            parameter.grad = sum(shares[1:], shares[0])
+            parameter.grad = sum(shares[1:], shares[0]).contiguous()
         nn.utils.clip_grad_norm_(self.net.parameters(), 5.0)
         self._optimizer.step()
         with torch.no_grad():
@@ -422,7 +423,8 @@ class OptionQLearning:
 
     def _scene(self, rows: NDArray[np.int64], users: NDArray[np.int64]) -> OptionScene:
         """What was seen in decisions (K,) of users (K,)."""
-        return OptionScene(*(self._memory.read(name, rows, users) for name in _SCENE))
+        pictures, *others = (self._memory.read(name, rows, users) for name in _SCENE)
+        return OptionScene(pictures.transpose(0, 3, 1, 2), *others)
 
     @staticmethod
     def _worth(values: Tensor, chosen: Tensor) -> Tensor:

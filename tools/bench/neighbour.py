@@ -70,7 +70,7 @@ def _row(name: str, trainer: ModelBasedTrainer, busy: int, updates: int, turns: 
         quiet = _turn(trainer, updates)
         with _busy(busy):
             pairs.append((*quiet, *_turn(trainer, updates)))
-    wall, cpu, wall_beside, cpu_beside = (median(each) for each in zip(*pairs, strict=True))
+    wall, wall_beside = (median(pair[k] for pair in pairs) for k in (0, 2))
     ratio, of_cpu = (median(pair[k + 2] / pair[k] for pair in pairs) for k in (0, 1))
     seconds = f"{wall / updates:8.3f} s{wall_beside / updates:8.3f} s"
     return f"{name:12}{seconds}{ratio:8.2f}{of_cpu:20.2f}"

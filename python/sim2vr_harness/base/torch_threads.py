@@ -33,8 +33,8 @@ def torch_threads(count: int) -> Iterator[None]:
 class FastestThreads:
     """Finds the number of torch's threads by timing the first pieces of the work itself.
 
-    Candidates take turns, so that all of them meet the same neighbours. How many threads are fastest
-    depends on what else the machine does: measure anew from time to time.
+    Candidates take turns, so that all of them meet the same neighbours. How many threads are
+    fastest depends on what else the machine does: measure anew from time to time.
 
     Args:
         counts: candidates, at least one; results must not depend on which of them is used.

@@ -14,6 +14,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
+from sim2vr_harness.base.torch_threads import FastestThreads
 from sim2vr_harness.users import Body
 from sim2vr_harness.users.kinematics.forward_torch import Chains
 from sim2vr_harness.world_models.actuator_state import ActuatorState
@@ -333,6 +334,7 @@ def fit_body(
     batch_size: int = 1024,
     held_out: int = 4096,
     device: LearningDevice | None = None,
+    threads: FastestThreads | None = None,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> dict[str, float]:
     """Fit a body model to user steps; the learning rate rises and falls once.
@@ -345,6 +347,7 @@ def fit_body(
         batch_size: steps in a minibatch.
         held_out: at most so many, and at most a tenth, are not learned from.
         device: where the model and the steps are; None: the CPU.
+        threads: finds how many of torch's threads a minibatch is computed by; None: all.
         on_progress: called with the share of the minibatches that is done.
 
     Returns:
@@ -373,10 +376,12 @@ def fit_body(
         nn.utils.clip_grad_norm_(learned, 5.0)
 
     minibatch = device.window(set_gradients, [])
+    threads = threads or FastestThreads([torch.get_num_threads()])
     for done in range(minibatches):
         on_progress(done / minibatches)
-        minibatch()
-        optimizer.step()
+        with threads.turn():
+            minibatch()
+            optimizer.step()
         schedule.step()
     for parameter in learned:
         parameter.requires_grad_(False)

@@ -141,12 +141,14 @@ class ModelBasedTrainer(Generic[AnyTask]):
             self.body.scale_by(self._seen[0])
             self.users.rest_as(self._seen[0].before.drives)
             self.task.calibrate(self._seen[0])
+        self._threads.measure()
         fit = fit_body(
             self.body,
             self._to_fit(),
             minibatches=config.first_fit_minibatches if first else config.fit_minibatches,
             learning_rate=4e-3 if first else 1.5e-3,
             device=self._device,
+            threads=self._threads,
             on_progress=lambda share: on_progress(
                 "fitting the body model", _PLAYED + share * (_FITTED - _PLAYED)
             ),

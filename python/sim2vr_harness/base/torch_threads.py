@@ -13,6 +13,8 @@ __all__ = ["FastestThreads", "torch_threads"]
 
 _TRIALS = 3
 """Pieces of work that are timed with each number of threads."""
+_HOPELESS = 1.5
+"""How many times as long as another's a candidate's fastest piece takes that is not timed again."""
 
 
 @contextmanager
@@ -60,7 +62,7 @@ class FastestThreads:
     @contextmanager
     def turn(self) -> Iterator[int]:
         """Use a candidate that has to be timed still, or the best one, within the block."""
-        due = min(self._counts, key=lambda count: len(self._seconds[count]))
+        due = min(filter(self._promises, self._counts), key=lambda n: len(self._seconds[n]))
         measures = len(self._counts) > 1 and len(self._seconds[due]) < _TRIALS
         count = due if measures else self.best
         with torch_threads(count):
@@ -68,3 +70,8 @@ class FastestThreads:
             yield count
             if measures:
                 self._seconds[count].append(self._clock() - began)
+
+    def _promises(self, count: int) -> bool:
+        """Whether a candidate may still be the fastest."""
+        fastest = {n: min(each) for n, each in self._seconds.items() if each}
+        return fastest.get(count, 0.0) <= _HOPELESS * min(fastest.values(), default=0.0)

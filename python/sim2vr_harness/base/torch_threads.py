@@ -9,8 +9,6 @@ from statistics import median
 
 import torch
 
-__all__ = ["FastestThreads", "torch_threads"]
-
 _TRIALS = 3
 """Pieces of work that are timed with each number of threads."""
 _HOPELESS = 1.5

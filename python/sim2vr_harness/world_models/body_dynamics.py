@@ -348,9 +348,8 @@ def fit_body(
 
     Returns:
         ``speed``: root mean square error of the speeds after a step, in units of their change's
-        spread; ``drives``: mean absolute error of the drives; ``place_m``: mean error of the
-        devices' places after a step; ``moved_m``: how far they moved on average. Of held out
-        steps, and of the devices that move.
+        spread; ``drives``: mean absolute error of the drives; ``place_m``: mean error of devices'
+        places after a step; ``moved_m``: their mean way. Of held out steps and moving devices.
     """
     order = torch.randperm(len(steps))
     aside = min(_MOST_HELD_OUT, len(steps) // 10)
@@ -358,9 +357,7 @@ def fit_body(
     learned = nn.ParameterList(body.learned()).requires_grad_(True)
     device = device or LearningDevice("cpu")
     optimizer = torch.optim.Adam(learned, lr=learning_rate, fused=device.is_gpu or None)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimizer, learning_rate, total_steps=minibatches, pct_start=0.1
-    )
+    schedule = _schedule(optimizer, learning_rate, minibatches)
 
     def set_gradients() -> None:
         loss = body.loss(steps.rows(known[torch.randint(len(known), (batch_size,))]))
@@ -378,6 +375,14 @@ def fit_body(
         schedule.step()
     learned.requires_grad_(False)
     return _measure(body, test)
+
+
+def _schedule(
+    optimizer: torch.optim.Optimizer, highest: float, minibatches: int
+) -> torch.optim.lr_scheduler.OneCycleLR:
+    return torch.optim.lr_scheduler.OneCycleLR(
+        optimizer, highest, total_steps=minibatches, pct_start=0.1
+    )
 
 
 def _measure(body: BodyModel, test: TransitionStore) -> dict[str, float]:

@@ -351,9 +351,8 @@ def fit_body(
         spread; ``drives``: mean absolute error of the drives; ``place_m``: mean error of devices'
         places after a step; ``moved_m``: their mean way. Of held out steps and moving devices.
     """
-    order = torch.randperm(len(steps))
     aside = min(_MOST_HELD_OUT, len(steps) // 10)
-    test, known = steps.rows(order[:aside]), order[aside:]
+    test, known = torch.randperm(len(steps)).tensor_split([aside])
     learned = nn.ParameterList(body.learned()).requires_grad_(True)
     device = device or LearningDevice("cpu")
     optimizer = torch.optim.Adam(learned, lr=learning_rate, fused=device.is_gpu or None)
@@ -374,7 +373,7 @@ def fit_body(
             optimizer.step()
         schedule.step()
     learned.requires_grad_(False)
-    return _measure(body, test)
+    return _measure(body, steps.rows(test))
 
 
 def _schedule(

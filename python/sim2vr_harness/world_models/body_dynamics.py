@@ -14,6 +14,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
+from sim2vr_harness.base.torch_threads import FastestThreads
 from sim2vr_harness.users import Body
 from sim2vr_harness.users.kinematics.forward_torch import Chains
 from sim2vr_harness.world_models.actuator_state import ActuatorState
@@ -331,6 +332,7 @@ def fit_body(
     learning_rate: float,
     batch_size: int = 1024,
     device: LearningDevice | None = None,
+    threads: FastestThreads | None = None,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> dict[str, float]:
     """Fit a body model to user steps; the learning rate rises and falls once.
@@ -342,22 +344,19 @@ def fit_body(
         learning_rate: the highest.
         batch_size: steps in a minibatch.
         device: where the model and the steps are; None: the CPU.
+        threads: finds how many of torch's threads a minibatch is computed by; None: all.
 
     Returns:
         ``speed``: root mean square error of the speeds after a step, in units of their change's
-        spread; ``drives``: mean absolute error of the drives; ``place_m``: mean error of the
-        devices' places after a step; ``moved_m``: how far they moved on average. Of held out
-        steps, and of the devices that move.
+        spread; ``drives``: mean absolute error of the drives; ``place_m``: mean error of devices'
+        places after a step; ``moved_m``: their mean way. Of held out steps and moving devices.
     """
-    order = torch.randperm(len(steps))
     aside = min(_MOST_HELD_OUT, len(steps) // 10)
-    test, known = steps.rows(order[:aside]), order[aside:]
+    test, known = torch.randperm(len(steps)).tensor_split([aside])
     learned = nn.ParameterList(body.learned()).requires_grad_(True)
     device = device or LearningDevice("cpu")
     optimizer = torch.optim.Adam(learned, lr=learning_rate, fused=device.is_gpu or None)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimizer, learning_rate, total_steps=minibatches, pct_start=0.1
-    )
+    schedule = _schedule(optimizer, learning_rate, minibatches)
 
     def set_gradients() -> None:
         loss = body.loss(steps.rows(known[torch.randint(len(known), (batch_size,))]))
@@ -366,13 +365,23 @@ def fit_body(
         nn.utils.clip_grad_norm_(learned, 5.0)
 
     minibatch = device.window(set_gradients, [])
+    threads = threads or FastestThreads([torch.get_num_threads()])
     for done in range(minibatches):
         on_progress(done / minibatches)
-        minibatch()
-        optimizer.step()
+        with threads.turn():
+            minibatch()
+            optimizer.step()
         schedule.step()
     learned.requires_grad_(False)
-    return _measure(body, test)
+    return _measure(body, steps.rows(test))
+
+
+def _schedule(
+    optimizer: torch.optim.Optimizer, highest: float, minibatches: int
+) -> torch.optim.lr_scheduler.OneCycleLR:
+    return torch.optim.lr_scheduler.OneCycleLR(
+        optimizer, highest, total_steps=minibatches, pct_start=0.1
+    )
 
 
 def _measure(body: BodyModel, test: TransitionStore) -> dict[str, float]:

@@ -91,10 +91,15 @@ class ActionSelector:
 
     def values(self, net: ActionValueMap, scene: OptionScene, places: Tensor) -> Tensor:
         """(N, H, choices) what a network says that choices are worth."""
-        known = (scene.head, scene.tips, scene.velocities)
-        parts = (torch.from_numpy(part) for part in known)
-        values: Tensor = net(torch.from_numpy(scene.pictures), places, *parts)
-        return values
+        return net.values(*self.inputs(net, scene, places))
+
+    def inputs(
+        self, net: ActionValueMap, scene: OptionScene, places: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Return what a network's layers take, the same for all networks."""
+        known = (scene.pictures, scene.head, scene.tips, scene.velocities)
+        pictures, *parts = (torch.from_numpy(part) for part in known)
+        return net.inputs(pictures, places, *parts)
 
     def choose_best(self, net: ActionValueMap, choice: OptionChoice, hold: int = 0) -> None:
         """Put into effect what a network says is worth most now, for every user.

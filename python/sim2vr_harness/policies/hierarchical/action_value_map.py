@@ -63,19 +63,38 @@ class ActionValueMap(nn.Module):
             tips: (N, H, 3).
             velocities: (N, H, 3) m/s.
         """
-        n, rows, columns = len(pictures), self.sight.rows, self.sight.columns
-        x = self.stem(pictures.float() / 127.5 - 1.0)[:, :, :rows, :columns]
+        return self.values(*self.inputs(pictures, places, head, tips, velocities))
+
+    def inputs(
+        self, pictures: Tensor, places: Tensor, head: Tensor, tips: Tensor, velocities: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Return what the layers of any network of this geometry take; see :meth:`forward`.
+
+        Pictures are channels last, which halves the processor time of the gradients of the
+        convolutions.
+        """
         from_head = places - head[:, :, None, None]
         maps = [from_head]
         for hand in range(self.hands):
             from_tip = places - tips[:, hand, :, None, None]
-            maps += [from_tip, from_tip.norm(dim=1, keepdim=True)]
+            # torch's norm of three numbers takes fifty times as long.
+            maps += [from_tip, from_tip.square().sum(1, keepdim=True).sqrt()]
         fine, coarse = torch.cat(maps, 1) / _UNIT_M, from_head / _FAR_UNIT_M
-        geometry = torch.cat([fine, coarse], 1).clamp(-3.0, 3.0)
+        geometry = torch.cat([fine, coarse], 1).clamp_(-3.0, 3.0)
+        hands = [(tips - head[:, None]) / _UNIT_M, velocities / _UNIT_MPS]
+        pictures, geometry = (
+            each.contiguous(memory_format=torch.channels_last) for each in (pictures, geometry)
+        )
+        seen = pictures.float().div_(127.5).sub_(1.0)
+        return seen, geometry, torch.cat(hands, -1).flatten(1)
+
+    def values(self, pictures: Tensor, geometry: Tensor, hands: Tensor) -> Tensor:
+        """Return what :meth:`forward` does, for :meth:`inputs`."""
+        rows, columns = self.sight.rows, self.sight.columns
+        x = self.stem(pictures)[:, :, :rows, :columns]
         x = functional.silu(self.enter(torch.cat([x, geometry], 1)))
-        told = torch.cat([(tips - head[:, None]) / _UNIT_M, velocities / _UNIT_MPS], -1).flatten(1)
-        common = self.common(torch.cat([x.mean((2, 3)), told], 1))
+        common = self.common(torch.cat([x.mean((2, 3)), hands], 1))
         x = functional.silu(self.spread(x) + x + common[:, :, None, None])
-        moves = self.leave(x).reshape(n, self.hands, -1)
-        rest = self.rest(functional.silu(common)).reshape(n, self.hands, -1)
+        moves = self.leave(x).reshape(len(x), self.hands, -1)
+        rest = self.rest(functional.silu(common)).reshape(len(x), self.hands, -1)
         return torch.cat([moves, rest], -1)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import reduce
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -58,14 +61,11 @@ class DepthGrid:
             turned: (N, 3, 3) its rotation: x forward, y left, z up.
         """
         rows, columns = self.rows, self.columns
-        nearest = self._pixels(depth)
-        # Of equally near pixels the one next to the middle.
-        order = torch.tensor(_MIDDLE_FIRST)
-        seen, which = nearest[..., order].min(-1)
-        pixel = order[which]
+        nearest = self._nearest(depth)
+        pixel = torch.tensor(_MIDDLE_FIRST)[(nearest & 15).long()]
         row = torch.arange(rows)[:, None] * CELL_PX + pixel // CELL_PX
         column = torch.arange(columns)[None, :] * CELL_PX + pixel % CELL_PX
-        far = _metres(seen.float())
+        far = _metres((nearest >> 4).float())
         ray = torch.stack([torch.ones_like(far), self._left[row, column], self._up[row, column]], 1)
         local = ray * far[:, None]
         placed: Tensor = torch.einsum("nij,njrc->nirc", turned, local) + head[:, :, None, None]
@@ -99,15 +99,26 @@ class DepthGrid:
 
         There is nothing to be done with an empty sky.
         """
-        there: Tensor = self._pixels(depth).amin(-1).flatten(1) < _NOTHING
+        there: Tensor = (self._nearest(depth) >> 4).flatten(1) < _NOTHING
         return there
 
-    def _pixels(self, depth: Tensor) -> Tensor:
-        """(N, rows, columns, pixels of a cell)."""
-        rows, columns = self.rows, self.columns
-        cut = depth[:, : rows * CELL_PX, : columns * CELL_PX]
-        blocks = cut.reshape(-1, rows, CELL_PX, columns, CELL_PX).transpose(2, 3)
-        return blocks.reshape(-1, rows, columns, CELL_PX * CELL_PX)
+    def _nearest(self, depth: Tensor) -> Tensor:
+        """(N, rows, columns) of cells: 16 times the least depth, and which pixel has it.
+
+        Pixels are numbered as in ``_MIDDLE_FIRST``: of equally near ones the one next to the
+        middle. Minima of whole rows and columns are ten times as fast as those of blocks.
+        """
+        number = torch.empty(CELL_PX * CELL_PX, dtype=torch.int16)
+        number[torch.tensor(_MIDDLE_FIRST)] = torch.arange(CELL_PX * CELL_PX, dtype=torch.int16)
+        cut = depth[:, : self.rows * CELL_PX, : self.columns * CELL_PX].to(torch.int16)
+        ranked = cut * 16 + number.reshape(CELL_PX, CELL_PX).repeat(self.rows, self.columns)
+        lines = _least([ranked[:, k::CELL_PX] for k in range(CELL_PX)])
+        return _least([lines[..., k::CELL_PX] for k in range(CELL_PX)])
+
+
+def _least(parts: Sequence[Tensor]) -> Tensor:
+    """Return the least values of tensors of one shape."""
+    return reduce(torch.minimum, parts)
 
 
 def _metres(depth: Tensor) -> Tensor:

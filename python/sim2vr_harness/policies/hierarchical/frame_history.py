@@ -53,10 +53,9 @@ class FrameHistory:
             self._ring.push(np.stack([self._one_eye(self._apps[i].image) for i in rows]), ids)
 
     def observe(self) -> NDArray[np.uint8]:
-        """(N, 8, H, W) red, green, blue and depth as seen now, and 0.2 s before."""
+        """(N, 8, H, W) red, green, blue and depth as seen now, and 0.2 s before; channels last."""
         now, before = self._ring.ago(self._late), self._ring.ago(self._late + self.before)
-        both = np.concatenate([now, before], axis=3).transpose(0, 3, 1, 2)
-        return np.ascontiguousarray(both)
+        return np.concatenate([now, before], axis=3).transpose(0, 3, 1, 2)
 
     def get_state(self, i: int) -> dict[str, Any]:
         """User i's past."""

@@ -120,15 +120,18 @@ class _Reach:
         self._near = cKDTree(self._points)
         self._beside = cKDTree(self._points * self._scale)
 
-    def distance(self, wanted: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(K,) how far places (K, 3) are from all that can be reached."""
-        away: NDArray[np.float64] = self._near.query(wanted)[0]
-        return away
+    def within(self, wanted: NDArray[np.float64], radius_m: float) -> NDArray[np.bool_]:
+        """(K,) which places (K, 3) are nearer than that to one that can be reached.
+
+        A search that ends at the radius takes an eighth of one for the distance.
+        """
+        away: NDArray[np.float64] = self._near.query(wanted, distance_upper_bound=radius_m)[0]
+        return away < radius_m
 
     def nearest(self, wanted: NDArray[np.float64]) -> NDArray[np.float64]:
         """(K, 3) these places, or where what is beyond reach is waited for."""
         _, instead = self._beside.query(wanted * self._scale)
-        reached = (self.distance(wanted) < _REACHED_M)[:, None]
+        reached = self.within(wanted, _REACHED_M)[:, None]
         return np.where(reached, wanted, self._points[instead])
 
 
@@ -224,10 +227,11 @@ class PrimitiveController:
         tip, middle = (reach.nearest(wanted) for reach in self._reach[hand])
         return torch.from_numpy(np.where(swings.numpy()[:, None], middle, tip)).float()
 
-    def distance(self, hand: int, places: Tensor) -> Tensor:
-        """(K,) how far places (K, 3) are from what the hand's tip has been seen to reach, m."""
-        away = self._reach[hand][0].distance(places.numpy().astype(np.float64))
-        return torch.from_numpy(away).float()
+    def near(self, places: Tensor, radius_m: float) -> NDArray[np.bool_]:
+        """(K,) which places (K, 3) lie nearer than that to what a hand's tip can reach."""
+        wanted = places.numpy().astype(np.float64)
+        each = [tip.within(wanted, radius_m) for tip, _ in self._reach]
+        return np.logical_or.reduce(each)
 
     def tips(self, place: Tensor, soon: Tensor) -> tuple[Tensor, Tensor]:
         """(N, H, 3) where tips are, m, and how they move, m/s.

@@ -8,6 +8,7 @@ from typing import Any, Generic, TypeVar
 import torch
 from torch import Tensor, nn
 
+from sim2vr_harness.base.torch_threads import FastestThreads, torch_threads
 from sim2vr_harness.runs.checkpoint import read_header, state_header
 from sim2vr_harness.runs.teacher_config import ImaginedConfig
 from sim2vr_harness.training.model_based.collector import collect
@@ -30,6 +31,9 @@ _ERROR_SHARE = 0.3
 count as knowledge."""
 _BEYOND_COST = 0.01
 """Of means beyond the actions' range, squared."""
+_MOST_THREADS = 2
+"""Torch's threads. With one or two the bits are the same, with three they are not; and half of an
+update's time is starting operations, which more threads do not shorten."""
 _STATISTICS_STARTS = 8
 """Starts of all imagined users that the statistics of observations are from."""
 
@@ -78,6 +82,7 @@ class ModelBasedTrainer(Generic[AnyTask]):
         with self._device.active(self.task.policy):
             self._average = WeightAverage(task.actor, config.average_updates)
         self._window = self._device.window(self._imagined_window, [self.users, *task.parts])
+        self._threads = FastestThreads(range(1, _most_threads() + 1))
         self._seen: list[TransitionStore] = []
         self._pool: TransitionStore | None = None
         self._random_state = self._device.random_state()
@@ -112,7 +117,7 @@ class ModelBasedTrainer(Generic[AnyTask]):
         with self._average.in_place():
             self._seen.append(self._collect(on_progress).to(self.device))
             self._keep_best()
-        with self._device.active(self.task.policy):
+        with self._device.active(self.task.policy), torch_threads(_most_threads()):
             place_error_m = self._learn(on_progress)
         self.cycle += 1
         rates = self.task.success_rates
@@ -134,12 +139,14 @@ class ModelBasedTrainer(Generic[AnyTask]):
             self.body.scale_by(self._seen[0])
             self.users.rest_as(self._seen[0].before.drives)
             self.task.calibrate(self._seen[0])
+        self._threads.measure()
         fit = fit_body(
             self.body,
             self._to_fit(),
             minibatches=config.first_fit_minibatches if first else config.fit_minibatches,
             learning_rate=4e-3 if first else 1.5e-3,
             device=self._device,
+            threads=self._threads,
             on_progress=lambda share: on_progress(
                 "fitting the body model", _PLAYED + share * (_FITTED - _PLAYED)
             ),
@@ -148,10 +155,12 @@ class ModelBasedTrainer(Generic[AnyTask]):
         if first:
             self._first_starts()
         self._window.forget()  # delays, noise and costs are those of the next cycle
+        self._threads.measure()
         for update in range(config.updates):
             share = update / config.updates
             on_progress("imagined rollouts", _FITTED + (1.0 - _FITTED) * share)
-            self._update()
+            with self._threads.turn():
+                self._update()
         return fit["place_m"]
 
     def _collect(self, on_progress: OnProgress) -> TransitionStore:
@@ -356,6 +365,10 @@ class ModelBasedTrainer(Generic[AnyTask]):
             self._seen = [TransitionStore.of(self._device.moved(each)) for each in state["seen"]]
             self.users.rest_as(self._seen[0].before.drives)
             self.task.load_state_dict(self._device.moved(state))
+
+
+def _most_threads() -> int:
+    return min(_MOST_THREADS, torch.get_num_threads())
 
 
 def _of_motor_policies(state: Mapping[str, Any]) -> dict[str, Any]:

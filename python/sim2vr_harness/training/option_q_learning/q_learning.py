@@ -35,7 +35,7 @@ from sim2vr_harness.training.replay import ReplayStore
 
 __all__ = ["OptionQLearning", "OptionScene", "QLearningReport"]
 
-STATE_FORMAT = 2
+STATE_FORMAT = 3
 _GAMMA = 0.85
 """Discount factor per decision: rewards follow within about 7 decisions."""
 _LEARNING_RATE = 1e-3
@@ -65,7 +65,7 @@ _SETTLED_RATE, _SETTLED_TRIES = 0.05, 0.25
 """Factors on learning rate and random tries at the very end."""
 _COLOURS = 8
 _TRUSTED_PERCENTILE = 99.0
-_NEAR_M, _REACHED_M = 1.2, 0.06
+_NEAR_M, _REACHED_M, _TRIED_M = 1.2, 0.06, 0.1
 _PARTS = 2
 """Parts of a batch, whose gradients are computed in parallel."""
 _TIMED = 3
@@ -116,7 +116,7 @@ class OptionQLearning:
         """What rewards are divided by."""
         n, hands = self.n, self.hands
         shapes: dict[str, tuple[tuple[int, ...], Any]] = {
-            "pictures": ((n, 8, vision.height, vision.width), np.uint8),
+            "pictures": ((n, vision.height, vision.width, 8), np.uint8),
             "head": ((n, 3), np.float32),
             "turned": ((n, 9), np.float32),
             "tips": ((n, hands, 3), np.float32),
@@ -203,11 +203,9 @@ class OptionQLearning:
         colour = self._colours_of(scene)[users]
         rare = 1.0 / (0.002 + self._colours[colour] / self._colours.sum())
         flat = places[users].flatten(2).transpose(1, 2).reshape(-1, 3)
-        reach = np.minimum.reduce(
-            [self.primitives.distance(hand, flat).numpy() for hand in range(self.hands)]
-        ).reshape(len(users), -1)
+        reach = self.primitives.near(flat, _TRIED_M).reshape(len(users), -1)
         there = np.where(self._selector.something(scene).numpy()[users], 1.0, 1e-9)
-        near = _spread(there * np.where(reach < 0.1, 1.0, 0.03), rare)
+        near = _spread(there * np.where(reach, 1.0, 0.03), rare)
         return near, _spread(there, rare) if "point" in self.primitives.options.placed else near
 
     def _note_colours(self, scene: OptionScene) -> None:
@@ -252,6 +250,7 @@ class OptionQLearning:
         scene = self._selector.scene()
         chosen = self._decide(scene, explore)
         seen = {name: getattr(scene, name)[None] for name in _SCENE}
+        seen["pictures"] = seen["pictures"].transpose(0, 1, 3, 4, 2)
         self._memory.append({**seen, "chosen": chosen[None]})
         updates = 0
         if self.step_count >= self.config.try_steps:
@@ -377,7 +376,7 @@ class OptionQLearning:
         for parameter, *shares in zip(
             self.net.parameters(), *(grads for _, grads in found), strict=True
         ):
-            parameter.grad = sum(shares[1:], shares[0])
+            parameter.grad = sum(shares[1:], shares[0]).contiguous()
         nn.utils.clip_grad_norm_(self.net.parameters(), 5.0)
         self._optimizer.step()
         with torch.no_grad():
@@ -411,9 +410,9 @@ class OptionQLearning:
             weight = np.where(over, 0.0, weight * _GAMMA).astype(np.float32)
         then = self._scene(rows + N_STEP, users)
         with torch.no_grad():
-            places = self._selector.places(then)
-            best = self._selector.best(self._selector.values(self.net, then, places), then)
-            worth = self._worth(self._selector.values(self._slow, then, places), best)
+            seen = self._selector.inputs(self.net, then, self._selector.places(then))
+            best = self._selector.best(self.net.values(*seen), then)
+            worth = self._worth(self._slow.values(*seen), best)
             wanted = torch.from_numpy(total) + torch.from_numpy(weight) * worth
         scene = self._scene(rows, users)
         chosen = torch.from_numpy(memory.read("chosen", rows, users))
@@ -424,7 +423,8 @@ class OptionQLearning:
 
     def _scene(self, rows: NDArray[np.int64], users: NDArray[np.int64]) -> OptionScene:
         """What was seen in decisions (K,) of users (K,)."""
-        return OptionScene(*(self._memory.read(name, rows, users) for name in _SCENE))
+        pictures, *others = (self._memory.read(name, rows, users) for name in _SCENE)
+        return OptionScene(pictures.transpose(0, 3, 1, 2), *others)
 
     @staticmethod
     def _worth(values: Tensor, chosen: Tensor) -> Tensor:
@@ -438,10 +438,7 @@ class OptionQLearning:
         flat = places.flatten(2).transpose(1, 2).reshape(-1, 3)
         head = torch.from_numpy(scene.head).repeat_interleave(self._selector.sight.cells, 0)
         near = flat[(flat - head).norm(dim=1) < _NEAR_M]
-        within = 0.0
-        if len(near):
-            away = [self.primitives.distance(hand, near).numpy() for hand in range(self.hands)]
-            within = float((np.minimum.reduce(away) < _REACHED_M).mean())
+        within = float(self.primitives.near(near, _REACHED_M).mean()) if len(near) else 0.0
         known = self._memory.read("reward", np.arange(self._memory.count))
         return float((known > 0.0).mean()), within
 

@@ -19,10 +19,11 @@ from sim2vr_harness.client import OptionValue
 from sim2vr_harness.evaluation.replay.film import ReplayFilm
 from sim2vr_harness.evaluation.replay.recordings import GAME, Event, Recording, read_events
 from sim2vr_harness.evaluation.replay.timing import Timing, spawn_schedule, timing_of
-from sim2vr_harness.sessions import AppIdentity, Controller, Session, SessionEvent
+from sim2vr_harness.sessions import AppIdentity, Controller, Session
 from sim2vr_harness.sessions.replay import replay_session
 
 __all__ = ["Replay", "replay", "replay_all", "session_of"]
+
 
 @dataclass(frozen=True)
 class Replay:
@@ -100,10 +101,7 @@ def session_of(
         head=recording.head[frames],
         left=left,
         right=right,
-        events=tuple(
-            SessionEvent(round(event.time_s * 1e9), f"target_{event.kind}", _event_data(event))
-            for event in recording.events
-        ),
+        events=tuple(event.session_event for event in recording.events),
         app=AppIdentity(
             "game", GAME, recording.condition, _options(recording, timing, closed_loop)
         ),
@@ -112,11 +110,6 @@ def session_of(
         source="packed round",
         person=recording.person or "",
     )
-
-
-def _event_data(event: Event) -> dict[str, Any]:
-    data: dict[str, Any] = {"target_id": event.target, "grid_id": event.cell}
-    return data if event.velocity_mps is None else {**data, "velocity": list(event.velocity_mps)}
 
 
 def _options(recording: Recording, timing: Timing, closed_loop: bool) -> dict[str, OptionValue]:

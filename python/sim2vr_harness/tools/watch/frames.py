@@ -5,21 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import (
     AppClient,
-    AppReply,
     AppScene,
     DevicePoses,
     GameFacts,
     InProcessApp,
-    describe_game,
     frame_time_ns,
 )
 from sim2vr_harness.envs.config import EnvConfig

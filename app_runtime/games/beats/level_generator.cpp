@@ -146,10 +146,9 @@ class Composer {
   /// Back the way the blade came, or 45 degrees beside that: most often up and down, seldom level.
   CutDirection chooseSongCut(const HandState& hand) {
     using enum CutDirection;
-    constexpr std::array kWeighted{kUp,     kUp,     kUp,       kUp,        kDown,
-                                   kDown,   kDown,   kDown,     kUpLeft,    kUpRight,
-                                   kUpLeft, kUpRight, kDownLeft, kDownRight, kDownLeft,
-                                   kDownRight, kLeft, kRight};
+    constexpr std::array kWeighted{kUp,       kUp,        kUp,       kUp,        kDown,   kDown,
+                                   kDown,     kDown,      kUpLeft,   kUpRight,   kUpLeft, kUpRight,
+                                   kDownLeft, kDownRight, kDownLeft, kDownRight, kLeft,   kRight};
     const Eigen::Vector2d back = -directionVector(hand.last);
     std::vector<CutDirection> fitting;
     for (const CutDirection candidate : kWeighted) {

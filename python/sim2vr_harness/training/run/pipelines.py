@@ -139,7 +139,7 @@ def _adapt(run: Run) -> list[Stage]:
 
     def begin(policy: nn.Module) -> None:
         user.load(policy)
-        if noise != user.config.policy.log_std_init:  # another one was asked for
+        if noise != user.config.policy.log_std_init:  # the run has another one
             nn.init.constant_(cast(nn.Parameter, policy.log_std), noise)
 
     return [_from_pixels(run, title, begin)]

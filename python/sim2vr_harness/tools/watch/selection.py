@@ -16,7 +16,7 @@ from sim2vr_harness.tools.users import environment_of
 from sim2vr_harness.tools.watch.frames import Playlist, person_show, user_show
 from sim2vr_harness.tools.watch.sessions import session_show
 
-__all__ = ["choose"]
+__all__ = ["choose", "recorded_show"]
 
 
 def choose(
@@ -58,7 +58,7 @@ def choose(
         raise InputError("--user", repr(untrained), "--page or --openxr with it")
     if run is not None and _recorded(Path(run)):
         _refuse_with_recording(person, game, condition)
-        return _recorded_round(Path(run))
+        return recorded_show(Path(run))
     who = run or "mobl_arms_wrist"
     env = _environment(who, game, condition, overrides, trust_app=trust_app)
     if person:
@@ -70,8 +70,12 @@ def choose(
     return user_show(user, env, seed=seed, deterministic=bool(deterministic))
 
 
-def _recorded_round(path: Path) -> Playlist:
-    """A recorded round of Whac-A-Mole, played again by its poses: head and hands, no body."""
+def recorded_show(path: Path) -> Playlist:
+    """Return a recorded round of Whac-A-Mole, played again by its poses: no body.
+
+    Raises:
+        InputError: there is no such recording, or several.
+    """
     recordings = read_recordings([path])
     if len(recordings) != 1:
         names = ", ".join(recording.name for recording in recordings[:5])

@@ -12,16 +12,6 @@ from PIL import Image, ImageDraw, ImageFont
 
 from sim2vr_harness.client import AppClient, GameFacts, Measure
 
-__all__ = [
-    "BodyPainter",
-    "Painter",
-    "Panels",
-    "PlainLooks",
-    "compose",
-    "headset_view",
-    "score_text",
-]
-
 Picture = NDArray[np.uint8]
 
 PANEL_HEIGHT = 420

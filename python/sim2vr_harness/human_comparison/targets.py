@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.sessions import SessionEvent
 
-__all__ = ["Targets", "ending", "targets_of"]
-
 FloatArray = NDArray[np.float64]
 
 _KINDS = {

@@ -25,18 +25,6 @@ from sim2vr_harness.sessions.session import (
 )
 from sim2vr_harness.sessions.state_log import read_lines, read_state_log
 
-__all__ = [
-    "DIGITS",
-    "event_text",
-    "logged_events",
-    "logged_options",
-    "numbered_events",
-    "read_log",
-    "rounding_s",
-    "times_of_log",
-    "write_log",
-]
-
 _OPTIONS = ", game options "
 _TITLE_LINES = 3
 DIGITS = 7

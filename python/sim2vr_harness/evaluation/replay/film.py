@@ -13,8 +13,6 @@ from sim2vr_harness.evaluation.scene_images import Painter, headset_view, score_
 from sim2vr_harness.evaluation.video import Film
 from sim2vr_harness.sessions import Session
 
-__all__ = ["ReplayFilm", "RoundFilm"]
-
 _COUNTDOWN_NS = 500_000_000
 """A longer first frame is the time before play; the film begins behind it."""
 

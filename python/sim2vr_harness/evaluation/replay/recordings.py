@@ -26,8 +26,6 @@ from sim2vr_harness.sessions import SessionEvent
 from sim2vr_harness.sessions.logs import event_text, logged_options, numbered_events
 from sim2vr_harness.sessions.state_log import read_lines, read_state_log
 
-__all__ = ["GAME", "Event", "Recording", "read_events", "read_recordings"]
-
 GAME = "whacamole"
 """Whose rounds were recorded."""
 

@@ -22,8 +22,6 @@ from sim2vr_harness.evaluation.replay.timing import Timing, spawn_schedule, timi
 from sim2vr_harness.sessions import AppIdentity, Controller, Session
 from sim2vr_harness.sessions.replay import replay_session
 
-__all__ = ["Replay", "replay", "replay_all", "session_of"]
-
 
 @dataclass(frozen=True)
 class Replay:

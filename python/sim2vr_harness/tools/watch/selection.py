@@ -16,8 +16,6 @@ from sim2vr_harness.tools.users import environment_of
 from sim2vr_harness.tools.watch.frames import Playlist, person_show, user_show
 from sim2vr_harness.tools.watch.sessions import session_show
 
-__all__ = ["choose", "recorded_show"]
-
 
 def choose(
     run: str | None,

@@ -14,13 +14,12 @@ namespace sim2vr::games::beats {
 namespace {
 
 constexpr double kBeatsPerMinute = 100.0;
-/// Boxes and mines come on half beats.
-constexpr double kSlot_s = 30.0 / kBeatsPerMinute;
 constexpr double kFirst_s = 2.0;
 /// Nothing comes in the last second.
 constexpr double kEnding_s = 1.0;
-/// Between two boxes of one hand at least.
+/// Between two boxes of one hand at least; of a song.
 constexpr double kHandGap_s = 0.55;
+constexpr double kSongHandGap_s = 0.38;
 /// Boxes appear so far away, unless that is sooner or later than kSoonest_s and kLatest_s.
 constexpr double kSight_m = 14.0;
 constexpr double kSoonest_s = 1.0;
@@ -44,9 +43,13 @@ class Composer {
       : settings_(settings), random_(seed) {
     level_.name = "generated " + std::to_string(seed);
     level_.length_s = settings.seconds;
-    level_.beats_per_minute = kBeatsPerMinute;
+    level_.beats_per_minute = song_ ? random_.range(8, 16) * 10.0 : kBeatsPerMinute;
+    slot_s_ = 30.0 / level_.beats_per_minute;
     level_.speed_mps = settings.speed_mps;
-    level_.approach_s = std::clamp(kSight_m / settings.speed_mps, kSoonest_s, kLatest_s);
+    if (settings.speed_spread_mps > 0.0) {
+      level_.speed_mps += settings.speed_spread_mps * random_.range(-8, 9) / 8.0;
+    }
+    level_.approach_s = std::clamp(kSight_m / level_.speed_mps, kSoonest_s, kLatest_s);
   }
 
   Level compose() {
@@ -55,10 +58,10 @@ class Composer {
     const int slots = slotBefore(settings_.seconds - kEnding_s);
     double due = 0.0;
     for (int slot = firstSlot(); slot <= slots; ++slot) {
-      due = std::min(due + settings_.boxes_per_second * kSlot_s, kMostDue);
+      due = std::min(due + settings_.boxes_per_second * slot_s_, kMostDue);
       const double patience = 0.25 * random_.range(0, 4);
       if (due < 1.0 + patience * kPlay) continue;
-      due -= static_cast<double>(addBoxes(slot * kSlot_s));
+      due -= static_cast<double>(addBoxes(slot * slot_s_));
     }
     addMines();
     level_.hash = contentHash(level_);
@@ -71,20 +74,21 @@ class Composer {
   /// How far boxes stray from their even spacing.
   static constexpr double kPlay = 0.8;
 
-  static int firstSlot() { return static_cast<int>(std::ceil(kFirst_s / kSlot_s)); }
-  static int slotBefore(double time_s) { return static_cast<int>(std::floor(time_s / kSlot_s)); }
+  int firstSlot() const { return static_cast<int>(std::ceil(kFirst_s / slot_s_)); }
+  int slotBefore(double time_s) const { return static_cast<int>(std::floor(time_s / slot_s_)); }
 
   /// Returns how many there are.
   std::size_t addBoxes(double time_s) {
     const std::size_t before = level_.boxes.size();
     const bool together = settings_.pattern == "together" ||
-                          (settings_.pattern == "mixed" && random_.range(0, 5) == 0);
+                          (settings_.pattern == "mixed" && random_.range(0, 5) == 0) ||
+                          (song_ && random_.range(0, 3) == 0);
     if (together && isFree(left_, time_s) && isFree(right_, time_s)) {
       addBox(left_, time_s, true);
       addBox(right_, time_s, true);
       return level_.boxes.size() - before;
     }
-    const bool again = settings_.pattern == "mixed" && random_.range(0, 5) == 0;
+    const bool again = (song_ || settings_.pattern == "mixed") && random_.range(0, 5) == 0;
     HandState& next = (last_ == Hand::kLeft) == again ? left_ : right_;
     HandState& other = &next == &left_ ? right_ : left_;
     for (HandState* hand : {&next, &other}) {
@@ -96,7 +100,7 @@ class Composer {
   }
 
   bool isFree(const HandState& hand, double time_s) const {
-    if (time_s - hand.last_s < kHandGap_s) return false;
+    if (time_s - hand.last_s < (song_ ? kSongHandGap_s : kHandGap_s)) return false;
     const double inner = hand.hand == Hand::kLeft ? 1.0 : 2.0;
     // The lowest row is free wherever any is.
     return !isBehindWall(level_.walls, time_s, inner, 0.0);
@@ -106,13 +110,19 @@ class Composer {
     Box box;
     box.time_s = time_s;
     box.hand = hand.hand;
-    box.cut = chooseCut(hand, together);
-    choosePlace(hand, time_s);
+    box.cut = song_ ? chooseSongCut(hand) : chooseCut(hand, together);
+    if (song_) {
+      chooseSongPlace(hand, time_s, together);
+    } else {
+      choosePlace(hand, time_s);
+    }
     box.column = hand.column;
     box.row = hand.row;
     hand.last = box.cut;
     hand.last_s = time_s;
-    if (settings_.pattern == "any") box.cut = CutDirection::kAny;
+    if (settings_.pattern == "any" || (song_ && random_.range(0, 20) == 0)) {
+      box.cut = CutDirection::kAny;
+    }
     last_ = hand.hand;
     level_.boxes.push_back(box);
   }
@@ -133,6 +143,34 @@ class Composer {
     return fitting[static_cast<std::size_t>(random_.range(0, static_cast<int>(fitting.size())))];
   }
 
+  /// Back the way the blade came, or 45 degrees beside that: most often up and down, seldom level.
+  CutDirection chooseSongCut(const HandState& hand) {
+    using enum CutDirection;
+    constexpr std::array kWeighted{kUp,       kUp,        kUp,       kUp,        kDown,   kDown,
+                                   kDown,     kDown,      kUpLeft,   kUpRight,   kUpLeft, kUpRight,
+                                   kDownLeft, kDownRight, kDownLeft, kDownRight, kLeft,   kRight};
+    const Eigen::Vector2d back = -directionVector(hand.last);
+    std::vector<CutDirection> fitting;
+    for (const CutDirection candidate : kWeighted) {
+      if (directionVector(candidate).dot(back) > 0.5) fitting.push_back(candidate);
+    }
+    return fitting[static_cast<std::size_t>(random_.range(0, static_cast<int>(fitting.size())))];
+  }
+
+  /// Low more often than high, on the hand's own side but for one in six that comes alone.
+  void chooseSongPlace(HandState& hand, double time_s, bool together) {
+    constexpr std::array kRows{0, 0, 0, 0, 0, 1, 1, 1, 2, 2};
+    const bool crossed = random_.range(0, 6) == 0 && !together;
+    const bool left = (hand.hand == Hand::kLeft) != crossed;
+    const bool outer = random_.range(0, 3) == 0 && !crossed;
+    hand.column = left ? (outer ? 0 : 1) : (outer ? 3 : 2);
+    hand.row = kRows[static_cast<std::size_t>(random_.range(0, static_cast<int>(kRows.size())))];
+    while (hand.row > 0 && isBehindWall(level_.walls, time_s, hand.column, hand.row)) --hand.row;
+    if (isBehindWall(level_.walls, time_s, hand.column, hand.row)) {
+      hand.column = hand.hand == Hand::kLeft ? 1 : 2;
+    }
+  }
+
   /// A cell on the hand's side, no further than one from the last one in each direction.
   void choosePlace(HandState& hand, double time_s) {
     const int inner = hand.hand == Hand::kLeft ? 1 : 2;
@@ -150,7 +188,7 @@ class Composer {
     for (int i = 0; i < wanted; ++i) {
       for (int tries = 0; tries < kTries; ++tries) {
         const int slot = random_.range(firstSlot(), slotBefore(settings_.seconds - kEnding_s) + 1);
-        Mine mine{slot * kSlot_s, 0.0, 0.0};
+        Mine mine{slot * slot_s_, 0.0, 0.0};
         mine.column = random_.range(0, 4);
         mine.row = random_.range(0, 3);
         if (!isHarmless(mine)) continue;
@@ -164,7 +202,7 @@ class Composer {
 
   /// Whether every box can be cut without touching the mine, and it can be seen.
   bool isHarmless(const Mine& mine) const {
-    const double near_s = kHalfStroke_s + kReach_m / settings_.speed_mps;
+    const double near_s = kHalfStroke_s + kReach_m / level_.speed_mps;
     for (const Box& box : level_.boxes) {
       if (std::abs(box.time_s - mine.time_s) < near_s && isInTheWay(mine, box)) return false;
     }
@@ -184,7 +222,10 @@ class Composer {
   }
 
   const GeneratorSettings& settings_;
+  const bool song_ = settings_.pattern == "song";
   Random random_;
+  /// Boxes and mines come on half beats.
+  double slot_s_ = 0.0;
   Level level_;
   HandState left_{.hand = Hand::kLeft, .column = 1};
   HandState right_{.hand = Hand::kRight, .column = 2};
@@ -194,7 +235,8 @@ class Composer {
 }  // namespace
 
 std::span<const std::string> generatorPatterns() {
-  static const std::array<std::string, 4> kPatterns{"mixed", "alternating", "together", "any"};
+  static const std::array<std::string, 5> kPatterns{"mixed", "alternating", "together", "any",
+                                                    "song"};
   return kPatterns;
 }
 

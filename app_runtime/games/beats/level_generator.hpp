@@ -20,6 +20,8 @@ struct GeneratorSettings {
   std::string pattern = "mixed";
   /// Of approach.
   double speed_mps = 5.0;
+  /// Each level is faster or slower than that by at most this.
+  double speed_spread_mps = 0.0;
   double walls_per_minute = 6.0;
   /// Fewer where strokes leave no room.
   double mines_per_minute = 6.0;
@@ -27,7 +29,9 @@ struct GeneratorSettings {
 };
 
 /// "alternating": left, right, left ... "together": both hands at once. "any": alternating, to be
-/// cut in any direction. "mixed": alternating, together, and one hand twice.
+/// cut in any direction. "mixed": alternating, together, and one hand twice. "song": as mixed, and
+/// closer in time, low rows more often, strokes to the side, hands that cross; at 80 to 150 beats a
+/// minute.
 std::span<const std::string> generatorPatterns();
 
 /// Same settings and seed, same bits on every platform.

@@ -20,6 +20,9 @@ GeneratorSettings readGenerator(Options& options) {
       options.getNumber("boxes_per_second", settings.boxes_per_second, 0.1, 3.0);
   settings.pattern = options.getChoice("pattern", settings.pattern, generatorPatterns());
   settings.speed_mps = options.getNumber("speed_mps", settings.speed_mps, 2.0, 20.0);
+  // So that no level is slower than 1 m/s.
+  settings.speed_spread_mps =
+      options.getNumber("speed_spread_mps", 0.0, 0.0, settings.speed_mps - 1.0);
   settings.walls_per_minute =
       options.getNumber("walls_per_minute", settings.walls_per_minute, 0.0, 15.0);
   settings.mines_per_minute =

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,6 +24,7 @@ from sim2vr_harness.cli.progress import Share
 _MOST_VALUES = 12
 
 if TYPE_CHECKING:
+    from sim2vr_harness.evaluation.replay.film import ReplayFilm
     from sim2vr_harness.sessions.replay import SessionReplay
 
 _Paths = Annotated[
@@ -58,7 +60,7 @@ _Video = Annotated[
     Path | None,
     typer.Option(
         metavar="OUT.mp4",
-        help="Film the player's view and the game from outside.",
+        help="Film the player's view, and a game from outside.",
         callback=writable_file,
     ),
 ]
@@ -100,13 +102,25 @@ def replay(
     """
     from sim2vr_harness.sessions.formats import is_session
 
+    film = None if video is None else _film(video, size, fps)
     if game is not None or remote or all(map(is_session, paths)):
-        _refuse(closed, unconstrained, fixed_step, video)
-        return _replay_sessions(paths, game, remote, log, strict=strict, json=json)
-    if strict:
+        _refuse(closed, unconstrained, fixed_step)
+        status = _replay_sessions(paths, game, remote, log, film, strict=strict, json=json)
+    elif strict:
         raise InputError("--strict", "it with rounds of Whac-A-Mole", "sessions")
-    _replay_rounds(paths, closed, unconstrained, fixed_step, log, video, size, fps, json)
-    return 0
+    else:
+        _replay_rounds(paths, closed, unconstrained, fixed_step, log, film, json=json)
+        status = 0
+    for file in film.files if film is not None and not json else []:
+        typer.echo(f"Written: {file}")
+    return status
+
+
+def _film(video: Path, size: str, fps: float) -> ReplayFilm:
+    from sim2vr_harness.evaluation.replay.film import ReplayFilm
+    from sim2vr_harness.evaluation.snapshot import parse_size
+
+    return ReplayFilm(video, parse_size(size, (4096, 4096)), fps)
 
 
 def _replay_rounds(
@@ -115,31 +129,22 @@ def _replay_rounds(
     unconstrained: bool,
     fixed_step: float | None,
     log: Path | None,
-    video: Path | None,
-    size: str,
-    fps: float,
+    film: ReplayFilm | None,
+    *,
     json: bool,
 ) -> None:
     """Replay rounds of Whac-A-Mole, whose spawns, outcomes and speeds are compared."""
-    from sim2vr_harness.evaluation.replay.film import ReplayFilm
     from sim2vr_harness.evaluation.replay.recordings import read_recordings
     from sim2vr_harness.evaluation.replay.replayer import Replay, replay_all
     from sim2vr_harness.evaluation.replay.report import ReplayReport
-    from sim2vr_harness.evaluation.snapshot import parse_size
 
     if fixed_step is not None and not 1e-4 <= fixed_step <= 1.0:
         raise InputError("--fixed-step", f"{fixed_step:g}", "a period from 0.0001 to 1 s")
     recordings = read_recordings(paths, unconstrained=unconstrained)
     replays: list[Replay] = []
     with Share("Replaying") as share:
-        film = None
-        if video is not None:
-            film = ReplayFilm(
-                video,
-                parse_size(size, (4096, 4096)),
-                fps,
-                on_progress=lambda part: share.show((len(replays) + part) / len(recordings)),
-            )
+        if film is not None:
+            film.progress = lambda part: share.show((len(replays) + part) / len(recordings))
         share.show(0.0)
         for done in replay_all(
             recordings, closed_loop=closed, fixed_step_s=fixed_step, log_dir=log, film=film
@@ -149,21 +154,16 @@ def _replay_rounds(
     found = ReplayReport(replays)
     if json:
         print_json(found.as_json())
-        return
-    found.print(Console())
-    for file in film.files if film else []:
-        typer.echo(f"Written: {file}")
+    else:
+        found.print(Console())
 
 
-def _refuse(
-    closed: bool, unconstrained: bool, fixed_step: float | None, video: Path | None
-) -> None:
+def _refuse(closed: bool, unconstrained: bool, fixed_step: float | None) -> None:
     """Refuse options that only rounds of Whac-A-Mole have."""
     for option, given in (
         ("--closed", closed),
         ("--unconstrained", unconstrained),
         ("--fixed-step", fixed_step is not None),
-        ("--video", video is not None),
     ):
         if given:
             raise InputError(option, "it with a session", "it with rounds of Whac-A-Mole")
@@ -174,6 +174,7 @@ def _replay_sessions(
     game: str | None,
     remote: dict[str, Any],
     log: Path | None,
+    film: ReplayFilm | None,
     *,
     strict: bool,
     json: bool,
@@ -189,9 +190,16 @@ def _replay_sessions(
         for note in session.notes:
             typer.echo(f"note: {path.name}: {note}", err=True)
         kept = None if log is None else log / path.name
-        with Share(f"Replaying {path.name}") as share:
+        with Share(f"Replaying {path.name}") as share, ExitStack() as stack:
+            shown: dict[str, Any] = {}
+            if film is not None:
+                name = path.name.split(".")[0]
+                played = game or str(remote.get("game") or session.app.name)
+                round_film = film.round(session, name, played, only=len(paths) == 1)
+                watch = stack.enter_context(round_film).watch
+                shown = {"renderer": "automatic", "size": film.size, "watch": watch}
             done[str(path)] = replay_session(
-                session, game=game, app=remote, log_dir=kept, on_progress=share.show
+                session, game=game, app=remote, log_dir=kept, on_progress=share.show, **shown
             )
         if kept is not None:
             write_session(done[str(path)].session, kept / "replay.jsonl")

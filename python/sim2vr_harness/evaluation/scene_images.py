@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from sim2vr_harness.client import GameFacts, Measure
-
-__all__ = ["BodyPainter", "Painter", "Panels", "PlainLooks", "compose", "score_text"]
+from sim2vr_harness.client import AppClient, GameFacts, Measure
 
 Picture = NDArray[np.uint8]
 
@@ -99,24 +97,26 @@ class Panels:
             "play": (round(height * 4 / 3 / 2) * 2, height),
             "headset": (round(height * vision.width / vision.height / 2) * 2, height),
         }
-        self._app_draws = all("views" in app.capabilities for app in simulation.apps)
         self._body = BodyPainter(simulation, *self.sizes["play"], fast=True)
 
     def draw(self, index: int) -> dict[str, Picture]:
         """Return the views of user ``index`` by name: ``play``, ``headset``."""
-        return {"play": self._body.draw(index), "headset": self._headset(index)}
-
-    def _headset(self, index: int) -> Picture:
-        app, size = self._simulation.apps[index], self.sizes["headset"]
-        if self._app_draws:
-            drawn: Picture = app.render_headset(*size)[..., :3]
-            return drawn
-        small = Image.fromarray(np.ascontiguousarray(app.image[..., :3]))
-        return np.asarray(small.resize(size, Image.Resampling.NEAREST))
+        app = self._simulation.apps[index]
+        return {"play": self._body.draw(index), "headset": headset_view(app, self.sizes["headset"])}
 
     def close(self) -> None:
         """Free the OpenGL context of the body."""
         self._body.close()
+
+
+def headset_view(app: AppClient, size: tuple[int, int]) -> Picture:
+    """Return the headset's view, (height, width, 3); enlarged where the app draws no others."""
+    if "views" in app.capabilities:
+        drawn: Picture = app.render_headset(*size)[..., :3]
+        return drawn
+    picture = app.image[0] if app.image.ndim == 4 else app.image
+    small = Image.fromarray(np.ascontiguousarray(picture[..., :3]))
+    return np.asarray(small.resize(size, Image.Resampling.NEAREST))
 
 
 class Painter:

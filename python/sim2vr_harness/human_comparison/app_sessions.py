@@ -6,7 +6,6 @@ An app's events name its targets: ``spawn``, ``hit``, ``miss``, of games of this
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,8 +15,9 @@ from numpy.typing import NDArray
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.games.behaviour import Behaviour
 from sim2vr_harness.human_comparison.persons import RoundMeasures, measure_round
-from sim2vr_harness.human_comparison.rounds import PlayedRound, Targets, rotated
-from sim2vr_harness.sessions import Controller, Session, SessionEvent
+from sim2vr_harness.human_comparison.rounds import PlayedRound, rotated
+from sim2vr_harness.human_comparison.targets import ending, targets_of
+from sim2vr_harness.sessions import Controller, Session
 
 __all__ = ["GROUP", "behaviour_of_sessions", "has_targets", "measure_session", "name_of_condition"]
 
@@ -26,15 +26,6 @@ FloatArray = NDArray[np.float64]
 GROUP = "sessions"
 _ROUND = "round"
 _AHEAD_M = 0.3
-_KINDS = {
-    "spawn": ("spawn", "target_spawn", "box_spawn"),
-    "hit": ("hit", "target_hit", "box_slice"),
-    "miss": ("miss", "target_miss", "box_miss", "box_wrong_hand", "box_wrong_direction"),
-}
-_BOX = {"good": "hit", "bad": "miss", "miss": "miss"}
-"""Outcomes of Beat Saber's boxes; they have the time of their spawn."""
-_NUMBERS = ("target_id", "number", "value")
-"""How events call the number of their target; without one, the oldest target ends first."""
 _NEED_PLANE = frozenset(
     (
         *("depth_median", "depth_p5", "depth_p95", "d_depth", "retreat", "depth_at_spawn"),
@@ -85,7 +76,7 @@ def name_of_condition(session: Session) -> str:
 
 def has_targets(session: Session) -> bool:
     """Whether a session's events name targets that were hit or missed."""
-    return any(event is not None for event in map(_ending, session.events))
+    return any(event is not None for event in map(ending, session.events))
 
 
 def measure_session(
@@ -119,7 +110,7 @@ def measure_session(
         root_m=place[rows],
         controller=hand.grip[rows, 3:],
         head=session.head[rows],
-        targets=_targets(session.events),
+        targets=targets_of(session.events),
         contacts=0,
         ahead_m=ahead[rows],
         other_m=others[0].grip[rows, :3] if others else None,
@@ -137,57 +128,3 @@ def _known(one: Controller) -> Controller:
 
 def _path_m(places: FloatArray) -> float:
     return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
-
-
-# --- targets -------------------------------------------------------------------------------------
-
-
-def _ending(event: SessionEvent) -> str | None:
-    """``hit`` or ``miss`` of an event that ends a target."""
-    if event.kind == "box":
-        return _BOX.get(str(event.data.get("outcome")))
-    return next((kind for kind in ("hit", "miss") if event.kind in _KINDS[kind]), None)
-
-
-def _number(event: SessionEvent) -> object:
-    return next((event.data[name] for name in _NUMBERS if name in event.data), None)
-
-
-def _targets(events: Sequence[SessionEvent]) -> Targets:
-    """Targets in the order of their spawns; without spawns, each comes up as the one before ends.
-
-    A target of which no spawn was recorded has none: NaN.
-    """
-    spawned = any(event.kind in _KINDS["spawn"] for event in events)
-    up: dict[object, list[int]] = defaultdict(list)
-    spawn_s, end_s, hit = list[float](), list[float](), list[bool | None]()
-    before_s = np.nan
-    for event in events:
-        time_s = event.time_ns * 1e-9
-        if event.kind in _KINDS["spawn"]:
-            up[_number(event)].append(len(spawn_s))
-            spawn_s.append(time_s)
-            end_s.append(np.nan)
-            hit.append(None)
-        ending = _ending(event)
-        if ending is None:
-            continue
-        waiting = up[_number(event)]
-        if waiting:
-            row = waiting.pop(0)
-        else:
-            row = len(spawn_s)
-            spawn_s.append(float(event.data.get("spawn_s", np.nan if spawned else before_s)))
-            end_s.append(np.nan)
-            hit.append(None)
-        end_s[row], hit[row], before_s = time_s, ending == "hit", time_s
-    n = len(spawn_s)
-    return Targets(
-        spawn_s=np.array(spawn_s, dtype=np.float64),
-        end_s=np.array(end_s, dtype=np.float64),
-        hit=np.array([each is True for each in hit], dtype=np.bool_),
-        missed=np.array([each is False for each in hit], dtype=np.bool_),
-        cell=np.zeros(n, dtype=np.int64),
-        place_m=np.zeros((n, 2)),
-        logged_speed_mps=np.full(n, np.nan),
-    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,40 +10,13 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name
-from sim2vr_harness.evaluation.replay.recordings import Event, Recording
+from sim2vr_harness.evaluation.replay.recordings import Recording
 from sim2vr_harness.games.behaviour import Behaviour
+from sim2vr_harness.human_comparison.targets import Targets, targets_of
 
-__all__ = ["PlayedRound", "Targets", "rotated", "round_of"]
+__all__ = ["PlayedRound", "rotated", "round_of"]
 
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Targets:
-    """The targets of a round, in the order in which they came up; T of them.
-
-    Attributes:
-        spawn_s: (T,) when each came up, game time.
-        end_s: (T,) when it was hit or missed; NaN if the round ended first.
-        hit: (T,) whether it was hit.
-        missed: (T,) whether it went away unhit.
-        cell: (T,) where it was, as a number.
-        place_m: (T, 2) where it was, x and y in the plane.
-        logged_speed_mps: (T,) speed that the game logged with the hit; NaN without.
-    """
-
-    spawn_s: FloatArray
-    end_s: FloatArray
-    hit: NDArray[np.bool_]
-    missed: NDArray[np.bool_]
-    cell: NDArray[np.int64]
-    place_m: FloatArray
-    logged_speed_mps: FloatArray
-
-    @property
-    def n(self) -> int:
-        """How many came up."""
-        return len(self.spawn_s)
 
 
 @dataclass(frozen=True)
@@ -134,36 +106,13 @@ def rotated(turn: FloatArray, vectors: FloatArray) -> FloatArray:
 
 
 def _targets(recording: Recording, behaviour: Behaviour) -> Targets:
-    spawns = [event for event in recording.events if event.kind == "spawn"]
-    if not spawns:
-        expected = f"targets that come up, as in a round of {behaviour.game}"
-        raise InputError(file_name(recording.source), "no target", expected)
-    row = {event.target: i for i, event in enumerate(spawns)}
-    n = len(spawns)
-    targets = Targets(
-        spawn_s=np.array([event.time_s for event in spawns]),
-        end_s=np.full(n, np.nan),
-        hit=np.zeros(n, dtype=np.bool_),
-        missed=np.zeros(n, dtype=np.bool_),
-        cell=np.array([event.cell for event in spawns], dtype=np.int64),
-        place_m=_places(recording, behaviour, spawns),
-        logged_speed_mps=np.full(n, np.nan),
-    )
-    for event in recording.events:
-        if event.kind not in ("hit", "miss") or event.target not in row:
-            continue
-        i = row[event.target]
-        targets.end_s[i] = event.time_s
-        (targets.hit if event.kind == "hit" else targets.missed)[i] = True
-        if event.kind == "hit" and event.velocity_mps is not None:
-            targets.logged_speed_mps[i] = float(np.linalg.norm(event.velocity_mps))
-    return targets
-
-
-def _places(recording: Recording, behaviour: Behaviour, spawns: Sequence[Event]) -> FloatArray:
     known = dict(enumerate(behaviour.places_m)) | dict(recording.places_m)
-    unknown = [event.cell for event in spawns if event.cell not in known]
-    if unknown:
+    cells = {event.cell for event in recording.events}
+    unknown = sorted(cells - known.keys())
+    if unknown or not cells:
+        got = f"cell {unknown[0]}" if unknown else "no target"
         expected = f"one of the {len(known)} of {behaviour.game}"
-        raise InputError(file_name(recording.source), f"cell {unknown[0]}", expected)
-    return np.array([known[event.cell] for event in spawns], dtype=np.float64)
+        if not cells:
+            expected = f"targets that come up, as in a round of {behaviour.game}"
+        raise InputError(file_name(recording.source), got, expected)
+    return targets_of([event.session_event for event in recording.events], known)

@@ -11,7 +11,7 @@ from typing import Any
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import AppConfig
 from sim2vr_harness.envs.games import with_task
-from sim2vr_harness.evaluation.evaluate import Request, evaluate
+from sim2vr_harness.evaluation.evaluate import evaluate
 from sim2vr_harness.evaluation.scripted_baseline import evaluate_baseline
 from sim2vr_harness.evaluation.session_recorder import SessionRecorder
 from sim2vr_harness.games.behaviour import Behaviour
@@ -194,19 +194,11 @@ def _play(
         )
     else:
         logged = env.app.page is None and env.app.transport == "in_process"
-        request = Request(
+        request = plays.request(
+            plays.out / name,
             conditions=conditions,
-            episodes=plays.episodes,
-            seed=plays.seed,
-            people=plays.persons,
             log=logged,
-            steps=False,
-            out=plays.out / name,
-            overwrite=True,
-            batch=plays.batch,
             app=dict(how.remote),
-            overrides=tuple(plays.overrides),
-            trust_app=plays.trust_app,
             watchers=[recorder],
         )
         evaluate(user, request, on_progress=on_progress)

@@ -87,6 +87,21 @@ class Plays:
     persons: int | None = None
     trust_app: bool = False
 
+    def request(self, folder: Path, **more: Any) -> Request:
+        """Return the evaluation that plays into a folder, anew, without tables of steps."""
+        return Request(
+            **{"conditions": self.conditions, "log": True, **more},
+            episodes=self.episodes,
+            seed=self.seed,
+            steps=False,
+            out=folder,
+            overwrite=True,
+            batch=self.batch,
+            people=self.persons,
+            overrides=tuple(self.overrides),
+            trust_app=self.trust_app,
+        )
+
 
 def read_people(
     folders: Sequence[Path], behaviour: Behaviour, *, unconstrained: bool = False
@@ -362,18 +377,6 @@ def play_now(
         plays: How.
         on_progress: Called with the share of the work done.
     """
-    request = Request(
-        conditions=list(conditions),
-        episodes=plays.episodes,
-        seed=plays.seed,
-        log=True,
-        steps=False,
-        overwrite=True,
-        batch=plays.batch,
-        people=plays.persons,
-        overrides=tuple(plays.overrides),
-        trust_app=plays.trust_app,
-    )
     told = {
         "weights": hashlib.sha256(read_bytes(known.source, "weights of a user")).hexdigest(),
         "conditions": list(conditions),
@@ -387,7 +390,8 @@ def play_now(
     if mark.is_file() and read_json(mark, "what was played, in JSON") == told:
         return folder
     mark.unlink(missing_ok=True)
-    evaluate(user, Request(**{**vars(request), "out": folder}), on_progress=on_progress)
+    request = plays.request(folder, conditions=list(conditions))
+    evaluate(user, request, on_progress=on_progress)
     write_atomically(mark, (json.dumps(told, indent=2) + "\n").encode())
     return folder
 

@@ -25,16 +25,6 @@ from sim2vr_harness.sessions.session import (
 )
 from sim2vr_harness.sessions.state_log import read_lines, read_state_log
 
-__all__ = [
-    "DIGITS",
-    "logged_events",
-    "logged_options",
-    "read_log",
-    "rounding_s",
-    "times_of_log",
-    "write_log",
-]
-
 _OPTIONS = ", game options "
 _TITLE_LINES = 3
 DIGITS = 7
@@ -145,20 +135,31 @@ def logged_events(events: Path) -> tuple[SessionEvent, ...]:
     Raises:
         InputError: a line begins with no time.
     """
+    return tuple(event for _, event in numbered_events(events))
+
+
+def numbered_events(events: Path) -> list[tuple[str, SessionEvent]]:
+    """Return the events of an ``events.csv`` with the file and line of each; see logged_events.
+
+    A last line that was cut off is left out.
+
+    Raises:
+        InputError: a line begins with no time.
+    """
     lines = read_lines(events)
     filled = [number for number, line in enumerate(lines, start=1) if line.strip(" ,\t")]
     found = []
     for number in filled:
         line = lines[number - 1]
         match = _LINE.fullmatch(line)
+        place = f"{file_name(events)}, line {number}"
         if match is None:
-            if number == filled[-1]:  # cut off
+            if number == filled[-1]:
                 break
-            place = f"{file_name(events)}, line {number}"
             raise InputError(place, shown(line, 60), "a time in s, a comma and what happened")
         if not match[2].startswith(_OPTIONS.strip(" ,")):
-            found.append(_event(float(match[1]), match[2]))
-    return tuple(found)
+            found.append((place, _event(float(match[1]), match[2])))
+    return found
 
 
 def _event(time_s: float, text: str) -> SessionEvent:
@@ -199,11 +200,12 @@ def write_log(session: Session, folder: Path) -> None:
     lines.append(", ".join(["timestamp", *names]))
     lines += [", ".join(f"{number:.9g}" for number in row) for row in rows.tolist()]
     (folder / "states.csv").write_text("\n".join(lines) + "\n")
-    events = "".join(f"{_event_text(each)}\n" for each in session.events)
+    events = "".join(f"{event_text(each)}\n" for each in session.events)
     (folder / "events.csv").write_text(events)
 
 
-def _event_text(event: SessionEvent) -> str:
+def event_text(event: SessionEvent) -> str:
+    """Return the line of an ``events.csv`` for an event."""
     parts = [event.kind]
     for name, value in event.data.items():
         parts.append(f"{name.replace('_', ' ')} {_value_text(value)}".rstrip())

@@ -92,6 +92,7 @@ def replay_session(
     options: Mapping[str, OptionValue] | None = None,
     log_dir: Path | None = None,
     renderer: str = "null",
+    size: tuple[int, int] = (120, 80),
     watch: Callable[[AppClient, int, AppReply], None] = lambda client, i, reply: None,
     on_progress: Callable[[float], None] = lambda part: None,
 ) -> SessionReplay:
@@ -104,6 +105,7 @@ def replay_session(
         options: of the app, over the session's.
         log_dir: keeps a game's own log here.
         renderer: what a game of this runtime draws with.
+        size: (width, height) of another app's headset picture.
         watch: called after frame i with the app and its reply.
         on_progress: receives the part of the frames that is done.
 
@@ -117,7 +119,7 @@ def replay_session(
     with ExitStack() as stack:
         if log_dir is None:
             log_dir = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        with _opened(session, chosen, settings, log_dir, renderer) as client:
+        with _opened(session, chosen, settings, log_dir, renderer, size) as client:
 
             def take(i: int, reply: AppReply) -> None:
                 recorder.take(i, reply)
@@ -193,6 +195,7 @@ def _opened(
     settings: Mapping[str, Any],
     log_dir: Path,
     renderer: str,
+    size: tuple[int, int],
 ) -> Iterator[AppClient]:
     """The app, with its task where it has one; closed in the end."""
     judged = settings.get("task") is not None or chosen.kind == "page"
@@ -210,6 +213,8 @@ def _opened(
             n=1,
             game=chosen.name,
             options=chosen.options,
+            width=size[0],
+            height=size[1],
             frequency_hz=round(session.frame_rate_hz or 20),
             place=AppPlace(**place),
             depth=False,  # no user sees it; programs without it can be replayed

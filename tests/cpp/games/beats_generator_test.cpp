@@ -68,21 +68,29 @@ void expectWallsThatCanBeDodged(const Level& level) {
   }
 }
 
-void expectBackAndForth(const Level& level) {
+void expectBackAndForth(const Level& level, double gap_s) {
   for (const Hand hand : {Hand::kLeft, Hand::kRight}) {
     const Box* last = nullptr;
     for (const Box& box : level.boxes) {
       if (box.hand != hand) continue;
-      EXPECT_EQ(box.column < 1.5, hand == Hand::kLeft);
-      if (last != nullptr && box.cut != CutDirection::kAny) {
+      const bool any = box.cut == CutDirection::kAny;
+      if (last != nullptr && !any && last->cut != CutDirection::kAny) {
         EXPECT_LT(cutVector(box).dot(cutVector(*last)), -0.7) << box.time_s;
       }
       if (last != nullptr) {
-        EXPECT_GE(box.time_s - last->time_s, 0.55);
+        EXPECT_GE(box.time_s - last->time_s, gap_s);
       }
       last = &box;
     }
   }
+}
+
+/// Share of the boxes that lie on their hand's side.
+double onOwnSide(const Level& level) {
+  const auto own = std::count_if(level.boxes.begin(), level.boxes.end(), [](const Box& box) {
+    return (box.column < 1.5) == (box.hand == Hand::kLeft);
+  });
+  return static_cast<double>(own) / static_cast<double>(level.boxes.size());
 }
 
 class BeatsGenerator : public ::testing::TestWithParam<std::string> {};
@@ -100,7 +108,11 @@ TEST_P(BeatsGenerator, MakesLevelsThatCanBePlayed) {
     expectNothingTwice(level);
     expectFreeStrokes(level);
     expectWallsThatCanBeDodged(level);
-    expectBackAndForth(level);
+    const bool song = settings.pattern == "song";
+    expectBackAndForth(level, song ? 0.38 : 0.55);
+    if (!song) {
+      EXPECT_EQ(onOwnSide(level), 1.0);
+    }
     EXPECT_TRUE(levelFacts(level).parity_problems.empty());
     EXPECT_GE(level.boxes.front().time_s, 2.0);
     EXPECT_LE(level.boxes.back().time_s, 59.0);
@@ -129,6 +141,32 @@ TEST(BeatsGeneratorOptions, SayHowMuchComes) {
   EXPECT_NEAR(mines / 20.0, 10.0, 1.0);
 }
 
+TEST(BeatsGeneratorOptions, SongsAreCloseLowAndCross) {
+  GeneratorSettings settings{.boxes_per_second = 2.0, .pattern = "song", .speed_mps = 11.0};
+  settings.speed_spread_mps = 3.0;
+  settings.walls_per_minute = 0.0;
+  double boxes = 0.0;
+  double own = 0.0;
+  double low = 0.0;
+  std::set<double> speeds;
+  for (std::uint32_t seed = 0; seed < 60; ++seed) {
+    const Level level = generateLevel(settings, seed);
+    const auto n = static_cast<double>(level.boxes.size());
+    boxes += n;
+    own += n * onOwnSide(level);
+    low += static_cast<double>(std::count_if(level.boxes.begin(), level.boxes.end(),
+                                             [](const Box& box) { return box.row == 0.0; }));
+    speeds.insert(level.speed_mps);
+    EXPECT_GE(level.speed_mps, 8.0);
+    EXPECT_LE(level.speed_mps, 14.0);
+  }
+  EXPECT_GT(speeds.size(), 10U);
+  EXPECT_NEAR(boxes / 60.0, 2.0 * 57.0, 6.0);
+  // Half of the boxes lie low; one in six of those that come alone crosses.
+  EXPECT_NEAR(low / boxes, 0.5, 0.03);
+  EXPECT_NEAR(own / boxes, 0.9, 0.03);
+}
+
 TEST(BeatsGeneratorOptions, FixTheBits) {
   Options options = Options::fromJson(R"({"level": "generated", "boxes_per_second": 1.2})");
   const LevelSettings settings = readLevelSettings(options);
@@ -147,8 +185,10 @@ TEST(BeatsGeneratorOptions, AreChecked) {
     });
   };
   EXPECT_EQ(error(R"({"pattern": "mixt"})"),
-            "option 'pattern': got 'mixt', expected one of 'mixed', 'alternating', 'together' or "
-            "'any'; did you mean 'mixed'?");
+            "option 'pattern': got 'mixt', expected one of 'mixed', 'alternating', 'together', "
+            "'any' or 'song'; did you mean 'mixed'?");
+  EXPECT_EQ(error(R"({"speed_spread_mps": 4.5})"),
+            "option 'speed_spread_mps': got 4.5, expected a number from 0.0 to 4.0");
   EXPECT_EQ(error(R"({"boxes_per_second": 9})"),
             "option 'boxes_per_second': got 9, expected a number from 0.1 to 3.0");
   EXPECT_EQ(

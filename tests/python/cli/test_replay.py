@@ -12,6 +12,7 @@ import pytest
 
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.client import DevicePoses, InProcessApp
+from sim2vr_harness.sessions import read_session, write_session
 
 imageio_ffmpeg = pytest.importorskip(
     "imageio_ffmpeg", reason="needs imageio-ffmpeg: pip install imageio-ffmpeg"
@@ -71,7 +72,7 @@ def test_a_round_of_another_game(capsys: Any, tmp_path: Path) -> None:
     assert status != 0
     assert err == (
         f"error: PATH: got '{round_}', a round of another game, expected a round of Whac-A-Mole; "
-        "rounds of other games are filmed as they are played\n"
+        "rounds of other games need --game NAME\n"
     )
 
 
@@ -128,6 +129,23 @@ def test_video(capsys: Any, tmp_path: Path) -> None:
     headset = frames[30, 50:108, :97].astype(float)
     assert headset.std() > 10  # not one colour
     assert abs(frames[10].astype(float) - frames[40].astype(float)).mean() > 0.5
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")  # pipes of the decoder
+def test_a_session_is_filmed_like_a_round(capsys: Any, tmp_path: Path) -> None:
+    """The same round by both ways: the same pictures but for the names above them."""
+    films = []
+    for name, source in (("round", FIXTURE), ("session", tmp_path / "round.jsonl")):
+        if name == "session":
+            write_session(read_session(FIXTURE), source)
+        film = tmp_path / f"{name}.mp4"
+        options = ("--closed",) if name == "round" else ()
+        given = ("--video", str(film), "--size", "96x64", "--fps", "10")
+        status, out, _ = call(capsys, str(source), *given, *options)
+        assert (status, f"Written: {film}" in out) == (0, True)
+        films.append(decoded(film)[:, 48:].astype(float))
+    assert films[0].shape == films[1].shape
+    assert abs(films[0] - films[1]).mean() < 1.0
 
 
 def test_errors_are_one_line(capsys: Any, tmp_path: Path) -> None:

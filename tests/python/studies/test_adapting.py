@@ -102,6 +102,18 @@ def test_a_user_that_goes_on_begins_with_its_weights(trained: Path, tmp_path: Pa
     assert not (tmp_path / "new").exists()
 
 
+def test_a_user_that_goes_on_takes_the_noise_that_was_asked_for(
+    trained: Path, tmp_path: Path
+) -> None:
+    changes = ["ppo.learning_rate=0.0", "policy.log_std_init=-2.5", *_small()]
+    config = adapting(find_user(trained), str(trained), changes)
+    trainer.train(config, tmp_path / "run", simulation=stand_in)
+    before, after = weights_of(trained), weights_of(tmp_path / "run")
+    assert (after.pop("log_std") == -2.5).all()
+    assert (before.pop("log_std") != -2.5).all()
+    assert all(torch.equal(before[key], after[key]) for key in before)
+
+
 def _small() -> list[str]:
     small = [f"{key.removeprefix('training.')}={value}" for key, value in SMALL.items()]
     return ["total_timesteps=40", *small]

@@ -19,7 +19,7 @@ from sim2vr_harness.client.frames import pose_to_mujoco
 from sim2vr_harness.tools.watch import browser
 from sim2vr_harness.tools.watch import selection as choosing
 from sim2vr_harness.tools.watch.browser import middle_of
-from sim2vr_harness.tools.watch.frames import Hands, Playlist, ViewerFrame, recorded_show
+from sim2vr_harness.tools.watch.frames import Hands, Playlist, ViewerFrame
 from sim2vr_harness.tools.watch.playback import Playback
 from sim2vr_harness.tools.watch.shapes import Poser, body_shapes
 from sim2vr_harness.users import Body, load_body
@@ -220,7 +220,7 @@ def test_what_is_to_be_watched(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"^--game: got 'golf', expected"):
         choosing.choose(None, person=True, game="golf")
     with pytest.raises(InputError):
-        recorded_show(tmp_path)
+        choosing.recorded_show(tmp_path)
     with pytest.raises(InputError, match=r"^--rerun: got it without the package 'nosuch'"):
         needed("nosuch.part", "rerun", "--rerun")
 
@@ -255,7 +255,7 @@ def test_a_page_is_watched_with_nobody_trained() -> None:
 
 def test_the_camera_looks_to_where_people_are() -> None:
     """A recorded person stood off the middle of the room; floor and sky do not count."""
-    moment = next(iter(recorded_show(ROUND).moments()))
+    moment = next(iter(choosing.recorded_show(ROUND).moments()))
     middle = middle_of(moment, np.zeros(3))
     things = list(moment.scene.drawn(player=True))
     places = np.array([one.in_mujoco()[0] for one in things if max(one.in_mujoco()[2]) < 3.0])

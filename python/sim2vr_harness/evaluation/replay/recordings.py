@@ -10,9 +10,8 @@ metres, rotation x y z w.
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,30 +22,25 @@ from numpy.typing import NDArray
 from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name, read_arrays, read_json
 from sim2vr_harness.client import OptionValue
-from sim2vr_harness.sessions.logs import logged_options
+from sim2vr_harness.sessions import SessionEvent
+from sim2vr_harness.sessions.logs import event_text, logged_options, numbered_events
 from sim2vr_harness.sessions.state_log import read_lines, read_state_log
 
 GAME = "whacamole"
 """Whose rounds were recorded."""
 
 FloatArray = NDArray[np.float64]
+_Logged = tuple[str, SessionEvent]
 
 _UNCONSTRAINED = "-unconstrained"
 _KINDS = ("spawn", "hit", "contact", "miss")
 _LEAST_FRAMES = 3
 _TITLE_LINES = 4
-_PLANE = ", target plane transform "
+_PLANE, _GRID, _TARGET = "target_plane_transform", "grid_mapping", "target_"
 _PLACE = re.compile(
     r"\[(?P<cell>\d+) \d+ \d+ (?P<x>-?[\d.]+(?:E-?\d+)?) (?P<y>-?[\d.]+(?:E-?\d+)?) "
 )
 _PERIOD = "a period from 0.0001 to 1 s"
-# As a spreadsheet may save it: tabs, and commas behind short lines.
-_SEPARATORS = re.compile(r" *[,\t][ ,\t]*")
-_TIMED = re.compile(r"\s*-?\d[\d.eE+-]*[ ,\t]")
-_TARGET_EVENT = re.compile(
-    r"(?P<t>[^, ]+), target_(?P<kind>\w+), target ID (?P<target>\d+), grid ID (?P<cell>\d+)"
-    r"(?:, velocity (?P<velocity>.*\S))?"
-)
 
 
 @dataclass(frozen=True)
@@ -63,6 +57,14 @@ class Event:
     """0 to 8, row by row from the top left as the player sees it."""
     velocity_mps: tuple[float, float, float] | None = None
     """The game's smoothed hammer velocity, world axes; of hits and contacts."""
+
+    @property
+    def session_event(self) -> SessionEvent:
+        """The same as sessions have it."""
+        data: dict[str, Any] = {"target_id": self.target, "grid_id": self.cell}
+        if self.velocity_mps is not None:
+            data["velocity"] = list(self.velocity_mps)
+        return SessionEvent(round(self.time_s * 1e9), _TARGET + self.kind, data)
 
 
 @dataclass(frozen=True)
@@ -177,11 +179,10 @@ def _logged_round(states: Path, unconstrained: bool) -> Recording:
         condition += _UNCONSTRAINED
     plain = states.name == "states.csv"
     name = states.stem.removesuffix("states").rstrip("_-. ")
-    ends = [line for line in read_lines(events) if line.strip(" ,\t")][-3:]
     options = logged_options(events)
-    found = read_events(events)
-    if not any("target" in line for line in read_lines(events)):
-        expected = "a round of Whac-A-Mole; rounds of other games are filmed as they are played"
+    logged = numbered_events(events)
+    if not any(event.kind.startswith("target") for _, event in logged):
+        expected = "a round of Whac-A-Mole; rounds of other games need --game NAME"
         raise InputError("PATH", f"{str(states.parent)!r}, a round of another game", expected)
     return Recording(
         name=states.parent.resolve().name if plain else name,
@@ -192,37 +193,31 @@ def _logged_round(states: Path, unconstrained: bool) -> Recording:
         right=log.right,
         left=log.left if options.get("hand") == "left" else None,
         head=log.head,
-        events=found,
-        finished=any("episode statistics" in line for line in ends),
+        events=_target_events(logged),
+        finished=any(event.kind == "episode_statistics" for _, event in logged[-3:]),
         options=options,
         others=log.others,
-        plane=_logged_plane(events),
-        places_m=_logged_places(events),
+        plane=_logged_plane(logged),
+        places_m=_logged_places(logged),
     )
 
 
-def _logged_plane(events: Path) -> FloatArray | None:
-    for line in read_lines(events)[:_TITLE_LINES]:
-        _, found, text = line.rstrip(" ,\t").partition(_PLANE)
-        try:
-            numbers = [float(each) for each in _SEPARATORS.sub(" ", text).split()] if found else []
-        except ValueError:
-            numbers = [math.nan]
-        if numbers and not (len(numbers) == 7 and all(map(math.isfinite, numbers))):
-            expected = "the plane's pose: position x y z, rotation x y z w"
-            raise InputError(file_name(events), shown(line, 60), expected)
-        if numbers:
-            return np.array(numbers)
+def _logged_plane(logged: Sequence[_Logged]) -> FloatArray | None:
+    for place, event in logged[:_TITLE_LINES]:
+        if event.kind.startswith(_PLANE):
+            plane = np.array(event.data.get("value", ()), dtype=np.float64)
+            if event.kind != _PLANE or plane.shape != (7,):
+                expected = "the plane's pose: position x y z, rotation x y z w"
+                raise InputError(place, shown(event_text(event), 60), expected)
+            return plane
     return None
 
 
-def _logged_places(events: Path) -> dict[int, tuple[float, float]]:
-    for line in read_lines(events)[:_TITLE_LINES]:
-        if ", grid mapping " in line:
-            return {
-                int(match["cell"]): (float(match["x"]), float(match["y"]))
-                for match in _PLACE.finditer(line)
-            }
+def _logged_places(logged: Sequence[_Logged]) -> dict[int, tuple[float, float]]:
+    for _, event in logged[:_TITLE_LINES]:
+        if event.kind == _GRID:
+            found = _PLACE.finditer(str(event.data.get("text")))
+            return {int(each["cell"]): (float(each["x"]), float(each["y"])) for each in found}
     return {}
 
 
@@ -245,43 +240,36 @@ def read_events(path: Path) -> tuple[Event, ...]:
     Raises:
         InputError: The file or a line of it cannot be read.
     """
-    events = []
-    lines = read_lines(path)
-    if not any(map(_TIMED.match, lines)):
-        got = f"no line of an event, such as {shown(lines[0], 40)}"
-        raise InputError(file_name(path), got, "lines of a time in s, a comma and what happened")
-    filled = [number for number, line in enumerate(lines, start=1) if line.strip(" ,\t")]
-    for number, line in enumerate(lines, start=1):
-        if "target_" not in line:
+    return _target_events(numbered_events(path))
+
+
+def _target_events(logged: Sequence[_Logged]) -> tuple[Event, ...]:
+    found = []
+    for i, (place, event) in enumerate(logged):
+        if not event.kind.startswith(_TARGET) or event.kind.startswith(_PLANE):
             continue
-        match = _TARGET_EVENT.fullmatch(_SEPARATORS.sub(", ", line.strip(" ,\t")))
+        kind, data = event.kind.removeprefix(_TARGET), event.data
         try:
-            if match is None:
-                raise ValueError
-            events.append(
-                _event(
-                    match["t"],
-                    match["kind"],
-                    match["target"],
-                    match["cell"],
-                    (match["velocity"] or "").split(),
-                )
-            )
-        except ValueError:
-            if number == filled[-1]:  # cut off
+            target, cell = str(data["target_id"]), str(data["grid_id"])
+            found.append(_event(event.time_ns / 1e9, kind, target, cell, data.get("velocity", ())))
+        except (KeyError, TypeError, ValueError):
+            if i + 1 == len(logged):  # cut off
                 break
+            got = shown(event_text(event), 80)
             expected = "'T, target_KIND, target ID N, grid ID G[, velocity X Y Z]'"
-            raise InputError(f"{path}, line {number}", repr(line[:60]), expected) from None
-    return tuple(events)
+            raise InputError(place, got, expected) from None
+    return tuple(found)
 
 
-def _event(t: str, kind: str, target: str, cell: str, velocity: list[str]) -> Event:
-    """An event from its texts; ValueError when one of them cannot be right."""
+def _event(
+    time_s: float, kind: str, target: str, cell: str, velocity: Sequence[str | float]
+) -> Event:
+    """An event from its parts; an error when one of them cannot be right."""
     speeds = tuple(float(v) for v in velocity)
     if kind not in _KINDS or not 0 <= int(cell) < 9 or len(speeds) not in (0, 3):
         raise ValueError
     three = (speeds[0], speeds[1], speeds[2]) if speeds else None
-    return Event(float(t), kind, int(target), int(cell), three)
+    return Event(time_s, kind, int(target), int(cell), three)
 
 
 # --- the packed form -----------------------------------------------------------------------------
@@ -403,7 +391,8 @@ def _packed_events(path: Path) -> tuple[Event, ...]:
         row = dict(zip(names, line.split(","), strict=False))
         try:
             velocity = [row[axis] for axis in ("vx", "vy", "vz") if row[axis]]
-            events.append(_event(row["t"], row["type"], row["target_id"], row["grid_id"], velocity))
+            target, cell = row["target_id"], row["grid_id"]
+            events.append(_event(float(row["t"]), row["type"], target, cell, velocity))
         except (KeyError, TypeError, ValueError):
             place = f"{file_name(path)}, line {number}"
             raise InputError(place, shown(line, 60), expected) from None

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -14,17 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.base.files import file_name
-from sim2vr_harness.client import AppClient, AppReply, OptionValue
+from sim2vr_harness.client import OptionValue
 from sim2vr_harness.evaluation.replay.film import ReplayFilm
 from sim2vr_harness.evaluation.replay.recordings import GAME, Event, Recording, read_events
 from sim2vr_harness.evaluation.replay.timing import Timing, spawn_schedule, timing_of
-from sim2vr_harness.sessions import AppIdentity, Controller, Session, SessionEvent
+from sim2vr_harness.sessions import AppIdentity, Controller, Session
 from sim2vr_harness.sessions.replay import replay_session
-
-__all__ = ["Replay", "replay", "replay_all", "session_of"]
-
-Watch = Callable[[AppClient, Timing, int, AppReply], None]
-"""Called after frame i of the recording (the app, the timing, i, the app's reply)."""
 
 
 @dataclass(frozen=True)
@@ -45,13 +41,10 @@ def replay(
     fixed_step_s: float | None = None,
     options: Mapping[str, OptionValue] | None = None,
     log_dir: Path | None = None,
-    renderer: str = "null",
-    watch: Watch | None = None,
+    film: ReplayFilm | None = None,
+    only: bool = True,
 ) -> Replay:
-    """Play a recording again.
-
-    The app is the one of every other mode, driven with the recording's frame times on the
-    recording's absolute clock.
+    """Play a recording again: as a session, on the recording's absolute clock.
 
     Args:
         recording: The round.
@@ -59,42 +52,30 @@ def replay(
         fixed_step_s: Period of the recording's fixed steps, s; None works it out.
         options: Further options of the game, over the recording's.
         log_dir: Keeps the replayed round's log here.
-        renderer: What the app draws with.
-        watch: Sees every frame; without it, the frames go to the app in one call.
+        film: Films the round.
+        only: There is no other round in the film.
 
     Raises:
         InputError: The recording is none of this game, or its clock cannot be worked out.
     """
     try:
-        return _replayed(recording, closed_loop, fixed_step_s, options, log_dir, watch, renderer)
+        timing = timing_of(recording, fixed_step_s)
+        session = session_of(recording, closed_loop=closed_loop, timing=timing)
+        with ExitStack() as stack:
+            root = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+            root = root if log_dir is None else log_dir / recording.name
+            shown: dict[str, Any] = {}
+            if film is not None:
+                round_film = film.round(session, recording.name, GAME, only=only)
+                shown = {"renderer": "automatic", "watch": stack.enter_context(round_film).watch}
+            replay_session(session, options=options, log_dir=root, **shown)
+            events = read_events(max(root.glob("*/events.csv")))
+        return Replay(recording, timing, closed_loop, events)
     except ValueError as error:
         text, source = str(error), file_name(recording.source)
         if text.startswith(source):
             raise
         raise ValueError(f"{source}: {text}") from error
-
-
-def _replayed(
-    recording: Recording,
-    closed_loop: bool,
-    fixed_step_s: float | None,
-    options: Mapping[str, OptionValue] | None,
-    log_dir: Path | None,
-    watch: Watch | None,
-    renderer: str,
-) -> Replay:
-    timing = timing_of(recording, fixed_step_s)
-    times_ns, frames = _frames(timing)
-
-    def seen(app: AppClient, i: int, reply: AppReply) -> None:
-        if watch is not None and not (len(times_ns) > len(timing.frame_times_ns) and i == 1):
-            watch(app, timing, int(frames[i]), reply)
-
-    session = session_of(recording, closed_loop=closed_loop, timing=timing)
-    with tempfile.TemporaryDirectory() as temporary:
-        root = Path(temporary) if log_dir is None else log_dir / recording.name
-        replay_session(session, options=options, log_dir=root, renderer=renderer, watch=seen)
-        return Replay(recording, timing, closed_loop, read_events(max(root.glob("*/events.csv"))))
 
 
 def session_of(
@@ -118,10 +99,7 @@ def session_of(
         head=recording.head[frames],
         left=left,
         right=right,
-        events=tuple(
-            SessionEvent(round(event.time_s * 1e9), f"target_{event.kind}", _event_data(event))
-            for event in recording.events
-        ),
+        events=tuple(event.session_event for event in recording.events),
         app=AppIdentity(
             "game", GAME, recording.condition, _options(recording, timing, closed_loop)
         ),
@@ -130,11 +108,6 @@ def session_of(
         source="packed round",
         person=recording.person or "",
     )
-
-
-def _event_data(event: Event) -> dict[str, Any]:
-    data: dict[str, Any] = {"target_id": event.target, "grid_id": event.cell}
-    return data if event.velocity_mps is None else {**data, "velocity": list(event.velocity_mps)}
 
 
 def _options(recording: Recording, timing: Timing, closed_loop: bool) -> dict[str, OptionValue]:
@@ -187,9 +160,7 @@ def replay_all(
             yield from pool.map(one, named)
         return
     for recording in named:
-        with film.round(recording, only=len(named) == 1) as round_film:
-            done = one(recording, renderer="automatic", watch=round_film.watch)
-        yield done
+        yield one(recording, film=film, only=len(named) == 1)
 
 
 def _with_distinct_names(recordings: list[Recording]) -> list[Recording]:

@@ -5,27 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import (
     AppClient,
-    AppReply,
     AppScene,
     DevicePoses,
     GameFacts,
     InProcessApp,
-    describe_game,
     frame_time_ns,
 )
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
-from sim2vr_harness.evaluation.replay.recordings import GAME, read_recordings
-from sim2vr_harness.evaluation.replay.replayer import replay
 from sim2vr_harness.policies.protocol import episode_of
 from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.scripted import scripted_policy, with_inputs
@@ -38,7 +32,6 @@ __all__ = [
     "ViewerFrame",
     "look",
     "person_show",
-    "recorded_show",
     "user_show",
 ]
 
@@ -249,37 +242,6 @@ def _gentle(actions: int) -> Callable[..., Any]:
         return 0.2 * rng.standard_normal(actions).clip(-1.0, 1.0)
 
     return act
-
-
-def recorded_show(path: Path) -> Playlist:
-    """Return a recorded round, played again by its poses: head and hands, no body.
-
-    Raises:
-        InputError: There is no such recording, or several.
-    """
-    recordings = read_recordings([path])
-    if len(recordings) != 1:
-        names = ", ".join(recording.name for recording in recordings[:5])
-        raise InputError("RUN", f"{len(recordings)} recordings ({names})", "the folder of one")
-    recording = recordings[0]
-    facts = describe_game(GAME)
-
-    def moments() -> Iterator[ViewerFrame]:
-        found: list[ViewerFrame] = []
-        counters = Counters(facts)
-
-        def watch(app: AppClient, timing: Any, frame: int, reply: AppReply) -> None:
-            time_s = (int(timing.frame_times_ns[frame]) - int(timing.frame_times_ns[0])) / 1e9
-            if time_s < len(found) / _RECORDED_HZ:
-                return
-            text, events = counters.told(reply.log, time_s)
-            scene, headset = look(app)
-            found.append(ViewerFrame(time_s, scene, headset, text, events, numbers=dict(reply.log)))
-
-        replay(recording, renderer="automatic", watch=watch)
-        yield from found
-
-    return Playlist(f"{recording.name}: {recording.condition}", _RECORDED_HZ, moments)
 
 
 def person_show(env: EnvConfig, *, seed: int = 1) -> Playlist:

@@ -17,9 +17,7 @@ from sim2vr_harness.client import (
     AppScene,
     SceneMesh,
     SceneObject,
-    describe_game,
     facts_of_outside,
-    list_games,
 )
 from sim2vr_harness.client.scene import PLAYER_LAYER
 from sim2vr_harness.sessions import Session
@@ -57,7 +55,7 @@ def session_show(
         got = f"a session of {session.app.name or 'an app that it does not name'}"
         raise InputError("SESSION", got, "the app to replay it in: --game NAME or --page FILE")
     played = game or str((app or {}).get("game") or session.app.name)
-    facts = describe_game(played) if played in list_games() else facts_of_outside(played)
+    facts = facts_of_outside(played)
 
     def moments() -> Iterator[ViewerFrame]:
         found: list[ViewerFrame] = []

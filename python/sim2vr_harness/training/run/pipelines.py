@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 from torch import Tensor, nn
 
@@ -132,7 +133,14 @@ def _adapt(run: Run) -> list[Stage]:
     if user.config.policy_kind == "sac":
         got = f"{user.config.name!r}, which SAC has trained"
         raise InputError("from_user", got, "a user whose network PPO can train")
-    return [_from_pixels(run, title, user.load)]
+    noise = run.config.policy.log_std_init
+
+    def begin(policy: nn.Module) -> None:
+        user.load(policy)
+        if noise != user.config.policy.log_std_init:  # the run has another one
+            nn.init.constant_(cast(nn.Parameter, policy.log_std), noise)
+
+    return [_from_pixels(run, title, begin)]
 
 
 def _sac(run: Run) -> list[Stage]:

@@ -128,7 +128,7 @@ def test_errors_say_where_and_what(tmp_path: Path) -> None:
     (log / "events.csv").unlink()
     assert error_of(log).endswith("log/states.csv', expected its events in events.csv beside it")
     (log / "events.csv").write_text(EVENTS.replace("grid ID 4\n", "grid ID 9\n"))
-    assert "events.csv, line 3: got '329.0148, target_spawn, target ID 0, grid ID 9'" in error_of(
+    assert "events.csv, line 3: got '329.0148, target_spawn, target id 0, grid id 9'" in error_of(
         log
     )
     rounds = packed(tmp_path / "rounds", file="78_low")

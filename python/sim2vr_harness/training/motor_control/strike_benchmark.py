@@ -98,13 +98,12 @@ def passages(
     passes = (along[:, over - 1 : -1] < 0.0) & (along[:, over:] >= 0.0)
     number, step = np.nonzero(passes)
     step = step + over
+    time_s = _SAMPLE_S * step.astype(np.float64)
     speeds = []
     for path in (tip, hand):
         moved = path[number, step] - path[number, step - over]
         speeds.append((moved * direction[number]).sum(-1) / _OVER_S)
-    return StrikeMeasures(
-        len(tip), number, step * _SAMPLE_S, beside[number, step], speeds[1], speeds[0]
-    )
+    return StrikeMeasures(len(tip), number, time_s, beside[number, step], speeds[1], speeds[0])
 
 
 def measure_strikes(

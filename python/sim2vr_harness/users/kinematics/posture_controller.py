@@ -233,7 +233,7 @@ class PostureController(ReachController):
         scale = np.linalg.inv(np.linalg.cholesky(inertia))
         stacked = np.concatenate([scale @ pulls, _EASE * np.eye(pulls.shape[1])])
         target = np.concatenate([scale @ torques, np.zeros(pulls.shape[1])])
-        found: FloatArray = lsq_linear(stacked, target, bounds=(0.0, 1.0)).x
+        found: FloatArray = lsq_linear(stacked, target, bounds=(0.0, 1.0), method="bvls").x
         return found
 
 

@@ -92,7 +92,7 @@ class ReachController:
         muscles = pulls.shape[1]
         stacked = np.concatenate([pulls, ease * np.eye(muscles)])
         target = np.concatenate([torques, np.zeros(muscles)])
-        found: FloatArray = lsq_linear(stacked, target, bounds=(0.0, 1.0)).x
+        found: FloatArray = lsq_linear(stacked, target, bounds=(0.0, 1.0), method="bvls").x
         return found
 
     def _muscles(

@@ -25,8 +25,11 @@ NEAR_M, NEAR_DEG = 0.02, 1.0
 """So near counts as there, for :data:`_SETTLED` user steps in a row."""
 _SETTLED = 3
 _DEVICE = "controller_right"
-_SECONDS = 3.0
-"""Of an attempt."""
+_SECONDS = 6.0
+"""Of an attempt, at most."""
+_IDLE_S, _NEARER = 1.5, 0.01
+"""An attempt ends when for so long the error has not been smaller, by this part, than so long
+before."""
 
 
 @dataclass(frozen=True)
@@ -73,18 +76,17 @@ class Actor:
     ) -> Acted:
         """Bring the right hand to a place, in the body's own frame, from its rest.
 
-        The first attempt searches for a posture by itself; further ones try postures that were
-        found before.
+        The first attempts try postures that were found before, the last one searches by itself.
 
         Args:
             place: (3,) MuJoCo's world, m.
-            postures: (C, J) of the independent joints; further attempts.
+            postures: (C, J) of the independent joints; an attempt each.
             ray: Whether the ray has to get there.
             near: How near is enough, m or degrees.
         """
         enough = near if near is not None else NEAR_DEG if ray else NEAR_M
         gap, steps = np.inf, 0
-        for attempt, posture in enumerate([None, *postures]):
+        for attempt, posture in enumerate([*postures, None]):
             arrived, least, passed = self._attempt(place, posture, ray, enough)
             gap, steps = min(gap, least), steps + passed
             if arrived:
@@ -104,14 +106,20 @@ class Actor:
                 controller.find(start, aim_at=place) if ray else controller.find(start, place=place)
             )
             posture = found.angles
-        least, settled = np.inf, 0
-        count = round(_SECONDS / users.dt)
+        least, settled, nearer = np.inf, 0, 0
+        errors: list[float] = []
+        count, idle = round(_SECONDS / users.dt), round(_IDLE_S / users.dt)
         for step in range(count):
             error = self._error(place, ray)
             least = min(least, error)
             settled = settled + 1 if error <= enough else 0
             if settled == _SETTLED:
                 return True, least, step - _SETTLED + 1
+            errors.append(error)
+            if step < idle or error < (1.0 - _NEARER) * errors[step - idle]:
+                nearer = step
+            if step - nearer >= idle:
+                return False, least, step
             action = controller.towards(users.qpos[0], users.qvel[0], users.act[0], posture)
             users.step(action[None])
             if self._watch is not None:

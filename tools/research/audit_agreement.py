@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sim2vr_harness.audit.acting import NEAR_M, Actor
-from sim2vr_harness.audit.equilibrium import Balancer
+from sim2vr_harness.audit.acting import Actor
+from sim2vr_harness.audit.equilibrium import NEAR_M, Balancer
 from sim2vr_harness.audit.population import NONE, draw
 from sim2vr_harness.audit.reaching import Crowd, Rows
 from sim2vr_harness.statistics.intervals import wilson_interval

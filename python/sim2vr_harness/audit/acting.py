@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.audit.equilibrium import NEAR_M
 from sim2vr_harness.audit.judging import Judged, places_of
 from sim2vr_harness.audit.population import Subject
 from sim2vr_harness.audit.reaching import MIRROR, Crowd
@@ -16,14 +17,14 @@ from sim2vr_harness.client.frames import aim_direction
 from sim2vr_harness.users import UserBatch
 from sim2vr_harness.users.kinematics.posture_controller import PostureController
 
-__all__ = ["NEAR_DEG", "NEAR_M", "Acted", "Actor", "act_out"]
+__all__ = ["NEAR_DEG", "Acted", "Actor", "act_out"]
 
 FloatArray = NDArray[np.float64]
 Watch = Callable[[FloatArray, FloatArray], None]
 
-NEAR_M, NEAR_DEG = 0.02, 1.0
-"""So near counts as there, for :data:`_SETTLED` user steps in a row."""
+NEAR_DEG = 1.0
 _SETTLED = 3
+"""User steps in a row that the hand has to be near."""
 _DEVICE = "controller_right"
 _SECONDS = 6.0
 """Of an attempt, at most."""
@@ -145,7 +146,7 @@ def act_out(
         crowd: Whose.
         person: Number.
         targets: Of the audit.
-        judged: Postures that were found; further attempts.
+        judged: Postures that were found; first attempts.
     """
     actor = Actor(crowd.subjects[person])
     side = MIRROR if crowd.subjects[person].mirrored else np.ones(3)

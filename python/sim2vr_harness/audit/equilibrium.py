@@ -17,10 +17,12 @@ from scipy.optimize import lsq_linear
 from sim2vr_harness.audit.population import Subject
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 
-__all__ = ["Balance", "Balancer"]
+__all__ = ["NEAR_M", "Balance", "Balancer"]
 
 FloatArray = NDArray[np.float64]
 
+NEAR_M = 0.02
+"""So near counts as there, when it is acted out, too."""
 _DEVICE = "controller_right"
 _STEP = 1e-5
 _PLACE_M = 0.01
@@ -109,6 +111,17 @@ class Balancer:
         self._motored = np.array([i for i, _ in motors], dtype=int)
         ranges = np.array([model.actuator(name).forcerange for _, name in motors])
         self._motor_low, self._motor_high = strength * ranges.reshape(-1, 2).T
+
+    def hand(self, angles: FloatArray) -> FloatArray:
+        """(3,) where a posture (J,) has the hand, in the body's own frame, m."""
+        self._data.qpos[:] = self._body.coupled_qpos(angles)
+        mujoco.mj_kinematics(self._model, self._data)
+        return np.array(self._data.site_xpos[self._site])
+
+    def holds(self, angles: FloatArray) -> bool:
+        """Whether muscles bring the arm to a posture (J,) and hold it."""
+        still = _State(self, np.array(angles), np.zeros(3)).left_nm <= _LEFT_NM
+        return still and self._on_the_way(angles) <= _SWING_NM
 
     def search(self, place: FloatArray, postures: FloatArray, close_m: float) -> list[Balance]:
         """Return postures that the search found, the best first.

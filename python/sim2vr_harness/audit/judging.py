@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from sim2vr_harness.audit.equilibrium import NEAR_M, Balancer
 from sim2vr_harness.audit.pacing import REACH_S, Paced, minutes_at_pace
 from sim2vr_harness.audit.population import Limitation, Subject
 from sim2vr_harness.audit.reaching import Bools, Crowd, FloatArray, Ints, Rows, Solved
@@ -41,6 +42,8 @@ class Judged:
     Attributes:
         limitation: Of all persons.
         seen, reached, held: (N, T) whether.
+        feasible: (N, T) whether the model's own muscles bring the hand there and hold it; where they
+            do not, the model excludes the person. True where it was not asked for.
         leans: (N, T) whether the trunk is needed to reach.
         one_hand: (N, T) whether one hand at least reaches.
         needed_m: (N, T, 3) shift of the target after which the hand reaches it: right, up, ahead.
@@ -60,6 +63,7 @@ class Judged:
     seen: Bools
     reached: Bools
     held: Bools
+    feasible: Bools
     leans: Bools
     one_hand: Bools
     needed_m: FloatArray
@@ -172,10 +176,21 @@ def judge(
     targets: Sequence[AuditTarget],
     limitation: Limitation,
     pace: float | None = None,
+    *,
+    muscles: bool = False,
 ) -> Judged:
-    """Judge every person of a crowd on every target; ``pace``: uses of it in a minute."""
+    """Judge every person of a crowd on every target.
+
+    Args:
+        crowd: The persons.
+        targets: The targets.
+        limitation: Of all persons.
+        pace: Uses of a target in a minute; None: not known.
+        muscles: Whether to search for postures that the model's own muscles hold.
+    """
     n, t = len(crowd.subjects), len(targets)
-    yes = np.zeros((5, n, t), dtype=bool)
+    yes = np.zeros((6, n, t), dtype=bool)
+    yes[5] = True
     numbers = np.full((6 + len(MODELS), n, t), np.nan)
     chosen = np.full((n, t, len(crowd.rest)), np.nan)
     needed, where = np.zeros((2, n, t, 3))
@@ -195,9 +210,15 @@ def judge(
         for row in np.flatnonzero(reached).tolist():
             person, column = int(who[row]), int(which[row])
             postures = solved.angles[row][solved.found[row]]
-            load, best, holds = hold_any(
-                crowd.subjects[person], postures, targets[column], limitation
-            )
+            subject, target = crowd.subjects[person], targets[column]
+            load, best, holds = hold_any(subject, postures, target, limitation)
+            if muscles:
+                yes[5, person, column], better = _feasible(
+                    subject, best, postures, target, limitation
+                )
+                again = hold(subject, better, target.load_kg, limitation)
+                if again[0] < load[0]:
+                    load, best = again, better
             numbers[:, person, column], yes[2, person, column] = load, holds
             chosen[person, column] = best
     return Judged(
@@ -205,6 +226,7 @@ def judge(
         yes[0],
         yes[1],
         yes[2],
+        yes[5],
         yes[3],
         yes[4],
         needed,
@@ -275,6 +297,31 @@ def hold_any(
         if load[0] < best[0]:
             best, posture = load, angles
     return best, posture, can_hold(subject, postures, target, limitation)
+
+
+def _feasible(
+    subject: Subject,
+    angles: FloatArray,
+    postures: FloatArray,
+    target: AuditTarget,
+    limitation: Limitation,
+) -> tuple[bool, FloatArray]:
+    """Return whether the model's muscles bring the hand to a target, and the best posture.
+
+    Args:
+        subject: Whose.
+        angles: (J,) that reach it most easily.
+        postures: (C, J) that reach it.
+        target: Says how near is enough, and with what load.
+        limitation: Of the person.
+    """
+    balancer = Balancer(subject, limitation.strength, target.load_kg)
+    if target.how == "point":
+        return balancer.holds(angles), angles
+    close = max(NEAR_M, target.radius_m)
+    best = balancer.search(balancer.hand(postures[0]), postures, close)[0]
+    able = best.holds(close)
+    return able, best.angles if able else angles
 
 
 def can_hold(

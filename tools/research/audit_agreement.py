@@ -95,8 +95,15 @@ def main() -> None:
             numbers = [int(((able == yes) & (acted == done)).sum()) for done in (True, False)]
             print(f"  predicted {yes}: acted {numbers[0]}, not {numbers[1]}")
     for agree in (False, True):
-        kinds = [cause(r) for r in rows if (r["predicted"] == r["acted"]) == agree and (r["predicted"] != 1 or r["acted"] != 1)]
-        print("same, not there" if agree else "differ", {kind: kinds.count(kind) for kind in sorted(set(kinds))})
+        kinds = [
+            cause(r)
+            for r in rows
+            if (r["predicted"] == r["acted"]) == agree and (r["predicted"] != 1 or r["acted"] != 1)
+        ]
+        print(
+            "same, not there" if agree else "differ",
+            {kind: kinds.count(kind) for kind in sorted(set(kinds))},
+        )
     print(f"CPU {time.process_time() - begun:.0f} s")
 
 

@@ -140,7 +140,9 @@ class Actor:
 def act_out(
     crowd: Crowd, person: int, targets: Sequence[AuditTarget], judged: Judged
 ) -> list[Acted | None]:
-    """Have a person act out all targets with the preferred hand; None: what takes none, or both.
+    """Have a person act out all targets with the hand that was judged, rays with the preferred one.
+
+    None: what takes no hand, or both.
 
     Args:
         crowd: Whose.
@@ -159,6 +161,11 @@ def act_out(
         place = (place - np.array([0.0, 0.0, crowd.lift_m[person]])) * side
         posture = judged.postures[person, column]
         further = posture[None] if not np.isnan(posture).any() else np.zeros((0, 0))
+        if len(further) and target.how != "point":
+            place = min(
+                (place, place * MIRROR),
+                key=lambda each: float(np.linalg.norm(each - crowd.hand(person, posture))),
+            )
         ray = target.how == "point"
         size = np.degrees(np.arctan2(target.radius_m, np.linalg.norm(place))) if ray else 0.0
         near = max(NEAR_DEG, float(size)) if ray else max(NEAR_M, target.radius_m)

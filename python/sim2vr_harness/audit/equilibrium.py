@@ -48,7 +48,14 @@ _LEANS_DEG = [
 _POINTS = 6
 """Of a path."""
 _ITERATIONS = 20
+_TRIES = 4
+"""Steps at most, and dampings tried for each."""
+_GAIN, _SMALL = 1e-3, 1e-2
+"""The search ends when it gains less than this part of the cost, or of the second."""
 _DAMPING, _LEAST, _MOST = 1e-2, 1e-7, 1e5
+"""At first, and within these."""
+_BOUND = 1e-9
+"""Activations so near their bounds are at them."""
 
 
 @dataclass(frozen=True)
@@ -102,21 +109,20 @@ class Balancer:
         self._site = int(model.site(_DEVICE).id)
         self._muscles = np.array([model.actuator(name).id for name in body.muscles], dtype=int)
         chain = Linkage(body, Point(_DEVICE)).joints
-        self._columns = np.array([body.independent_joints.index(joint) for joint in chain])
-        self._low, self._high = np.asarray(body.joint_ranges)[self._columns].T
-        motors = [(i, f"{joint}_motor") for i, joint in enumerate(chain) if joint[:5] == "trunk"]
         joints = body.independent_joints
         self._rest = np.array([body.reset_rule.posture.get(joint, 0.0) for joint in joints])
         self._starts = self._leaning()
-        self._motored = np.array([i for i, _ in motors], dtype=int)
-        ranges = np.array([model.actuator(name).forcerange for _, name in motors])
-        self._motor_low, self._motor_high = strength * ranges.reshape(-1, 2).T
-
-    def hand(self, angles: FloatArray) -> FloatArray:
-        """(3,) where a posture (J,) has the hand, in the body's own frame, m."""
-        self._data.qpos[:] = self._body.coupled_qpos(angles)
-        mujoco.mj_kinematics(self._model, self._data)
-        return np.array(self._data.site_xpos[self._site])
+        self.columns = np.array([joints.index(joint) for joint in chain])
+        """(K,) of the joints that move the hand, among the independent ones."""
+        self.limits = np.asarray(body.joint_ranges)[self.columns]
+        """(K, 2) of these joints, rad."""
+        self.motor_low, self.motor_high = np.zeros((2, len(chain)))
+        for i, joint in enumerate(chain):
+            if joint.startswith("trunk_"):
+                span = strength * model.actuator(f"{joint}_motor").forcerange
+                self.motor_low[i], self.motor_high[i] = span
+        self.motors = int((self.motor_high > 0.0).sum())
+        """How many of them motors move, within torques (K,) ``motor_low`` to ``motor_high``."""
 
     def holds(self, angles: FloatArray) -> bool:
         """Whether muscles bring the arm to a posture (J,) and hold it."""
@@ -159,33 +165,36 @@ class Balancer:
             close_m: How near is enough.
         """
         angles = np.array(angles, dtype=np.float64)
-        angles[self._columns] = np.clip(angles[self._columns], self._low, self._high)
-        state = _State(self, angles, place)
-        damping = _DAMPING
+        angles[self.columns] = np.clip(angles[self.columns], *self.limits.T)
+        state, damping = _State(self, angles, place), _DAMPING
         for _ in range(_ITERATIONS):
             if state.left_nm <= _LEFT_NM and state.gap_m <= 0.5 * close_m:
                 break
-            slope, error = state.slope(), state.error
-            for _ in range(4):
-                step = self._step(state, slope, error, damping)
-                changed = angles.copy()
-                moved = angles[self._columns] + step
-                changed[self._columns] = np.clip(moved, self._low, self._high)
-                tried = _State(self, changed, place)
-                if tried.cost < state.cost:
-                    break
-                damping = min(8.0 * damping, _MOST)
-            else:
+            tried, damping = self._improved(state, place, damping)
+            if tried is None:
                 break
-            gain = state.cost - tried.cost
-            damping = max(0.2 * damping, _LEAST)
-            angles, state = changed, tried
-            if gain < 1e-3 * max(tried.cost, 1e-2):
+            gain, state = state.cost - tried.cost, tried
+            if gain < _GAIN * max(tried.cost, _SMALL):
                 break
         way = np.inf
         if state.left_nm <= _LEFT_NM and state.gap_m <= close_m:
-            way = self._on_the_way(angles)
-        return Balance(angles, state.gap_m, state.left_nm, way, state.activations)
+            way = self._on_the_way(state.angles)
+        return Balance(state.angles, state.gap_m, state.left_nm, way, state.activations)
+
+    def _improved(
+        self, state: _State, place: FloatArray, damping: float
+    ) -> tuple[_State | None, float]:
+        """Return the posture after a step, and the damping of the next; None: no step is better."""
+        slope = state.slope()
+        for _ in range(_TRIES):
+            moved = state.angles[self.columns] + self._step(state, slope, damping)
+            changed = state.angles.copy()
+            changed[self.columns] = np.clip(moved, *self.limits.T)
+            tried = _State(self, changed, place)
+            if tried.cost < state.cost:
+                return tried, max(0.2 * damping, _LEAST)
+            damping = min(8.0 * damping, _MOST)
+        return None, damping
 
     def _on_the_way(self, angles: FloatArray) -> float:
         """Largest torque that muscles lack on the straight way from rest to a posture."""
@@ -193,133 +202,142 @@ class Balancer:
         way = self._rest + parts * (angles - self._rest)
         return max(_State(self, each, np.zeros(3)).left_nm for each in way)
 
-    def _step(
-        self, state: _State, slope: FloatArray, error: FloatArray, damping: float
-    ) -> FloatArray:
+    def _step(self, state: _State, slope: FloatArray, damping: float) -> FloatArray:
         """Levenberg-Marquardt step, (K,); joints at limits do not go on."""
-        q = state.angles[self._columns]
+        q, (low, high) = state.angles[self.columns], self.limits.T
         free = np.ones(len(q), dtype=bool)
         step = np.zeros(len(q))
         for _ in range(3):
             part = slope[:, free]
             normal = part.T @ part + damping * np.eye(part.shape[1])
             step[:] = 0.0
-            step[free] = -np.linalg.solve(normal, part.T @ error)
-            out = ((q + step < self._low) & (q <= self._low + _AT_LIMIT)) | (
-                (q + step > self._high) & (q >= self._high - _AT_LIMIT)
-            )
+            step[free] = -np.linalg.solve(normal, part.T @ state.error)
+            below = (q + step < low) & (q <= low + _AT_LIMIT)
+            out = below | ((q + step > high) & (q >= high - _AT_LIMIT))
             if not (out & free).any():
                 break
             free &= ~out
         return step
 
-    def mechanics(self, angles: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Where the hand is (P, 3), torques needed (P, K) and effects (P, M, K) of postures."""
-        body, model, data, by = self._body, self._model, self._data, _STEP
-        count, k = len(angles), len(self._columns)
-        shifts = np.zeros((2 * k, angles.shape[1]))
-        shifts[np.arange(k), self._columns] = by
-        shifts[k + np.arange(k), self._columns] = -by
-        coupled = body.coupled_qpos(angles)
-        around = body.coupled_qpos(angles[:, None] + shifts)
-        slopes = np.swapaxes(around[:, :k] - around[:, k:], 1, 2) / (2.0 * by)
-        hands = np.zeros((count, 3))
-        needed, effects = np.zeros((count, k)), np.zeros((count, len(self._muscles), k))
-        moments, push = np.zeros((model.nu, model.nv)), np.zeros((3, model.nv))
+    def mechanics(self, angles: FloatArray) -> _Mechanics:
+        """Return what postures (P, J) ask for, and what muscles can do in them."""
+        model, data = self._model, self._data
+        count, k = len(angles), len(self.columns)
+        slopes, coupled = self._slopes(angles), self._body.coupled_qpos(angles)
+        hands, needed = np.zeros((count, 3)), np.zeros((count, k))
+        effects = np.zeros((count, len(self._muscles), k))
+        mass, push = np.zeros((model.nv, model.nv)), np.zeros((3, model.nv))
         data.qvel[:] = 0.0
         for i in range(count):
             data.qpos[:] = coupled[i]
             mujoco.mj_fwdPosition(model, data)
             mujoco.mj_fwdVelocity(model, data)
-            data.act[:] = 0.0
-            mujoco.mj_fwdActuation(model, data)
-            slack = np.array(data.actuator_force)[self._muscles]
-            data.act[:] = 1.0
-            mujoco.mj_fwdActuation(model, data)
-            full = np.array(data.actuator_force)[self._muscles]
-            mujoco.mju_sparse2dense(
-                moments,
-                data.actuator_moment,
-                data.moment_rownnz,
-                data.moment_rowadr,
-                data.moment_colind,
-            )
-            arms = moments[self._muscles] @ slopes[i]
+            slack, full = self._forces(0.0), self._forces(1.0)
+            arms = self._moments() @ slopes[i]
             hands[i] = data.site_xpos[self._site]
             mujoco.mj_jacSite(model, data, push, None, self._site)
             torques = data.qfrc_bias - data.qfrc_passive + self._weight @ push
             needed[i] = torques @ slopes[i] - slack @ arms
             effects[i] = self._strength * (full - slack)[:, None] * arms
-        return hands, needed, effects
+        mujoco.mj_fullM(model, data, mass)
+        return _Mechanics(hands, needed, effects, slopes[-1].T @ mass @ slopes[-1])
 
-    def inertia(self, angles: FloatArray) -> FloatArray:
-        """(K, K) of the joints in the posture that was computed last, which is this one."""
-        mass = np.zeros((self._model.nv, self._model.nv))
-        mujoco.mj_fullM(self._model, self._data, mass)
-        k, by = len(self._columns), _STEP
-        shifts = np.zeros((k, len(angles)))
-        shifts[np.arange(k), self._columns] = by
-        slope = (
-            self._body.coupled_qpos(angles + shifts) - self._body.coupled_qpos(angles - shifts)
-        ).T / (2.0 * by)
-        return np.asarray(slope.T @ mass @ slope)
+    def _slopes(self, angles: FloatArray) -> FloatArray:
+        """(P, nv, K) how all joints follow those that move the hand."""
+        k = len(self.columns)
+        shifts = np.zeros((k, angles.shape[1]))
+        shifts[np.arange(k), self.columns] = _STEP
+        coupled = self._body.coupled_qpos
+        rise = coupled(angles[:, None] + shifts) - coupled(angles[:, None] - shifts)
+        return np.swapaxes(rise, 1, 2) / (2.0 * _STEP)
+
+    def _forces(self, activation: float) -> FloatArray:
+        """(M,) of muscles that are all active alike."""
+        self._data.act[:] = activation
+        mujoco.mj_fwdActuation(self._model, self._data)
+        return np.array(self._data.actuator_force)[self._muscles]
+
+    def _moments(self) -> FloatArray:
+        """(M, nv) moment arms of muscles."""
+        data, moments = self._data, np.zeros((self._model.nu, self._model.nv))
+        mujoco.mju_sparse2dense(
+            moments,
+            data.actuator_moment,
+            data.moment_rownnz,
+            data.moment_rowadr,
+            data.moment_colind,
+        )
+        return np.asarray(moments[self._muscles])
+
+
+@dataclass(frozen=True)
+class _Mechanics:
+    """P postures of K joints and M muscles.
+
+    Attributes:
+        hands: (P, 3) where the hand is.
+        needed: (P, K) torques against gravity and what is passive.
+        effects: (P, M, K) torques of fully active muscles.
+        inertia: (K, K) of the last posture.
+    """
+
+    hands: FloatArray
+    needed: FloatArray
+    effects: FloatArray
+    inertia: FloatArray
 
 
 class _State:
-    """A posture with its best activations."""
+    """A posture with the activations that balance it best.
+
+    Args:
+        balancer: Whose muscles act.
+        angles: (J,) of the independent joints.
+        place: (3,) where the hand shall be.
+    """
 
     def __init__(self, balancer: Balancer, angles: FloatArray, place: FloatArray) -> None:
-        self.angles, self._place, self._by = angles, place, balancer
-        hands, needed, effects = balancer.mechanics(angles[None])
-        self._scale = _UNIT * np.linalg.inv(np.linalg.cholesky(balancer.inertia(angles)))
-        k, m = len(needed[0]), len(effects[0])
-        motored = balancer._motored
-        span = balancer._motor_high - balancer._motor_low
-        motors = np.zeros((len(motored), k))
-        motors[np.arange(len(motored)), motored] = span
-        offset = np.zeros(k)
-        offset[motored] = balancer._motor_low
-        q = angles[balancer._columns]
-        stops = np.diag(
-            (q <= balancer._low + _AT_LIMIT).astype(float)
-            - (q >= balancer._high - _AT_LIMIT).astype(float)
-        )
-        stops = stops[np.abs(stops).sum(axis=1) > 0.0]
-        self._others = np.concatenate([motors, stops])
-        pulls = self._scale @ np.concatenate([effects[0], self._others]).T
-        ease = np.zeros((m, pulls.shape[1]))
-        ease[:, :m] = _UNIT * _EASE * np.eye(m)
-        target = self._scale @ (needed[0] - offset)
-        high = np.ones(pulls.shape[1])
-        high[m + len(motored) :] = np.inf
-        found = lsq_linear(
-            np.concatenate([pulls, ease]),
-            np.concatenate([target, np.zeros(m)]),
+        self.angles, self._by = angles, balancer
+        found = balancer.mechanics(angles[None])
+        others, needed = self._others(), found.needed[0] - balancer.motor_low
+        muscles, pulling = len(found.effects[0]), np.concatenate([found.effects[0], others])
+        scale = _UNIT * np.linalg.inv(np.linalg.cholesky(found.inertia))
+        ease = _UNIT * _EASE * np.eye(muscles, len(pulling))
+        high = np.ones(len(pulling))
+        high[muscles + balancer.motors :] = np.inf
+        part = lsq_linear(
+            np.concatenate([scale @ pulling.T, ease]),
+            np.concatenate([scale @ needed, np.zeros(muscles)]),
             bounds=(np.zeros(len(high)), high),
             method="bvls",
         ).x
-        self._found, self._m = found, m
-        self.activations = found[:m]
-        self._free = (found > 1e-9) & (found < high - 1e-9)
-        self._pulls = pulls
-        self._hand = hands[0]
-        left = needed[0] - offset - np.concatenate([effects[0], self._others]).T @ found
-        self.left_nm = float(np.abs(left).max())
-        self.gap_m = float(np.linalg.norm(hands[0] - place))
-        self.error = np.concatenate([self._scale @ left, (hands[0] - place) / _PLACE_M])
+        self.activations = part[:muscles]
+        left, gap = needed - pulling.T @ part, found.hands[0] - place
+        self.left_nm, self.gap_m = float(np.abs(left).max()), float(np.linalg.norm(gap))
+        self.error = np.concatenate([scale @ left, gap / _PLACE_M])
         self.cost = float(self.error @ self.error)
+        self._scale, free = scale, (part > _BOUND) & (part < high - _BOUND)
+        self._following = scale @ pulling[free].T
+
+    def _others(self) -> FloatArray:
+        """(S, K) torques of the trunk's motors, from the lowest up, and of joints at limits."""
+        by = self._by
+        motors = np.diag(by.motor_high - by.motor_low)
+        low, high = by.limits.T
+        q = self.angles[by.columns]
+        stops = (q <= low + _AT_LIMIT).astype(float) - (q >= high - _AT_LIMIT)
+        return np.concatenate([motors[motors.any(axis=1)], np.diag(stops)[stops != 0.0]])
 
     def slope(self) -> FloatArray:
         """(K + 3, K) how unbalanced torques and the gap change with the angles."""
-        by, k = _STEP, len(self._by._columns)
-        changed = np.repeat(self.angles[None], k, axis=0)
-        changed[np.arange(k), self._by._columns] += by
-        hands, needed, effects = self._by.mechanics(
-            np.concatenate([self.angles[None], changed])
-        )
-        left = needed - np.einsum("pmk,m->pk", effects, self.activations)
-        rise = self._scale @ ((left[1:] - left[0]) / by).T
-        basis, sizes, _ = np.linalg.svd(self._pulls[:, self._free], full_matrices=False)
-        basis = basis[:, sizes > 1e-6 * max(float(sizes[0]) if len(sizes) else 1.0, 1e-9)]
+        by = self._by
+        k = len(by.columns)
+        around = np.repeat(self.angles[None], k + 1, axis=0)
+        around[1 + np.arange(k), by.columns] += _STEP
+        found = by.mechanics(around)
+        left = found.needed - np.einsum("pmk,m->pk", found.effects, self.activations)
+        rise = self._scale @ ((left[1:] - left[0]) / _STEP).T
+        basis, sizes, _ = np.linalg.svd(self._following, full_matrices=False)
+        basis = basis[:, sizes > 1e-6 * sizes.max(initial=1e-3)]
         rise -= basis @ (basis.T @ rise)
-        return np.concatenate([rise, ((hands[1:] - hands[0]) / by).T / _PLACE_M])
+        return np.concatenate([rise, ((found.hands[1:] - found.hands[0]) / _STEP).T / _PLACE_M])

@@ -42,8 +42,8 @@ class Judged:
     Attributes:
         limitation: Of all persons.
         seen, reached, held: (N, T) whether.
-        feasible: (N, T) whether the model's own muscles bring the hand there and hold it; where they
-            do not, the model excludes the person. True where it was not asked for.
+        feasible: (N, T) whether the model's own muscles bring the hand there and hold it. Where
+            they do not, the model excludes the person. True where it was not asked for.
         leans: (N, T) whether the trunk is needed to reach.
         one_hand: (N, T) whether one hand at least reaches.
         needed_m: (N, T, 3) shift of the target after which the hand reaches it: right, up, ahead.
@@ -213,8 +213,9 @@ def judge(
             subject, target = crowd.subjects[person], targets[column]
             load, best, holds = hold_any(subject, postures, target, limitation)
             if muscles:
+                place = crowd.hand(person, postures[0])
                 yes[5, person, column], better = _feasible(
-                    subject, best, postures, target, limitation
+                    subject, (best, *postures), place, target, limitation
                 )
                 again = hold(subject, better, target.load_kg, limitation)
                 if again[0] < load[0]:
@@ -301,8 +302,8 @@ def hold_any(
 
 def _feasible(
     subject: Subject,
-    angles: FloatArray,
-    postures: FloatArray,
+    postures: Sequence[FloatArray],
+    place: FloatArray,
     target: AuditTarget,
     limitation: Limitation,
 ) -> tuple[bool, FloatArray]:
@@ -310,24 +311,24 @@ def _feasible(
 
     Args:
         subject: Whose.
-        angles: (J,) that reach it most easily.
-        postures: (C, J) that reach it.
+        postures: (J,) each, that reach it, the most easily held first.
+        place: (3,) where the hand then is, in the body's own frame, m.
         target: Says how near is enough, and with what load.
         limitation: Of the person.
     """
     balancer = Balancer(subject, limitation.strength, target.load_kg)
     if target.how == "point":
-        return balancer.holds(angles), angles
+        return balancer.holds(postures[0]), postures[0]
     close = max(NEAR_M, target.radius_m)
-    best = balancer.search(balancer.hand(postures[0]), postures, close)[0]
+    best = balancer.search(place, np.array(postures[1:]), close)[0]
     able = best.holds(close)
-    return able, best.angles if able else angles
+    return able, best.angles if able else postures[0]
 
 
 def can_hold(
     subject: Subject, postures: FloatArray, target: AuditTarget, limitation: Limitation
 ) -> bool:
-    """Whether a shoulder of published strength holds one of the postures (C, J) long enough.
+    """Return whether a shoulder of published strength holds one of the postures (C, J) long enough.
 
     Time: as NICER has it. The muscles of the arm model do not decide: raised, they are too weak to
     do what recorded people do.

@@ -114,8 +114,7 @@ def too_weak(values: Mapping[str, Any]) -> str:
     names = [
         f"{each['name']} ({_percent(each['muscles_suffice'])})"
         for each in values["targets"]
-        if each["muscles_suffice"]["share"] is not None
-        and each["muscles_suffice"]["share"] < GOAL
+        if each["muscles_suffice"]["share"] is not None and each["muscles_suffice"]["share"] < GOAL
     ]
     if not names:
         return ""
@@ -223,8 +222,8 @@ def _answer(values: Mapping[str, Any]) -> str:
 
 _ANSWER = ("who", "target", "can use it", "why not", "smallest change that includes 95 %")
 _OPERATED = (
-    "Muscles and trunk bring the preferred hand, or its ray, to the target and keep it there for "
-    "0.15 s. An attempt takes up to 6 s. Predicted: those whose muscles suffice for a posture there."
+    "Muscles and trunk bring the hand, or its ray, to the target and keep it there for "
+    "0.15 s. An attempt takes up to 6 s. Predicted: those whose muscles suffice."
 )
 _PATHS = (
     "Torque at the shoulder of the person of median stature who moves from one target to the next "
@@ -362,7 +361,9 @@ def _operated_table(values: Mapping[str, Any]) -> str:
         for target in values["targets"]
         if (each := target["operated"]) is not None
     ]
-    return table(["target", "got there", "predicted", "as predicted", "s (median)", "attempts (mean)"], rows)
+    return table(
+        ["target", "got there", "predicted", "as predicted", "s (median)", "attempts (mean)"], rows
+    )
 
 
 def _path_table(values: Mapping[str, Any]) -> str:

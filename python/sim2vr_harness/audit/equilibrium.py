@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
 
 from sim2vr_harness.audit.population import Subject
+from sim2vr_harness.users.kinematics.bounded import bounded_least_squares
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 
 __all__ = ["NEAR_M", "Balance", "Balancer"]
@@ -305,12 +305,11 @@ class _State:
         ease = _UNIT * _EASE * np.eye(muscles, len(pulling))
         high = np.ones(len(pulling))
         high[muscles + balancer.motors :] = np.inf
-        part = lsq_linear(
+        part = bounded_least_squares(
             np.concatenate([scale @ pulling.T, ease]),
             np.concatenate([scale @ needed, np.zeros(muscles)]),
-            bounds=(np.zeros(len(high)), high),
-            method="bvls",
-        ).x
+            high,
+        )
         self.activations = part[:muscles]
         left, gap = needed - pulling.T @ part, found.hands[0] - place
         self.left_nm, self.gap_m = float(np.abs(left).max()), float(np.linalg.norm(gap))

@@ -43,7 +43,7 @@ class Judged:
         limitation: Of all persons.
         seen, reached, held: (N, T) whether.
         feasible: (N, T) whether the model's own muscles bring the hand there and hold it. Where
-            they do not, the model excludes the person. True where it was not asked for.
+            they do not, the model excludes the person. True where nothing was searched.
         leans: (N, T) whether the trunk is needed to reach.
         one_hand: (N, T) whether one hand at least reaches.
         needed_m: (N, T, 3) shift of the target after which the hand reaches it: right, up, ahead.

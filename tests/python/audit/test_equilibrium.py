@@ -77,7 +77,7 @@ def test_verdicts_name_what_the_model_is_too_weak_for() -> None:
     judged = judge(crowd, [front, heavy], NONE, muscles=True)
     assert judged.reached.all()
     assert judged.feasible.tolist() == [[True, False]] * 2
-    assert judge(crowd, [heavy], NONE).feasible.all(), "not asked for"
+    assert judge(crowd, [heavy], NONE).feasible.all(), "nothing was searched"
 
 
 def test_a_feasible_posture_takes_no_more_than_all_of_the_muscles() -> None:

@@ -17,8 +17,6 @@ from sim2vr_harness.users.actuation import Actuation
 from sim2vr_harness.users.bodies.body import Body
 from sim2vr_harness.users.kinematics.bounded import bounded_least_squares
 
-__all__ = ["ReachController"]
-
 FloatArray = NDArray[np.float64]
 
 _STIFFNESS_N_M = 250.0

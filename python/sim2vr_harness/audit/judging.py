@@ -210,18 +210,11 @@ def judge(
         for row in np.flatnonzero(reached).tolist():
             person, column = int(who[row]), int(which[row])
             postures = solved.angles[row][solved.found[row]]
-            subject, target = crowd.subjects[person], targets[column]
-            load, best, holds = hold_any(subject, postures, target, limitation)
-            if muscles:
-                place = crowd.hand(person, postures[0])
-                yes[5, person, column], better = _feasible(
-                    subject, (best, *postures), place, target, limitation
-                )
-                again = hold(subject, better, target.load_kg, limitation)
-                if again[0] < load[0]:
-                    load, best = again, better
-            numbers[:, person, column], yes[2, person, column] = load, holds
-            chosen[person, column] = best
+            load, best, holds, able = _held(
+                crowd, person, postures, targets[column], limitation, muscles=muscles
+            )
+            yes[2, person, column], yes[5, person, column] = holds, able
+            numbers[:, person, column], chosen[person, column] = load, best
     return Judged(
         limitation,
         yes[0],
@@ -298,6 +291,29 @@ def hold_any(
         if load[0] < best[0]:
             best, posture = load, angles
     return best, posture, can_hold(subject, postures, target, limitation)
+
+
+def _held(
+    crowd: Crowd,
+    person: int,
+    postures: FloatArray,
+    target: AuditTarget,
+    limitation: Limitation,
+    *,
+    muscles: bool,
+) -> tuple[list[float], FloatArray, bool, bool]:
+    """Return what :func:`hold_any` does, and whether the model's muscles suffice.
+
+    ``muscles``: whether to look for that, and for a posture which takes less of them.
+    """
+    subject = crowd.subjects[person]
+    load, best, holds = hold_any(subject, postures, target, limitation)
+    if not muscles:
+        return load, best, holds, True
+    place = crowd.hand(person, postures[0])
+    able, better = _feasible(subject, (best, *postures), place, target, limitation)
+    again = hold(subject, better, target.load_kg, limitation)
+    return (again, better, holds, able) if again[0] < load[0] else (load, best, holds, able)
 
 
 def _feasible(

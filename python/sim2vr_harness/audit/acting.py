@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.audit.equilibrium import NEAR_M
 from sim2vr_harness.audit.judging import Judged, places_of
 from sim2vr_harness.audit.population import Subject
 from sim2vr_harness.audit.reaching import MIRROR, Crowd
@@ -16,17 +17,20 @@ from sim2vr_harness.client.frames import aim_direction
 from sim2vr_harness.users import UserBatch
 from sim2vr_harness.users.kinematics.posture_controller import PostureController
 
-__all__ = ["NEAR_DEG", "NEAR_M", "Acted", "Actor", "act_out"]
+__all__ = ["NEAR_DEG", "Acted", "Actor", "act_out"]
 
 FloatArray = NDArray[np.float64]
 Watch = Callable[[FloatArray, FloatArray], None]
 
-NEAR_M, NEAR_DEG = 0.02, 1.0
-"""So near counts as there, for :data:`_SETTLED` user steps in a row."""
+NEAR_DEG = 1.0
 _SETTLED = 3
+"""User steps in a row that the hand has to be near."""
 _DEVICE = "controller_right"
-_SECONDS = 3.0
-"""Of an attempt."""
+_SECONDS = 6.0
+"""Of an attempt, at most."""
+_IDLE_S, _NEARER = 1.5, 0.01
+"""An attempt ends when for so long the error has not been smaller, by this part, than so long
+before."""
 
 
 @dataclass(frozen=True)
@@ -73,18 +77,17 @@ class Actor:
     ) -> Acted:
         """Bring the right hand to a place, in the body's own frame, from its rest.
 
-        The first attempt searches for a posture by itself; further ones try postures that were
-        found before.
+        The first attempts try postures that were found before, the last one searches by itself.
 
         Args:
             place: (3,) MuJoCo's world, m.
-            postures: (C, J) of the independent joints; further attempts.
+            postures: (C, J) of the independent joints; an attempt each.
             ray: Whether the ray has to get there.
             near: How near is enough, m or degrees.
         """
         enough = near if near is not None else NEAR_DEG if ray else NEAR_M
         gap, steps = np.inf, 0
-        for attempt, posture in enumerate([None, *postures]):
+        for attempt, posture in enumerate([*postures, None]):
             arrived, least, passed = self._attempt(place, posture, ray, enough)
             gap, steps = min(gap, least), steps + passed
             if arrived:
@@ -104,14 +107,20 @@ class Actor:
                 controller.find(start, aim_at=place) if ray else controller.find(start, place=place)
             )
             posture = found.angles
-        least, settled = np.inf, 0
-        count = round(_SECONDS / users.dt)
+        least, settled, nearer = np.inf, 0, 0
+        errors: list[float] = []
+        count, idle = round(_SECONDS / users.dt), round(_IDLE_S / users.dt)
         for step in range(count):
             error = self._error(place, ray)
             least = min(least, error)
             settled = settled + 1 if error <= enough else 0
             if settled == _SETTLED:
                 return True, least, step - _SETTLED + 1
+            errors.append(error)
+            if step < idle or error < (1.0 - _NEARER) * errors[step - idle]:
+                nearer = step
+            if step - nearer >= idle:
+                return False, least, step
             action = controller.towards(users.qpos[0], users.qvel[0], users.act[0], posture)
             users.step(action[None])
             if self._watch is not None:
@@ -131,13 +140,15 @@ class Actor:
 def act_out(
     crowd: Crowd, person: int, targets: Sequence[AuditTarget], judged: Judged
 ) -> list[Acted | None]:
-    """Have a person act out all targets with the preferred hand; None: what takes none, or both.
+    """Have a person act out all targets with the hand that was judged, rays with the preferred one.
+
+    None: what takes no hand, or both.
 
     Args:
         crowd: Whose.
         person: Number.
         targets: Of the audit.
-        judged: Postures that were found; further attempts.
+        judged: Postures that were found; first attempts.
     """
     actor = Actor(crowd.subjects[person])
     side = MIRROR if crowd.subjects[person].mirrored else np.ones(3)
@@ -150,6 +161,11 @@ def act_out(
         place = (place - np.array([0.0, 0.0, crowd.lift_m[person]])) * side
         posture = judged.postures[person, column]
         further = posture[None] if not np.isnan(posture).any() else np.zeros((0, 0))
+        if len(further) and target.how != "point":
+            place = min(
+                (place, place * MIRROR),
+                key=lambda each: float(np.linalg.norm(each - crowd.hand(person, posture))),
+            )
         ray = target.how == "point"
         size = np.degrees(np.arctan2(target.radius_m, np.linalg.norm(place))) if ray else 0.0
         near = max(NEAR_DEG, float(size)) if ray else max(NEAR_M, target.radius_m)

@@ -125,7 +125,7 @@ def _judge_all(
         crowd, columns = jobs[number]
         limitation = NONE if crowd == 0 else limitations[crowd - 1]
         chosen = [targets[i] for i in columns.tolist()]
-        return judge(crowds[crowd], chosen, limitation, None if crowd else pace)
+        return judge(crowds[crowd], chosen, limitation, None if crowd else pace, muscles=not crowd)
 
     found = parts.run(judged_part, range(len(jobs)))
     return Judged.joined(found[:count]), found[count:]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from sim2vr_harness.audit.equilibrium import NEAR_M, Balancer
 from sim2vr_harness.audit.pacing import REACH_S, Paced, minutes_at_pace
 from sim2vr_harness.audit.population import Limitation, Subject
 from sim2vr_harness.audit.reaching import Bools, Crowd, FloatArray, Ints, Rows, Solved
@@ -41,6 +42,8 @@ class Judged:
     Attributes:
         limitation: Of all persons.
         seen, reached, held: (N, T) whether.
+        feasible: (N, T) whether the model's own muscles bring the hand there and hold it. Where
+            they do not, the model excludes the person. True where nothing was searched.
         leans: (N, T) whether the trunk is needed to reach.
         one_hand: (N, T) whether one hand at least reaches.
         needed_m: (N, T, 3) shift of the target after which the hand reaches it: right, up, ahead.
@@ -60,6 +63,7 @@ class Judged:
     seen: Bools
     reached: Bools
     held: Bools
+    feasible: Bools
     leans: Bools
     one_hand: Bools
     needed_m: FloatArray
@@ -172,10 +176,21 @@ def judge(
     targets: Sequence[AuditTarget],
     limitation: Limitation,
     pace: float | None = None,
+    *,
+    muscles: bool = False,
 ) -> Judged:
-    """Judge every person of a crowd on every target; ``pace``: uses of it in a minute."""
+    """Judge every person of a crowd on every target.
+
+    Args:
+        crowd: The persons.
+        targets: The targets.
+        limitation: Of all persons.
+        pace: Uses of a target in a minute; None: not known.
+        muscles: Whether to search for postures that the model's own muscles hold.
+    """
     n, t = len(crowd.subjects), len(targets)
-    yes = np.zeros((5, n, t), dtype=bool)
+    yes = np.zeros((6, n, t), dtype=bool)
+    yes[5] = True
     numbers = np.full((6 + len(MODELS), n, t), np.nan)
     chosen = np.full((n, t, len(crowd.rest)), np.nan)
     needed, where = np.zeros((2, n, t, 3))
@@ -195,16 +210,17 @@ def judge(
         for row in np.flatnonzero(reached).tolist():
             person, column = int(who[row]), int(which[row])
             postures = solved.angles[row][solved.found[row]]
-            load, best, holds = hold_any(
-                crowd.subjects[person], postures, targets[column], limitation
+            load, best, holds, able = _held(
+                crowd, person, postures, targets[column], limitation, muscles=muscles
             )
-            numbers[:, person, column], yes[2, person, column] = load, holds
-            chosen[person, column] = best
+            yes[2, person, column], yes[5, person, column] = holds, able
+            numbers[:, person, column], chosen[person, column] = load, best
     return Judged(
         limitation,
         yes[0],
         yes[1],
         yes[2],
+        yes[5],
         yes[3],
         yes[4],
         needed,
@@ -277,10 +293,58 @@ def hold_any(
     return best, posture, can_hold(subject, postures, target, limitation)
 
 
+def _held(
+    crowd: Crowd,
+    person: int,
+    postures: FloatArray,
+    target: AuditTarget,
+    limitation: Limitation,
+    *,
+    muscles: bool,
+) -> tuple[list[float], FloatArray, bool, bool]:
+    """Return what :func:`hold_any` does, and whether the model's muscles suffice.
+
+    ``muscles``: whether to look for that, and for a posture which takes less of them.
+    """
+    subject = crowd.subjects[person]
+    load, best, holds = hold_any(subject, postures, target, limitation)
+    if not muscles:
+        return load, best, holds, True
+    place = crowd.hand(person, postures[0])
+    able, better = _feasible(subject, (best, *postures), place, target, limitation)
+    again = hold(subject, better, target.load_kg, limitation)
+    return (again, better, holds, able) if again[0] < load[0] else (load, best, holds, able)
+
+
+def _feasible(
+    subject: Subject,
+    postures: Sequence[FloatArray],
+    place: FloatArray,
+    target: AuditTarget,
+    limitation: Limitation,
+) -> tuple[bool, FloatArray]:
+    """Return whether the model's muscles bring the hand to a target, and the best posture.
+
+    Args:
+        subject: Whose.
+        postures: (J,) each, that reach it, the most easily held first.
+        place: (3,) where the hand then is, in the body's own frame, m.
+        target: Says how near is enough, and with what load.
+        limitation: Of the person.
+    """
+    balancer = Balancer(subject, limitation.strength, target.load_kg)
+    if target.how == "point":
+        return balancer.holds(postures[0]), postures[0]
+    close = max(NEAR_M, target.radius_m)
+    best = balancer.search(place, np.array(postures[1:]), close)[0]
+    able = best.holds(close)
+    return able, best.angles if able else postures[0]
+
+
 def can_hold(
     subject: Subject, postures: FloatArray, target: AuditTarget, limitation: Limitation
 ) -> bool:
-    """Whether a shoulder of published strength holds one of the postures (C, J) long enough.
+    """Return whether a shoulder of published strength holds one of the postures (C, J) long enough.
 
     Time: as NICER has it. The muscles of the arm model do not decide: raised, they are too weak to
     do what recorded people do.

@@ -138,6 +138,14 @@ class Crowd:
         """(B, 3) the floor of the bodies of persons, MuJoCo's world, m."""
         return np.stack([0.0 * self.lift_m, 0.0 * self.lift_m, self.lift_m], axis=1)[persons]
 
+    def hand(self, person: int, angles: FloatArray) -> FloatArray:
+        """(3,) where a posture (J,) brings a person's right hand, in the body's own frame, m."""
+        linkage = self._hands[person]
+        place: FloatArray = linkage.place(
+            angles[[self._joints.index(joint) for joint in linkage.joints]][None]
+        )[0]
+        return place
+
     def landmarks(self, person: int) -> FloatArray:
         """(3, 3) eyes and both shoulders of a person: right, up, ahead, m."""
         body = self.subjects[person].body

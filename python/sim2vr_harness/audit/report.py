@@ -37,7 +37,8 @@ LIMITS = (
     "Postures are the easiest of those found, held without motion; contacts do not support the "
     "arm. Forces of pressing and grip are not modelled.",
     "Muscles are a man's arm, scaled by body size and strength; raised arms are too weak in this "
-    "model, so that activations are for comparison. Age, endurance and skill do not vary.",
+    "model, so that activations are for comparison and exclude no one. Age, endurance and skill do "
+    "not vary.",
     "Persons with limitations are the sampled persons with narrower joint limits, weaker muscles "
     "or one hand, not patients.",
 )
@@ -109,6 +110,21 @@ def findings(values: Mapping[str, Any]) -> list[str]:
     return [_finding(each) for each in _missed(values)]
 
 
+def too_weak(values: Mapping[str, Any]) -> str:
+    """Return a sentence about targets at which the model excludes people, not nature; or none."""
+    names = [
+        f"{each['name']} ({_percent(each['muscles_suffice'])})"
+        for each in values["targets"]
+        if each["muscles_suffice"]["share"] is not None and each["muscles_suffice"]["share"] < GOAL
+    ]
+    if not names:
+        return ""
+    return (
+        "Limit of the model, not of people: the muscles of the arm model suffice for fewer than "
+        f"95 % of those who reach {', '.join(names)}."
+    )
+
+
 def _missed(values: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     missed = [each for each in values["targets"] if each["remedy"] is not None]
     return sorted(missed, key=lambda each: (each["usable"]["share"] or 0.0, each["name"]))
@@ -161,6 +177,8 @@ def _percent(share: Mapping[str, Any]) -> str:
 def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[str | Panel]:
     parts: list[str | Panel] = [f"<p><b>{escape(headline(values))}</b></p>"]
     parts.append(_answer(values))
+    if weak := too_weak(values):
+        parts.append(f"<p>{escape(weak)}</p>")
     case = worst_case(audit)
     if worst is not None and case is not None:
         person, column = audit.subjects[case[0]], audit.targets[case[1]].name
@@ -205,8 +223,8 @@ def _answer(values: Mapping[str, Any]) -> str:
 
 _ANSWER = ("who", "target", "can use it", "why not", "smallest change that includes 95 %")
 _OPERATED = (
-    "Muscles and trunk bring the preferred hand, or its ray, to the target and keep it there for "
-    "0.15 s. An attempt takes up to 3 s."
+    "Muscles and trunk bring the hand, or its ray, to the target and keep it there for "
+    "0.15 s. An attempt takes up to 6 s. Predicted: those whose muscles suffice."
 )
 _PATHS = (
     "Torque at the shoulder of the person of median stature who moves from one target to the next "
@@ -255,12 +273,14 @@ _MOST = 4
 
 
 def _target_table(values: Mapping[str, Any]) -> str:
-    header = ["target", "how", "can use *", "seen", "reached", "held *", "must lean", "excluded by"]
+    header = ["target", "how", "can use *", "seen", "reached", "held *", "must lean"]
+    header += ["model's muscles suffice", "excluded by"]
     rows, bad = [], []
     for number, each in enumerate(values["targets"]):
         why = ", ".join(f"{cause} {count}" for cause, count in each["causes"].items())
         how = each["how"] + (", both hands" if each["hand"] == "both" else "")
-        parts = [_percent(each[part]) for part in ("usable", "seen", "reached", "held", "leans")]
+        columns = ("usable", "seen", "reached", "held", "leans", "muscles_suffice")
+        parts = [_percent(each[part]) for part in columns]
         rows.append([each["name"], how, *parts, why])
         if each["remedy"] is not None:
             bad.append(number)
@@ -334,13 +354,17 @@ def _operated_table(values: Mapping[str, Any]) -> str:
         [
             target["name"],
             f"{each['done']} of {each['n']}",
+            f"{each['predicted']} of {each['n']}",
+            f"{each['agree']} of {each['n']}",
             "-" if each["seconds"] is None else f"{each['seconds']:.2f}",
             "-" if each["attempts"] is None else f"{each['attempts']:.2f}",
         ]
         for target in values["targets"]
         if (each := target["operated"]) is not None
     ]
-    return table(["target", "got there", "s (median)", "attempts (mean)"], rows)
+    return table(
+        ["target", "got there", "predicted", "as predicted", "s (median)", "attempts (mean)"], rows
+    )
 
 
 def _path_table(values: Mapping[str, Any]) -> str:

@@ -12,7 +12,7 @@ from sim2vr_harness.audit.acting import Acted
 from sim2vr_harness.audit.causes import causes, shift_words
 from sim2vr_harness.audit.judging import MODELS, Judged
 from sim2vr_harness.audit.population import FEWEST, Group, Limitation, Stance, Subject
-from sim2vr_harness.audit.reaching import FloatArray, Ints
+from sim2vr_harness.audit.reaching import Bools, FloatArray, Ints
 from sim2vr_harness.audit.remedies import Remedy
 from sim2vr_harness.audit.targets import AuditTarget
 from sim2vr_harness.evaluation.expectations import Estimate
@@ -149,6 +149,8 @@ def _target(audit: Audit, column: int) -> dict[str, Any]:
     counts = {name: int(table[:, column].sum()) for name, table in tables.items()}
     counts["held"] = int((judged.reached & judged.held)[:, column].sum())
     counts["leans"] = int((judged.reached & judged.leans)[:, column].sum())
+    able = judged.reached & judged.feasible
+    reached = counts["reached"]
     fix = audit.remedies[column]
     return {
         "name": target.name,
@@ -159,23 +161,29 @@ def _target(audit: Audit, column: int) -> dict[str, Any]:
         "hold_s": target.hold_s,
         "load_kg": target.load_kg,
         **{name: proportion(count, n) for name, count in counts.items()},
+        "muscles_suffice": proportion(int(able[:, column].sum()), reached),
         "causes": causes(judged, target, column, every),
         "remedy": None if fix is None else _remedy(fix),
         "exertion": _exertion(judged, column),
-        "operated": _operated([each[column] for each in audit.acted]),
+        "operated": _operated([each[column] for each in audit.acted], able[:, column]),
     }
 
 
-def _operated(acted: Sequence[Acted | None]) -> dict[str, Any] | None:
-    """How many got there who acted it out, in what time (median) and attempts (mean)."""
-    tried = [each for each in acted if each is not None]
+def _operated(acted: Sequence[Acted | None], able: Bools) -> dict[str, Any] | None:
+    """How many got there who acted it out, in what time (median) and attempts (mean).
+
+    ``able``: (N,) who can, as the muscles' equilibrium predicts.
+    """
+    tried = [(each, bool(yes)) for each, yes in zip(acted, able, strict=False) if each is not None]
     if not tried:
         return None
-    done = [each for each in tried if each.seconds is not None]
+    done = [each for each, _ in tried if each.seconds is not None]
     seconds = [each.seconds for each in done if each.seconds is not None]
     return {
         "n": len(tried),
         "done": len(done),
+        "predicted": sum(yes for _, yes in tried),
+        "agree": sum(yes == each.done for each, yes in tried),
         "seconds": round(float(np.median(seconds)), 2) if done else None,
         "attempts": round(float(np.mean([each.attempts for each in done])), 2) if done else None,
     }

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim2vr_harness.audit.acting import Actor
+from sim2vr_harness.audit.acting import Actor, act_out
 from sim2vr_harness.audit.judging import judge
 from sim2vr_harness.audit.pacing import MOST_MINUTES, Paced, minutes_at_pace, path_loads
 from sim2vr_harness.audit.population import LIMITATIONS, NONE, draw
@@ -126,3 +126,14 @@ def test_a_session_without_a_press_is_refused(tmp_path: Path) -> None:
     write_session(session([]), file)
     with pytest.raises(InputError, match="nothing is pressed"):
         pressed_places(file)
+
+
+def test_the_hand_that_was_judged_acts_it_out() -> None:
+    crowd = Crowd(draw(1, 1), "seated", NONE)
+    left = AuditTarget("left", np.array([-0.75, 1.0, 0.05]))
+    judged = judge(crowd, [left], NONE, muscles=True)
+    assert judged.reached.all()
+    assert judged.feasible.all()
+    (acted,) = act_out(crowd, 0, [left], judged)
+    assert acted is not None
+    assert acted.done

@@ -10,6 +10,7 @@ import pytest
 from sim2vr_harness.client.frames import aim_direction, position_to_mujoco
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, VisionConfig
 from sim2vr_harness.users import load_body
+from sim2vr_harness.users.kinematics.bounded import bounded_least_squares
 from sim2vr_harness.users.kinematics.posture_controller import PostureController
 
 SECONDS = 2.5
@@ -71,3 +72,15 @@ def test_a_tool_comes_to_the_place_instead_of_the_hand() -> None:
     # Without the tool the same posture has the device 10 cm from there.
     _, device, _ = controller._reached(found.angles, (0.0, 0.0, 0.0))
     assert np.linalg.norm(device - place) == pytest.approx(0.1, abs=0.006)
+
+
+def test_bounded_least_squares_meet_the_conditions_of_the_optimum() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        matrix = np.concatenate([rng.normal(size=(6, 12)), 0.1 * np.eye(12)])
+        target, high = rng.normal(size=18), np.where(rng.random(12) < 0.2, np.inf, 0.5)
+        x = bounded_least_squares(matrix, target, high)
+        downhill = matrix.T @ (target - matrix @ x)
+        assert (downhill[x < 1e-9] < 1e-6).all()
+        assert (downhill[x > high - 1e-9] > -1e-6).all()
+        assert np.abs(downhill[(x >= 1e-9) & (x <= high - 1e-9)]).max(initial=0.0) < 1e-6

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares, lsq_linear
+from scipy.optimize import least_squares
 
 from sim2vr_harness.client.frames import AIM_DIRECTION
 from sim2vr_harness.users.bodies.body import Body
 from sim2vr_harness.users.bodies.rules import Motor
+from sim2vr_harness.users.kinematics.bounded import bounded_least_squares
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 from sim2vr_harness.users.kinematics.reach_controller import ReachController
 
@@ -231,8 +232,7 @@ class PostureController(ReachController):
         scale = np.linalg.inv(np.linalg.cholesky(inertia))
         stacked = np.concatenate([scale @ pulls, _EASE * np.eye(pulls.shape[1])])
         target = np.concatenate([scale @ torques, np.zeros(pulls.shape[1])])
-        found: FloatArray = lsq_linear(stacked, target, bounds=(0.0, 1.0)).x
-        return found
+        return bounded_least_squares(stacked, target)
 
 
 class _TrunkServo:

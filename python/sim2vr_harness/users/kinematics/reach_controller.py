@@ -12,10 +12,10 @@ from typing import Any
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
 
 from sim2vr_harness.users.actuation import Actuation
 from sim2vr_harness.users.bodies.body import Body
+from sim2vr_harness.users.kinematics.bounded import bounded_least_squares
 
 FloatArray = NDArray[np.float64]
 
@@ -90,8 +90,7 @@ class ReachController:
         muscles = pulls.shape[1]
         stacked = np.concatenate([pulls, ease * np.eye(muscles)])
         target = np.concatenate([torques, np.zeros(muscles)])
-        found: FloatArray = lsq_linear(stacked, target, bounds=(0.0, 1.0)).x
-        return found
+        return bounded_least_squares(stacked, target)
 
     def _muscles(
         self, qpos: FloatArray, qvel: FloatArray

@@ -11,12 +11,12 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -211,11 +211,23 @@ def _sigterm_as_ctrl_c() -> Iterator[None]:
     before = signal.getsignal(signal.SIGTERM)
     if before is signal.SIG_DFL and threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, signal.default_int_handler)
+    ignores, sys.unraisablehook = sys.unraisablehook, partial(_ignored, sys.unraisablehook)
     try:
         yield
     finally:
+        sys.unraisablehook = ignores
         if signal.getsignal(signal.SIGTERM) is signal.default_int_handler:
             signal.signal(signal.SIGTERM, before)
+
+
+def _ignored(report_it: Callable[[Any], object], ignored: Any) -> None:
+    """Interrupt once more where an interrupt came in a finalizer, whose errors are lost."""
+    if isinstance(ignored.exc_value, KeyboardInterrupt):
+        # Not from here: the hook would be interrupted, and its errors are lost, too.
+        main = threading.main_thread().ident
+        threading.Timer(0.05, signal.pthread_kill, [main, signal.SIGTERM]).start()
+    else:
+        report_it(ignored)
 
 
 if __name__ == "__main__":

@@ -34,7 +34,8 @@ __all__ = [
 ]
 
 _TOUCH_MPS, _STRIKE_MPS = 0.9, 1.2
-_DEEPER_M = 0.015
+_DEEPER_M = 0.025
+"""How far behind what is seen a hand goes: a little more than half a step of depth."""
 _FURTHER = 1.25
 """How much farther back than its run-up a hand goes to begin."""
 _REACHED_M = 0.06
@@ -51,18 +52,18 @@ class Manner:
         swing_mps: the same sideways.
         run_up_m: over which a hand gains its speed.
         slowest: share of the speed it should have by then, below which it begins again.
-        lift_m: most that a hand that comes to a place stays before its surface until it is there;
-            nothing is touched on the way.
+        lift_m: most that a hand that comes to a place stays before its surface until it is there,
+            so that it touches nothing on the way.
     """
 
     push_mps: float = 2.5
     swing_mps: float = 2.0
     run_up_m: float = 0.4
     slowest: float = 0.55
-    lift_m: float = 0.0
+    lift_m: float = 0.05
 
 
-PERSONS = Manner(push_mps=2.0, swing_mps=2.0, run_up_m=0.15, slowest=0.3, lift_m=0.05)
+PERSONS = Manner(push_mps=2.0, swing_mps=2.0, run_up_m=0.15, slowest=0.3)
 """How persons do (docs/concepts/people.md)."""
 _ABOVE_M = 0.01
 """A hand that is no farther beside its place does not stay before it any more."""
@@ -262,7 +263,7 @@ class PrimitiveController:
                 left, up = SIDEWAYS[name]
                 directions[chosen] = manner.swing_mps * torch.tensor([0.0, left, up])
         touches = _comes(choice.move)[..., None]
-        goals.place = choice.place + (_DEEPER_M - self._lift(choice, away, now)) * away * touches
+        goals.place = choice.place + self._depth(choice, away, now) * away * touches
         back = (choice.move == _PULL) & (choice.closed > 0)
         goals.place = torch.where(back[..., None], choice.closed_at + _BACK, goals.place)
         goals.velocity = directions
@@ -335,12 +336,14 @@ class PrimitiveController:
         met = (along > 0.0) & (beside < (_ON_RAD * along).clamp(min=_ON_M))
         return torch.where(points(choice.move), met, near)
 
-    def _lift(self, choice: OptionChoice, away: Tensor, now: Tensor) -> Tensor:
-        """(N, H, 1) how far hands stay before the surface they go for, m."""
+    def _depth(self, choice: OptionChoice, away: Tensor, now: Tensor) -> Tensor:
+        """(N, H, 1) how far behind the surface they go for hands aim; before it: negative, m."""
         way = now - choice.place
         along = (way * away).sum(-1, keepdim=True)
         beside = (way - along * away).norm(dim=-1, keepdim=True)
-        return (beside - _ABOVE_M).clamp(0.0, self._manner.lift_m)
+        lift_m = self._manner.lift_m
+        lifted = ((beside - _ABOVE_M) / lift_m).clamp(0.0, 1.0)
+        return _DEEPER_M - lifted * (_DEEPER_M + lift_m)
 
     def _run_up(self, goals: MotorGoals, now: Tensor, velocity: Tensor) -> None:
         """Send hands back that are about to go through their place too slowly.

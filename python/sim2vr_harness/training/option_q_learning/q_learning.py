@@ -48,8 +48,10 @@ DECIDE_STEPS = 3
 Users see decisions through for longer where it pays."""
 _BATCH_SIZE = 64
 """Decisions per minibatch; all shipped users learned from as many."""
-UPDATES_PER_DECISION = 1.0
+UPDATES_PER_DECISION = 2.0
 """Updates of the Q-network per decision of all users."""
+_REWARDED_SHARE = 0.25
+"""Share of a minibatch that came before a reward (prioritised replay, Schaul et al. 2016)."""
 _KEPT_DECISIONS = 24_000
 """Size of the replay buffer."""
 _EXPLORE_FIRST = 0.9
@@ -322,6 +324,7 @@ class OptionQLearning:
         ages = self.rng.integers(N_STEP, have, _BATCH_SIZE)
         rows = memory.count - 1 - ages
         users = self.rng.integers(0, self.n, _BATCH_SIZE)
+        self._prefer_rewarded(rows, users, have)
         found = self._shares(rows, users, each)
         self._optimizer.zero_grad()
         for parameter, *shares in zip(
@@ -334,6 +337,24 @@ class OptionQLearning:
             for slow, fast in zip(self._slow.parameters(), self.net.parameters(), strict=True):
                 slow.lerp_(fast, _TARGET_RATE)
         return sum(loss for loss, _ in found)
+
+    def _prefer_rewarded(
+        self, rows: NDArray[np.int64], users: NDArray[np.int64], have: int
+    ) -> None:
+        """Put decisions that came before a reward into the first rows (K,) of a batch.
+
+        Rewards are rare at first: of decisions drawn alike hardly one in a hundred has any.
+        """
+        first, last = self._memory.count - have, self._memory.count - N_STEP
+        frames = np.arange(first, self._memory.count - 1)
+        when, who = np.nonzero(self._memory.read("reward", frames) > 0.0)
+        if not len(when):
+            return
+        count = round(_REWARDED_SHARE * len(rows))
+        drawn = self.rng.integers(0, len(when), count)
+        back = self.rng.integers(0, N_STEP, count)
+        rows[:count] = np.clip(first + when[drawn] - back, first, last - 1)
+        users[:count] = who[drawn]
 
     def _shares(
         self, rows: NDArray[np.int64], users: NDArray[np.int64], each: _Map
@@ -410,7 +431,7 @@ class OptionQLearning:
             rng=self.rng.bit_generator.state,
         )
         layer = self.primitives.layer
-        arrays = {
+        arrays: dict[str, NDArray[Any]] = {
             "trying": self._trying,
             "tried": self._tried,
             "colours": self._exploration.colours,
@@ -440,7 +461,7 @@ class OptionQLearning:
         """
         header = read_header(state, STATE_FORMAT)
         self.step_count, self.scale = header["step"], header["scale"]
-        self._owed, self._since = header["owed"], header["since"]
+        self._owed, self._since, self.persons = header["owed"], header["since"], header["persons"]
         self._rewards.extend(header["rewards"])
         self.rng.bit_generator.state = header["rng"]
         self.net.load_state_dict(state["net"])

@@ -320,10 +320,9 @@ class QLearningStage:
         warned = False
         while learner.step_count < self.stop:
             before_s = time.monotonic()
-            if self._config.skills.people and learner.step_count >= self._measured_steps:
-                if not learner.persons:
-                    callbacks.say("Persons play from now on, with what has been learned.")
-                    self._begin_persons(learner)
+            if learner.step_count >= self._measured_steps and not learner.persons:
+                callbacks.say("Persons play from now on, with what has been learned.")
+                self._begin_persons(learner)
             report = learner.step()
             decisions += 1
             done = learner.step_count
@@ -360,9 +359,10 @@ class QLearningStage:
         return Pace(explored, -(-self.stop // each), steps // DECIDE_STEPS)
 
     @property
-    def _measured_steps(self) -> int:
+    def _measured_steps(self) -> float:
         """User steps that the measured body plays, before persons do."""
-        return round(_MEASURED_SHARE * self._config.skills.q_learning.user_steps)
+        share = _MEASURED_SHARE if self._config.skills.people else math.inf
+        return share * self._config.skills.q_learning.user_steps
 
     @property
     def _hold_steps(self) -> int:

@@ -17,7 +17,8 @@ from torch import Tensor
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.finite import require_finite
 from sim2vr_harness.base.torch_threads import torch_threads
-from sim2vr_harness.envs.config import EnvConfig, NoiseConfig, body_of
+from sim2vr_harness.envs.config import EnvConfig, body_of
+from sim2vr_harness.envs.people_preset import with_measured_body
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.controller_inputs import with_inputs_at_rest
@@ -51,7 +52,6 @@ from sim2vr_harness.training.option_q_learning.q_learning import (
 )
 from sim2vr_harness.training.run.progress import View, duration
 from sim2vr_harness.training.run.stage import Callbacks
-from sim2vr_harness.users import Physique
 
 __all__ = ["QLearningStage"]
 
@@ -140,7 +140,7 @@ class QLearningStage:
 
     def _layer(self) -> MotorPolicy:
         """Return what moves the hands of the measured body."""
-        env, given = _measured(self._config.env), self._config.skills.motor
+        env, given = with_measured_body(self._config.env), self._config.skills.motor
         given = None if self._config.skills.people else given  # a person's, then
         body, step_s = body_of(env.user), 1.0 / env.action_frequency_hz
         if given is not None:
@@ -185,7 +185,7 @@ class QLearningStage:
                 raise InputError(
                     "skills.motor_training.width", got, f"{width} for a hierarchical policy"
                 )
-        env = _measured(self._config.env) if config.people else self._config.env
+        env = with_measured_body(self._config.env) if config.people else self._config.env
         self._simulation = Simulation(_seeing(env), config.q_learning.users)
 
     def run(self, callbacks: Callbacks) -> None:
@@ -395,17 +395,6 @@ class QLearningStage:
         if self._simulation is not None:
             self._simulation.close()
         self._simulation = self._learner = self._state = None
-
-
-def _measured(env: EnvConfig) -> EnvConfig:
-    """Return the same environment with one body, the measured one, in the place of persons."""
-    if env.user.people is None:
-        return env
-    user = env.user.model_copy(
-        update={"people": None, "noise": NoiseConfig(), "person": Physique()}
-    )
-    senses = tuple(sense for sense in env.senses if sense.sense != "person")
-    return env.model_copy(update={"user": user, "senses": senses})
 
 
 def _seeing(env: EnvConfig) -> EnvConfig:

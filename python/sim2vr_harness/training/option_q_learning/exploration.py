@@ -11,7 +11,7 @@ from sim2vr_harness.policies.hierarchical.depth_grid import CELL_PX
 
 __all__ = ["Exploration"]
 
-_TRY_STEPS = (4, 14)
+_TRY_STEPS = (6, 16)
 """How long a random try is seen through, user steps."""
 _PULL_STEPS = 24
 """The same of pulls, which have an end of their own."""

@@ -347,9 +347,8 @@ def attack(
             for name, (seeds, _) in targets.items()
             if only in (None, name)
         }
-        for name in inputs:  # what is imported at first use is not an input's time
-            valid, case = targets[name]
-            case(valid[0])
+        for valid, case in map(targets.__getitem__, inputs):
+            case(valid[0])  # what is imported at first use is not an input's time
         spent = dict.fromkeys(inputs, 0.0)
         until = time.monotonic() + seconds
         while inputs and (began := time.monotonic()) < until:

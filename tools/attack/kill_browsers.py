@@ -178,8 +178,7 @@ def kill(number: int, program: str, app: App, folder: Path) -> bool:
     for pid in left:  # of this kill only
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)
-    clean = not left and not lasting and not row["folders_left"]
-    return clean and row["exit_status"] is not None
+    return not (left or lasting or row["folders_left"]) and row["exit_status"] is not None
 
 
 def of_the_killed(file: str, own: dict[int, str]) -> bool:

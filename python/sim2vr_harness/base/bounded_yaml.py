@@ -12,8 +12,6 @@ import yaml
 
 from sim2vr_harness.base.errors import InputError, reason, shown
 
-__all__ = ["MOST_DEPTH", "parse_yaml"]
-
 MOST_DEPTH = 32
 """Mappings and lists within each other."""
 MOST_VALUES = 20_000

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import os
 
-__all__ = ["available", "budget", "free", "settle_torch", "torch_budget"]
-
 
 def available() -> int:
     """Return how many cores this process may run on."""

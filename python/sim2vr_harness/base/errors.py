@@ -6,17 +6,6 @@ import difflib
 from collections.abc import Iterable
 from pathlib import Path
 
-__all__ = [
-    "InputError",
-    "UnusableFile",
-    "closest",
-    "counted",
-    "printable",
-    "reason",
-    "shown",
-    "unknown_name",
-]
-
 _LONGEST = 100
 """Characters of a value or a reason that a sentence quotes."""
 

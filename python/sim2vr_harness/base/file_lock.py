@@ -11,8 +11,6 @@ from pathlib import Path
 
 from sim2vr_harness.base.errors import InputError
 
-__all__ = ["is_temporary", "sole_training", "sweep", "temporary_of"]
-
 _TEMPORARY = re.compile(r"\..+\.([1-9][0-9]*)\.tmp")
 
 

@@ -22,22 +22,6 @@ from typing import Any, BinaryIO, TypeVar, cast
 
 from sim2vr_harness.base.errors import InputError, reason, shown
 
-__all__ = [
-    "file_name",
-    "naming",
-    "parse_json",
-    "parse_tensors",
-    "read_arrays",
-    "read_bytes",
-    "read_head",
-    "read_json",
-    "read_lines_of",
-    "read_members",
-    "read_tensors",
-    "read_text",
-    "read_yaml",
-]
-
 MOST_TEXT = 256 * 2**20
 """Bytes of a text file: JSON, CSV, logs."""
 MOST_YAML = 2**18
@@ -105,20 +89,19 @@ def read_head(path: Path_, expected: str, count: int) -> bytes:
         raise InputError(file_name(path), reason(error), expected) from error
 
 
-def read_lines_of(path: Path_, expected: str, *, most: int = MOST_TEXT) -> Iterator[str]:
+def read_lines_of(path: Path_, expected: str) -> Iterator[str]:
     """Yield a text file's lines, packed with gzip or not, one at a time, without their ends.
 
     Args:
         path: of a regular file, or a link to one.
         expected: what it should hold, for the error.
-        most: bytes that it may have, unpacked.
 
     Raises:
         InputError: as :func:`read_text`; a line is longer than ``MOST_LINE``; damaged gzip.
     """
     name = file_name(path)
-    left, number = most, 0
-    with _opened(path, expected, most) as plain:
+    left, number = MOST_TEXT, 0
+    with _opened(path, expected, MOST_TEXT) as plain:
         packed = plain.read(2) == b"\x1f\x8b"
         plain.seek(0)
         stream = cast(BinaryIO, gzip.GzipFile(fileobj=plain) if packed else plain)
@@ -132,7 +115,7 @@ def read_lines_of(path: Path_, expected: str, *, most: int = MOST_TEXT) -> Itera
                 return
             number, left = number + 1, left - len(line)
             if left < 0:
-                raise InputError(name, f"more than {most:,} bytes", expected)
+                raise InputError(name, f"more than {MOST_TEXT:,} bytes", expected)
             if len(line) > MOST_LINE:
                 got = f"a line of more than {MOST_LINE:,} bytes"
                 raise InputError(f"{name}, line {number}", got, expected)
@@ -261,13 +244,13 @@ def parse_arrays(content: bytes, source: str, expected: str) -> dict[str, Any]:
     return _decoded(source, "no arrays of NumPy, or damaged ones", expected, load)
 
 
-def read_tensors(path: Path_, expected: str, device: Any = "cpu") -> dict[str, Any]:
+def read_tensors(path: Path_, expected: str) -> dict[str, Any]:
     """Return what ``torch.save`` wrote of a mapping, never running a pickle.
 
     Raises:
         InputError: as :func:`read_bytes` and :func:`parse_tensors`.
     """
-    return parse_tensors(read_bytes(path, expected), file_name(path), expected, device)
+    return parse_tensors(read_bytes(path, expected), file_name(path), expected)
 
 
 def parse_tensors(

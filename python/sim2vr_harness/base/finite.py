@@ -9,8 +9,6 @@ from typing import Any
 
 import torch
 
-__all__ = ["NotFinite", "first_not_finite", "require_finite"]
-
 
 class NotFinite(RuntimeError):
     """What was learned is no longer made of finite numbers; nothing of it was saved."""

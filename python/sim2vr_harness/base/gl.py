@@ -6,8 +6,6 @@ import importlib
 import importlib.util
 from functools import cache
 
-__all__ = ["prepare_process"]
-
 
 @cache
 def prepare_process() -> None:

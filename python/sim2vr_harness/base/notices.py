@@ -6,8 +6,6 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-__all__ = ["SLOW_S", "notice_once", "noticed", "set_notice"]
-
 SLOW_S = 2.0
 """Work that takes longer gets a notice."""
 

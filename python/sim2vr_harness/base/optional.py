@@ -7,8 +7,6 @@ from typing import Any
 
 from sim2vr_harness.base.errors import InputError
 
-__all__ = ["needed"]
-
 
 def needed(package: str, extra: str, option: str) -> Any:
     """Import a package.

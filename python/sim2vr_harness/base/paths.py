@@ -1,4 +1,4 @@
-"""Paths of the app executable, the shaders and the configurations.
+"""Paths of the app executable and of what is installed beside it.
 
 Three layouts are served alike: an installed wheel (``sim2vr_harness/bin`` and
 ``sim2vr_harness/share``), an editable install and a plain checkout (``build/``,
@@ -14,23 +14,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import NoReturn
 
-__all__ = [
-    "app_executable",
-    "checkout_dir",
-    "config_path",
-    "exec_app",
-    "package_dirs",
-    "shader_dir",
-    "share_dir",
-    "trained_users_dir",
-    "uri_unless_utf8",
-]
-
 APP_VARIABLE = "SIM2VR_APP"
 """Environment variable naming the ``sim2vr-app`` executable to use."""
-
-SHADER_VARIABLE = "SIM2VR_SHADER_DIR"
-"""Environment variable naming the folder to load GLSL shaders from."""
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -64,23 +49,6 @@ def share_dir() -> Path:
         f"sim2vr-harness is incomplete: no 'share' folder in {_PACKAGE}. "
         "Install it again: pip install --force-reinstall --no-deps sim2vr-harness"
     )
-
-
-def shader_dir() -> Path:
-    """Return the folder of GLSL shaders; ``SIM2VR_SHADER_DIR`` takes precedence.
-
-    Raises:
-        FileNotFoundError: If ``SIM2VR_SHADER_DIR`` names no folder or the installation is
-            incomplete.
-    """
-    override = os.environ.get(SHADER_VARIABLE)
-    if override:
-        if not Path(override).is_dir():
-            raise FileNotFoundError(
-                f"{SHADER_VARIABLE} is {override!r}, which is no folder; unset it or correct it."
-            )
-        return Path(override)
-    return share_dir() / "shaders"
 
 
 def config_path(name: str | os.PathLike[str]) -> Path:

@@ -11,8 +11,6 @@ from traceback import extract_tb
 
 from sim2vr_harness.base.errors import InputError, reason, unknown_name
 
-__all__ = ["load_class", "words_of"]
-
 
 def load_class(field: str, text: str, expected: str, fits: Callable[[type], bool]) -> type:
     """Run a Python file and return a class of it.

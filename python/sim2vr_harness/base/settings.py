@@ -12,21 +12,6 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from sim2vr_harness.base.errors import InputError, shown
 
-__all__ = [
-    "MOST_STEPS",
-    "Chance",
-    "Factor",
-    "LearningRate",
-    "Norm",
-    "Settings",
-    "Weight",
-    "Width",
-    "annotation_at",
-    "check_whole_minibatches",
-    "first_problem",
-    "model_at",
-]
-
 MOST_STEPS = 10**12
 """User steps, frames and other counts of a training; at 10,000 a second three years."""
 

@@ -10,8 +10,6 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-__all__ = ["interrupts_deferred", "interrupts_ignored", "sigterm_interrupts"]
-
 
 @contextmanager
 def sigterm_interrupts() -> Iterator[None]:

@@ -10,8 +10,6 @@ from pydantic import BaseModel
 from sim2vr_harness.base.bounded_yaml import parse_yaml
 from sim2vr_harness.base.errors import InputError
 
-__all__ = ["written_value"]
-
 _NULLS = ("", "~", "null", "Null", "NULL")
 """What YAML calls nothing; a comment alone is not meant so."""
 

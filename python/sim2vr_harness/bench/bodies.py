@@ -7,8 +7,6 @@ from sim2vr_harness.envs.games import with_hand
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.users import list_bodies
 
-__all__ = ["body_variants"]
-
 
 def body_variants(config: TrainingConfig) -> list[tuple[str, TrainingConfig]]:
     """The configuration with every body that there is, wears what the game needs and can begin so.

@@ -16,8 +16,6 @@ from sim2vr_harness.bench.scene import IN_PROCESS
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.runs.config import TrainingConfig
 
-__all__ = ["memory_rows"]
-
 _STEPS = 3
 
 

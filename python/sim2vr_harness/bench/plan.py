@@ -13,8 +13,6 @@ from sim2vr_harness.bench.senses import sense_variants
 from sim2vr_harness.client import list_transports, transport_named
 from sim2vr_harness.runs.config import TrainingConfig
 
-__all__ = ["NAMES", "USUAL", "BenchPlan", "specs", "transports"]
-
 USUAL = ("physics", "render", "env", "train")
 NAMES = (*USUAL, "senses", "bodies", "memory")
 """What ``--scene`` takes; ``senses`` is ``env`` with one sense more at a time, ``bodies`` is

@@ -6,8 +6,6 @@ import os
 import time
 from pathlib import Path
 
-__all__ = ["cpu_seconds", "peak_memory_mb"]
-
 
 def cpu_seconds() -> float:
     """Processor time that this process and its living descendants have used, all threads, s."""

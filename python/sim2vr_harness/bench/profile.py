@@ -12,8 +12,6 @@ from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.training.run.trainer import train
 
-__all__ = ["profile_lines", "short_run", "stage_lines"]
-
 _CYCLES, _UPDATES, _PLAY_STEPS, _FITS, _FRAMES = 2, 20, 100, 200, 8192
 
 

@@ -10,8 +10,6 @@ from rich.table import Table
 
 from sim2vr_harness.bench.scene import IN_PROCESS
 
-__all__ = ["print_rows", "ratio_lines"]
-
 
 def print_rows(rows: Sequence[Mapping[str, Any]], console: Console) -> None:
     """Prints the rows of one run.

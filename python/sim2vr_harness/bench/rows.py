@@ -20,8 +20,6 @@ from sim2vr_harness.client import gl_renderer
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import git_commit, versions
 
-__all__ = ["BenchRow", "append_rows", "circumstances"]
-
 
 @dataclass(frozen=True)
 class BenchRow:

@@ -17,8 +17,6 @@ from sim2vr_harness.bench.scene import IN_PROCESS, BenchScene, Spec
 from sim2vr_harness.bench.scenes import open_scene
 from sim2vr_harness.bench.turns import Turn, in_turns, paired_ratio
 
-__all__ = ["check_hashes", "run"]
-
 MEMORY_N = (16, 144)
 
 

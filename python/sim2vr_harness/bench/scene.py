@@ -22,21 +22,6 @@ from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.runs.config import TrainingConfig
 
-__all__ = [
-    "ACTIONS",
-    "IN_PROCESS",
-    "SHORT_ROUND_SECONDS",
-    "WARM_UP_STEPS",
-    "BenchScene",
-    "Spec",
-    "actions",
-    "body_states",
-    "digest",
-    "observation_digest",
-    "short_rounds",
-    "user_state",
-]
-
 IN_PROCESS = "in_process"
 """The transport that the others are compared with."""
 

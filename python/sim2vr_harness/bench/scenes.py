@@ -23,8 +23,6 @@ from sim2vr_harness.training.run.loggers import silent_logger
 from sim2vr_harness.training.run.memory import keep_freed_memory
 from sim2vr_harness.users.actuation import Actuation
 
-__all__ = ["EnvScene", "PhysicsScene", "RenderScene", "TrainScene", "open_scene", "short_iteration"]
-
 
 class PhysicsScene(BenchScene):
     """MuJoCo's own Batch: the user's model, its physics steps per user step, random actions.

@@ -8,8 +8,6 @@ from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.perception import SENSES, WRAPPERS
 from sim2vr_harness.runs.config import TrainingConfig
 
-__all__ = ["sense_variants"]
-
 _NEEDS: dict[str, dict[str, Any]] = {
     "fovea": {"vision": {"zoom": 3}},
     "fingers": {"user": {"inputs": ["right.trigger"]}},

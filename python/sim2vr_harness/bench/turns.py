@@ -11,8 +11,6 @@ import numpy as np
 
 from sim2vr_harness.bench.processes import cpu_seconds
 
-__all__ = ["TURNS", "Measurable", "Turn", "in_turns", "paired_ratio", "spread", "timed_turn"]
-
 TURNS = 5
 
 

@@ -15,15 +15,6 @@ import typer
 
 from sim2vr_harness.base.errors import InputError
 
-__all__ = [
-    "AppArgOption",
-    "app_settings",
-    "as_overrides",
-    "mapped_places",
-    "with_app_options",
-    "with_page_options",
-]
-
 AppOption = Annotated[
     str | None,
     typer.Option(
@@ -160,13 +151,10 @@ def app_settings(
     """
     if protocol not in (None, 1, 2):
         raise InputError("--protocol", str(protocol), "1 or 2")
-    given = [("--app", app), ("--connect", connect), ("--page", page), ("--openxr", openxr)]
-    named = [option for option, value in given if value is not None]
-    if len(named) > 1:
-        raise InputError(named[1], f"it together with {named[0]}", "one of them")
-    if arguments and app is None and openxr is None:
-        raise InputError("--app-arg", "it without --app", "it together with --app")
+    _require_one(("--app", app), ("--connect", connect), ("--page", page), ("--openxr", openxr))
+    _require_one(("--page", page), ("--openxr", openxr), ("--protocol", protocol))
     for option, value, owner, owned in (
+        ("--app-arg", arguments, "--app", app or openxr),
         ("--map", mapped, "--page", page),
         ("--browser", browser, "--page", page),
         ("--virtual-clock", virtual_clock, "--openxr", openxr),
@@ -174,9 +162,6 @@ def app_settings(
     ):
         if value and owned is None:
             raise InputError(option, f"it without {owner}", f"it together with {owner}")
-    if protocol is not None and (page is not None or openxr is not None):
-        other = "--page" if openxr is None else "--openxr"
-        raise InputError("--protocol", f"it together with {other}", "one of them")
     judged = {} if task is None else {"task": _absolute_task(task)}
     if page is not None:
         return {**_page_settings(page, mapped or [], browser), **judged}
@@ -193,6 +178,13 @@ def app_settings(
         "connect": connect,
         **judged,
     }
+
+
+def _require_one(*given: tuple[str, Any]) -> None:
+    """Refuse options of which only one may be given."""
+    named = [option for option, value in given if value is not None]
+    if len(named) > 1:
+        raise InputError(named[1], f"it together with {named[0]}", "one of them")
 
 
 def _page_settings(page: str, mapped: list[str], browser: str | None) -> dict[str, Any]:

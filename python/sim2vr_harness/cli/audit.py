@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from sim2vr_harness.audit.targets import AuditTarget, How
     from sim2vr_harness.evaluation.expectations import Planned
 
-__all__ = ["audit"]
-
 _MOST_PEOPLE = 10_000
 _TWO_HANDED = "mobl_arms_bimanual"
 """Looks at games that are played with both hands."""

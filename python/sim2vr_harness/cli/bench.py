@@ -22,9 +22,6 @@ from sim2vr_harness.cli.progress import say
 if TYPE_CHECKING:
     from sim2vr_harness.runs.config import TrainingConfig
 
-__all__ = ["bench"]
-
-
 _Config = Annotated[
     str | None,
     typer.Argument(

@@ -9,8 +9,6 @@ import typer
 
 from sim2vr_harness.cli.options import writable_file
 
-__all__ = ["chart"]
-
 
 def chart(
     results: Annotated[

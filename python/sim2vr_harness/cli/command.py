@@ -12,19 +12,6 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-__all__ = [
-    "ANALYSE",
-    "HEADINGS",
-    "KNOW",
-    "LOOK",
-    "PLAY",
-    "REMOVED_IN",
-    "STUDY",
-    "Command",
-    "CommandGroup",
-    "Group",
-]
-
 REMOVED_IN = "0.3"
 """The version without the old names of commands."""
 

@@ -13,12 +13,16 @@ import typer
 from rich.console import Console
 
 from sim2vr_harness.base.errors import InputError, shown, unknown_name
+from sim2vr_harness.base.progress import progress_of_part
 from sim2vr_harness.cli.app_options import with_app_options
 from sim2vr_harness.cli.options import (
     EnvSetOption,
+    JsonOption,
     TrustOption,
-    known_games,
+    game_option,
     known_users,
+    print_json,
+    print_written,
     writable_folder,
 )
 from sim2vr_harness.cli.progress import Share
@@ -27,9 +31,6 @@ if TYPE_CHECKING:
     from sim2vr_harness.games.behaviour import Behaviour
     from sim2vr_harness.human_comparison.report import ComparisonReport
     from sim2vr_harness.human_comparison.sources import Plays, Source
-
-__all__ = ["compare"]
-
 
 _Users = Annotated[
     list[str],
@@ -55,12 +56,7 @@ _People = Annotated[
 ]
 _Game = Annotated[
     str | None,
-    typer.Option(
-        autocompletion=known_games,
-        metavar="NAME",
-        help="The game.",
-        show_default="that of the first user",
-    ),
+    game_option("The game.", "that of the first user"),
 ]
 _Condition = Annotated[
     list[str] | None,
@@ -128,7 +124,7 @@ def compare(
     batch: Annotated[int, typer.Option(help="Rounds played in parallel at most.")] = 10,
     trust_app: TrustOption = False,
     overrides: EnvSetOption = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON, nothing else.")] = False,
+    json: JsonOption = False,
     *,
     remote: dict[str, Any],
 ) -> None:
@@ -243,10 +239,7 @@ def _compared(
     with Share("Comparing") as share:
         measured_people = read_people(people, behaviour, unconstrained=unconstrained)
         for user in users:
-
-            def show(part: float, done: int = len(sources)) -> None:
-                share.show((done + part) / len(users))
-
+            show = progress_of_part(share.show, len(sources), len(users))
             if not _is_study(user):
                 sources[user] = [read_user(user, behaviour, plays, on_progress=show)]
     for user in users:
@@ -274,11 +267,10 @@ def _write(report: ComparisonReport, out: Path, *, figures: bool, every: bool, j
     drawn = draw(report, out) if figures else []
     files += [*drawn, write_page(report, drawn, out / "comparison.html")]
     if json:
-        typer.echo(jsonlib.dumps(as_json(report), indent=1))
+        print_json(as_json(report))
         return
     Console().print(report_tables(report, every=every))
-    for file in files:
-        typer.echo(f"Written: {file}")
+    print_written(files)
 
 
 def _to_play(condition: list[str] | None, group: list[str] | None, game: str) -> list[str] | None:
@@ -399,10 +391,7 @@ def _compare_aimed(
         recorded = read_aimed_people(people)
         found: list[AimedUser] = []
         for user in users:
-
-            def show(part: float, done: int = len(found)) -> None:
-                share.show((done + part) / len(users))
-
+            show = progress_of_part(share.show, len(found), len(users))
             found.append(read_aimed_user(user, game, plays, on_progress=show))
     names = _names([(user, each.name) for user, each in zip(users, found, strict=True)], told)
     found = [replace(each, name=name) for each, name in zip(found, names, strict=True)]
@@ -417,5 +406,4 @@ def _compare_aimed(
         typer.echo(text)
         return
     Console().print(aimed_tables(report, every=every))
-    for file in files:
-        typer.echo(f"Written: {file}")
+    print_written(files)

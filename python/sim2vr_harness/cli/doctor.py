@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
-import json as jsonlib
 import os
 import platform
 import shutil
@@ -22,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, features
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -34,8 +33,6 @@ from sim2vr_harness.cli.options import print_json
 
 if TYPE_CHECKING:
     from sim2vr_harness.client import AppTrial
-
-__all__ = ["Check", "check_app", "collect", "run_doctor"]
 
 Status = Literal["ok", "info", "warning", "missing"]
 
@@ -93,18 +90,12 @@ def _install_command(package: str) -> str:
 
 def _python_checks() -> Iterator[Check]:
     yield Check("sim2vr-harness", "ok", __version__)
-    new_enough = sys.version_info >= (3, 11)
-    yield Check(
-        "Python",
-        "ok" if new_enough else "missing",
-        f"{platform.python_version()} ({sys.executable})",
-        "" if new_enough else "install Python 3.11 or newer",
-    )
+    yield Check("Python", "ok", f"{platform.python_version()} ({sys.executable})")
     for package, requirement in [
         ("mujoco", "mujoco>=4,<5"),
         ("gymnasium", "gymnasium>=1.4"),
         ("stable-baselines3", "stable-baselines3>=2.9"),
-        ("torch", "torch>=2.4"),
+        ("torch", "torch>=2.6"),
         ("pyzmq", "pyzmq>=25"),
     ]:
         try:
@@ -223,12 +214,7 @@ def _openxr_check() -> Iterator[Check]:
 
 def _looking_checks() -> Iterator[Check]:
     """Look for what people look with: letters in pictures, films, windows, a viewer of bodies."""
-    try:
-        from PIL import features
-
-        drawn = bool(features.check("freetype2"))
-    except ImportError:
-        drawn = False
+    drawn = bool(features.check("freetype2"))
     found = "Pillow's own" if drawn else "Pillow without FreeType: letters in pictures are tiny"
     mend = "" if drawn else f"{sys.executable} -m pip install --force-reinstall pillow"
     yield Check("font", "ok" if drawn else "warning", found, mend)
@@ -437,7 +423,7 @@ def run_doctor(json: bool = False) -> int:
     ok = all(check.status != "missing" for check in checks)
     if json:
         report = {"ok": ok, "checks": [dataclasses.asdict(check) for check in checks]}
-        sys.stdout.write(jsonlib.dumps(report, indent=2) + "\n")
+        print_json(report)
     else:
         _print_table(checks, Console())
     return 0 if ok else 1

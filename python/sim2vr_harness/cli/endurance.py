@@ -11,8 +11,6 @@ from sim2vr_harness.cli.options import EnvSetOption, JsonOption, TrustOption, fi
 if TYPE_CHECKING:
     from sim2vr_harness.tools.endurance import Held
 
-__all__ = ["endurance"]
-
 
 def endurance(
     user: Annotated[

@@ -12,8 +12,6 @@ import typer
 from sim2vr_harness.base.errors import InputError, closest, printable, reason
 from sim2vr_harness.base.files import file_name
 
-__all__ = ["BAD_INPUT", "FAILED", "INTERRUPTED", "report"]
-
 BAD_INPUT = 2
 FAILED = 1
 INTERRUPTED = 130

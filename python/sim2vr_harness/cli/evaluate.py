@@ -13,6 +13,7 @@ from sim2vr_harness.cli.app_options import as_overrides, with_app_options
 from sim2vr_harness.cli.options import (
     AgainstOption,
     CheckedRun,
+    DeterministicOption,
     EnvSetOption,
     ExpectOption,
     JsonOption,
@@ -21,6 +22,7 @@ from sim2vr_harness.cli.options import (
     UserOption,
     known_users,
     print_json,
+    print_written,
     who_plays,
     writable_folder,
 )
@@ -29,9 +31,6 @@ from sim2vr_harness.cli.progress import Share
 if TYPE_CHECKING:
     from sim2vr_harness.evaluation.evaluate import Evaluation, Request
     from sim2vr_harness.policies.scripted import StepOutcome
-
-__all__ = ["evaluate"]
-
 
 _Run = Annotated[
     str | None,
@@ -73,14 +72,6 @@ _Seed = Annotated[
         show_default="the run's evaluation.seed: 1 unless set",
     ),
 ]
-_Deterministic = Annotated[
-    bool | None,
-    typer.Option(
-        "--deterministic/--stochastic",
-        help="Take the policy's mean, or sample.",
-        show_default="the user's evaluation.deterministic",
-    ),
-]
 _Record = Annotated[
     bool, typer.Option("--record", help="Film the first round of every condition (MP4).")
 ]
@@ -112,7 +103,7 @@ def evaluate(
     episodes: _Episodes = None,
     people: _People = None,
     seed: _Seed = None,
-    deterministic: _Deterministic = None,
+    deterministic: DeterministicOption = None,
     record: _Record = False,
     log: _Log = False,
     steps: _Steps = True,
@@ -177,8 +168,7 @@ def _print(found: Evaluation, request: Request, json: bool, checked: CheckedRun)
         title += f"\nWith {words_of_change(key.strip(), value.strip())}"
     Console().print(results_table(found.summaries, found.facts, title))
     typer.echo(f"Evaluated: {found.checkpoint}")
-    for file in found.files:
-        typer.echo(f"Written: {file}")
+    print_written(found.files)
     return _status(checked, found.summaries)
 
 
@@ -216,8 +206,7 @@ def _evaluate_baseline(user: str, request: Request, json: bool, checked: Checked
         return _status(checked, found.summaries)
     Console().print(results_table(found.summaries, found.facts, f"A user without training: {user}"))
     _print_steps(found.steps)
-    for file in found.files:
-        typer.echo(f"Written: {file}")
+    print_written(found.files)
     return _status(checked, found.summaries)
 
 

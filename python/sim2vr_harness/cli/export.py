@@ -8,9 +8,7 @@ from typing import Annotated
 import typer
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.cli.options import writable_folder
-
-__all__ = ["export"]
+from sim2vr_harness.cli.options import print_written, writable_folder
 
 
 def export(
@@ -55,8 +53,7 @@ def export(
         files = read_study(folder).export_opensim(out or Path("opensim"), episode or ())
     else:
         files = export_opensim(read_data(folder), out or Path("opensim"), episode or ())
-    for file in files:
-        typer.echo(f"Written: {file}")
+    print_written(files)
 
 
 def _iwer_files(source: Path, out: Path, episodes: list[str]) -> list[Path]:

@@ -15,8 +15,6 @@ from sim2vr_harness.cli.options import (
 )
 from sim2vr_harness.cli.progress import Share
 
-__all__ = ["film"]
-
 
 def film(
     runs: Annotated[

@@ -12,10 +12,8 @@ from rich.console import Console
 from rich.table import Table
 
 from sim2vr_harness.cli.command import Command
-from sim2vr_harness.cli.options import known_games
+from sim2vr_harness.cli.options import JsonOption, known_games, print_json
 from sim2vr_harness.client import GameFacts, describe_game, list_games, list_options
-
-__all__ = ["HelpWithGames", "games"]
 
 
 class HelpWithGames(Command):
@@ -41,7 +39,7 @@ def games(
             autocompletion=known_games, metavar="GAME", help="A game.", show_default="all, in short"
         ),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON, nothing else.")] = False,
+    json: JsonOption = False,
 ) -> None:
     """List the games; of one, its conditions, measures and options.
 
@@ -53,7 +51,7 @@ def games(
     facts = [describe_game(each) for each in chosen]
     if json:
         told = [{**asdict(each), "options": _options_of(each.name)} for each in facts]
-        typer.echo(jsonlib.dumps(told, indent=2))
+        print_json(told)
         return
     console = Console()
     for each in facts:

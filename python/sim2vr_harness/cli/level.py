@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as jsonlib
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,13 +11,12 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.paths import uri_unless_utf8
 from sim2vr_harness.base.written_values import written_value
 from sim2vr_harness.cli.options import (
-    known_games,
+    JsonOption,
+    game_option,
+    print_json,
     writable_file,
 )
 from sim2vr_harness.client import OptionValue, describe_game, describe_level, list_games
-
-__all__ = ["level"]
-
 
 _Name = Annotated[
     str,
@@ -26,12 +24,7 @@ _Name = Annotated[
 ]
 _Game = Annotated[
     str | None,
-    typer.Option(
-        autocompletion=known_games,
-        metavar="NAME",
-        help="The game.",
-        show_default="the one with levels",
-    ),
+    game_option("The game.", "the one with levels"),
 ]
 _Difficulty = Annotated[str | None, typer.Option(metavar="NAME", help="Of a map with several.")]
 _Characteristic = Annotated[str | None, typer.Option(metavar="NAME", help="Of a map with several.")]
@@ -48,7 +41,6 @@ _Out = Annotated[
     Path | None,
     typer.Option(metavar="FILE.png", help="Draw the level into this file.", callback=writable_file),
 ]
-_Json = Annotated[bool, typer.Option("--json", help="Print the facts as JSON, nothing else.")]
 
 
 def level(
@@ -59,7 +51,7 @@ def level(
     set_: _Set = None,
     seed: Annotated[int, typer.Option(help="Of a level that is made of one.")] = 1,
     out: _Out = None,
-    json: _Json = False,
+    json: JsonOption = False,
 ) -> None:
     """Print what is in a level, and draw it over time.
 
@@ -81,7 +73,7 @@ def level(
     timeline = describe_level(chosen, options, seed)
     written = None if out is None else draw_timeline(timeline, out)
     if json:
-        typer.echo(jsonlib.dumps({"name": timeline.name, **timeline.facts}, indent=2))
+        print_json({"name": timeline.name, **timeline.facts})
         return
     told = ", ".join(f"{label} {value}" for label, value in timeline.facts.items())
     typer.echo(f"{timeline.name}: {told}")

@@ -52,8 +52,6 @@ from sim2vr_harness.cli.games import HelpWithGames
 from sim2vr_harness.cli.old_names import add_old_names
 from sim2vr_harness.cli.options import JsonOption, finite, writable_file
 
-__all__ = ["app", "main"]
-
 app = CommandGroup(
     """Train and evaluate simulated users of VR applications.
 

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from sim2vr_harness.training.motor_control.people_training import PeopleTrainer
     from sim2vr_harness.users import Body
 
-__all__ = ["app", "measure", "train_layer"]
-
 BodyArgument = Annotated[str, typer.Argument(metavar="BODY", help="A body, or its YAML file.")]
 StepOption = Annotated[
     float, typer.Option("--step", metavar="S", help="Duration of a user step.", min=0.001, max=1.0)

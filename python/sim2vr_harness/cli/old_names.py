@@ -5,8 +5,6 @@ from __future__ import annotations
 from sim2vr_harness.cli import chart, curves, endurance, film, level, motor, snapshot
 from sim2vr_harness.cli.command import CommandGroup
 
-__all__ = ["add_old_names"]
-
 
 def add_old_names(app: CommandGroup) -> None:
     """Add the hidden old commands to the command line."""

@@ -12,7 +12,7 @@ import re
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,30 +23,6 @@ from sim2vr_harness.base.errors import InputError, unknown_name
 
 if TYPE_CHECKING:
     from sim2vr_harness.evaluation.expectations import Planned, Results
-
-__all__ = [
-    "AgainstOption",
-    "CheckedRun",
-    "ConditionsOption",
-    "EnvSetOption",
-    "ExpectOption",
-    "JsonOption",
-    "JunitOption",
-    "ObjectsOption",
-    "SetOption",
-    "TrustOption",
-    "UserOption",
-    "finite",
-    "known_configs",
-    "known_games",
-    "known_players",
-    "known_users",
-    "print_json",
-    "readable_file",
-    "who_plays",
-    "writable_file",
-    "writable_folder",
-]
 
 
 def known_games(incomplete: str) -> list[str]:
@@ -72,6 +48,13 @@ def known_players(incomplete: str) -> list[str]:
     """Complete the name of a trained user that ships, or of a baseline."""
     baselines = [name for name in ("still", "random") if name.startswith(incomplete)]
     return [*baselines, *known_users(incomplete)]
+
+
+def game_option(help_: str, default: str | bool = True) -> Any:
+    """Return an option that names a game; ``default`` says which one is meant without it."""
+    return typer.Option(
+        autocompletion=known_games, metavar="NAME", help=help_, show_default=default
+    )
 
 
 SetOption = Annotated[
@@ -105,6 +88,15 @@ UserOption = Annotated[
     ),
 ]
 
+DeterministicOption = Annotated[
+    bool | None,
+    typer.Option(
+        "--deterministic/--stochastic",
+        help="Take the policy's mean, or sample.",
+        show_default="the user's evaluation.deterministic",
+    ),
+]
+
 ConditionsOption = Annotated[
     list[str] | None,
     typer.Option(metavar="NAME", help="The game's condition; may be repeated."),
@@ -126,9 +118,15 @@ TrustOption = Annotated[
 ]
 
 
-def print_json(content: dict[str, Any]) -> None:
-    """Print one JSON object."""
+def print_json(content: Any) -> None:
+    """Print a JSON object or list."""
     sys.stdout.write(json.dumps(content, indent=2) + "\n")
+
+
+def print_written(files: Iterable[Path]) -> None:
+    """Print the names of written files."""
+    for file in files:
+        typer.echo(f"Written: {file}")
 
 
 def who_plays(run: str | None, user: str | None) -> tuple[str | None, str | None]:

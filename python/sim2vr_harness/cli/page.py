@@ -15,8 +15,6 @@ from sim2vr_harness.cli.options import JsonOption, finite, print_json, writable_
 if TYPE_CHECKING:
     from sim2vr_harness.client.webxr.check import PageCheck
 
-__all__ = ["app", "check", "vendor"]
-
 MOST_ROUNDS = 8
 """Loads of a page, each of which may bring scripts that ask for more."""
 

@@ -7,8 +7,6 @@ import time
 import typer
 from rich.console import Console
 
-__all__ = ["INTERVAL_S", "Share", "say"]
-
 INTERVAL_S = 15.0
 """Seconds between two lines where there is no terminal."""
 

@@ -14,8 +14,9 @@ from sim2vr_harness.cli.options import (
     ObjectsOption,
     TrustOption,
     finite,
-    known_games,
+    game_option,
     known_users,
+    print_written,
     writable_folder,
 )
 from sim2vr_harness.cli.progress import say
@@ -25,9 +26,6 @@ if TYPE_CHECKING:
     from sim2vr_harness.tools.reach.measuring import Measured
     from sim2vr_harness.tools.reach.targets import Target
     from sim2vr_harness.users.kinematics.forward import Point
-
-__all__ = ["reach"]
-
 
 _User = Annotated[
     str,
@@ -64,11 +62,7 @@ _Log = Annotated[
 ]
 _Game = Annotated[
     str | None,
-    typer.Option(
-        autocompletion=known_games,
-        metavar="NAME",
-        help="Targets of a game that is run, no one playing.",
-    ),
+    game_option("Targets of a game that is run, no one playing."),
 ]
 _People = Annotated[
     int | None,
@@ -142,8 +136,7 @@ def _write(found: Measured, out: Path, *, film: bool) -> None:
     from sim2vr_harness.tools.reach.files import write
 
     say("Writing files" + (" and the film" if film else "") + " ...")
-    for file in write(found, out, film=film):
-        typer.echo(f"Written: {file}")
+    print_written(write(found, out, film=film))
 
 
 def _check_together(

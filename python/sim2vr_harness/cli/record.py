@@ -14,8 +14,6 @@ from sim2vr_harness.cli.options import writable_file
 if TYPE_CHECKING:
     from sim2vr_harness.tools.record import RecordingServer
 
-__all__ = ["record"]
-
 _Page = Annotated[
     str | None,
     typer.Option("--page", metavar="PAGE", help="A page in HTML, or a folder with index.html."),

@@ -13,7 +13,7 @@ from sim2vr_harness.cli.app_options import with_app_options
 from sim2vr_harness.cli.options import (
     JsonOption,
     finite,
-    known_games,
+    game_option,
     print_json,
     writable_file,
     writable_folder,
@@ -24,9 +24,6 @@ _MOST_VALUES = 12
 
 if TYPE_CHECKING:
     from sim2vr_harness.sessions.replay import SessionReplay
-
-__all__ = ["replay"]
-
 
 _Paths = Annotated[
     list[Path],
@@ -67,12 +64,7 @@ _Video = Annotated[
 ]
 _Game = Annotated[
     str | None,
-    typer.Option(
-        autocompletion=known_games,
-        metavar="NAME",
-        help="Replay sessions in this game.",
-        show_default="the session's",
-    ),
+    game_option("Replay sessions in this game.", "the session's"),
 ]
 _Strict = Annotated[
     bool,

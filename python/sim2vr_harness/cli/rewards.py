@@ -11,13 +11,11 @@ import typer
 from sim2vr_harness.cli.options import (
     EnvSetOption,
     TrustOption,
-    known_games,
+    game_option,
     known_users,
+    print_written,
     writable_folder,
 )
-
-__all__ = ["rewards"]
-
 
 _User = Annotated[
     str,
@@ -33,12 +31,7 @@ _Terms = Annotated[
 ]
 _Game = Annotated[
     str | None,
-    typer.Option(
-        autocompletion=known_games,
-        metavar="NAME",
-        help="Another game than that of a body or configuration.",
-        show_default="the user's",
-    ),
+    game_option("Another game than that of a body or configuration.", "the user's"),
 ]
 _Condition = Annotated[
     str | None,
@@ -93,8 +86,7 @@ def rewards(
     _print(header, rows, f"{own.name}: one target, {own.start_m:g} m, {own.seconds:g} s")
     for line in told:
         typer.echo(f"note: {line}")
-    for file in write(found, told, out):
-        typer.echo(f"Written: {file}")
+    print_written(write(found, told, out))
 
 
 def _print(header: Sequence[str], rows: Sequence[Sequence[str]], title: str) -> None:

@@ -10,12 +10,10 @@ import typer
 
 from sim2vr_harness.cli import record
 from sim2vr_harness.cli.command import CommandGroup
-from sim2vr_harness.cli.options import JsonOption, known_games, print_json
+from sim2vr_harness.cli.options import JsonOption, game_option, print_json
 
 if TYPE_CHECKING:
     from sim2vr_harness.sessions import Session
-
-__all__ = ["app", "read_any"]
 
 _In = Annotated[
     Path, typer.Argument(metavar="IN", help="A session in any format, or a round's folder.")
@@ -30,9 +28,7 @@ _Out = Annotated[
 _Swap = Annotated[bool, typer.Option("--swap-hands", help="Exchange the controllers.")]
 _Game = Annotated[
     str | None,
-    typer.Option(
-        autocompletion=known_games, metavar="NAME", help="The game, where the file does not say."
-    ),
+    game_option("The game, where the file does not say."),
 ]
 _Seed = Annotated[int | None, typer.Option(help="The seed, where the file does not say.", min=0)]
 

@@ -13,12 +13,12 @@ from sim2vr_harness.cli.options import (
     TrustOption,
     UserOption,
     finite,
-    known_games,
+    game_option,
+    print_written,
     who_plays,
     writable_folder,
 )
 
-__all__ = ["snapshot"]
 _Condition = Annotated[
     str | None,
     typer.Option(metavar="NAME", help="The game's condition.", show_default="its default"),
@@ -30,9 +30,7 @@ _Out = Annotated[Path, typer.Option(help="Folder for the pictures.", callback=wr
 def snapshot(
     game: Annotated[
         str | None,
-        typer.Option(
-            autocompletion=known_games, metavar="NAME", help="The game.", show_default="the user's"
-        ),
+        game_option("The game.", "the user's"),
     ] = None,
     condition: _Condition = None,
     out: _Out = Path("snapshot"),
@@ -72,5 +70,4 @@ def snapshot(
         overrides=overrides or (),
         trust_app=trust_app,
     )
-    for file in files:
-        typer.echo(f"Written: {file}")
+    print_written(files)

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from sim2vr_harness.studies import StudyData
     from sim2vr_harness.studies.runner import StudyProgress
 
-__all__ = ["Shown", "comparison_table", "plan_tables"]
-
 _CONVINCING = 0.001
 _NAME_COLUMNS = 16
 """Longer names go on in the next line."""

@@ -22,9 +22,6 @@ from sim2vr_harness.cli.options import (
 if TYPE_CHECKING:
     from sim2vr_harness.studies.data import StudyData
 
-__all__ = ["study"]
-
-
 _File = Annotated[
     Path, typer.Argument(metavar="STUDY.yaml", help="The study's file, or a folder of effects.")
 ]

@@ -14,6 +14,7 @@ from sim2vr_harness.cli.options import (
     TrustOption,
     finite,
     known_users,
+    print_written,
     writable_folder,
 )
 
@@ -159,8 +160,7 @@ def _write(done: Sequence[Tracked], out: Path, *, record: bool) -> None:
         for one in done:
             say(f"Filming {one.path.name}")
             files.append(film(one, out / f"{one.path.name}.mp4"))
-    for file in files:
-        typer.echo(f"Written: {file}")
+    print_written(files)
 
 
 def _paths(recordings: Sequence[Path], frame: str) -> list[RecordedPath]:

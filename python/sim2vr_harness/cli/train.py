@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from sim2vr_harness.runs.config import TrainingConfig
     from sim2vr_harness.training.run.trainer import TrainResult
 
-__all__ = ["train"]
-
-
 _Config = Annotated[
     str | None,
     typer.Argument(

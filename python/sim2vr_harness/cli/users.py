@@ -19,9 +19,11 @@ from sim2vr_harness.cli import motor
 from sim2vr_harness.cli.command import CommandGroup
 from sim2vr_harness.cli.endurance import endurance
 from sim2vr_harness.cli.options import (
+    JsonOption,
     TrustOption,
     finite,
     known_users,
+    print_json,
     writable_file,
     writable_folder,
 )
@@ -32,8 +34,6 @@ from sim2vr_harness.evaluation.tables import cell
 if TYPE_CHECKING:
     from sim2vr_harness.policies.store import TrainedUser
     from sim2vr_harness.users import Physique
-
-JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON, nothing else.")]
 
 
 _File = Annotated[
@@ -63,7 +63,7 @@ def list_users(json: JsonOption = False) -> None:
 
     cards = list_cards()
     if json:
-        typer.echo(jsonlib.dumps(cards, indent=2))
+        print_json(cards)
         return
     if not cards:
         typer.echo("No trained users are installed.")
@@ -164,7 +164,7 @@ def show(
 
     user = find_user(name if Path(name).exists() else f"pretrained:{name.split(':')[-1]}")
     if json:
-        typer.echo(jsonlib.dumps(user.card, indent=2))
+        print_json(user.card)
         return
     console = Console()
     for heading, lines in _sections(user, name):

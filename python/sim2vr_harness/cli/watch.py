@@ -9,10 +9,11 @@ import typer
 
 from sim2vr_harness.cli.app_options import as_overrides, with_page_options
 from sim2vr_harness.cli.options import (
+    DeterministicOption,
     EnvSetOption,
     TrustOption,
     UserOption,
-    known_games,
+    game_option,
     known_users,
     who_plays,
     writable_file,
@@ -20,9 +21,6 @@ from sim2vr_harness.cli.options import (
 
 if TYPE_CHECKING:
     from sim2vr_harness.tools.watch.frames import Playlist
-
-__all__ = ["watch"]
-
 
 _Run = Annotated[
     str | None,
@@ -36,21 +34,11 @@ _Run = Annotated[
 _Try = Annotated[bool, typer.Option("--try", help="Play yourself, with mouse and keyboard.")]
 _Game = Annotated[
     str | None,
-    typer.Option(
-        autocompletion=known_games, metavar="NAME", help="The game.", show_default="the user's"
-    ),
+    game_option("The game.", "the user's"),
 ]
 _Condition = Annotated[
     str | None,
     typer.Option(metavar="NAME", help="The game's condition.", show_default="the user's"),
-]
-_Deterministic = Annotated[
-    bool | None,
-    typer.Option(
-        "--deterministic/--stochastic",
-        help="Take the policy's mean, or sample.",
-        show_default="the user's evaluation.deterministic",
-    ),
 ]
 _Beside = Annotated[
     Path | None,
@@ -88,7 +76,7 @@ def watch(
     condition: _Condition = None,
     seed: _Seed = None,
     beside: _Beside = None,
-    deterministic: _Deterministic = None,
+    deterministic: DeterministicOption = None,
     rerun: _Rerun = None,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page.")] = 8080,

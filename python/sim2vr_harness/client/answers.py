@@ -13,20 +13,6 @@ from typing import Any
 
 from sim2vr_harness.client.devices import HANDS, HapticPulse
 
-__all__ = [
-    "LARGEST",
-    "UNREADABLE",
-    "BadReply",
-    "bad_reply",
-    "json_in",
-    "list_in",
-    "number_in",
-    "object_in",
-    "pulse_in",
-    "text_in",
-    "truth_in",
-]
-
 DEEPEST = 100
 """Lists and objects within each other in a JSON text; those of apps have fewer than ten."""
 MOST_CHARACTERS = 500

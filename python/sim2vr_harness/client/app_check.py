@@ -17,8 +17,6 @@ from sim2vr_harness.client.protocol1 import Protocol1App
 from sim2vr_harness.client.protocol2 import Protocol2Connection
 from sim2vr_harness.client.runtime import frame_time_ns
 
-__all__ = ["AppTrial", "try_app"]
-
 STEPS = 10
 FREQUENCY_HZ = 20
 HEAD_TURN_RAD = 0.35

@@ -9,8 +9,6 @@ from sim2vr_harness.client.connection import Connection
 from sim2vr_harness.client.errors import AppDied, AppError, AppTimeout
 from sim2vr_harness.client.process import AppProcess
 
-__all__ = ["LONGEST_S", "Channel", "checked_duration_s"]
-
 LONGEST_S = 1e9
 """Longest time that is taken as one to wait for something, as of sim2vr-app: some 30 years."""
 

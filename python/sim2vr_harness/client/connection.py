@@ -9,8 +9,6 @@ from collections.abc import Sequence
 import zmq
 from zmq.utils.monitor import recv_monitor_message
 
-__all__ = ["Connection"]
-
 MAX_MESSAGE_BYTES = 256 * 2**20
 """A longer answer is not read; the connection counts as lost then."""
 

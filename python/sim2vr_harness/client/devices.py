@@ -9,18 +9,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "HANDS",
-    "INPUTS",
-    "INPUT_COUNT",
-    "INPUT_NAMES",
-    "DevicePoses",
-    "HapticPulse",
-    "Input",
-    "SoundEvent",
-    "input_named",
-]
-
 Float64Array = NDArray[np.float64]
 Hand = Literal["left", "right"]
 HANDS: tuple[Hand, Hand] = ("left", "right")

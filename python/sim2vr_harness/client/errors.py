@@ -2,16 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = [
-    "APP_FAILURES",
-    "AppDied",
-    "AppError",
-    "AppRefused",
-    "AppTimeout",
-    "AppUnsupported",
-    "ProtocolError",
-]
-
 
 class AppError(RuntimeError):
     """The app answered that it cannot do what was asked now; the app itself goes on."""

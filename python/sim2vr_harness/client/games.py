@@ -16,20 +16,6 @@ from typing import Any, Literal
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.client.runtime import list_games, load_runtime
 
-__all__ = [
-    "Condition",
-    "GameFacts",
-    "GameOption",
-    "ItemOutcome",
-    "LoggedItem",
-    "Measure",
-    "RewardTerm",
-    "describe_game",
-    "facts_of_outside",
-    "list_options",
-    "read_facts",
-]
-
 _CONDITION_ARGUMENT = "condition"
 """SIM2VR's own apps take the name of a condition as the argument ``-condition``."""
 

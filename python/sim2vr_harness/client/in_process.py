@@ -8,8 +8,6 @@ from pathlib import Path
 from sim2vr_harness.client.base import ClockSettings, OptionValue
 from sim2vr_harness.client.in_process_batch import InProcessBatch, InProcessBatchApp
 
-__all__ = ["InProcessApp"]
-
 
 class InProcessApp(InProcessBatchApp):
     """One app by itself: a batch of one, which draws with the renderer that the process shares.
@@ -57,6 +55,3 @@ class InProcessApp(InProcessBatchApp):
             clock=clock,
         )
         super().__init__(batch, 0)
-
-    def __enter__(self) -> InProcessApp:
-        return self

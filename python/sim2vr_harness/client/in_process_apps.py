@@ -9,8 +9,6 @@ from sim2vr_harness.client.base import CAPABILITIES, AppClient
 from sim2vr_harness.client.in_process_batch import InProcessBatch
 from sim2vr_harness.client.transport import AppsWanted, Transport
 
-__all__ = ["IN_PROCESS"]
-
 
 def _batch(
     wanted: AppsWanted, log_dir: Path | None, vision_channels: Sequence[int] = ()

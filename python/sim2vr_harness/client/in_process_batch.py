@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +30,6 @@ from sim2vr_harness.client.base import (
 )
 from sim2vr_harness.client.runtime import checked_seed, load_runtime
 from sim2vr_harness.client.scene import AppScene, SceneMesh
-
-__all__ = ["InProcessBatch", "InProcessBatchApp"]
 
 _DEVICE_ROWS = ("head", "left_controller", "right_controller", "left_inputs", "right_inputs")
 """Fields of DevicePoses in the order of the extension's arguments."""
@@ -437,7 +435,7 @@ class InProcessBatchApp:
             self._batch.let_go(self._index)
             self._batch = None
 
-    def __enter__(self) -> InProcessBatchApp:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -19,18 +19,6 @@ from sim2vr_harness.client.games import describe_game
 from sim2vr_harness.client.process import AppProcess, log_folder
 from sim2vr_harness.client.runtime import list_games
 
-__all__ = [
-    "StartingApp",
-    "connect",
-    "is_sim2vr_app",
-    "named_condition",
-    "options_beside",
-    "sim2vr_arguments",
-    "start_sim2vr_app",
-    "start_unity_app",
-    "unity_arguments",
-]
-
 _FLAGS = ("adaptive", "sparse")
 """Options of the reference that are flags."""
 _LISTENING = re.compile(r"^sim2vr-app: listening on (.+)$", re.MULTILINE)

@@ -7,8 +7,6 @@ from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 
-__all__ = ["MOST_MEMORY_BYTES", "Kept", "memory_of_group"]
-
 MOST_MEMORY_BYTES = 2 << 30
 """Memory of an app with all its processes; a page of the examples takes a tenth of it."""
 MOST_KEPT = 20

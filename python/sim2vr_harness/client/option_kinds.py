@@ -8,8 +8,6 @@ from typing import Literal
 from sim2vr_harness.client.in_process_batch import InProcessBatch
 from sim2vr_harness.client.runtime import list_games
 
-__all__ = ["option_kind"]
-
 _EXPECTED: tuple[tuple[str, Literal["truth", "text"]], ...] = (
     ("expected true or false", "truth"),
     ("expected a string", "text"),

@@ -8,19 +8,6 @@ from sim2vr_harness.client.base import Float64Array, Int64Array
 from sim2vr_harness.client.devices import HANDS, INPUT_COUNT, DevicePoses
 from sim2vr_harness.client.errors import AppRefused, AppUnsupported
 
-__all__ = [
-    "DEVICES",
-    "check_finite",
-    "checked_rows",
-    "frame_times",
-    "input_rows",
-    "later_times",
-    "one_frame",
-    "pose_rows",
-    "require_devices",
-    "tracked_devices",
-]
-
 DEVICES = ("head", "left_controller", "right_controller")
 """Order of the devices in a block of poses, and names of the fields of DevicePoses."""
 _ROTATION_TOLERANCE = 1e-3

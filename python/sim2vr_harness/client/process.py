@@ -22,8 +22,6 @@ from typing import Any
 from sim2vr_harness.client.errors import AppDied, AppRefused, AppTimeout
 from sim2vr_harness.client.temporary import GROUP_FILE, TemporaryFolder
 
-__all__ = ["AppProcess", "log_folder"]
-
 BAD_USAGE = 2
 """Exit status by which sim2vr-app says that its arguments cannot be used."""
 

@@ -53,8 +53,6 @@ from sim2vr_harness.client.runtime import checked_seed
 from sim2vr_harness.client.scene import AppScene
 from sim2vr_harness.client.split_step import SplitStep
 
-__all__ = ["Protocol1App"]
-
 QUIT_S = 2.0
 """How long an app may take to acknowledge the end of the session."""
 
@@ -413,12 +411,6 @@ class Protocol1App(SplitStep):
         self._channel.close()
         if self._channel.process is not None:
             self._channel.process.kill()
-
-    def __enter__(self) -> Protocol1App:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def _app_error(error: Any) -> Exception:

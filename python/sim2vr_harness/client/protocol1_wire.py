@@ -15,17 +15,6 @@ from PIL import Image, UnidentifiedImageError
 from sim2vr_harness.client.answers import BadReply, bad_reply, object_in, text_in
 from sim2vr_harness.client.base import UInt8Array, numbers_of_log
 
-__all__ = [
-    "OtherSize",
-    "bytes_in",
-    "decode_png",
-    "decode_reply",
-    "field_in",
-    "log_in",
-    "on_grid",
-    "pose_fields",
-]
-
 _IMAGE = re.compile(rb'"image"\s*:\s*\[')
 _NAMES = (
     ("headsetPosition", "headsetRotation"),

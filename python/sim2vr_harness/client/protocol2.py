@@ -48,8 +48,6 @@ from sim2vr_harness.client.protocol2_wire import (
 from sim2vr_harness.client.scene import AppScene, SceneMesh
 from sim2vr_harness.client.shared_images import map_images
 
-__all__ = ["Protocol2Connection"]
-
 MAX_EDGE = 8192
 _CLIENT = f"sim2vr-harness, Python {sys.version_info.major}.{sys.version_info.minor}"
 QUIT_S = 2.0

@@ -21,8 +21,6 @@ from sim2vr_harness.client.split_step import SplitStep
 if TYPE_CHECKING:
     from sim2vr_harness.client.protocol2 import Protocol2Connection
 
-__all__ = ["Protocol2App"]
-
 
 class Protocol2App(SplitStep):
     """:class:`~sim2vr_harness.client.base.AppClient` for one app of a connection.
@@ -119,9 +117,3 @@ class Protocol2App(SplitStep):
         connection, self._connection = self._connection, None
         if connection is not None:
             connection.release()
-
-    def __enter__(self) -> Protocol2App:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

@@ -24,18 +24,6 @@ from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported, P
 from sim2vr_harness.client.poses import input_rows, pose_rows, tracked_devices
 from sim2vr_harness.client.scene import AppScene, SceneMesh, SceneObject
 
-__all__ = [
-    "HEADER",
-    "MAGIC",
-    "REPLY",
-    "VERSION",
-    "Names",
-    "Status",
-    "StepResults",
-    "Type",
-    "error_of",
-]
-
 MAGIC = b"S2VR"
 VERSION = 3
 """Of the messages."""

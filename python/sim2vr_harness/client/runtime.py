@@ -7,16 +7,6 @@ from typing import Any
 from sim2vr_harness.base.gl import prepare_process
 from sim2vr_harness.client.base import Int64Array
 
-__all__ = [
-    "checked_seed",
-    "frame_time_ns",
-    "frame_times_ns",
-    "gl_renderer",
-    "list_games",
-    "load_runtime",
-    "runtime_version",
-]
-
 
 def checked_seed(seed: int) -> int:
     """The seed; ValueError when it has more than 32 bits."""

@@ -17,8 +17,6 @@ from sim2vr_harness.client.frames import (
     triangles_to_mujoco,
 )
 
-__all__ = ["PLAYER_LAYER", "AppScene", "SceneMesh", "SceneObject"]
-
 Float64Array = NDArray[np.float64]
 
 PLAYER_LAYER = 31

@@ -33,8 +33,6 @@ from sim2vr_harness.client.protocol1 import Protocol1App
 from sim2vr_harness.client.protocol2 import Protocol2Connection
 from sim2vr_harness.client.transport import AppPlace, AppsWanted, Transport
 
-__all__ = ["PROTOCOL1", "PROTOCOL2", "AppServers", "Served"]
-
 START_ATTEMPTS = 2
 
 

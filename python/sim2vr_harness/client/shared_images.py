@@ -9,8 +9,6 @@ import numpy as np
 
 from sim2vr_harness.client.base import UInt8Array
 
-__all__ = ["map_images"]
-
 
 def map_images(path: str, link: str, shape: tuple[int, ...]) -> UInt8Array | None:
     """Map an app's images, to read only; None where they cannot be reached from here.

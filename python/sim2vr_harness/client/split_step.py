@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import Self
 
 import numpy as np
 
@@ -10,11 +11,9 @@ from sim2vr_harness.client.base import AppReply, Int64Array
 from sim2vr_harness.client.devices import DevicePoses
 from sim2vr_harness.client.poses import one_frame
 
-__all__ = ["SplitStep"]
-
 
 class SplitStep(ABC):
-    """``step`` and ``step_frames`` of an :class:`~sim2vr_harness.client.base.AppClient`."""
+    """An :class:`~sim2vr_harness.client.base.AppClient` by the halves of its steps."""
 
     @abstractmethod
     def start_step(
@@ -26,6 +25,10 @@ class SplitStep(ABC):
     def finish_step(self) -> AppReply:
         """See :class:`~sim2vr_harness.client.base.AppClient`."""
 
+    @abstractmethod
+    def close(self) -> None:
+        """See :class:`~sim2vr_harness.client.base.AppClient`."""
+
     def step(self, time_ns: int, poses: DevicePoses) -> AppReply:
         """See :class:`~sim2vr_harness.client.base.AppClient`."""
         return self.step_frames(np.array([time_ns], dtype=np.int64), one_frame(poses))
@@ -34,3 +37,9 @@ class SplitStep(ABC):
         """See :class:`~sim2vr_harness.client.base.AppClient`."""
         self.start_step(times_ns, poses, drawn)
         return self.finish_step()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -21,8 +21,6 @@ import weakref
 from contextlib import suppress
 from pathlib import Path
 
-__all__ = ["GROUP_FILE", "OUTSIDE_FILE", "TemporaryFolder"]
-
 GROUP_FILE = "group"
 """In an app's folder: the number of its process group, and the end of the line."""
 

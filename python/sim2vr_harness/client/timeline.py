@@ -13,8 +13,6 @@ from typing import Any
 from sim2vr_harness.client.base import OptionValue, plain_options
 from sim2vr_harness.client.runtime import checked_seed, load_runtime
 
-__all__ = ["Timeline", "TimelineItem", "describe_level"]
-
 
 @dataclass(frozen=True)
 class TimelineItem:

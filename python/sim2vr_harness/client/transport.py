@@ -14,8 +14,6 @@ from sim2vr_harness.client.errors import AppRefused
 from sim2vr_harness.client.games import GameFacts
 from sim2vr_harness.client.in_process_batch import InProcessBatch
 
-__all__ = ["AppPlace", "AppSource", "AppsWanted", "PageStart", "Transport", "checked_options"]
-
 AppSource = Callable[[int, Path | None], AppClient]
 """Makes the app of a user: (its number, root of the logs or None) -> client. Called again for a
 user whose app has failed and was closed."""

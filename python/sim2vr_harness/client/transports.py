@@ -14,8 +14,6 @@ from sim2vr_harness.client.servers import PROTOCOL1, PROTOCOL2
 from sim2vr_harness.client.transport import Transport
 from sim2vr_harness.client.webxr import WEBXR
 
-__all__ = ["list_transports", "register_transport", "transport_named"]
-
 _TABLE: dict[str, Transport] = {
     transport.name: transport
     for transport in (

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
@@ -12,8 +10,6 @@ from sim2vr_harness.client.base import OptionValue, ThirdPersonView, UInt8Array
 from sim2vr_harness.client.errors import AppUnsupported
 from sim2vr_harness.client.scene import AppScene
 from sim2vr_harness.client.split_step import SplitStep
-
-__all__ = ["FARTHEST_M", "FRAME_RATE_HZ", "VERTICAL_FOV_DEG", "UnsavedApp"]
 
 FARTHEST_M = 10.0
 """Distance of which the depth channel's 255 is, as in our own runtime."""
@@ -86,14 +82,3 @@ class UnsavedApp(SplitStep):
     def close(self) -> None:
         """See :class:`AppClient`."""
         self._closed = True
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

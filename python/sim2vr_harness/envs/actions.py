@@ -11,8 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from sim2vr_harness.client.devices import INPUT_COUNT, input_named
 
-__all__ = ["Actions"]
-
 PRESS, RELEASE = 0.33, -0.33
 """A finger presses a button by an action above the one, releases it by one below the other."""
 

@@ -18,8 +18,6 @@ from sim2vr_harness.envs.late_hands import LateHands
 from sim2vr_harness.users.batch import UserBatch
 from sim2vr_harness.users.bodies import DEVICES
 
-__all__ = ["AppSteps"]
-
 IntArray = NDArray[np.int64]
 
 _SHARES = (0.5, 0.25, 0.25)

@@ -20,16 +20,6 @@ from sim2vr_harness.client.tasks import Task, TaskedApp, load_task
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.envs.late_hands import app_options
 
-__all__ = [
-    "IPD_M",
-    "AppFactory",
-    "app_factory",
-    "apps_wanted",
-    "facts_told",
-    "judged",
-    "knows_options",
-]
-
 AppFactory = Callable[[EnvConfig, int, Path | None], AppClient]
 """Makes the app of user i: (config, i, log folder) -> client. Called again for a user whose app has
 failed and was closed."""

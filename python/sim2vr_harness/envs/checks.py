@@ -12,14 +12,6 @@ from sim2vr_harness.client import OptionValue
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.users import Person, Population
 
-__all__ = [
-    "checked_options",
-    "checked_seeds",
-    "checked_substeps",
-    "checked_users",
-    "chosen_persons",
-]
-
 
 def checked_users(field: str, users: Any, n: int) -> list[int]:
     """The users that are meant: None for all, a whole number for one, or several of them.

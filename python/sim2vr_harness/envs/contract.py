@@ -13,8 +13,6 @@ from sim2vr_harness.envs.senses import observation_space_of
 from sim2vr_harness.perception import SENSES
 from sim2vr_harness.users import FEATURES, Body
 
-__all__ = ["contract", "contract_hash", "differences", "worded"]
-
 
 def contract(config: EnvConfig) -> dict[str, Any]:
     """The environment's side of a trained user's agreement, as plain values.

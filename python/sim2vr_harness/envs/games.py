@@ -12,15 +12,6 @@ from sim2vr_harness.envs.apps import facts_told, judged, knows_options
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, with_options
 from sim2vr_harness.users import Body, installed_bodies, load_body
 
-__all__ = [
-    "game_facts",
-    "with_condition",
-    "with_game",
-    "with_hand",
-    "with_task",
-    "without_training",
-]
-
 
 def game_facts(app: AppConfig, *, ask: bool = True) -> GameFacts:
     """What is known of the game that an app plays.

@@ -19,8 +19,6 @@ from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.perception import StepContext
 from sim2vr_harness.perception.wrappers import Ring
 
-__all__ = ["HAND_LAG", "LateHands", "app_options", "hand_lag_s"]
-
 HAND_LAG = "hand_lag_s"
 _LONGEST_S = 2.0
 IntArray = NDArray[np.int64]

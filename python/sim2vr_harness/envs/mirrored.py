@@ -19,8 +19,6 @@ from sim2vr_harness.client import DevicePoses, HapticPulse, OptionValue, SoundEv
 from sim2vr_harness.client.devices import Hand
 from sim2vr_harness.envs.app_group import AppGroup, Logs
 
-__all__ = ["MirroredGroup", "mirrored_poses"]
-
 IntArray = NDArray[np.int64]
 
 _OTHER: dict[str, Hand] = {"left": "right", "right": "left"}

@@ -6,8 +6,6 @@ from sim2vr_harness.envs.config import EnvConfig, NoiseConfig, UserConfig
 from sim2vr_harness.users import PeopleSettings, Physique, load_body
 from sim2vr_harness.users.bodies.options import JointOptions
 
-__all__ = ["as_population", "with_measured_body"]
-
 _STRENGTH = 1.28
 """The body's raised arm is weak (docs/concepts/people.md#strength)."""
 _LIGHT = JointOptions(armature=0.0, damping=0.03)

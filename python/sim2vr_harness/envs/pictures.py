@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.envs.simulation import Simulation
 
-__all__ = ["RENDER_MODES", "RENDER_SIZE", "Views"]
-
 RENDER_MODES: tuple[str, ...] = ("rgb_array", "headset", "body")
 """``rgb_array``: the game and the user's hand from outside."""
 RENDER_SIZE = (640, 480)

@@ -26,8 +26,6 @@ from sim2vr_harness.perception.sense import float_space
 from sim2vr_harness.perception.wrappers import Ring
 from sim2vr_harness.users import FEATURES, PeopleSettings
 
-__all__ = ["OBSERVATION", "Lag", "Layout", "PrivilegedSenses"]
-
 OBSERVATION = "teacher"
 
 

@@ -8,8 +8,6 @@ from typing import Any, Protocol
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-__all__ = ["SimulationLike"]
-
 
 class SimulationLike(Protocol):
     """The part of :class:`sim2vr_harness.envs.simulation.Simulation` that learners use."""

@@ -27,8 +27,6 @@ from sim2vr_harness.perception import (
 from sim2vr_harness.users import Body, Persons
 from sim2vr_harness.users.batch import UserBatch
 
-__all__ = ["Senses", "make_actions", "make_perception", "observation_space_of"]
-
 
 def make_actions(config: EnvConfig, n: int, body: Body) -> Actions:
     """The actions of N users with such bodies.

@@ -8,8 +8,6 @@ from typing import Any
 
 from sim2vr_harness.base.errors import reason
 
-__all__ = ["packed", "unpacked"]
-
 _FORMAT = "sim2vr simulation state 4"
 
 

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.envs.app_group import Logs
 
-__all__ = ["StepBatch"]
-
 
 @dataclass
 class StepBatch:

@@ -20,8 +20,6 @@ from sim2vr_harness.envs.simulation import Observation, Simulation
 from sim2vr_harness.envs.step_batch import StepBatch
 from sim2vr_harness.registration import require_known
 
-__all__ = ["Sim2VRVectorEnv"]
-
 
 class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
     """Users who start a new episode by themselves when one has ended.

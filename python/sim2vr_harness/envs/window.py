@@ -8,8 +8,6 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-__all__ = ["Window"]
-
 
 class Window:
     """Shows pictures at their frame rate; opens with the first one.

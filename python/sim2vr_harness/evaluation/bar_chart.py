@@ -15,8 +15,6 @@ from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.figures.figure import INK, Bars, Figure, Layer, Panel, Points, colour_of
 from sim2vr_harness.figures.matplotlib_backend import write_figure
 
-__all__ = ["EXERTION", "chart"]
-
 EXERTION = Measure(
     "exertion",
     "Effort before its weight",

@@ -20,8 +20,6 @@ from sim2vr_harness.policies.protocol import episode_of
 from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.store import find_user, require_contract
 
-__all__ = ["film_comparison"]
-
 _VIEW = (480, 360)
 """Width and height of each of the two pictures."""
 _MOST = 4

@@ -14,14 +14,6 @@ from sim2vr_harness.envs.apps import knows_options
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, with_options
 from sim2vr_harness.runs.config import apply_overrides
 
-__all__ = [
-    "asked_conditions",
-    "chosen_conditions",
-    "condition_groups",
-    "facts_of_chosen",
-    "named_options",
-]
-
 _ARGUMENT = "condition"
 """The option that is the condition of an app that publishes none."""
 

@@ -17,8 +17,6 @@ from sim2vr_harness.figures.matplotlib_backend import write_figure
 from sim2vr_harness.policies.store import TrainedUser, find_user, is_packed
 from sim2vr_harness.runs.run_folder import RunFolder, metric_key, read_rows, write_atomically
 
-__all__ = ["curve", "pack_curves", "plot"]
-
 _PANELS = 6
 _MOST_DRAWN = 1e100
 _CURVES = "curves.json"

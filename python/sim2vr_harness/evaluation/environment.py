@@ -12,8 +12,6 @@ from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.runs.config import TrainingConfig, apply_overrides, parse_config
 from sim2vr_harness.runs.trust import named_app, require_trust
 
-__all__ = ["evaluation_env", "make_simulation"]
-
 
 def make_simulation(config: EnvConfig, n: int, *, log_dir: Path | None = None) -> Any:
     """Return n users in their apps; the default of everything that plays."""

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.progress import progress_of_part
 from sim2vr_harness.client import Condition, GameFacts
 from sim2vr_harness.envs.config import EnvConfig, UserConfig
 from sim2vr_harness.envs.games import game_facts
@@ -37,8 +38,6 @@ from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.users import PeopleSettings, effort_weight
-
-__all__ = ["Evaluation", "Request", "evaluate", "name_of", "with_people"]
 
 _LONGEST_NAME = 120
 """Of a folder, in characters."""
@@ -327,9 +326,6 @@ def _play(
         def make(n: int, own: EnvConfig = env) -> Any:
             return simulation(own, n, log_dir=logs.folder() if logs is not None else None)
 
-        def advance(share: float, done: int = number) -> None:
-            on_progress((done + share) / len(groups))
-
         rounds += play(
             make,
             make_policy,
@@ -338,7 +334,7 @@ def _play(
             deterministic=plan.deterministic,
             batch=plan.batch,
             watchers=watchers,
-            on_progress=advance,
+            on_progress=progress_of_part(on_progress, number, len(groups)),
         )
     return rounds
 

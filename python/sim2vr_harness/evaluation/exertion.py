@@ -18,8 +18,6 @@ from sim2vr_harness.users.exertion import (
     arms_of,
 )
 
-__all__ = ["ExertionRecorder"]
-
 FloatArray = NDArray[np.float64]
 
 _TOGETHER = 256

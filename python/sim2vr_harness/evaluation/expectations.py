@@ -22,19 +22,6 @@ from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.evaluation.muscle_groups import fatigue_names
 from sim2vr_harness.statistics.intervals import Moments, welch_interval_of_moments
 
-__all__ = [
-    "ENDS",
-    "CheckResult",
-    "Checks",
-    "Estimate",
-    "Expectation",
-    "Planned",
-    "Results",
-    "of_evaluation",
-    "of_study",
-    "study_group",
-]
-
 ENDS = ("diverged", "app_failed")
 """Counts of rounds in the results of an evaluation."""
 

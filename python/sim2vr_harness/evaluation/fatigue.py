@@ -6,17 +6,6 @@ from collections.abc import Iterable
 
 from sim2vr_harness.client import Measure
 
-__all__ = [
-    "FATIGUE",
-    "MUSCLE_NAMES",
-    "PARTS",
-    "SIDES",
-    "fatigue_measure",
-    "fatigue_measures",
-    "full_name",
-    "split_side",
-]
-
 FATIGUE = "fatigue."
 """What names of these measures begin with; a muscle or a body part follows."""
 

@@ -10,8 +10,6 @@ from sim2vr_harness.base.errors import printable
 from sim2vr_harness.evaluation.expectations import CheckResult
 from sim2vr_harness.runs.run_folder import write_atomically
 
-__all__ = ["write_junit"]
-
 
 def write_junit(file: Path, suite: str, results: Sequence[CheckResult], seconds: float) -> None:
     """Write a test suite with a test case per check and condition or cell.

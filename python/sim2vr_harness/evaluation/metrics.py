@@ -17,17 +17,6 @@ import numpy as np
 from sim2vr_harness.client import GameFacts, Measure
 from sim2vr_harness.evaluation.fatigue import fatigue_measures
 
-__all__ = [
-    "ARM_MEASURES",
-    "PLAYER_MEASURES",
-    "PlayedRound",
-    "PlayerMeasure",
-    "RoundResult",
-    "measures_of",
-    "round_result",
-    "summarise",
-]
-
 _EXERTION = {
     "nicer": ("NICER", "Time as a share of the arm's endurance, with recovery (Li et al. 2024)"),
     "consumed_endurance": (

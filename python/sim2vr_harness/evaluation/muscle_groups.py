@@ -14,15 +14,6 @@ from sim2vr_harness.envs.config import UserConfig, body_of
 from sim2vr_harness.evaluation.fatigue import FATIGUE, PARTS, SIDES, split_side
 from sim2vr_harness.users import Body, UserBatch
 
-__all__ = [
-    "FatigueGroups",
-    "fatigue_groups",
-    "fatigue_names",
-    "groups_of",
-    "muscles_by_part",
-    "worst_of",
-]
-
 _TIRING = "cumulative_fatigue_3ccr"
 """The effort model with motor units that tire."""
 _LEAST_ARM_M = 1e-5

@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.progress import progress_of_part
 from sim2vr_harness.client import GameFacts, Measure
 from sim2vr_harness.envs.senses import observation_space_of
 from sim2vr_harness.evaluation.curves import pack_curves
@@ -22,8 +23,6 @@ from sim2vr_harness.policies.store import TrainedUser, find_user, pack
 from sim2vr_harness.runs.config import first_difference
 from sim2vr_harness.runs.run_folder import RunFolder, write_atomically
 from sim2vr_harness.runs.trust import require_trust
-
-__all__ = ["card_measures", "measured_keys", "pack_measured", "seed_keys"]
 
 
 def pack_measured(
@@ -87,10 +86,7 @@ def _cards(
     """Pack users into folders named after their seeds; return seed -> card, and the game."""
     cards, facts = {}, GameFacts("")
     for number, user in enumerate(users):
-
-        def advance(share: float, done: int = number) -> None:
-            on_progress((done + share) / len(users))
-
+        advance = progress_of_part(on_progress, number, len(users))
         cards[user.config.seed], facts = _packed(user, scratch, name, details, request, advance)
     return cards, facts
 

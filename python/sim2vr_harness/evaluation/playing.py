@@ -20,8 +20,6 @@ from sim2vr_harness.policies.protocol import require_observation
 from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.store import find_user, require_contract
 
-__all__ = ["UserPolicy", "evaluate", "load_user_policy"]
-
 
 class UserPolicy:
     """What a trained user does, given what it senses; on the CPU.

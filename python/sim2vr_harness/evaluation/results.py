@@ -11,8 +11,6 @@ from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name, read_json
 from sim2vr_harness.runs.run_folder import write_atomically
 
-__all__ = ["EvaluationResults"]
-
 _WHO = ("user", "trained_steps")
 _HOW = ("episodes", "seed", "deterministic", "overrides", "app")
 _PLAYERS = "people"

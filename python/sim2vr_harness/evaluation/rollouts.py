@@ -17,8 +17,6 @@ from sim2vr_harness.evaluation.metrics import RoundResult, round_result
 from sim2vr_harness.evaluation.muscle_groups import groups_of, worst_of
 from sim2vr_harness.policies.protocol import Act, FunctionPolicy, Policy, episode_of
 
-__all__ = ["Job", "Watcher", "jobs_for", "play"]
-
 
 @dataclass(frozen=True)
 class Job:

@@ -20,8 +20,6 @@ from sim2vr_harness.evaluation.metrics import RoundResult
 from sim2vr_harness.evaluation.rollouts import Job
 from sim2vr_harness.runs.run_folder import write_atomically
 
-__all__ = ["PERSON_FILE", "RoundLogs"]
-
 PERSON_FILE = "person.json"
 """Beside the logs of a round: the fields of the ``users.Person`` who played it."""
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, closing
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.progress import progress_of_part
 from sim2vr_harness.client import (
+    Condition,
     GameFacts,
     Measure,
     OptionValue,
@@ -42,8 +44,6 @@ from sim2vr_harness.policies.scripted import (
     scripted_policy,
     with_inputs,
 )
-
-__all__ = ["BaselineRun", "evaluate_baseline"]
 
 _PARALLEL = 2
 """Rounds at once."""
@@ -95,41 +95,36 @@ def evaluate_baseline(
         record: whether to film the first round.
         out: folder for results and films; None writes nothing.
         overwrite: whether to begin with new results where there are others.
-        watchers: further ones that look on.
-        on_progress: called with the share of the work done.
         on_plan: called with conditions and measures before anything is played.
 
     Raises:
         InputError: a number or the user cannot be used.
     """
-    if episodes < 1:
-        raise InputError("--episodes", str(episodes), "at least 1")
-    if record and out is None:
-        raise InputError("--record", "it without --out", "a folder for the film, --out FOLDER")
+    _require_playable(episodes, record, out)
     env = with_inputs(env, user)
     facts = _with_steps(game_facts(env.app), user)
     asked = asked_conditions(env.app, conditions, typed=True)
     chosen = chosen_conditions(facts, asked, [facts.default_condition], named)
     if on_plan is not None:
         on_plan(Planned.of_evaluation(facts, chosen, env.user))
-    jobs = [
-        (config, jobs_for(group, episodes, seed)) for config, group in condition_groups(env, chosen)
-    ]
+    groups = condition_groups(env, chosen)
     baseline = _Baseline(user, facts)
-    files: list[Path] = []
-    with ExitStack() as stack:
-        watchers = [*watchers]
-        if record and out is not None:
-            filmer = stack.enter_context(closing(RoundFilmer(out, facts)))
-            watchers, files = [*watchers, filmer], filmer.files
-        rounds = baseline.play(jobs, watchers, on_progress)
+    with closing(RoundFilmer(out, facts)) if record and out else nullcontext() as filmer:
+        films = [] if filmer is None else [filmer]
+        rounds = baseline.play(groups, episodes, seed, [*watchers, *films], on_progress)
     settings = _settings(env, user, episodes, seed)
     scripts = [[step.as_dict() for step in steps] for steps in baseline.steps]
     summaries = {one.name: _summary(one.name, rounds, facts, scripts) | settings for one in chosen}
-    if out is not None:
-        files = [_saved(summaries, settings, out, overwrite=overwrite), *files]
-    problems = baseline.problems(env, summaries)
-    return BaselineRun(summaries, facts, files, problems, baseline.steps)
+    files = [] if out is None else [_saved(summaries, settings, out, overwrite=overwrite)]
+    files += [file for film in films for file in film.files]
+    return BaselineRun(summaries, facts, files, baseline.problems(env, summaries), baseline.steps)
+
+
+def _require_playable(episodes: int, record: bool, out: Path | None) -> None:
+    if episodes < 1:
+        raise InputError("--episodes", str(episodes), "at least 1")
+    if record and out is None:
+        raise InputError("--record", "it without --out", "a folder for the film, --out FOLDER")
 
 
 STEP_MEASURES = (
@@ -161,7 +156,9 @@ class _Baseline:
 
     def play(
         self,
-        groups: Sequence[tuple[EnvConfig, Sequence[Job]]],
+        groups: Sequence[tuple[EnvConfig, Sequence[Condition]]],
+        episodes: int,
+        seed: int,
         watchers: Sequence[Watcher],
         on_progress: Callable[[float], None],
     ) -> list[RoundResult]:
@@ -170,20 +167,16 @@ class _Baseline:
         if is_script(self._user):
             self._script = _ScriptWatcher(self._facts)
             watchers = [self._script, *watchers]
-        for number, (config, jobs) in enumerate(groups):
-
-            def advance(share: float, done: int = number) -> None:
-                on_progress((done + share) / len(groups))
-
+        for number, (config, conditions) in enumerate(groups):
             rounds += play(
                 partial(self._make, config),
                 self._policy,
-                jobs,
+                jobs_for(conditions, episodes, seed),
                 self._facts,
                 deterministic=False,
                 batch=batch_for(config, _PARALLEL if self._script is None else 1),
                 watchers=watchers,
-                on_progress=advance,
+                on_progress=progress_of_part(on_progress, number, len(groups)),
             )
         return rounds if self._script is None else self._script.with_steps(rounds)
 

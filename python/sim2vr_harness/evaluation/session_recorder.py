@@ -16,8 +16,6 @@ from sim2vr_harness.evaluation.rollouts import Job
 from sim2vr_harness.sessions import AppIdentity, Controller, Session, SessionEvent
 from sim2vr_harness.sessions.replay import counted_events
 
-__all__ = ["SessionRecorder"]
-
 _SIDES = {"left": "controller_left", "right": "controller_right"}
 
 

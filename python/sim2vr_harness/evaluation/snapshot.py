@@ -23,8 +23,6 @@ from sim2vr_harness.policies.scripted import scripted_policy, with_inputs
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import TrainingConfig
 
-__all__ = ["parse_size", "snapshot"]
-
 
 def parse_size(text: str, largest: tuple[int, int] = (1280, 960)) -> tuple[int, int]:
     """Return (width, height) of ``WIDTHxHEIGHT``, 16x16 to ``largest``.
@@ -58,24 +56,18 @@ def snapshot(
 ) -> list[Path]:
     """Play a little and write what it looks like.
 
-    An app that draws no views, such as a page, is not seen from outside; it is played once more,
-    with the same actions, for pictures of that size.
-
     Args:
         out: Folder for ``headset.png``, ``third_person.png``, ``recorder.png``, ``body.png``, the
             user's own image ``observation.png`` (colour left, depth right) and ``overview.png``.
         condition: The game's condition; None leaves it at its default.
         size: (width, height) of the pictures, pixels.
         seconds: How long to play first.
-        seed: Seed of the round.
         game: The game; None takes the run's, or that of a default environment.
         run: A trained user to play; None lets the user act at random, gently.
-        baseline: The user without training that plays, of
-            :data:`~sim2vr_harness.policies.scripted.USERS`.
+        baseline: The untrained user that plays, as of :func:`.scripted_policy`.
         app: Settings that replace those of ``env.app``, for example a page.
         overrides: ``env.KEY=VALUE``, what else is different.
         trust_app: Whether the app that the run names may be started, though this user never has.
-        simulation: How to make the user: (EnvConfig, n) -> simulation.
 
     Raises:
         InputError: A number or the run cannot be used.
@@ -84,23 +76,19 @@ def snapshot(
     _check(out, seconds)
     user, config = _played(run, app, game, overrides, trust_app=trust_app)
     facts = game_facts(config.app)
-    shown = condition or facts.condition_of(config.app.options)
+    title = f"{facts.name} {condition or facts.condition_of(config.app.options)}".strip()
     config = with_condition(config, condition)
     if baseline is not None:
         config = with_inputs(config, baseline)
     with closing(simulation(config, 1)) as users:
         users.reset(seeds=[seed])
-        act = _act_of(user, users)
-        if baseline is not None:
-            act = episode_of(scripted_policy(baseline, users))
-        log, total, moves = _play(users, act, seconds, seed)
+        log, total, moves = _play(users, _act_of(user, baseline, users), seconds, seed)
         pictures = _draw(users, size)
     if "headset" not in pictures:
         pictures["headset"] = _drawn_larger(simulation, config, seed, moves, size)
     text = score_text(facts, log, len(moves) / config.action_frequency_hz, total)
     panels = {"play": pictures["body"], "headset": pictures["headset"]}
-    pictures["overview"] = compose(panels, f"{facts.name} {shown}".strip(), text)
-    return _write(out, pictures)
+    return _write(out, {**pictures, "overview": compose(panels, title, text)})
 
 
 def _check(out: Path, seconds: float) -> None:
@@ -134,8 +122,13 @@ def _played(
     return user, config
 
 
-def _act_of(user: TrainedUser | None, users: Any) -> Callable[..., Any]:
-    """Return the policy of a trained user, its mean if its configuration says so, or noise."""
+def _act_of(user: TrainedUser | None, baseline: str | None, users: Any) -> Callable[..., Any]:
+    """Return the policy of a baseline or a trained user, or noise.
+
+    A trained user's is its mean if its configuration says so.
+    """
+    if baseline is not None:
+        return episode_of(scripted_policy(baseline, users))
     if user is None:
         return partial(_gentle, users.action_space.shape[0])
     policy, _ = load_policy(user, users.observation_space, users.action_space)
@@ -178,7 +171,10 @@ def _drawn_larger(
     moves: list[Any],
     size: tuple[int, int],
 ) -> Any:
-    """What the headset shows after the same moves, from between the eyes, (height, width, 3)."""
+    """What the headset shows after the same moves, from between the eyes, (height, width, 3).
+
+    Of an app that draws no views, such as a page: it is played once more.
+    """
     channels = config.vision.channels
     vision = VisionConfig(width=size[0], height=size[1], channels=channels)
     larger = config.model_copy(update={"vision": vision})

@@ -15,8 +15,6 @@ from sim2vr_harness.client import GameFacts, Measure
 from sim2vr_harness.evaluation.fatigue import FATIGUE, fatigue_measures, full_name
 from sim2vr_harness.evaluation.metrics import ARM_MEASURES, measures_of
 
-__all__ = ["cell", "results_table"]
-
 _COLUMNS = 4
 """Conditions that fit 80 columns beside the names of the numbers."""
 

@@ -10,8 +10,6 @@ from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.games import imagined_game
 from sim2vr_harness.runs.config import TrainingConfig
 
-__all__ = ["met", "unpractised", "words_of_change"]
-
 _COSTS_ONLY = "user.effort."
 """Changes what is counted, not what the user does."""
 

@@ -15,8 +15,6 @@ from sim2vr_harness.evaluation.metrics import RoundResult
 from sim2vr_harness.evaluation.rollouts import Job
 from sim2vr_harness.evaluation.scene_images import Painter, Panels, score_text
 
-__all__ = ["Film", "RoundFilmer"]
-
 
 class Film:
     """An MP4 file (H.264, yuv420p) that appears under its name when it is complete.

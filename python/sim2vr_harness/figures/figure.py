@@ -13,25 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "COLOURS",
-    "GREY",
-    "INK",
-    "Band",
-    "Bars",
-    "Figure",
-    "Heat",
-    "Layer",
-    "Line",
-    "Numbers",
-    "Panel",
-    "Path",
-    "Points",
-    "Ranges",
-    "colour_of",
-    "keys_of",
-]
-
 COLOURS = (
     *("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f3c8d", "#5b5b5b"),
     *("#8c510a", "#1f2a6b", "#a6b727", "#e3211c", "#00b8c4", "#f28cb1", "#4d6b2f", "#b39ddb"),

@@ -14,8 +14,6 @@ from sim2vr_harness.base.optional import needed
 from sim2vr_harness.figures.figure import Panel
 from sim2vr_harness.figures.plotly_backend import plotly_of
 
-__all__ = ["embedded_json", "plotly_code", "save_page", "table"]
-
 _STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;color:#1c1f24;margin:0 auto;max-width:1200px;padding:0 16px}
 h1{font-size:1.5rem;margin:1rem 0 .3rem}h2{font-size:1.15rem;margin:1.4rem 0 .3rem}
@@ -72,16 +70,13 @@ def table(
     return f'<div class="{kind}"><table><tr>{head}</tr>{body}</table></div>'
 
 
-def save_page(
-    file: Path, title: str, parts: Sequence[str | Panel | Any], option: str = "--out"
-) -> Path:
+def save_page(file: Path, title: str, parts: Sequence[str | Panel | Any]) -> Path:
     """Write a page.
 
     Args:
         file: The HTML file.
         title: Of the page.
         parts: From top to bottom: HTML, panels, or Plotly's figures; both fill the width.
-        option: What the user requested, for the message when Plotly is missing.
 
     Raises:
         InputError: Plotly is not installed.
@@ -92,7 +87,7 @@ def save_page(
             body += part
             continue
         if not drawn:
-            body += f"<script>{plotly_code(option)}</script>"
+            body += f"<script>{plotly_code('--out')}</script>"
         drawn += 1
         figure = _panel(part) if isinstance(part, Panel) else json.loads(part.to_json())
         figure |= {"config": {"responsive": True, "displaylogo": False}}

@@ -10,8 +10,6 @@ from typing import Any
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import Timeline, TimelineItem
 
-__all__ = ["draw_timeline"]
-
 _STRIP_S = 15.0
 """Seconds in one strip of the picture."""
 _MOST_STRIPS = 40

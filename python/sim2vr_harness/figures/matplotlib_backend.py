@@ -26,8 +26,6 @@ from sim2vr_harness.figures.figure import (
     keys_of,
 )
 
-__all__ = ["PRINT", "write_figure", "write_stills"]
-
 PRINT: Any = {
     "pdf.fonttype": 42,
     "ps.fonttype": 42,

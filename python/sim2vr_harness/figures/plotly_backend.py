@@ -19,8 +19,6 @@ from sim2vr_harness.figures.figure import (
     keys_of,
 )
 
-__all__ = ["plotly_of"]
-
 _HEIGHT, _HEIGHT_IN_SPACE, _ROW = 300, 460, 17
 _HEIGHT_NAMED, _NEARER = 640, 0.8
 """In space with names beside places, which need room: height, and the camera's distance."""

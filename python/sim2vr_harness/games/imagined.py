@@ -20,8 +20,6 @@ from sim2vr_harness.client.base import OptionValue
 if TYPE_CHECKING:  # settings are read without torch
     from torch import Tensor
 
-__all__ = ["ImaginedCondition", "ImaginedGame", "ImaginedRounds"]
-
 
 @dataclass(frozen=True)
 class ImaginedCondition:

@@ -19,8 +19,6 @@ from sim2vr_harness.base.files import read_text, read_yaml
 from sim2vr_harness.base.settings import Settings, first_problem
 from sim2vr_harness.games.registry import room_of
 
-__all__ = ["Published", "PublishedPeople", "PublishedTest", "PublishedValues", "published_of"]
-
 _EXPECTED = "what is published of a game"
 _SAME_S = 2.0
 """Rounds end with a frame, and people's logs begin before."""

@@ -12,18 +12,6 @@ from sim2vr_harness.games.behaviour import Behaviour
 from sim2vr_harness.games.imagined import ImaginedGame
 from sim2vr_harness.games.rewards import RewardTerms
 
-__all__ = [
-    "aimed_games",
-    "behaviour_of",
-    "behaviours",
-    "imagined_game",
-    "imagined_games",
-    "imagined_settings",
-    "reward_terms",
-    "rewarding_games",
-    "room_of",
-]
-
 _ROOMS = {
     "beats": "sim2vr_harness.games.beats",
     "pointing": "sim2vr_harness.games.pointing",

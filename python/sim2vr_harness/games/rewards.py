@@ -11,8 +11,6 @@ from typing import Any, Literal
 
 from sim2vr_harness.base.errors import InputError
 
-__all__ = ["NAMES", "Formula", "RewardTerms", "Term"]
-
 When = Literal["step", "arrival", "absence"]
 
 NAMES: dict[str, str] = {

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["HUMAN_E2_DEG", "Foveation"]
-
 HUMAN_E2_DEG = 2.3
 """Eccentricity at which the smallest detail is twice that of the fovea."""
 

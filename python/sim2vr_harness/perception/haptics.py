@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.perception.sense import IntArray, Sensed, StepContext, float_space, restore
 
-__all__ = ["Haptics"]
-
 _HANDS = ("left", "right")
 _ROUNDING_S = 1e-6
 

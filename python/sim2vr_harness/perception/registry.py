@@ -28,8 +28,6 @@ from sim2vr_harness.perception.vision import fovea, vision
 from sim2vr_harness.perception.wrappers import Delayed, History, Noisy, OwnDelays, Stacked
 from sim2vr_harness.users import FEATURES
 
-__all__ = ["SENSES", "WRAPPERS", "SenseConfig", "SenseKind", "Surroundings", "make_sense"]
-
 
 @dataclass(frozen=True)
 class Surroundings:

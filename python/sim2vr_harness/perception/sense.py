@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.users.batch import UserBatch
 
-__all__ = ["Pulse", "Sense", "Sensed", "Sound", "StepContext", "float_space", "rows_of"]
-
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
 

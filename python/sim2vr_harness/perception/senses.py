@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from sim2vr_harness.perception.sense import IntArray, Sense, StepContext
 from sim2vr_harness.perception.wrappers import Delayed
 
-__all__ = ["Perception"]
-
 
 class Perception:
     """The senses of N users.

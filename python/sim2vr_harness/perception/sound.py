@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from sim2vr_harness.perception.sense import IntArray, Sensed, Sound, StepContext, float_space
 
-__all__ = ["LOUDEST", "Hearing", "ear_gains"]
-
 FloatArray = NDArray[np.float64]
 
 HEAD_RADIUS_M = 0.0875

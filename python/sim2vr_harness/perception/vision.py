@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from sim2vr_harness.perception.foveation import Foveation
 from sim2vr_harness.perception.sense import IntArray, Sensed, StepContext, rows_of
 
-__all__ = ["CHANNELS", "channel_indices", "fovea", "pick_channels", "vision"]
-
 CHANNELS: tuple[str, ...] = ("red", "green", "blue", "depth")
 """Channels of the application's RGBA picture; depth is linear, 0 at the eye and 255 at the far
 plane or beyond."""

@@ -17,8 +17,6 @@ from scipy.special import ndtri
 
 from sim2vr_harness.perception.sense import IntArray, Sense, StepContext, restore, rows_of
 
-__all__ = ["Delayed", "History", "Noisy", "OwnDelays", "Ring", "Stacked"]
-
 
 class _Wrapper:
     """Passes everything on to the sense inside."""

@@ -18,8 +18,6 @@ from torch.nn import functional
 from sim2vr_harness.policies.conv import cast, centred, channels_last, convolutions, convolved
 from sim2vr_harness.runs.attention_config import FOVEA_ZOOM, AttentionCropConfig
 
-__all__ = ["AttentionCrops"]
-
 _VISION_PIXELS, _FOVEA_PIXELS = 24, 32
 """Sides of the crops of ``vision`` and ``fovea``; multiples of 8, which the encoder divides by."""
 _FEATURES = 96

@@ -8,8 +8,6 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-__all__ = ["cast", "centred", "channels_last", "convolutions", "convolved"]
-
 _MIDDLE = 127.5
 """(x / 255 - 0.5) * 2 = (x - 127.5) / 127.5. The difference is exact, in bfloat16 too; the factor
 goes into the first weights. Zero padding stays what it is."""

@@ -11,17 +11,6 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.base.errors import InputError
 
-__all__ = [
-    "Act",
-    "FunctionPolicy",
-    "Observation",
-    "Policy",
-    "Shapes",
-    "episode_of",
-    "require_observation",
-    "shapes_in_words",
-]
-
 Observation = dict[str, NDArray[Any]]
 """Key of the observation space -> array (...), of one user."""
 

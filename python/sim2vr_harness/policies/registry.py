@@ -27,15 +27,6 @@ from sim2vr_harness.policies.store import TrainedUser
 from sim2vr_harness.policies.visual_actor_critic import UserFeatures, VisualActorCritic, is_image
 from sim2vr_harness.runs.config import PolicyConfig, TrainingConfig
 
-__all__ = [
-    "NETWORKS",
-    "GaussianPolicy",
-    "SquashedPolicy",
-    "load_policy",
-    "new_network",
-    "sac_policy_arguments",
-]
-
 
 class GaussianPolicy:
     """A network whose actions are normally distributed, acting on the CPU.

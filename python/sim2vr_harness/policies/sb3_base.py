@@ -10,8 +10,6 @@ from torch import Tensor
 
 from sim2vr_harness.policies.protocol import shapes_in_words
 
-__all__ = ["StagePolicy"]
-
 
 class StagePolicy(ActorCriticPolicy):
     """An actor and a critic that any stage of a run can train."""

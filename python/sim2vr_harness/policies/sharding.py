@@ -20,8 +20,6 @@ from torch import Tensor
 
 from sim2vr_harness.base.torch_threads import torch_threads
 
-__all__ = ["in_shards"]
-
 Batch = dict[str, Tensor]
 Network = Callable[[Batch], tuple[Tensor, ...]]
 

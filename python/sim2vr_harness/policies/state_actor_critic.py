@@ -20,8 +20,6 @@ from sim2vr_harness.policies.sharding import in_shards
 from sim2vr_harness.runs.checkpoint import load_policy_weights
 from sim2vr_harness.runs.teacher_config import TeacherPolicyConfig
 
-__all__ = ["TeacherPolicy", "load_teacher", "new_teacher"]
-
 _HIDDEN_WIDTHS = (256, 256)
 """Of actor and critic each: privileged observations are few numbers."""
 _ACTION_SCALE = 0.5

@@ -45,16 +45,6 @@ from sim2vr_harness.runs.migration import renamed, with_new_tensor_names
 from sim2vr_harness.runs.run_folder import RunFolder, write_atomically
 from sim2vr_harness.users.bodies import foreign_package
 
-__all__ = [
-    "TrainedUser",
-    "find_user",
-    "is_packed",
-    "list_cards",
-    "open_packed",
-    "pack",
-    "require_contract",
-]
-
 PREFIX = "pretrained:"
 _CARD, _CONFIG, _WEIGHTS = "card.json", "config.yaml", "policy.pt"
 _CODE = re.compile(r"\.py:\w+$")

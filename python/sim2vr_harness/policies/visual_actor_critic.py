@@ -29,8 +29,6 @@ from sim2vr_harness.policies.sb3_base import StagePolicy
 from sim2vr_harness.policies.sharding import in_shards
 from sim2vr_harness.runs.config import PolicyConfig
 
-__all__ = ["UserFeatures", "VisualActorCritic", "policy_arguments"]
-
 PROPRIOCEPTION = "proprioception"
 
 

@@ -7,9 +7,6 @@ from pydantic import Field
 from sim2vr_harness.base.settings import Settings
 from sim2vr_harness.envs.config import EnvConfig
 
-__all__ = ["FOVEA_ZOOM", "AttentionCropConfig", "check_attention"]
-
-
 FOVEA_ZOOM = 3
 """How many times as large things are in ``fovea``, which crops of 32 pixels take in whole."""
 

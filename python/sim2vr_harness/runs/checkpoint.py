@@ -12,8 +12,8 @@ import json
 import random
 import struct
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
@@ -29,20 +29,6 @@ from sim2vr_harness.base.finite import NotFinite, first_not_finite
 from sim2vr_harness.base.signals import interrupts_deferred
 from sim2vr_harness.runs.migration import with_new_tensor_names
 from sim2vr_harness.runs.run_folder import checkpoints_in, step_of, write_atomically
-
-__all__ = [
-    "last_good",
-    "load_policy_weights",
-    "preserved_random_state",
-    "random_state",
-    "read_header",
-    "read_tensors",
-    "require_readable",
-    "set_random_state",
-    "state_header",
-    "write_tensors",
-    "write_user",
-]
 
 FORMAT = 1
 EXPECTED = "a checkpoint written by sim2vr-harness train"
@@ -151,16 +137,6 @@ def last_good(path: Path, policy: torch.nn.Module | None) -> Path | None:
             _checked(file, policy, torch.device("cpu"))
             return file
     return None
-
-
-@contextmanager
-def preserved_random_state() -> Iterator[None]:
-    """Put every global random generator back where it was, whatever the block draws."""
-    generators, arrays = random_state()
-    try:
-        yield
-    finally:
-        set_random_state(generators, arrays)
 
 
 _Parts = tuple[dict[str, torch.Tensor], dict[str, Any], dict[str, Any], dict[str, NDArray]]

@@ -8,8 +8,6 @@ from sim2vr_harness.base.settings import Chance, LearningRate, Settings, Weight
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.runs.ppo_config import MOST_BATCH, MOST_USERS
 
-__all__ = ["StudentConfig"]
-
 
 class StudentConfig(Settings):
     """The second stage: a policy that sees imitates the teacher (DAgger)."""

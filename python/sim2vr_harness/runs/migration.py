@@ -14,15 +14,6 @@ from typing import Any
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.notices import notice_once
 
-__all__ = [
-    "changed_constant",
-    "new_name",
-    "renamed",
-    "settable",
-    "with_new_names",
-    "with_new_tensor_names",
-]
-
 _GAME_MODEL = (
     *("single_targets", "failing_cells", "failing_value", "overlap_m", "speed_mps"),
     *("near_reward", "distance_reward", "stuck_cost"),

@@ -16,8 +16,6 @@ from sim2vr_harness.base.settings import (
 )
 from sim2vr_harness.runs.ppo_config import MOST_USERS
 
-__all__ = ["MotorTrainingConfig", "PeopleTraining", "QLearningConfig", "SkillsConfig"]
-
 
 class MotorTrainingConfig(Settings):
     """Training of a body's motor policy: hands that reach goals in time, speed and direction."""

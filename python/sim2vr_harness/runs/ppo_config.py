@@ -15,8 +15,6 @@ from sim2vr_harness.base.settings import (
     check_whole_minibatches,
 )
 
-__all__ = ["MOST_BATCH", "MOST_USERS", "LearningRateConfig", "PPOConfig"]
-
 MOST_USERS = 16_384
 """Most users of a training; each has a body and an app of its own."""
 

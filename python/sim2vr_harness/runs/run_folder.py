@@ -43,19 +43,6 @@ from sim2vr_harness.runs.config import (
 )
 from sim2vr_harness.runs.migration import renamed
 
-__all__ = [
-    "STAGE_FOLDERS",
-    "RunFolder",
-    "append_row",
-    "checkpoints_in",
-    "keep_rows",
-    "metric_key",
-    "read_rows",
-    "step_of",
-    "versions",
-    "write_atomically",
-]
-
 STAGE_FOLDERS = ("imagined", "teacher", "student")
 """What stages call their folders in a run's; the last stage works in the run's own."""
 

@@ -20,14 +20,6 @@ from sim2vr_harness.base.settings import (
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.runs.ppo_config import MOST_BATCH, MOST_USERS, LearningRateConfig, PPOConfig
 
-__all__ = [
-    "CurriculumConfig",
-    "ImaginedConfig",
-    "TeacherConfig",
-    "TeacherPPOConfig",
-    "TeacherPolicyConfig",
-]
-
 
 class ImaginedConfig(Settings):
     """Imagined rollouts: model-based learning before the teacher plays the true game.

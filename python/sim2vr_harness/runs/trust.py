@@ -26,15 +26,6 @@ from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.users.bodies import allow_package, foreign_package, origin_of
 
-__all__ = [
-    "answered",
-    "named_app",
-    "remember",
-    "require_trust",
-    "require_trusted_body",
-    "state_folder",
-]
-
 _KEYS = ("executable", "arguments", "connect", "page", "map", "browser", "task")
 _told: list[dict[str, Any]] = []
 """What was remembered in this process, for homes that cannot be written to."""

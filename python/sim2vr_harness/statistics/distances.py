@@ -8,18 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import percentileofscore, wasserstein_distance
 
-__all__ = [
-    "MOST",
-    "distance",
-    "inside",
-    "kolmogorov",
-    "percentile",
-    "standard_deviations",
-    "typical",
-    "wasserstein",
-    "wasserstein_ratio",
-]
-
 FloatArray = NDArray[np.float64]
 
 MOST = 10.0

@@ -10,17 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-__all__ = [
-    "CONFIDENCE",
-    "Moments",
-    "hodges_lehmann",
-    "inverted",
-    "mean_interval",
-    "welch_interval",
-    "welch_interval_of_moments",
-    "wilson_interval",
-]
-
 FloatArray = NDArray[np.float64]
 Interval = tuple[float | None, float | None]
 

@@ -6,8 +6,6 @@ import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-__all__ = ["mixed_model"]
-
 
 def mixed_model(
     episodes: Any, measure: str, factors: Mapping[str, str], levels: Sequence[Sequence[str]]

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-__all__ = ["POWER", "STANDARDISED", "detectable", "units_needed"]
-
 POWER = 0.8
 """How often a test finds the difference."""
 STANDARDISED = (0.5, 0.8, 1.2)

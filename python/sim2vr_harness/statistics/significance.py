@@ -16,20 +16,6 @@ from scipy import stats
 
 from sim2vr_harness.statistics.intervals import CONFIDENCE, hodges_lehmann, inverted
 
-__all__ = [
-    "FEW",
-    "Alternative",
-    "friedman",
-    "holm",
-    "kruskal_wallis",
-    "mann_whitney",
-    "normality",
-    "paired_t",
-    "smallest_p",
-    "welch_t",
-    "wilcoxon",
-]
-
 FloatArray = NDArray[np.float64]
 Alternative = Literal["two-sided", "less", "greater"]
 

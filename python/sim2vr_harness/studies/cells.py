@@ -11,8 +11,6 @@ from typing import Any
 
 from sim2vr_harness.studies.config import StudyConfig
 
-__all__ = ["Cell", "cells_of", "content_hash"]
-
 _SEEDS = 2**30
 
 

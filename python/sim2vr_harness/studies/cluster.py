@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.base.errors import InputError, reason, shown
+from sim2vr_harness.base.optional import needed
 from sim2vr_harness.studies.jobs import TRAININGS, CellTask, Task, folder_of, mark_of
 from sim2vr_harness.studies.pool import Done, Work, done_by, play_or_train
-
-__all__ = ["OnRay"]
 
 _ATTEMPTS = 3
 """Of a task whose worker, or machine, is lost."""
@@ -46,7 +45,7 @@ class OnRay:
         storage: str | None = None,
         work: Work = play_or_train,
     ) -> None:
-        ray = _ray()
+        ray = needed("ray", "ray", "--ray")
         _join(ray, address)
         self._ray, self._storage = ray, storage
         self._root = root.resolve()
@@ -88,16 +87,6 @@ class OnRay:
             self._ray.cancel(ref, force=True)
         self._tasks.clear()
         self._ray.shutdown()
-
-
-def _ray() -> Any:
-    try:
-        import ray
-    except ImportError as error:
-        raise InputError(
-            "--ray", "no Ray in this installation", "pip install 'sim2vr-harness[ray]'"
-        ) from error
-    return ray
 
 
 def _join(ray: Any, address: str) -> None:

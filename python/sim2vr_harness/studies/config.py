@@ -23,8 +23,6 @@ from sim2vr_harness.studies.factors import (
 )
 from sim2vr_harness.studies.search.config import OptimiseConfig
 
-__all__ = ["ComparisonConfig", "StudyConfig", "load_study", "parse_study"]
-
 _EXPECTED = "a study in YAML, a mapping of keys to values"
 _MOST_CELLS = 10_000
 """A study checks every cell before it plays any: more of them take hours and gigabytes."""

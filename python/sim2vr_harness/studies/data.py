@@ -35,17 +35,6 @@ from sim2vr_harness.studies.plan import StudyPlan
 from sim2vr_harness.studies.search.searching import Found
 from sim2vr_harness.studies.search.table import trials_table
 
-__all__ = [
-    "STATISTICS_FILE",
-    "STUDY_FILE",
-    "StudyData",
-    "factor_column",
-    "open_study",
-    "read_study",
-    "results_in",
-    "write_data",
-]
-
 STUDY_FILE = "study.json"
 """The study and what is needed to read its tables: measures and units."""
 STATISTICS_FILE = "statistics.json"

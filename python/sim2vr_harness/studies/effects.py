@@ -31,16 +31,6 @@ from sim2vr_harness.studies.data import StudyData, factor_column
 from sim2vr_harness.studies.runner import StudyProgress, run_study
 from sim2vr_harness.training.motor_control.human_benchmark import HumanMeasures, measure_people
 
-__all__ = [
-    "HEADER",
-    "EffectResult",
-    "EffectsConfig",
-    "load_effects",
-    "run_effects",
-    "score",
-    "table",
-]
-
 FloatArray = NDArray[np.float64]
 _EXPECTED = "effects in YAML, a mapping of keys to values"
 _RESAMPLES = 400

@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.studies.hashes import require_whole_cell
 from sim2vr_harness.studies.jobs import TRAININGS, CellTask, Task, folder_of, is_done
 from sim2vr_harness.studies.pool import Done, Pool
-
-__all__ = ["Executor", "StudyProgress"]
 
 
 @dataclass(frozen=True)
@@ -64,9 +61,7 @@ class Executor:
     def __enter__(self) -> Executor:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._pool is not None:
             self._pool.close()
 

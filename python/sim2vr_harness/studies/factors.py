@@ -11,16 +11,6 @@ from pydantic import Field, field_validator, model_validator
 from sim2vr_harness.base.errors import InputError, shown, unknown_name
 from sim2vr_harness.base.settings import Settings
 
-__all__ = [
-    "CELL_KEYS",
-    "PREFIXES",
-    "FactorConfig",
-    "Name",
-    "check_key",
-    "check_key_once",
-    "value_error",
-]
-
 CELL_KEYS = ("user", "adapt", "config", "condition", "deterministic")
 """What a level may set beside dotted keys: the trained user, the user steps for which it goes on in
 what the cell plays, the configuration of a training, the game's condition, whether actions are the

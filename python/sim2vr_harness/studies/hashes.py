@@ -11,8 +11,6 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import file_name, read_json
 from sim2vr_harness.base.notices import notice_once
 
-__all__ = ["HASHES", "changed_file", "hashes_of", "require_whole_cell"]
-
 HASHES = "sha256"
 """Key of a JSON file: name -> hash of the files that it vouches for."""
 _MARK = "cell.json"

@@ -9,18 +9,6 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from sim2vr_harness.envs.config import EnvConfig
 
-__all__ = [
-    "CELLS",
-    "TRAININGS",
-    "CellTask",
-    "Limits",
-    "Task",
-    "TrainingTask",
-    "folder_of",
-    "is_done",
-    "mark_of",
-]
-
 CELLS, TRAININGS = "cells", "trainings"
 """Folders of a study, with a folder per task, named by its key."""
 

@@ -20,8 +20,6 @@ from sim2vr_harness.studies.config import StudyConfig
 from sim2vr_harness.studies.jobs import CellTask, Limits, TrainingTask
 from sim2vr_harness.studies.policy_selection import FORMAT, SelectionSource, Users, player_of
 
-__all__ = ["StudyPlan", "plan_of"]
-
 
 @dataclass(frozen=True)
 class StudyPlan:

@@ -6,8 +6,6 @@ from pathlib import Path
 
 from sim2vr_harness.studies.data import StudyData, factor_column
 
-__all__ = ["players_of"]
-
 
 def players_of(data: StudyData) -> dict[str, list[Path]]:
     """Name -> folders of a player's cells, in the order of the study.

@@ -25,8 +25,6 @@ from sim2vr_harness.studies.cells import Cell, content_hash
 from sim2vr_harness.studies.jobs import Limits, TrainingTask
 from sim2vr_harness.training.ppo.fine_tune import adapting
 
-__all__ = ["FORMAT", "SelectedPolicy", "SelectionSource", "Users", "player_of"]
-
 FORMAT = 2
 """Of what a cell's folder holds; another one makes all cells anew."""
 

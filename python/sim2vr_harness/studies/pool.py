@@ -18,8 +18,6 @@ from typing import Any, Protocol
 from sim2vr_harness.base.errors import reason
 from sim2vr_harness.studies.jobs import Task
 
-__all__ = ["Done", "Here", "Pool", "Processes", "Work", "done_by", "play_or_train"]
-
 Work = Callable[[Task, Path, int], None]
 """Task, the study's folder, cores."""
 

@@ -32,8 +32,6 @@ from sim2vr_harness.studies.jobs import (
 from sim2vr_harness.studies.search.stopping import Watch
 from sim2vr_harness.training.run import trainer
 
-__all__ = ["clear_away", "do"]
-
 
 def do(task: Task, root: Path, cores: int) -> None:
     """Do a task; its folder appears when it is done, or, of a training, is gone on with.

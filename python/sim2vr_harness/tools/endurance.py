@@ -30,8 +30,6 @@ from sim2vr_harness.users.exertion import (
 )
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 
-__all__ = ["Held", "PostureHolder", "hold", "posture_of", "who_hold"]
-
 FloatArray = NDArray[np.float64]
 
 _STEP = 1e-6

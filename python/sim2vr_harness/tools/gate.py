@@ -12,8 +12,6 @@ import re
 import secrets
 from collections.abc import Sequence
 
-__all__ = ["HEADERS", "Gate", "Refused"]
-
 HEADERS = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "frame-ancestors 'none'",

@@ -15,8 +15,6 @@ from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import TrainingConfig, load_config, parse_config, read_mapping
 from sim2vr_harness.users import list_bodies
 
-__all__ = ["environment_of", "require_own_game", "settings_of"]
-
 
 def settings_of(who: str) -> TrainingConfig:
     """Return the configuration that a name stands for.

@@ -11,8 +11,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-__all__ = ["ReplayStore"]
-
 
 class ReplayStore:
     """Collected frames, in the order of collection, pictures in files.

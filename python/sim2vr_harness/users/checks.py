@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["checked_action", "checked_ids", "checked_stops", "require_each", "require_state"]
-
 
 def checked_ids(ids: Sequence[int] | NDArray[np.integer], n: int) -> NDArray[np.int64]:
     """(K,) distinct users of n.

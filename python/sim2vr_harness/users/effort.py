@@ -49,6 +49,8 @@ class EffortModel(ABC):
     """
 
     default_weight: ClassVar[float]
+    reads: ClassVar[Literal["act", "ctrl", "force"]] = "act"
+    """The argument of :meth:`update` that the cost depends on."""
 
     def __init__(
         self,
@@ -67,11 +69,9 @@ class EffortModel(ABC):
         self.n = n
         self.muscle_count = muscle_count
 
-    @abstractmethod
-    def reset(self, ids: Ids) -> None:
+    def reset(self, ids: Ids) -> None:  # noqa: B027 (most models have no past)
         """Forgets the past of these users: a new episode begins."""
 
-    @abstractmethod
     def update(
         self,
         act: FloatArray,
@@ -92,8 +92,14 @@ class EffortModel(ABC):
             (K,) weighted cost, at least 0.
 
         Raises:
-            ValueError: an array has another shape, or the forces are missing.
+            ValueError: the array that the model reads has another shape, or is missing.
         """
+        given = {"act": act, "ctrl": ctrl, "force": force}[self.reads]
+        return self.weight * self._cost(self._check(self.reads, given, ids), ids)
+
+    @abstractmethod
+    def _cost(self, values: FloatArray, ids: Ids) -> FloatArray:
+        """(K,) cost of a step before its weight; ``values`` are what the model reads."""
 
     def state(self) -> dict[str, FloatArray]:
         """Returns copies of what the model remembers; the first axis is the user."""
@@ -123,9 +129,6 @@ class EffortModel(ABC):
         """The live arrays that make up the state; none for a model without memory."""
         return {}
 
-    def _weighted(self, cost: FloatArray) -> FloatArray:
-        return self.weight * cost
-
     def _check(self, field: str, values: FloatArray | None, ids: Ids) -> FloatArray:
         rows = len(np.arange(self.n)[ids if isinstance(ids, slice) else np.asarray(ids, int)])
         shape = None if values is None else np.shape(values)
@@ -136,62 +139,38 @@ class EffortModel(ABC):
         return np.asarray(values, dtype=np.float64)
 
 
-class _Memoryless(EffortModel):
-    def reset(self, ids: Ids) -> None:
-        """Nothing to forget."""
-
-
-class Zero(_Memoryless):
+class Zero(EffortModel):
     """Effort does not matter: cost 0."""
 
     default_weight = 0.0
 
-    def update(
-        self,
-        act: FloatArray,
-        ctrl: FloatArray,
-        force: FloatArray | None = None,
-        ids: Ids = slice(None),
-    ) -> FloatArray:
-        """See `EffortModel.update`."""
-        return np.zeros(len(self._check("act", act, ids)))
+    def _cost(self, values: FloatArray, ids: Ids) -> FloatArray:
+        return np.zeros(len(values))
 
 
-class Neural(_Memoryless):
+class _SumOfSquares(EffortModel):
+    """w * the sum of squares of what the model reads."""
+
+    default_weight = 1e-4
+
+    def _cost(self, values: FloatArray, ids: Ids) -> FloatArray:
+        cost: FloatArray = (values * values).sum(axis=1)
+        return cost
+
+
+class Neural(_SumOfSquares):
     """Squared controls: w * sum ctrl^2 (Neural effort, User-in-the-Box reference).
 
     Motors count with their raw control, as in the reference: the angle that they aim at.
     """
 
-    default_weight = 1e-4
-
-    def update(
-        self,
-        act: FloatArray,
-        ctrl: FloatArray,
-        force: FloatArray | None = None,
-        ids: Ids = slice(None),
-    ) -> FloatArray:
-        """See `EffortModel.update`."""
-        ctrl = self._check("ctrl", ctrl, ids)
-        return self._weighted((ctrl * ctrl).sum(axis=1))
+    reads = "ctrl"
 
 
-class MuscleState(_Memoryless):
+class MuscleState(_SumOfSquares):
     """Squared muscle activations: w * sum act^2 (User-in-the-Box reference)."""
 
-    default_weight = 1e-4
-
-    def update(
-        self,
-        act: FloatArray,
-        ctrl: FloatArray,
-        force: FloatArray | None = None,
-        ids: Ids = slice(None),
-    ) -> FloatArray:
-        """See `EffortModel.update`."""
-        act = self._check("act", act, ids)
-        return self._weighted((act * act).sum(axis=1))
+    reads = "act"
 
 
 class CumulativeFatigue3CCr(EffortModel):
@@ -245,15 +224,8 @@ class CumulativeFatigue3CCr(EffortModel):
         self._mf[ids] = 0.0
         self._max_mf[ids] = 0.0
 
-    def update(
-        self,
-        act: FloatArray,
-        ctrl: FloatArray,
-        force: FloatArray | None = None,
-        ids: Ids = slice(None),
-    ) -> FloatArray:
-        """See `EffortModel.update`; the target load is `act`."""
-        load = self._check("act", act, ids)
+    def _cost(self, values: FloatArray, ids: Ids) -> FloatArray:
+        load = values
         ma, mr, mf = self._ma[ids], self._mr[ids], self._mf[ids]
         lacking = load - ma
         met = ma >= load
@@ -270,7 +242,7 @@ class CumulativeFatigue3CCr(EffortModel):
         self._mf[ids] = mf = mf + (tiring - recovering) * self.dt
         self._max_mf[ids] = np.maximum(self._max_mf[ids], mf)
         missed = ma - load
-        return self._weighted(np.sqrt((missed * missed).sum(axis=1)))
+        return np.sqrt((missed * missed).sum(axis=1))
 
     def max_fatigued(self) -> FloatArray:
         """(N,) the SIM2VR paper's "maximum fatigued motor units": mean over muscles of max MF."""
@@ -281,7 +253,7 @@ class CumulativeFatigue3CCr(EffortModel):
         return {"MA": self._ma, "MR": self._mr, "MF": self._mf, "max_MF": self._max_mf}
 
 
-class ConsumedEndurance(_Memoryless):
+class ConsumedEndurance(EffortModel):
     """Share of the remaining endurance time that one step uses up (SIM2VR paper).
 
     The strength ``s = |force| / F0`` of the most loaded lifting muscle gives the endurance time
@@ -294,6 +266,7 @@ class ConsumedEndurance(_Memoryless):
     """
 
     default_weight = 0.01
+    reads = "force"
 
     def __init__(
         self,
@@ -312,22 +285,14 @@ class ConsumedEndurance(_Memoryless):
         self._lifting = np.asarray(lifting, dtype=np.int64)
         self._peak = np.asarray(peak_forces, dtype=np.float64)[self._lifting]
 
-    def update(
-        self,
-        act: FloatArray,
-        ctrl: FloatArray,
-        force: FloatArray | None = None,
-        ids: Ids = slice(None),
-    ) -> FloatArray:
-        """See `EffortModel.update`; uses `force`."""
-        force = self._check("force", force, ids)
-        strength = np.clip(np.abs(force[:, self._lifting]) / self._peak, 0.0, 1.0)
+    def _cost(self, values: FloatArray, ids: Ids) -> FloatArray:
+        strength = np.clip(np.abs(values[:, self._lifting]) / self._peak, 0.0, 1.0)
         # Endurance falls with strength, so the most loaded muscle has the least of it.
         hardest = strength.max(axis=1)
         tiring = hardest > 0.15
         percent = np.where(tiring, 100.0 * hardest - 15.0, 1.0)
         endurance = np.where(tiring, 1236.5 / percent**0.618 - 72.5, np.inf)
-        return self._weighted(100.0 * self.dt / endurance)
+        return 100.0 * self.dt / endurance
 
 
 _MODELS: dict[str, type[EffortModel]] = {

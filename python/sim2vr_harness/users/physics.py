@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from sim2vr_harness.users.actuation import Actuation
 from sim2vr_harness.users.bodies.body import Body
 
-__all__ = ["Physics"]
-
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 

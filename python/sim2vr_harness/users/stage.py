@@ -6,11 +6,9 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
-
-__all__ = ["add_meshes", "put_objects"]
+from sim2vr_harness.users.kinematics.forward import rotation_matrix
 
 _NAME = "app_mesh_{}"
 _DEGENERATE_M2 = 1e-14
@@ -49,22 +47,16 @@ def _put(model: mujoco.MjModel, scene: mujoco.MjvScene, one: SceneObject) -> Non
     mesh = model.mesh(_NAME.format(one.mesh)).id
     position, quat, scale = one.in_mujoco()
     # MuJoCo moves a mesh to its middle and along its main axes; the scale comes before that.
-    linear = _matrix(quat) * scale
+    linear = rotation_matrix(quat) * scale
     geom = scene.geoms[scene.ngeom]
     mujoco.mjv_initGeom(
         geom,
         mujoco.mjtGeom.mjGEOM_MESH.value,
         np.ones(3),
         position + linear @ model.mesh_pos[mesh],
-        (linear @ _matrix(model.mesh_quat[mesh])).ravel(),
+        (linear @ rotation_matrix(model.mesh_quat[mesh])).ravel(),
         one.color.astype(np.float32),
     )
     geom.dataid = 2 * mesh  # the odd ones are convex hulls
     geom.specular, geom.emission = (0.0, _GLOW) if one.unlit else (0.2, 0.0)
     scene.ngeom += 1
-
-
-def _matrix(quat: NDArray[np.float64]) -> NDArray[np.float64]:
-    matrix = np.empty(9)
-    mujoco.mju_quat2Mat(matrix, np.asarray(quat, dtype=np.float64))
-    return matrix.reshape(3, 3)

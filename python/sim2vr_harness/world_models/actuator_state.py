@@ -18,8 +18,6 @@ from sim2vr_harness.users.bodies.rules import RULES, Direct, Motor, Muscle
 from sim2vr_harness.world_models.columns import Columns
 from sim2vr_harness.world_models.gradient_clipping import within
 
-__all__ = ["REST_ACT", "ActuatorState"]
-
 REST_ACT = 0.15
 """Activations of a body at rest: its arms neither hang nor cramp."""
 

@@ -23,11 +23,10 @@ from sim2vr_harness.world_models.learning_device import LearningDevice
 from sim2vr_harness.world_models.person_features import ImaginedPersons
 from sim2vr_harness.world_models.transitions import Motion, TransitionStore
 
-__all__ = ["BodyModel", "fit_body", "mlp"]
-
 _LIMIT_RAD = 0.02
 """Over which a joint's limit is felt: its sharp stop, as a network can learn it."""
 _BEYOND_RAD, _FASTEST_RADPS = 0.3, 40.0
+_MOST_HELD_OUT = 4096
 """How far beyond its limits a joint is believed to go, and how fast: a model that has not seen much
 yet would send bodies away faster at every step."""
 
@@ -331,7 +330,6 @@ def fit_body(
     minibatches: int,
     learning_rate: float,
     batch_size: int = 1024,
-    held_out: int = 4096,
     device: LearningDevice | None = None,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> dict[str, float]:
@@ -339,13 +337,11 @@ def fit_body(
 
     Args:
         body: changed.
-        steps: in any order; some are held out to measure with.
+        steps: in any order; a tenth, at most 4,096, are held out to measure with.
         minibatches: how many to learn from.
         learning_rate: the highest.
         batch_size: steps in a minibatch.
-        held_out: at most so many, and at most a tenth, are not learned from.
         device: where the model and the steps are; None: the CPU.
-        on_progress: called with the share of the minibatches that is done.
 
     Returns:
         ``speed``: root mean square error of the speeds after a step, in units of their change's
@@ -354,11 +350,9 @@ def fit_body(
         steps, and of the devices that move.
     """
     order = torch.randperm(len(steps))
-    aside = min(held_out, len(steps) // 10)
+    aside = min(_MOST_HELD_OUT, len(steps) // 10)
     test, known = steps.rows(order[:aside]), order[aside:]
-    learned = body.learned()
-    for parameter in learned:
-        parameter.requires_grad_(True)
+    learned = nn.ParameterList(body.learned()).requires_grad_(True)
     device = device or LearningDevice("cpu")
     optimizer = torch.optim.Adam(learned, lr=learning_rate, fused=device.is_gpu or None)
     schedule = torch.optim.lr_scheduler.OneCycleLR(
@@ -366,8 +360,7 @@ def fit_body(
     )
 
     def set_gradients() -> None:
-        batch = steps.rows(known[torch.randint(len(known), (batch_size,))])
-        loss = body.loss(batch)
+        loss = body.loss(steps.rows(known[torch.randint(len(known), (batch_size,))]))
         optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(learned, 5.0)
@@ -378,8 +371,7 @@ def fit_body(
         minibatch()
         optimizer.step()
         schedule.step()
-    for parameter in learned:
-        parameter.requires_grad_(False)
+    learned.requires_grad_(False)
     return _measure(body, test)
 
 

@@ -13,8 +13,6 @@ from sim2vr_harness.users.effort import EffortModel, MuscleState, Neural, Zero
 from sim2vr_harness.world_models.actuator_state import ActuatorState
 from sim2vr_harness.world_models.columns import Columns
 
-__all__ = ["Effort", "imagined_effort", "volume_shares"]
-
 Effort = Callable[[Tensor, Tensor], Tensor]
 """(B,) cost of a user step by the drives after it and its controls, (B, A) each, in [0, 1]."""
 

@@ -12,8 +12,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-__all__ = ["limited", "within"]
-
 
 def limited(values: Tensor, most: float) -> Tensor:
     """Return ``values`` (B, N), through which no row's gradient goes longer than ``most``.

@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.users import Body
 
-__all__ = ["JointGroup", "limbs_of"]
-
 _TRIALS, _ALIKE = 4, 0.1
 """States in which limbs are compared, and how far their accelerations may differ, as a share."""
 

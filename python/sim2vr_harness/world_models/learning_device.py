@@ -9,8 +9,6 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor, nn
 
-__all__ = ["LearningDevice", "Part", "Window"]
-
 
 class Part(Protocol):
     """What changes in a window; its state is tensors by name."""

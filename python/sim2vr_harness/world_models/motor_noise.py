@@ -9,8 +9,6 @@ from torch import Tensor
 
 from sim2vr_harness.users.noise import MotorNoiseSettings
 
-__all__ = ["ImaginedNoise"]
-
 
 class ImaginedNoise:
     """What :class:`~sim2vr_harness.users.noise.MotorNoise` does, differentiable by the controls.

@@ -12,8 +12,6 @@ from torch import Tensor
 from sim2vr_harness.envs.privileged import Layout
 from sim2vr_harness.world_models.rollout_env import ImaginedUsers
 
-__all__ = ["ImaginedSenses"]
-
 _ACTION_SPREAD = 0.5
 """Standard deviation that actions are taken to have, in statistics of observations."""
 

@@ -13,8 +13,6 @@ from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.users import FEATURES, Body, Person, Population
 from sim2vr_harness.users.people.traits import TOLD
 
-__all__ = ["ImaginedPersons"]
-
 _SIZES, _FACTORS = 3, 2
 _REFERENCES = (
     (1.6, 1.0, 1.0),

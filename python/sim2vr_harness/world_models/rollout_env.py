@@ -18,8 +18,6 @@ from sim2vr_harness.world_models.motor_noise import ImaginedNoise
 from sim2vr_harness.world_models.person_features import ImaginedPersons
 from sim2vr_harness.world_models.transitions import Motion
 
-__all__ = ["ImaginedUsers"]
-
 _BROKEN_RADPS, _WILD_RADPS = 40.0, 15.0
 _BEYOND_COST, _WILD_COST = 0.5, 0.02
 

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-__all__ = ["KEPT_CYCLES", "Motion", "TransitionStore"]
-
 KEPT_CYCLES = 12
 """Cycles whose transitions are kept, beside the first: older ones come from policies long gone."""
 

@@ -11,8 +11,6 @@ from torch import Tensor, nn
 
 from sim2vr_harness.world_models.body_dynamics import mlp
 
-__all__ = ["ValueFunction"]
-
 _PASSES, _BATCH = 4, 2048
 _FOLLOW = 0.05
 """How fast the slow critic follows the other one, per update."""

@@ -8,8 +8,6 @@ from contextlib import contextmanager
 import torch
 from torch import Tensor
 
-__all__ = ["WeightAverage"]
-
 
 class WeightAverage:
     """The mean of weights over about the last updates, each counting a little less than the next.

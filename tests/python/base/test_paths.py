@@ -28,7 +28,6 @@ def installed(tmp_path, monkeypatch):
     monkeypatch.setattr(paths, "_PACKAGE", package)
     monkeypatch.setattr(sim2vr_harness, "__path__", [str(package)])
     monkeypatch.delenv(paths.APP_VARIABLE, raising=False)
-    monkeypatch.delenv(paths.SHADER_VARIABLE, raising=False)
     return package
 
 
@@ -53,16 +52,14 @@ def test_importing_the_package_loads_no_heavy_module():
     assert done.stdout.strip() == "[]"
 
 
-def test_a_checkout_serves_its_own_folders(monkeypatch):
-    monkeypatch.delenv(paths.SHADER_VARIABLE, raising=False)
+def test_a_checkout_serves_its_own_folders():
     root = paths.checkout_dir()
     assert paths.share_dir() == root
-    assert paths.shader_dir() == root / "shaders"
 
 
 def test_a_wheel_serves_what_it_installed(installed):
     assert paths.checkout_dir() is None
-    assert paths.shader_dir() == installed / "share/shaders"
+    assert paths.share_dir() == installed / "share"
     assert paths.config_path("a_user") == installed / "share/configs/a_user.yaml"
     assert paths.app_executable() == installed / "bin/sim2vr-app"
 
@@ -85,17 +82,12 @@ def test_an_unknown_configuration_is_refused_with_the_known_ones(installed, name
 
 
 def test_environment_variables_take_precedence(installed, tmp_path, monkeypatch):
-    monkeypatch.setenv(paths.SHADER_VARIABLE, str(tmp_path))
     monkeypatch.setenv(paths.APP_VARIABLE, sys.executable)
-    assert paths.shader_dir() == tmp_path
     assert paths.app_executable() == Path(sys.executable)
 
 
 def test_wrong_environment_variables_are_named(installed, tmp_path, monkeypatch):
-    monkeypatch.setenv(paths.SHADER_VARIABLE, str(tmp_path / "none"))
     monkeypatch.setenv(paths.APP_VARIABLE, str(tmp_path))
-    with pytest.raises(FileNotFoundError, match=r"SIM2VR_SHADER_DIR is '.*none', .* no folder"):
-        paths.shader_dir()
     with pytest.raises(FileNotFoundError, match=r"SIM2VR_APP is '.*', which is no executable"):
         paths.app_executable()
 

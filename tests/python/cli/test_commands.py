@@ -15,6 +15,7 @@ import typer
 import yaml
 from fake_simulation import FakeSimulation
 
+from python.cli.calls import call
 from sim2vr_harness import __version__
 from sim2vr_harness.cli.main import app, main
 from sim2vr_harness.training.model_based.trainer import ModelBasedTrainer
@@ -38,13 +39,6 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> None:
     import sim2vr_harness.envs.simulation as module
 
     monkeypatch.setattr(module, "Simulation", FakeSimulation)
-
-
-def call(capsys: Any, *arguments: str) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as exit_:
-        main(list(arguments))
-    out, err = capsys.readouterr()
-    return int(exit_.value.code or 0), out, err
 
 
 def train(capsys: Any, folder: Path, *more: str) -> tuple[int, str, str]:

@@ -11,18 +11,12 @@ import pytest
 import typer.main
 from PIL import Image
 
+from python.cli.calls import call
 from sim2vr_harness.base import paths
 from sim2vr_harness.cli.command import HEADINGS
-from sim2vr_harness.cli.main import app, main
+from sim2vr_harness.cli.main import app
 
 SHIPPED = paths.trained_users_dir()
-
-
-def call(capsys: Any, *arguments: str) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as exit_:
-        main(list(arguments))
-    out, err = capsys.readouterr()
-    return int(exit_.value.code or 0), out, err
 
 
 def shown_commands() -> list[tuple[str, Any]]:

@@ -17,9 +17,9 @@ import yaml
 from PIL import Image
 
 from processes import emptied, gone
+from python.cli.calls import call
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.app_options import app_settings
-from sim2vr_harness.cli.main import main
 from sim2vr_harness.envs import AppConfig, EnvConfig
 from sim2vr_harness.envs.config import page_name
 from sim2vr_harness.runs.config import load_config
@@ -27,13 +27,6 @@ from sim2vr_harness.runs.trust import require_trust
 from webxr_pages import NEEDS_BROWSER, PAGES
 
 TOUCH = str(PAGES / "touch.html")
-
-
-def call(capsys: Any, *arguments: str) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as exit_:
-        main(list(arguments))
-    out, err = capsys.readouterr()
-    return int(exit_.value.code or 0), out, err
 
 
 @pytest.fixture

@@ -82,6 +82,26 @@ def rollouts(options: Mapping[str, OptionValue], *, torso: bool = False) -> Game
     return game_trainer(settings.imagined, policy, simulation, seed=4)
 
 
+def started(options: Mapping[str, OptionValue], *, torso: bool) -> tuple[GameTrainer, Any, Any]:
+    """A training after its first step, and users and game of its model as in the true game."""
+    with short_cycles():
+        made = rollouts(options, torso=torso)
+        made.step()
+    sim = made.task.simulation
+    users, game = made.task.imagine(USERS)
+    game.sabers.fixed = made.task.game.sabers.fixed
+    sim.reset(seeds=list(range(USERS)))
+    sim._limit[:] = 10 * STEPS
+    everyone = torch.arange(USERS)
+    users.start(everyone, motion_of(sim.simulation.users, made.body.drives))
+    columns = [sim.senses.names.index(name) for name in FIELDS]
+    fields = torch.tensor(sim.senses.values()[:, columns], dtype=torch.float32)
+    game.start(everyone, worn_by(sim), fields, everyone)
+    game.begin(everyone)
+    game.clear_counts()
+    return made, users, game
+
+
 def play(
     options: Mapping[str, OptionValue],
     *,
@@ -93,39 +113,24 @@ def play(
 
     Args:
         options: of the game, which its condition may change.
-        torso: whether trunk and neck move.
         soft: the model's relaxation; None takes that of a training's end.
         counted: names of the log to add up after every step.
     """
-    with short_cycles():
-        made = rollouts(options, torso=torso)
-        made.step()
+    made, users, game = started(options, torso=torso)
     sim = made.task.simulation
-    users, game = made.task.imagine(USERS)
-    game.sabers.fixed = made.task.game.sabers.fixed
-    sim.reset(seeds=list(range(USERS)))
-    sim._limit[:] = 10 * STEPS
-    everyone = torch.arange(USERS)
-    users.start(everyone, motion_of(made.task.simulation.simulation.users, made.body.drives))
-    columns = [sim.senses.names.index(name) for name in FIELDS]
-    fields = torch.tensor(sim.senses.values()[:, columns], dtype=torch.float32)
-    game.start(everyone, worn_by(made.task.simulation), fields, everyone)
-    game.begin(everyone)
-    game.clear_counts()
     rng = np.random.default_rng(0)
-    names = [*users.names, *game.names]
-    observed = [names.index(name) for name in sim.senses.observed_names]
+    observed = [[*users.names, *game.names].index(name) for name in sim.senses.observed_names]
     soft = soft or game.settings.relaxation(1.0)
     imagined, true, effort, rewards, events, counts = [], [], [], [], [], []
     for _ in range(STEPS):
         actions = 0.2 * rng.standard_normal((USERS, sim.action_space.shape[0]))
         control = made.body.drives.control(users.motion.drives, torch.tensor(actions))
         result = sim.step(actions)
-        users.motion = motion_of(made.task.simulation.simulation.users, made.body.drives)
+        users.motion = motion_of(sim.simulation.users, made.body.drives)
         torch.testing.assert_close(users.motion.drives, control.float(), atol=1e-5, rtol=0.0)
         users._control = control.float()
         effort.append((users.costs()[0].numpy(), result.effort_cost))
-        place = worn_by(made.task.simulation)
+        place = worn_by(sim)
         rewards.append(float(game.play(place, soft).sum()))
         events.append(game.events.tolist())
         seen = torch.cat([users.observe(), game.observe(place)], 1)

@@ -7,7 +7,6 @@ import pytest
 import torch
 from shapings import shaped
 
-from sim2vr_harness.client.frames import position_to_app
 from sim2vr_harness.games import imagined_game, imagined_games, imagined_settings
 from sim2vr_harness.games.whacamole import settings as model_settings
 from sim2vr_harness.games.whacamole import shaping
@@ -495,8 +494,3 @@ def test_a_saved_game_goes_on_to_the_same_bits() -> None:
     other, _ = resting_game(12)
     other.load_state_dict(state)
     assert all(torch.equal(value, other.play(place[:, None], SOFT)) for value in after)
-
-
-def test_positions_are_the_app_s() -> None:
-    # What the imagined game takes for granted: up is y, away from the player is z.
-    np.testing.assert_allclose(position_to_app(np.array([[1.0, 2.0, 3.0]])), [[-2.0, 3.0, 1.0]])

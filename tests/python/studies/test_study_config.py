@@ -95,13 +95,16 @@ def refusal(**changes: Any) -> str:
     return str(caught.value)
 
 
-def test_what_cannot_be_meant_is_said_in_a_sentence(tmp_path: Path) -> None:
-    difficulty = STUDY["factors"]["difficulty"]
-    compared = {"factor": "difficulty"}
-    for changes, message in [
+DIFFICULTY = STUDY["factors"]["difficulty"]
+COMPARED = {"factor": "difficulty"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
         ({"measures": ["hit"]}, "measures: got 'hit', expected one of hits, .*did you mean 'hits'"),
         (
-            {"comparisons": [{**compared, "measures": ["hitrate"]}]},
+            {"comparisons": [{**COMPARED, "measures": ["hitrate"]}]},
             r"measures: got 'hitrate', .*did you mean 'hit_rate'\?",
         ),
         ({"fixed": {"user": "whacamole_contrained"}}, "cell .*RUN: got 'whacamole_contrained'"),
@@ -121,7 +124,7 @@ def test_what_cannot_be_meant_is_said_in_a_sentence(tmp_path: Path) -> None:
             r"key: got 'conditon', expected one of user, .*did you mean 'condition'",
         ),
         (
-            {"factors": {"a": difficulty, "b": difficulty}},
+            {"factors": {"a": DIFFICULTY, "b": DIFFICULTY}},
             r"factors\.b: got condition, which factors\.a sets as well, expected every key in one",
         ),
         (
@@ -145,12 +148,17 @@ def test_what_cannot_be_meant_is_said_in_a_sentence(tmp_path: Path) -> None:
             r"comparisons\.0: got 'dificulty', expected .*did you mean 'difficulty'",
         ),
         (
-            {"comparisons": [{**compared, "levels": ["easy"]}]},
+            {"comparisons": [{**COMPARED, "levels": ["easy"]}]},
             r"comparisons\.0\.levels: got 1, expected two",
         ),
-    ]:
-        with pytest.raises(InputError, match=message):
-            plan_of(study(**changes))
+    ],
+)
+def test_what_cannot_be_meant_is_said_in_a_sentence(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        plan_of(study(**changes))
+
+
+def test_a_file_without_a_study_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "study.yaml"
     file.write_text("- a list")
     with pytest.raises(InputError, match=r"study.yaml: got YAML of .*expected a study in YAML"):

@@ -116,38 +116,41 @@ def test_a_pendulum_swings_as_its_length_says(tmp_path: Path) -> None:
     assert larger == pytest.approx(1.1 * plain, rel=1e-4)  # sqrt(2.42 / 2)
 
 
+DRAWER = """
+<mujoco>
+  <compiler angle="radian"/>
+  <asset><mesh name="wedge" vertex="0 0 0  .1 0 0  0 .05 0  0 0 .2"/></asset>
+  <worldbody>
+    <body name="head" pos="0 0 1">
+      <geom type="mesh" mesh="wedge" pos=".1 .2 .3" mass="1"/>
+    </body>
+    <body name="base" pos=".5 0 1">
+      <joint name="turn" axis="0 0 1" range="-1 1" limited="true"/>
+      <geom type="mesh" mesh="wedge" mass="1" quat=".9 .1 .3 .2"/>
+      <body name="drawer" pos=".1 0 0">
+        <joint name="pull" type="slide" axis="1 0 0" range="-.2 .4" limited="true" ref="0.1"/>
+        <joint name="twist" axis="1 0 0"/>
+        <geom size=".02" mass="1"/>
+      </body>
+    </body>
+  </worldbody>
+  <equality>
+    <joint joint1="pull" joint2="turn" polycoef="0 .1 .02 0 0"/>
+    <joint joint1="twist" joint2="pull" polycoef="0 3 5 0 0"/>
+  </equality>
+  <actuator><motor name="m" joint="turn" ctrlrange="-1 1"/></actuator>
+</mujoco>"""
+"""A drawer on a turning base, its travel and twist coupled to other joints."""
+
+
 def test_lengths_of_slides_and_meshes(tmp_path: Path) -> None:
-    mjcf = """
-    <mujoco>
-      <compiler angle="radian"/>
-      <asset><mesh name="wedge" vertex="0 0 0  .1 0 0  0 .05 0  0 0 .2"/></asset>
-      <worldbody>
-        <body name="head" pos="0 0 1">
-          <geom type="mesh" mesh="wedge" pos=".1 .2 .3" mass="1"/>
-        </body>
-        <body name="base" pos=".5 0 1">
-          <joint name="turn" axis="0 0 1" range="-1 1" limited="true"/>
-          <geom type="mesh" mesh="wedge" mass="1" quat=".9 .1 .3 .2"/>
-          <body name="drawer" pos=".1 0 0">
-            <joint name="pull" type="slide" axis="1 0 0" range="-.2 .4" limited="true" ref="0.1"/>
-            <joint name="twist" axis="1 0 0"/>
-            <geom size=".02" mass="1"/>
-          </body>
-        </body>
-      </worldbody>
-      <equality>
-        <joint joint1="pull" joint2="turn" polycoef="0 .1 .02 0 0"/>
-        <joint joint1="twist" joint2="pull" polycoef="0 3 5 0 0"/>
-      </equality>
-      <actuator><motor name="m" joint="turn" ctrlrange="-1 1"/></actuator>
-    </mujoco>"""
     segments = {"base": {"bodies": ["base", "drawer"], "start": "base", "end": "drawer"}}
     description = {
         "mjcf": "body.xml",
         "devices": {"headset": {"body": "head"}},
         "anatomy": {"stature_m": 2.0, "mass_kg": 80.0, "segments": segments},
     }
-    file = write_body(tmp_path, mjcf, description)
+    file = write_body(tmp_path, DRAWER, description)
     plain = _load(file)
     large = _load(file, stature_m=2.2, segment_lengths_m={"base": 0.15})
     model = large.physics_model

@@ -23,6 +23,7 @@ NEAR_M, FAR_M = 0.05, 100.0
 RIGHT = "/user/hand/right"
 DEPTH_LAYERS = "XR_KHR_composition_layer_depth"
 IMAGE = xr.SwapchainImageOpenGLKHR
+STEREO = xr.ViewConfigurationType.PRIMARY_STEREO
 
 
 def egl_binding() -> xr.GraphicsBindingEGLMNDX:
@@ -173,8 +174,7 @@ def running(instance: xr.Instance, session: xr.Session, begun: bool) -> bool | N
             ctypes.byref(event), ctypes.POINTER(xr.EventDataSessionStateChanged)
         ).contents
         if changed.state == xr.SessionState.READY:
-            kind = xr.ViewConfigurationType.PRIMARY_STEREO
-            xr.begin_session(session, xr.SessionBeginInfo(kind))
+            xr.begin_session(session, xr.SessionBeginInfo(STEREO))
             begun = True
         elif changed.state == xr.SessionState.STOPPING:
             xr.end_session(session)
@@ -183,9 +183,8 @@ def running(instance: xr.Instance, session: xr.Session, begun: bool) -> bool | N
             return None
 
 
-def play(seed: int) -> None:
-    """Show a target, and another one after each touch."""
-    places = random.Random(seed)
+def start() -> tuple[xr.Instance, xr.Session, xr.Space, list[Eye]]:
+    """Create the session, its stage and an eye per view."""
     extensions = [xr.MNDX_EGL_ENABLE_EXTENSION_NAME, DEPTH_LAYERS]
     about = xr.ApplicationInfo("touch", 1, "", 0, xr.Version(1, 0, 0))
     instance = xr.create_instance(
@@ -197,44 +196,61 @@ def play(seed: int) -> None:
     stage = xr.create_reference_space(
         session, xr.ReferenceSpaceCreateInfo(xr.ReferenceSpaceType.STAGE)
     )
-    hand = Hand(instance, session)
-    stereo = xr.ViewConfigurationType.PRIMARY_STEREO
-    sizes = xr.enumerate_view_configuration_views(instance, system, stereo)
+    sizes = xr.enumerate_view_configuration_views(instance, system, STEREO)
     eyes = [
         Eye(session, one.recommended_image_rect_width, one.recommended_image_rect_height)
         for one in sizes
     ]
     GL.glEnable(GL.GL_FRAMEBUFFER_SRGB)
+    return instance, session, stage, eyes
+
+
+def new_target(places: random.Random) -> np.ndarray:
+    """Return and print the place of a target, in m."""
+    x, y, z = places.uniform(-0.15, 0.3), places.uniform(0.9, 1.25), -places.uniform(0.35, 0.5)
+    print(f"target: {x:.3f} {y:.3f} {z:.3f}", flush=True)
+    return np.array([x, y, z])
+
+
+def drawn(
+    eyes: list[Eye], views: list[xr.View], things: list[tuple[np.ndarray, tuple[float, ...]]]
+) -> list[xr.CompositionLayerProjectionView]:
+    """Draw squares for all eyes; return the views of the layer."""
+    shown = []
+    for eye, view in zip(eyes, views, strict=True):
+        eye.draw(view, things)
+        shown.append(xr.CompositionLayerProjectionView(view.pose, view.fov, eye.color, eye.depth))
+    return shown
+
+
+def play(seed: int) -> None:
+    """Show a target, and another one after each touch."""
+    places = random.Random(seed)
+    instance, session, stage, eyes = start()
+    hand = Hand(instance, session)
     target, touched, begun = None, 0, False
     while (state := running(instance, session, begun)) is not None:
         begun = state
         if not begun:
             continue
         if target is None:
-            target = np.array(
-                [places.uniform(-0.15, 0.3), places.uniform(0.9, 1.25), -places.uniform(0.35, 0.5)]
-            )
-            print("target: {:.3f} {:.3f} {:.3f}".format(*target), flush=True)
+            target = new_target(places)
         frame = xr.wait_frame(session)
         xr.begin_frame(session)
         time = frame.predicted_display_time
         place = hand.place(stage, time)
-        if place is not None and np.linalg.norm(place - target) < RADIUS_M:
+        hit = place is not None and np.linalg.norm(place - target) < RADIUS_M
+        if hit:
             touched += 1
             print(f"touched: {touched}", flush=True)
             hand.vibrate()
-        _, views = xr.locate_views(session, xr.ViewLocateInfo(stereo, time, stage))
+        _, views = xr.locate_views(session, xr.ViewLocateInfo(STEREO, time, stage))
         things = [(target, (0.9, 0.02, 0.02))]
         if place is not None:
             things.append((place, (0.02, 0.1, 0.9)))
-        layers = []
-        for eye, view in zip(eyes, views, strict=True):
-            eye.draw(view, things)
-            shown = (view.pose, view.fov, eye.color, eye.depth)
-            layers.append(xr.CompositionLayerProjectionView(*shown))
-        layer = xr.CompositionLayerProjection(space=stage, views=layers)
+        layer = xr.CompositionLayerProjection(space=stage, views=drawn(eyes, views, things))
         xr.end_frame(session, xr.FrameEndInfo(time, layers=[ctypes.pointer(layer)]))
-        if place is not None and np.linalg.norm(place - target) < RADIUS_M:
+        if hit:
             target = None
     xr.destroy_session(session)
     xr.destroy_instance(instance)

@@ -26,8 +26,6 @@ from sim2vr_harness.client.split_step import SplitStep
 from sim2vr_harness.client.tasks.loading import FIELD
 from sim2vr_harness.client.tasks.task import Outcome, Task, TaskMoment
 
-__all__ = ["TaskedApp"]
-
 _EARLY_S = 1e-3
 """Frames lie a hair before whole periods; a round of 30 s ends with the one at 29.9999982 s."""
 
@@ -220,9 +218,3 @@ class TaskedApp(SplitStep):
     def close(self) -> None:
         """See :class:`AppClient`."""
         self.app.close()
-
-    def __enter__(self) -> TaskedApp:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

@@ -10,8 +10,6 @@ from sim2vr_harness.client.devices import INPUT_NAMES
 from sim2vr_harness.client.games import Measure
 from sim2vr_harness.client.tasks.task import Outcome, Task, TaskMoment
 
-__all__ = ["check_task"]
-
 _CONTROLLERS = ("controller_left", "controller_right")
 
 

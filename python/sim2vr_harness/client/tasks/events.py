@@ -13,16 +13,6 @@ from sim2vr_harness.base.settings import Settings
 from sim2vr_harness.client.games import Measure
 from sim2vr_harness.client.tasks.task import TaskMoment
 
-__all__ = [
-    "EVENT_VALUE",
-    "EventCounter",
-    "EventRule",
-    "MeasureRule",
-    "ObjectRule",
-    "ProportionRule",
-    "TimeRule",
-]
-
 _NAME = r"^[A-Za-z]\w{0,40}$"
 EVENT_VALUE = "event_"
 """Names of the values that events read begin so."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 from sim2vr_harness.client.games import Condition, GameFacts
 from sim2vr_harness.client.tasks.task import Task
 
-__all__ = ["CONDITION", "task_facts"]
-
 CONDITION = "standard"
 """The only condition of an app that a task judges."""
 

@@ -13,8 +13,6 @@ from sim2vr_harness.base.settings import first_problem
 from sim2vr_harness.client.tasks.rules import RuleTask, TaskRules
 from sim2vr_harness.client.tasks.task import Task
 
-__all__ = ["FIELD", "load_task", "names_code"]
-
 FIELD = "env.app.task"
 _EXPECTED = "rules, a YAML file of them, or FILE.py:CLASS"
 _CLASS = "FILE.py:CLASS with a class below sim2vr_harness.client.Task in it"

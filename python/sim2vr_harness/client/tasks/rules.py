@@ -16,8 +16,6 @@ from sim2vr_harness.client.games import Measure, RewardTerm
 from sim2vr_harness.client.tasks.events import EventCounter, EventRule, MeasureRule
 from sim2vr_harness.client.tasks.task import Outcome, Task, TaskMoment
 
-__all__ = ["DistanceRule", "RewardRule", "RuleTask", "TaskRules"]
-
 SignedWeight = Annotated[float, Field(ge=-1e6, le=1e6)]
 Device = Literal["head", "left_controller", "right_controller"]
 

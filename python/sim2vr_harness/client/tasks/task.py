@@ -11,8 +11,6 @@ from sim2vr_harness.client.base import AppValue, Float64Array, UInt8Array
 from sim2vr_harness.client.devices import DevicePoses, HapticPulse, SoundEvent
 from sim2vr_harness.client.games import Measure, RewardTerm
 
-__all__ = ["DEVICES", "Outcome", "Task", "TaskMoment"]
-
 DEVICES = ("head", "left_controller", "right_controller")
 """What a moment knows the pose of."""
 

@@ -10,16 +10,6 @@ from typing import Any, Literal
 import numpy as np
 import pyarrow as pa
 
-__all__ = [
-    "Column",
-    "column_name",
-    "columns_of",
-    "merged",
-    "number_table",
-    "row_table",
-    "schema_of",
-]
-
 Kind = Literal["text", "integer", "number", "single", "boolean"]
 
 _ARROW: dict[str, pa.DataType] = {

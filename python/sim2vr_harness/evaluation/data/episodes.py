@@ -12,8 +12,6 @@ from sim2vr_harness.evaluation.data.columns import Column, column_name, columns_
 from sim2vr_harness.evaluation.fatigue import fatigue_measures
 from sim2vr_harness.evaluation.metrics import RoundResult, measures_of
 
-__all__ = ["EPISODE_COLUMNS", "episode_columns", "episode_rows"]
-
 EPISODE_COLUMNS = (
     Column("episode", "text", "", "Key: condition, person and seed; name of its files and logs"),
     Column("user", "text", "", "The trained user, or its run and checkpoint"),

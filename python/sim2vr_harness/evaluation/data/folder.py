@@ -23,19 +23,6 @@ from sim2vr_harness.base.files import file_name, read_bytes, read_json
 from sim2vr_harness.evaluation.data.columns import Column, merged, row_table, schema_of
 from sim2vr_harness.runs.run_folder import versions, write_atomically
 
-__all__ = [
-    "FOLDER",
-    "DataFolder",
-    "EvaluationData",
-    "columns_in",
-    "data_frame",
-    "dictionary_bytes",
-    "joined",
-    "read_data",
-    "read_table",
-    "write_table",
-]
-
 FOLDER = "data"
 """In the folder of an evaluation."""
 _DICTIONARY = "dictionary.csv"

@@ -12,8 +12,6 @@ from sim2vr_harness.evaluation.data.columns import Column, number_table
 from sim2vr_harness.evaluation.data.steps import pose_columns
 from sim2vr_harness.sessions.state_log import read_state_log
 
-__all__ = ["frame_table"]
-
 _ROUNDING_S = 1e-4
 """Logged times are binary32."""
 

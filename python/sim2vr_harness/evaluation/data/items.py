@@ -19,8 +19,6 @@ from sim2vr_harness.base.files import read_text
 from sim2vr_harness.client import GameFacts, LoggedItem
 from sim2vr_harness.evaluation.data.columns import Column, column_name, columns_of, merged
 
-__all__ = ["EVENT_COLUMNS", "LogLine", "events_of_episode", "item_columns", "item_rows", "read_log"]
-
 EVENT_COLUMNS = (
     Column("episode", "text", "", "The episode; a key of the table episodes"),
     Column("item", "text", "", "What came and went, as the game calls it"),

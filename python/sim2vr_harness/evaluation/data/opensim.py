@@ -12,8 +12,6 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.evaluation.data.folder import EvaluationData
 from sim2vr_harness.runs.run_folder import write_atomically
 
-__all__ = ["export_opensim"]
-
 
 def export_opensim(data: EvaluationData, out: Path, episodes: Sequence[str] = ()) -> list[Path]:
     """Write ``<episode>_joints.mot``, ``_activations.sto`` and ``_forces.sto`` per episode.

@@ -17,8 +17,6 @@ from sim2vr_harness.evaluation.data.steps import StepRecorder
 from sim2vr_harness.evaluation.metrics import RoundResult
 from sim2vr_harness.evaluation.rollouts import Watcher
 
-__all__ = ["DataRecorder"]
-
 
 class DataRecorder:
     """Writes the tables of an evaluation into its folder ``data``.

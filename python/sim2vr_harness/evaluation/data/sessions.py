@@ -12,8 +12,6 @@ from sim2vr_harness.evaluation.data.columns import column_name
 from sim2vr_harness.evaluation.data.folder import EvaluationData
 from sim2vr_harness.sessions import AppIdentity, Controller, Session
 
-__all__ = ["session_of_steps"]
-
 _PARTS = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 
 

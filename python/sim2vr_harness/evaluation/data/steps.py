@@ -17,8 +17,6 @@ from sim2vr_harness.evaluation.metrics import RoundResult
 from sim2vr_harness.evaluation.rollouts import Job
 from sim2vr_harness.users.batch import UserBatch
 
-__all__ = ["BodySource", "StepRecorder", "pose_columns"]
-
 _PARTS = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 _DEVICE_NAMES = {"headset": "head", "controller_right": "right", "controller_left": "left"}
 """As the games' logs call them."""

@@ -12,8 +12,6 @@ from sim2vr_harness.evaluation.replay.recordings import Event
 from sim2vr_harness.evaluation.replay.replayer import Replay
 from sim2vr_harness.evaluation.replay.timing import printed
 
-__all__ = ["Agreement", "agreement_of", "as_json", "pooled"]
-
 # Hits are the same hit when they are of the same target and this close in time.
 WINDOWS_S = (0.050, 0.100)
 # Event lists are identical when the same things happened to the same targets in the same cells,

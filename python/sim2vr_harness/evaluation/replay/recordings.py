@@ -26,8 +26,6 @@ from sim2vr_harness.client import OptionValue
 from sim2vr_harness.sessions.logs import logged_options
 from sim2vr_harness.sessions.state_log import read_lines, read_state_log
 
-__all__ = ["GAME", "Event", "Recording", "read_events", "read_recordings"]
-
 GAME = "whacamole"
 """Whose rounds were recorded."""
 

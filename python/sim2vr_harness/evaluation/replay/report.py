@@ -12,8 +12,6 @@ from rich.table import Table
 from sim2vr_harness.evaluation.replay.agreement import Agreement, agreement_of, as_json, pooled
 from sim2vr_harness.evaluation.replay.replayer import Replay
 
-__all__ = ["ReplayReport"]
-
 _EVENTS = (
     "Targets",
     "Same\noutcome",

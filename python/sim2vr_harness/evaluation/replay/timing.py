@@ -13,8 +13,6 @@ from sim2vr_harness.client import ClockSettings
 from sim2vr_harness.evaluation.replay.recordings import Recording
 from sim2vr_harness.sessions.logs import DIGITS, rounding_s, times_of_log
 
-__all__ = ["Timing", "printed", "timing_of"]
-
 # Of simulated users and of people in the original (binary32 in both).
 _FIXED_STEPS_S = (1.0 / 70.0, 0.002)
 _STUDY_STEP_S = 0.014285714

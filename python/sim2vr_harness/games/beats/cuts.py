@@ -20,8 +20,6 @@ from sim2vr_harness.games.beats.rules import (
 from sim2vr_harness.games.beats.sabers import Blades, distances
 from sim2vr_harness.games.beats.settings import Relaxation
 
-__all__ = ["CONTACT_MARGIN_M", "Contact", "aside", "first_or_closest", "off_stroke", "turns"]
-
 CONTACT_MARGIN_M, _SPEED_MARGIN_MPS, _ANGLE_MARGIN_DEG = 0.01, 0.1, 5.0
 _STROKE_MPS, _DRAWN_M = 3.0, 0.4
 

@@ -15,8 +15,6 @@ from sim2vr_harness.games.beats.rules import TOLD_MINES
 from sim2vr_harness.games.beats.settings import LEVELS, GameModelSettings
 from sim2vr_harness.games.imagined import ImaginedCondition
 
-__all__ = ["GAME", "Beats"]
-
 
 class Beats:
     """See :class:`~sim2vr_harness.games.imagined.ImaginedGame`."""

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from sim2vr_harness.games.app_axes import head_of
 from sim2vr_harness.games.beats.cuts import (
     CONTACT_MARGIN_M,
     Contact,
@@ -38,15 +39,12 @@ from sim2vr_harness.games.beats.sabers import (
     Blades,
     Sabers,
     distances,
-    head_of,
     looked_away,
     nearest,
     swing,
     velocities,
 )
 from sim2vr_harness.games.beats.settings import GameModelSettings, Relaxation
-
-__all__ = ["FIELDS", "ImaginedBeats"]
 
 _HEAD = tuple(f"head.{axis}_m" for axis in "xyz")
 _ROOT = tuple(f"{hand}.root_{axis}_m" for hand in HANDS for axis in "xyz")

@@ -18,8 +18,6 @@ from sim2vr_harness.games.beats.rules import (
     WALL_BEHIND_M,
 )
 
-__all__ = ["Coming", "Lane"]
-
 _BEFORE_S = (0.5, 1.0)
 """How long before a box arrives busy rounds begin."""
 

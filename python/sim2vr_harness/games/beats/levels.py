@@ -25,8 +25,6 @@ from sim2vr_harness.games.beats.rules import (
     middle_m,
 )
 
-__all__ = ["NEVER_S", "Levels", "game_level", "made_of"]
-
 NEVER_S = 1e6
 """Time of what fills up the tensors of levels with less in them."""
 

@@ -10,8 +10,6 @@ from typing import Any
 
 from sim2vr_harness.client.devices import HANDS, Hand
 
-__all__ = ["MapBox", "write_map"]
-
 _FILE = "Boxes.dat"
 
 

@@ -7,8 +7,6 @@ from typing import Any
 
 from sim2vr_harness.games.rewards import Formula, RewardTerms, Term
 
-__all__ = ["reward_terms"]
-
 
 def reward_terms(options: Mapping[str, Any]) -> RewardTerms:
     """Return the terms under these options of the game."""

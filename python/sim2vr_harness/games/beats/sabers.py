@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from sim2vr_harness.games.app_axes import head_of, to_app
 from sim2vr_harness.games.beats.rules import BLADE_FROM_M, BLADE_M
-
-__all__ = ["HANDS", "Blades", "Sabers", "distances", "head_of", "looked_away", "swing"]
 
 HANDS = ("left", "right")
 """In the order of the boxes' hands."""
@@ -34,16 +33,6 @@ class Blades:
     def tip(self) -> Tensor:
         """(B, 2, 3) m."""
         return self.root + BLADE_M * self.axis
-
-
-def _to_app(vectors: Tensor) -> Tensor:
-    """(..., 3) of MuJoCo's axes (x forward, y left, z up)."""
-    return torch.stack([-vectors[..., 1], vectors[..., 2], vectors[..., 0]], -1)
-
-
-def head_of(place: Tensor) -> Tensor:
-    """(B, 3) the headset's position, app's axes, m; it is the last of the devices."""
-    return _to_app(place[:, -1, :3, 3])
 
 
 def looked_away(place: Tensor) -> Tensor:
@@ -89,8 +78,8 @@ class Sabers:
         """(B, D, 4, 4) places and (B, 3) the rounds' origins."""
         hands = place[:, :2]
         turned = torch.einsum("bhij,hpj->bhpi", hands[..., :3, :3], self.fixed)
-        root = _to_app(turned[:, :, 0] + hands[..., :3, 3]) - origin[:, None]
-        return Blades(root, _to_app(turned[:, :, 1]))
+        root = to_app(turned[:, :, 0] + hands[..., :3, 3]) - origin[:, None]
+        return Blades(root, to_app(turned[:, :, 1]))
 
 
 def swing(before: Blades, after: Blades, shares: Tensor) -> Blades:

@@ -7,9 +7,6 @@ from typing import Literal
 
 from sim2vr_harness.base.settings import Settings, Weight
 
-__all__ = ["LEVELS", "GameModelSettings", "Relaxation", "Shaping"]
-
-
 LEVELS = 64
 """Number of levels of a condition that imagined rounds draw from: too many to learn by heart."""
 _CONTACT_M, _SPEED_MPS = (0.05, 0.1), (0.2, 0.5)

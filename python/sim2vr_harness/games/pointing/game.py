@@ -13,8 +13,6 @@ from sim2vr_harness.games.imagined import ImaginedCondition
 from sim2vr_harness.games.pointing.game_model import FIELDS, ImaginedPointing
 from sim2vr_harness.games.pointing.settings import GameModelSettings
 
-__all__ = ["GAME", "Pointing"]
-
 
 class Pointing:
     """See :class:`~sim2vr_harness.games.imagined.ImaginedGame`."""

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 import torch
 from torch import Tensor
 
+from sim2vr_harness.games.app_axes import head_of
 from sim2vr_harness.games.imagined import ImaginedCondition
 from sim2vr_harness.games.pointing.rules import (
     HIT_REWARD,
@@ -22,9 +23,7 @@ from sim2vr_harness.games.pointing.rules import (
     distance_reward,
 )
 from sim2vr_harness.games.pointing.settings import FAILING_BLOCKS, GameModelSettings, Relaxation
-from sim2vr_harness.games.pointing.stylus import Stylus, head_of
-
-__all__ = ["FIELDS", "ImaginedPointing"]
+from sim2vr_harness.games.pointing.stylus import Stylus
 
 _ROUND = ("round.side_m", "round.height_m", "round.depth_m")
 _TIP = tuple(f"tip.{axis}_m" for axis in "xyz")

@@ -13,8 +13,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-__all__ = ["HIT_REWARD", "TAP_START_M", "TIME_TOLERANCE_S", "PointingTask", "distance_reward"]
-
 HIT_REWARD = 10.0
 TAP_START_M = 0.05
 """Where a tap may begin: so far in front of a target."""

@@ -6,9 +6,6 @@ from dataclasses import dataclass
 
 from sim2vr_harness.base.settings import Settings
 
-__all__ = ["FAILING_BLOCKS", "GameModelSettings", "Relaxation"]
-
-
 FAILING_BLOCKS = 0.5
 """Proportion of blocks that are drawn by their fail rates; the others are uniform, so that none is
 forgotten."""

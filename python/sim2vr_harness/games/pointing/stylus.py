@@ -5,17 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-__all__ = ["Stylus", "head_of"]
-
-
-def _to_app(vectors: Tensor) -> Tensor:
-    """(..., 3) of MuJoCo's axes (x forward, y left, z up)."""
-    return torch.stack([-vectors[..., 1], vectors[..., 2], vectors[..., 0]], -1)
-
-
-def head_of(place: Tensor) -> Tensor:
-    """(B, 3) the headset's position, app's axes, m; it is the last of the devices."""
-    return _to_app(place[:, -1, :3, 3])
+from sim2vr_harness.games.app_axes import head_of, to_app
 
 
 class Stylus:
@@ -34,4 +24,4 @@ class Stylus:
 
     def __call__(self, place: Tensor) -> Tensor:
         """(B, 3) tip in the world, app's axes, m."""
-        return _to_app(place[:, 0, :3, :3] @ self.fixed + place[:, 0, :3, 3])
+        return to_app(place[:, 0, :3, :3] @ self.fixed + place[:, 0, :3, 3])

@@ -15,8 +15,6 @@ from sim2vr_harness.games.whacamole.rules import (
     area_of,
 )
 
-__all__ = ["areas_of"]
-
 
 def areas_of(
     conditions: Sequence[Mapping[str, float]], options: Sequence[Mapping[str, OptionValue]]

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from sim2vr_harness.games.behaviour import Behaviour, Contrast, Ratings
 
-__all__ = ["BEHAVIOUR"]
-
 _SPACING_M = 0.125
 
 BEHAVIOUR = Behaviour(

@@ -13,8 +13,6 @@ from sim2vr_harness.games.whacamole.game_model import FIELDS, ImaginedWhacAMole
 from sim2vr_harness.games.whacamole.rules import CELLS
 from sim2vr_harness.games.whacamole.settings import GameModelSettings
 
-__all__ = ["GAME", "WhacAMole"]
-
 
 class WhacAMole:
     """See :class:`~sim2vr_harness.games.imagined.ImaginedGame`."""

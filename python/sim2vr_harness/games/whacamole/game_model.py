@@ -46,8 +46,6 @@ from sim2vr_harness.games.whacamole.shaping import (
     on_stroke,
 )
 
-__all__ = ["FIELDS", "ImaginedWhacAMole"]
-
 _ROUND = (
     *("round.low", "round.mid", "round.high"),
     *("round.constrained", "round.max_targets", "round.strike_threshold_mps"),

@@ -14,8 +14,6 @@ from sim2vr_harness.games.whacamole.rules import (
     TARGET_HALF_M,
 )
 
-__all__ = ["POSE_FIELDS", "Hammer", "depths", "points"]
-
 POSE_FIELDS = (
     *(f"hammer.{axis}_m" for axis in "xyz"),
     *(f"hammer.{part}_{axis}" for part in ("face", "handle") for axis in "xyz"),

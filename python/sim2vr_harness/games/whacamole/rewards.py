@@ -7,8 +7,6 @@ from typing import Any
 
 from sim2vr_harness.games.rewards import Formula, RewardTerms, Term
 
-__all__ = ["reward_terms"]
-
 _STRIKE_MPS = 0.8
 _UNCONSTRAINED = "-unconstrained"
 

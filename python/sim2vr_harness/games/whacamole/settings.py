@@ -8,17 +8,6 @@ from typing import Literal
 from sim2vr_harness.base.settings import Chance, Settings, Weight
 from sim2vr_harness.games.whacamole.rules import LIFE_S
 
-__all__ = [
-    "FAILING_CELLS",
-    "FAILING_VALUE",
-    "RUN_UP_M",
-    "SINGLE_TARGETS",
-    "GameModelSettings",
-    "Relaxation",
-    "Shaping",
-]
-
-
 SINGLE_TARGETS = 0.4
 """Proportion of users who have one target at a time. With several, the policy chooses the near
 ones only, and never learns to reach the far corner."""

@@ -10,16 +10,6 @@ from torch import Tensor
 from sim2vr_harness.games.whacamole.rules import CELL_M, CELLS, FRAME_S, START_M
 from sim2vr_harness.games.whacamole.settings import RUN_UP_M
 
-__all__ = [
-    "Targets",
-    "central",
-    "facing",
-    "going_blind",
-    "hardness",
-    "in_plane",
-    "on_stroke",
-]
-
 _STROKES_S, _STROKE_MPS, _THROUGH_M, _STROKE_OFF_M = (0.6, 1.0), 1.5, 0.03, 0.3
 """When strokes go through a target's middle, after it appeared; how fast, and how far."""
 _CENTRE_M = 0.02

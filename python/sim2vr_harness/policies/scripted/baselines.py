@@ -19,8 +19,6 @@ from sim2vr_harness.policies.scripted.player import (
 )
 from sim2vr_harness.policies.scripted.steps import FORMS, is_script, read_steps
 
-__all__ = ["USERS", "scripted_policy", "with_inputs"]
-
 USERS = ("still", "random", *FORMS)
 """What plays without training; a script needs one user in the simulation."""
 

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from sim2vr_harness.client.frames import aim_direction
 from sim2vr_harness.users.kinematics.posture_controller import FoundPosture, PostureController
 
-__all__ = ["REACH_M", "By", "Hand"]
-
 FloatArray = NDArray[np.float64]
 By = Literal["touch", "ray"]
 

@@ -8,8 +8,6 @@ from typing import Any
 
 from sim2vr_harness.policies.scripted.hand import By
 
-__all__ = ["StepOutcome"]
-
 
 @dataclass
 class StepOutcome:

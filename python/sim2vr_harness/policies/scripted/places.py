@@ -13,8 +13,6 @@ from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.client.scene import PLAYER_LAYER, SceneObject
 from sim2vr_harness.policies.scripted.steps import Place
 
-__all__ = ["Places"]
-
 FloatArray = NDArray[np.float64]
 
 _SHOWN = 20

@@ -16,8 +16,6 @@ from sim2vr_harness.policies.scripted.outcomes import StepOutcome
 from sim2vr_harness.policies.scripted.places import Places
 from sim2vr_harness.policies.scripted.steps import Place, Step
 
-__all__ = ["Episode", "ScriptedPolicy", "hand_of", "inputs_of", "resting_action"]
-
 FloatArray = NDArray[np.float64]
 
 _NEAR_M, _NEAR_DEG = 0.02, 1.0

@@ -17,8 +17,6 @@ from sim2vr_harness.base.files import read_yaml
 from sim2vr_harness.base.settings import Settings, first_problem
 from sim2vr_harness.client.devices import HANDS, INPUT_NAMES
 
-__all__ = ["FORMS", "Step", "is_script", "parse_step", "read_steps"]
-
 Place = str | tuple[float, float, float]
 """Name of an object, or x y z in metres, app frame."""
 Hand = Literal["left", "right"]

@@ -20,8 +20,6 @@ from sim2vr_harness.studies.comparisons.units import (
 from sim2vr_harness.studies.config import ComparisonConfig
 from sim2vr_harness.studies.data import StudyData, factor_column
 
-__all__ = ["compare", "compare_all"]
-
 _EFFECTS = {
     "paired-t": "Cohen's d of the differences",
     "welch-t": "Cohen's d",

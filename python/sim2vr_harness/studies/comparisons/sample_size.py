@@ -13,8 +13,6 @@ from sim2vr_harness.studies.comparisons.units import independent, other_factors
 from sim2vr_harness.studies.config import ComparisonConfig, StudyConfig
 from sim2vr_harness.studies.data import StudyData
 
-__all__ = ["SampleSize", "sample_sizes", "wanted_differences"]
-
 
 @dataclass(frozen=True)
 class SampleSize:

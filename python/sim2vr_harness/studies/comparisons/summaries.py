@@ -11,8 +11,6 @@ from sim2vr_harness.statistics.intervals import mean_interval
 from sim2vr_harness.studies.comparisons.units import rows_of, strata
 from sim2vr_harness.studies.data import StudyData
 
-__all__ = ["summaries"]
-
 
 def summaries(data: StudyData, measures: Sequence[str]) -> list[dict[str, Any]]:
     """Return mean, deviation and interval of each measure in each condition.

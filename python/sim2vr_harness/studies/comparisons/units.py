@@ -8,8 +8,6 @@ from typing import Any
 from sim2vr_harness.studies.config import StudyConfig
 from sim2vr_harness.studies.data import StudyData, factor_column
 
-__all__ = ["independent", "other_factors", "rows_of", "strata", "unit_table"]
-
 VALUE = "value"
 LEVEL = "level"
 

@@ -23,16 +23,6 @@ from sim2vr_harness.studies.report.source import Group, ReportSource
 from sim2vr_harness.users import Body
 from sim2vr_harness.users.rendering import OrbitView
 
-__all__ = [
-    "BodyPicture",
-    "Load",
-    "body_pictures",
-    "body_with",
-    "figures_of_body",
-    "load_of",
-    "trained_users_of",
-]
-
 FloatArray = NDArray[np.float64]
 
 _SIZE = (420, 420)

@@ -10,8 +10,6 @@ from sim2vr_harness.figures.figure import GREY, Bars, Figure, Panel, colour_of
 from sim2vr_harness.studies.report.numbers import known
 from sim2vr_harness.studies.report.source import Group, ReportSource
 
-__all__ = ["effort_share", "figures_of_effort"]
-
 
 def figures_of_effort(source: ReportSource) -> Iterator[Figure]:
     """Yield how the return splits into the game's terms and the cost of effort."""

@@ -11,8 +11,6 @@ from pathlib import Path
 
 from sim2vr_harness.studies.report.source import Group
 
-__all__ = ["Example", "examples_of"]
-
 _WIDTH = 720
 _SECONDS = 10.0
 _POSTER_S = 3.0

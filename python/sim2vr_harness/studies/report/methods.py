@@ -16,8 +16,6 @@ from sim2vr_harness.studies.report.sentences import warnings_of
 from sim2vr_harness.studies.report.source import ReportSource, changes_of
 from sim2vr_harness.users import effort_weight
 
-__all__ = ["BIBTEX", "PlayedBy", "methods_of", "played_by"]
-
 _OWN = "sim2vr-harness"
 _RECORDING = {
     "python": "Python",

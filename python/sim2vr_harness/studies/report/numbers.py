@@ -11,7 +11,8 @@ import numpy as np
 from sim2vr_harness.client import Measure
 from sim2vr_harness.studies.report.source import PROPORTION, Group
 
-__all__ = ["Summary", "in_words", "known", "summary_of", "with_spread"]
+MOST_GROUPS = 6
+"""So many groups are named in a sentence."""
 
 
 @dataclass(frozen=True)
@@ -63,3 +64,9 @@ def with_spread(found: Summary | None, measure: Measure) -> str:
         return "–"
     text = f"{found.mean:,.{measure.digits}f}"
     return text if found.spread is None else f"{text} ± {found.spread:,.{measure.digits}f}"
+
+
+def some_of(told: Sequence[str]) -> str:
+    """Join words on groups; of many only the first ones."""
+    more = len(told) - MOST_GROUPS
+    return "; ".join([*told[:MOST_GROUPS], *([f"and {more} more below"] if more > 0 else [])])

@@ -25,8 +25,6 @@ from sim2vr_harness.games.published import Published
 from sim2vr_harness.studies.report.numbers import known, summary_of
 from sim2vr_harness.studies.report.source import Group, ReportSource
 
-__all__ = ["figures_of_outcomes"]
-
 _MOST_POINTS = 400
 """Of items in a panel; more would only cover each other."""
 _MOST_COUNTS = 6

@@ -27,8 +27,6 @@ from sim2vr_harness.studies.report.tables import (
     user_table,
 )
 
-__all__ = ["Content", "page_of"]
-
 _HERE = Path(__file__).parent
 
 

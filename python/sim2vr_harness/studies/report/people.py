@@ -15,12 +15,9 @@ from sim2vr_harness.human_comparison.agreement import (
     fatigue_order,
 )
 from sim2vr_harness.statistics.distances import percentile, standard_deviations
-from sim2vr_harness.studies.report.numbers import in_words, known, summary_of
+from sim2vr_harness.studies.report.numbers import in_words, known, some_of, summary_of
 from sim2vr_harness.studies.report.source import ReportSource
 
-__all__ = ["people_sentences", "place_among"]
-
-_MOST_GROUPS = 6
 _FATIGUE = "max_fatigued"
 
 
@@ -57,8 +54,8 @@ def _places(source: ReportSource, published: Published, measure: Measure) -> Ite
             f"{in_words(float(np.mean(people)), measure)}, SD {spread}"
         )
     if told:
-        text = f"{measure.label} beside people (distance to their mean in their SD): {_some(told)}."
-        yield text, _some(numbers)
+        text = f"{measure.label} beside people (distance to their mean in their SD)"
+        yield f"{text}: {some_of(told)}.", some_of(numbers)
 
 
 def _cells(source: ReportSource, published: Published) -> Iterator[Words]:
@@ -76,7 +73,7 @@ def _cells(source: ReportSource, published: Published) -> Iterator[Words]:
             told.append(f"{group.label}: {words}")
             numbers.append(f"{group.label}: {r}")
         if told:
-            yield f"{grid.label}: {_some(told)}.", _some(numbers)
+            yield f"{grid.label}: {some_of(told)}.", some_of(numbers)
 
 
 def _fatigue(source: ReportSource) -> Iterator[Words]:
@@ -97,8 +94,3 @@ def _fatigue(source: ReportSource) -> Iterator[Words]:
             rated = {condition: medians[condition] for condition in both}
             text = fatigue_order({c: means[c] for c in both}, rated)
             yield f"{user}: {text}", f"{behaviour.ratings.scale}; {behaviour.ratings.source}"
-
-
-def _some(told: Sequence[str]) -> str:
-    more = len(told) - _MOST_GROUPS
-    return "; ".join([*told[:_MOST_GROUPS], *([f"and {more} more below"] if more > 0 else [])])

@@ -17,8 +17,6 @@ from sim2vr_harness.studies.report.tables import Html, table
 from sim2vr_harness.studies.search.config import ParameterConfig
 from sim2vr_harness.studies.search.table import parameter_column
 
-__all__ = ["figures_of_search", "search_sentences", "trial_table"]
-
 _KEEPS, _BEYOND, _BEST = colour_of(0), GREY, colour_of(1)
 _MOST_NAMED = 6
 """Of the best trials in parallel coordinates, with a colour of their own."""

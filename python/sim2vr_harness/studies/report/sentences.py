@@ -9,15 +9,12 @@ from typing import Any, Literal
 from sim2vr_harness.base.errors import counted
 from sim2vr_harness.client import Measure
 from sim2vr_harness.games.published import Published
-from sim2vr_harness.studies.report.numbers import in_words, summary_of
+from sim2vr_harness.studies.report.numbers import MOST_GROUPS, in_words, some_of, summary_of
 from sim2vr_harness.studies.report.people import people_sentences
 from sim2vr_harness.studies.report.source import ReportSource
 
-__all__ = ["Sentence", "n_sentence", "sentences_of", "warnings_of"]
-
 _MOST_TESTS = 6
 """Of a kind that have a sentence each; the table of tests has all."""
-_MOST_GROUPS = 6
 """That are named one by one; of more the table has the numbers."""
 _SIGNIFICANT = 0.05
 _TESTS = {
@@ -100,7 +97,7 @@ def _described(source: ReportSource) -> Iterator[Sentence]:
         if not found:
             continue
         told = [f"{in_words(s.mean, measure)} in {group.label}" for group, s in found]
-        text = f"{measure.label}: {_some(told)}."
+        text = f"{measure.label}: {some_of(told)}."
         if len(found) > 1:
             text += " No comparison was requested: whether the groups differ was not tested."
         spreads = [
@@ -108,7 +105,7 @@ def _described(source: ReportSource) -> Iterator[Sentence]:
         ]
         yield Sentence(
             text,
-            _some([
+            some_of([
                 f"{group.label}: {spread}{counted(s.n, 'unit')}, {counted(s.rounds, 'round')}"
                 for (group, s), spread in zip(found, spreads, strict=True)
             ]),
@@ -135,7 +132,7 @@ def _answers(source: ReportSource) -> Iterator[Sentence]:
             refused.setdefault(str(result["refused"]), []).append(question)
     for reason, unanswered in refused.items():
         text = f"Whether there is a difference was not tested: {reason}."
-        yield Sentence(text, _some(unanswered))
+        yield Sentence(text, some_of(unanswered))
 
 
 def _questions(result: Mapping[str, Any]) -> list[Mapping[str, Any]]:
@@ -268,15 +265,9 @@ def _lower(label: str) -> str:
     return label if label[:2].isupper() else label[:1].lower() + label[1:]
 
 
-def _some(told: Sequence[str]) -> str:
-    """Join words on groups; of many only the first ones."""
-    more = len(told) - _MOST_GROUPS
-    return "; ".join([*told[:_MOST_GROUPS], *([f"and {more} more below"] if more > 0 else [])])
-
-
 def _groups(names: Sequence[str], count: int) -> str:
     """Names of some of the groups, or their number where they are many."""
-    return _list(names) if len(names) <= _MOST_GROUPS else f"{len(names)} of {count} groups"
+    return _list(names) if len(names) <= MOST_GROUPS else f"{len(names)} of {count} groups"
 
 
 def _list(names: Sequence[str]) -> str:

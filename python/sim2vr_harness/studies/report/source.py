@@ -26,8 +26,6 @@ from sim2vr_harness.studies.data import (
 from sim2vr_harness.studies.search.config import OptimiseConfig
 from sim2vr_harness.studies.search.table import parameter_column
 
-__all__ = ["PROPORTION", "Group", "ReportSource", "Search", "changes_of", "read_source"]
-
 PROPORTION = "proportion"
 """Unit of numbers from 0 to 1."""
 _MOST_SHOWN = 6

@@ -13,8 +13,6 @@ from sim2vr_harness.figures.figure import Band, Figure, Layer, Line, Panel, Path
 from sim2vr_harness.games.published import Published
 from sim2vr_harness.studies.report.source import Group, ReportSource
 
-__all__ = ["Depth", "depth_of", "figures_of_strategy"]
-
 FloatArray = NDArray[np.float64]
 
 _AXES = ("x_m", "y_m", "z_m")

@@ -12,8 +12,6 @@ from sim2vr_harness.studies.report.numbers import summary_of, with_spread
 from sim2vr_harness.studies.report.sentences import difference_words, p_words, place_of
 from sim2vr_harness.studies.report.source import ReportSource
 
-__all__ = ["latex_table", "write_tables"]
-
 _SPECIAL = {
     **{letter: "\\" + letter for letter in "&%$#_{}"},
     "\\": r"\textbackslash{}",

@@ -22,17 +22,6 @@ from sim2vr_harness.studies.report.sentences import (
 )
 from sim2vr_harness.studies.report.source import ReportSource
 
-__all__ = [
-    "Html",
-    "beside_table",
-    "glossary",
-    "measure_table",
-    "published_tests",
-    "table",
-    "test_table",
-    "user_table",
-]
-
 
 def table(headings: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "") -> str:
     """Return a table; texts are escaped here, and may be marked by :class:`Html`."""

@@ -27,8 +27,6 @@ from sim2vr_harness.studies.report.source import read_source
 from sim2vr_harness.studies.report.strategy import figures_of_strategy
 from sim2vr_harness.studies.report.table_files import write_tables
 
-__all__ = ["PAGE", "StudyReport", "write_report"]
-
 PAGE = "report.html"
 """In the folder of the evaluation or study."""
 

@@ -12,8 +12,6 @@ from sim2vr_harness.base.errors import shown, unknown_name
 from sim2vr_harness.base.settings import MOST_STEPS, Settings
 from sim2vr_harness.studies.factors import FactorConfig, Name, check_key, value_error
 
-__all__ = ["ConstraintConfig", "OptimiseConfig", "ParameterConfig", "StopConfig"]
-
 _STEPS = 100
 """Of a range without a step of its own: at least so many, of a round length."""
 _DIGITS = 3

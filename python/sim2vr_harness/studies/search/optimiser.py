@@ -10,11 +10,9 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.optional import needed
 from sim2vr_harness.studies.search.config import OptimiseConfig, ParameterConfig, Value
 from sim2vr_harness.studies.search.trials import Trial
-
-__all__ = ["Optimiser"]
 
 _CONSTRAINTS = "constraints"
 
@@ -31,7 +29,7 @@ class Optimiser:
     """
 
     def __init__(self, search: OptimiseConfig, seed: int) -> None:
-        optuna = _optuna()
+        optuna = needed("optuna", "studies", "optimise")
         self._optuna, self._search = optuna, search
         self._space = {
             name: _distribution(optuna, parameter) for name, parameter in search.parameters.items()
@@ -89,16 +87,6 @@ class Optimiser:
         (way,) = self._search.objectives.values()
         same = (way == "max") == (self._search.stop.better == "higher")
         return value if same else -value
-
-
-def _optuna() -> Any:
-    try:
-        import optuna
-    except ImportError as error:
-        raise InputError(
-            "optimise", "no Optuna in this installation", "pip install 'sim2vr-harness[studies]'"
-        ) from error
-    return optuna
 
 
 class _quiet:

@@ -27,8 +27,6 @@ from sim2vr_harness.studies.search.optimiser import Optimiser
 from sim2vr_harness.studies.search.stopping import limits_of, reports_of
 from sim2vr_harness.studies.search.trials import Trial, chosen, judged
 
-__all__ = ["TRIAL", "Found", "search"]
-
 TRIAL = "trial"
 """The factor of a search's tables: its levels are the numbers of the trials."""
 _EXPECTED = "what a training of this study wrote"

@@ -16,8 +16,6 @@ from sim2vr_harness.studies.jobs import Limits
 from sim2vr_harness.studies.search.config import StopConfig
 from sim2vr_harness.studies.search.trials import Trial
 
-__all__ = ["Watch", "limits_of", "reports_of"]
-
 
 def reports_of(rows: Sequence[Mapping[str, Any]], stop: StopConfig | Limits) -> dict[int, float]:
     """Return the best report so far at each step that is judged and was reached.

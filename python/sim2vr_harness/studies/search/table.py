@@ -13,8 +13,6 @@ from sim2vr_harness.evaluation.data.columns import column_name, row_table
 from sim2vr_harness.studies.search.config import ParameterConfig
 from sim2vr_harness.studies.search.searching import TRIAL, Found
 
-__all__ = ["parameter_column", "trials_table"]
-
 
 def parameter_column(name: str) -> str:
     """What a parameter is called in the table."""

@@ -8,8 +8,6 @@ from typing import Any, Literal
 
 from sim2vr_harness.studies.search.config import OptimiseConfig, Value
 
-__all__ = ["Trial", "chosen", "judged"]
-
 
 @dataclass(frozen=True)
 class Trial:

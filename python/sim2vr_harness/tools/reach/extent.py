@@ -12,8 +12,6 @@ from scipy.spatial import cKDTree
 from sim2vr_harness.users.kinematics.forward import Linkage
 from sim2vr_harness.users.kinematics.inverse import CLOSE_M, solve
 
-__all__ = ["Reach", "Verdict", "Volume"]
-
 FloatArray = NDArray[np.float64]
 
 FURTHEST_MARGIN_M = 0.3

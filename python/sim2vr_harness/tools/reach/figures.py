@@ -18,8 +18,6 @@ from sim2vr_harness.tools.reach.measuring import Measured
 from sim2vr_harness.tools.reach.shell import shell
 from sim2vr_harness.users.rendering import OrbitView, UserRenderer
 
-__all__ = ["write_picture", "write_turntable"]
-
 _PICTURE, _FILM = (1280, 720), (640, 480)
 _FRAMES, _FPS = 90, 18.0
 _BALL_M = 0.025

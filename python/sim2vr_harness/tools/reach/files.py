@@ -14,8 +14,6 @@ from sim2vr_harness.tools.reach.figures import write_picture, write_turntable
 from sim2vr_harness.tools.reach.measuring import Measured
 from sim2vr_harness.tools.reach.page import write_page
 
-__all__ = ["write"]
-
 
 def write(found: Measured, out: Path, *, film: bool = True) -> list[Path]:
     """Write what was found.

@@ -15,8 +15,6 @@ from sim2vr_harness.tools.reach.targets import Target, in_mujoco
 from sim2vr_harness.users import Body
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 
-__all__ = ["Measured", "Sweep", "chosen_point", "measure"]
-
 FloatArray = NDArray[np.float64]
 
 _GRID = 100

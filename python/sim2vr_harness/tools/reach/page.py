@@ -16,8 +16,6 @@ from sim2vr_harness.tools.reach.extent import FURTHEST_MARGIN_M
 from sim2vr_harness.tools.reach.measuring import Measured
 from sim2vr_harness.tools.reach.shell import shell
 
-__all__ = ["margin_words", "write_page"]
-
 FloatArray = NDArray[np.float64]
 
 _INSIDE, _OUTSIDE, _ROOM, _SWEPT, _BONES = "#1a9e3f", "#c9211e", "#2a6fd6", "#e08a00", "#444b55"

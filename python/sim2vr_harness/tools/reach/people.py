@@ -14,8 +14,6 @@ from sim2vr_harness.tools.reach.extent import Reach
 from sim2vr_harness.tools.reach.targets import Target, in_mujoco
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 
-__all__ = ["PeopleReach", "alike", "people_reach"]
-
 _SEED = 1
 """Of the people, as of an evaluation's."""
 

@@ -10,8 +10,6 @@ from scipy.sparse import coo_matrix
 
 from sim2vr_harness.tools.reach.extent import Volume
 
-__all__ = ["shell"]
-
 FloatArray = NDArray[np.float64]
 
 _ROUNDS = 12

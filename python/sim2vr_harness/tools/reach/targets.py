@@ -21,8 +21,6 @@ from sim2vr_harness.evaluation.environment import make_simulation
 from sim2vr_harness.sessions.state_log import read_lines
 from sim2vr_harness.users.kinematics.forward import Point
 
-__all__ = ["Target", "given_target", "logged_targets", "seen_targets", "tool_point"]
-
 FloatArray = NDArray[np.float64]
 
 _RIG = "XR Rig/"

@@ -12,8 +12,6 @@ from pathlib import Path
 
 from sim2vr_harness.base.errors import InputError
 
-__all__ = ["local_address", "self_signed"]
-
 _DAYS = 2
 _TIMEOUT_S = 30.0
 _ELSEWHERE = ("192.0.2.1", 9)

@@ -12,8 +12,6 @@ from pathlib import Path
 from sim2vr_harness.base.errors import counted
 from sim2vr_harness.sessions import Session, read_session
 
-__all__ = ["MAX_PART_BYTES", "Parts", "RefusedPart"]
-
 MAX_PART_BYTES = 1 << 22
 MAX_BYTES = 1 << 28
 MAX_PARTS = 20_000

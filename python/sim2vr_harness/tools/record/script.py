@@ -9,8 +9,6 @@ from urllib.parse import quote
 
 from sim2vr_harness.client.webxr.browser import read_script
 
-__all__ = ["bookmarklet", "recorder_script", "script_tag", "with_script"]
-
 _BEFORE_SCRIPTS = re.compile(
     rb"(?:\s|\xef\xbb\xbf|<!--.*?-->|<!doctype[^>]*>)*"
     rb"(?:<html(?:\s[^>]*)?>)?(?:\s|<!--.*?-->)*(?:<head(?:\s[^>]*)?>)?",

@@ -22,8 +22,6 @@ from sim2vr_harness.tools.record.certificate import local_address, self_signed
 from sim2vr_harness.tools.record.parts import MAX_PART_BYTES, Parts, RefusedPart
 from sim2vr_harness.tools.record.script import recorder_script, with_script
 
-__all__ = ["RecordingServer"]
-
 MAX_CONNECTIONS = 64
 TIMEOUT_S = 30.0
 _OWN = "/__sim2vr/"

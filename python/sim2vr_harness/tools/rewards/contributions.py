@@ -16,8 +16,6 @@ from sim2vr_harness.envs.config import EffortConfig
 from sim2vr_harness.games.rewards import RewardTerms, Term
 from sim2vr_harness.users import Body, EffortModel, make_effort
 
-__all__ = ["APPROACHES", "EFFORTS", "Contributions", "contributions"]
-
 FloatArray = NDArray[np.float64]
 
 APPROACHES = ("worst", "linear", "quadratic", "best")

@@ -13,8 +13,6 @@ from sim2vr_harness.base.files import file_name, read_yaml
 from sim2vr_harness.base.settings import Settings, first_problem
 from sim2vr_harness.games.rewards import Formula, RewardTerms, Term
 
-__all__ = ["read_terms"]
-
 
 class _Term(Settings):
     """A part of the reward."""

@@ -14,8 +14,6 @@ from sim2vr_harness.figures.html import save_page, table
 from sim2vr_harness.figures.matplotlib_backend import write_figure
 from sim2vr_harness.tools.rewards.contributions import APPROACHES, EFFORTS, Contributions
 
-__all__ = ["sums", "write"]
-
 
 def sums(found: Contributions) -> tuple[list[str], list[list[str]]]:
     """Return header and rows of the sums: terms and effort by approach."""

@@ -6,8 +6,6 @@ from itertools import pairwise
 
 from sim2vr_harness.tools.rewards.contributions import APPROACHES, Contributions
 
-__all__ = ["warnings_of"]
-
 _DROWNED = 0.02
 """A term below this share of the largest one is not heard."""
 _FLAT = 0.01

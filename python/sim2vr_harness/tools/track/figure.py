@@ -23,8 +23,6 @@ from sim2vr_harness.figures.matplotlib_backend import write_figure
 from sim2vr_harness.tools.track.postures import REACHED_M
 from sim2vr_harness.tools.track.tracking import Tracked
 
-__all__ = ["draw"]
-
 _MUSCLES = 12
 
 

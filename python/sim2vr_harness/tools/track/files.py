@@ -20,8 +20,7 @@ from sim2vr_harness.tools.track.figure import draw
 from sim2vr_harness.tools.track.joint_moments import joint_moments, named_joints
 from sim2vr_harness.tools.track.tracking import Tracked
 
-__all__ = ["film", "write"]
-
+_FILM_SIZE = 640, 480
 _SHORT = {"controller_right": "right", "controller_left": "left"}
 _WORDS = {"x": "right", "y": "up", "z": "forward"}
 _ABOUT = {
@@ -165,21 +164,20 @@ def _count(values: NDArray[np.float64]) -> NDArray[np.int64]:
     return np.arange(1, len(values) + 1)
 
 
-def film(one: Tracked, file: Path, *, size: tuple[int, int] = (640, 480)) -> Path:
+def film(one: Tracked, file: Path) -> Path:
     """Film how the body followed, muscles coloured by their activations: blue to red.
 
     Args:
         one: the recording.
         file: the MP4 file.
-        size: width and height in pixels.
     """
     from sim2vr_harness.evaluation.video import Film
     from sim2vr_harness.users.rendering import UserRenderer
 
     followed = one.followed
-    made = Film(file, *size, fps=len(followed.values) / followed.times_s[-1])
+    made = Film(file, *_FILM_SIZE, fps=len(followed.values) / followed.times_s[-1])
     try:
-        with UserRenderer(one.body, *size) as renderer:
+        with UserRenderer(one.body, *_FILM_SIZE) as renderer:
             camera = "side" if "side" in renderer.cameras else renderer.cameras[0]
             for qpos, activations in zip(followed.qpos, followed.activations, strict=True):
                 made.add(renderer.render(qpos, camera=camera, activations=activations))

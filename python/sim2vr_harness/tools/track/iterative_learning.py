@@ -17,8 +17,6 @@ from scipy import sparse
 from scipy.ndimage import uniform_filter1d
 from scipy.sparse.linalg import splu
 
-__all__ = ["Correction"]
-
 FloatArray = NDArray[np.float64]
 
 _RESPONSE = (0.15, 0.38, 0.24, 0.13, 0.05)

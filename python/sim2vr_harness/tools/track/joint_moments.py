@@ -8,8 +8,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["joint_moments", "named_joints"]
-
 FloatArray = NDArray[np.float64]
 
 

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from sim2vr_harness.users import UserBatch
 from sim2vr_harness.world_models.actuator_state import ActuatorState
 
-__all__ = ["DynamicsState", "Perturbations", "Response", "motion_of"]
-
 FloatArray = NDArray[np.float64]
 
 _ANGLE, _SPEED, _DRIVE = 1e-3, 1e-2, 0.03

@@ -15,8 +15,6 @@ from sim2vr_harness.tools.track.paths import first_of_play
 from sim2vr_harness.tools.track.registration import Placement
 from sim2vr_harness.tools.track.tracking_controller import Followed
 
-__all__ = ["TrackingOutcome", "outcome_of", "outcomes", "played_by_body"]
-
 FloatArray = NDArray[np.float64]
 
 

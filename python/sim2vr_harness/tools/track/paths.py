@@ -26,15 +26,6 @@ from sim2vr_harness.evaluation.replay.recordings import Recording, read_recordin
 from sim2vr_harness.sessions import Session, read_session
 from sim2vr_harness.sessions.state_log import StateLog, read_state_log
 
-__all__ = [
-    "FRAMES",
-    "Frame",
-    "RecordedPath",
-    "first_of_play",
-    "read_paths",
-    "read_table_of_poses",
-]
-
 FloatArray = NDArray[np.float64]
 Frame = Literal["app", "openxr"]
 

@@ -11,8 +11,6 @@ from sim2vr_harness.users import Body
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 from sim2vr_harness.users.kinematics.inverse import solve
 
-__all__ = ["REACHED_M", "beyond_reach_m", "posture_at"]
-
 FloatArray = NDArray[np.float64]
 
 REACHED_M = 0.01

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from sim2vr_harness.client.frames import pose_to_app, pose_to_mujoco, position_to_mujoco
 from sim2vr_harness.tools.track.paths import RecordedPath
 
-__all__ = ["Placement", "estimated_stature_m", "head_height_m", "place"]
-
 FloatArray = NDArray[np.float64]
 
 EYE_SHARE = 0.936

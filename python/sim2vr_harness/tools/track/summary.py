@@ -8,8 +8,6 @@ from sim2vr_harness.tools.track.postures import REACHED_M
 from sim2vr_harness.tools.track.registration import STANDING_M, head_height_m
 from sim2vr_harness.tools.track.tracking import Tracked
 
-__all__ = ["facts_of", "hand_rows", "muscle_rows", "outcome_rows"]
-
 _CUT_SHORT_M = 0.05
 """Hands that are farther off in one of twenty steps miss what is struck at."""
 

@@ -26,8 +26,6 @@ from sim2vr_harness.tools.track.registration import (
 from sim2vr_harness.tools.track.tracking_controller import Followed, follow, wanted_of
 from sim2vr_harness.users import Body, UserBatch
 
-__all__ = ["HandError", "MuscleLoad", "Tracked", "TrackingSettings", "track"]
-
 FloatArray = NDArray[np.float64]
 _PERCENT = 0.95
 

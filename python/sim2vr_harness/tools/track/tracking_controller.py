@@ -23,8 +23,6 @@ from sim2vr_harness.tools.track.registration import Placement
 from sim2vr_harness.tools.track.trajectory_optimisation import AHEAD, Refinement
 from sim2vr_harness.users import UserBatch
 
-__all__ = ["WARM_UP_S", "Followed", "Pass", "Wanted", "follow", "wanted_of"]
-
 FloatArray = NDArray[np.float64]
 
 WARM_UP_S = 1.5

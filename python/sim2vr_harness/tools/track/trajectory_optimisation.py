@@ -26,8 +26,6 @@ from sim2vr_harness.tools.track.linearisation import (
 from sim2vr_harness.users import Body, UserBatch
 from sim2vr_harness.world_models.actuator_state import ActuatorState
 
-__all__ = ["AHEAD", "Refinement", "least_within"]
-
 FloatArray = NDArray[np.float64]
 
 AHEAD = 6

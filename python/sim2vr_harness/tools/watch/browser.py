@@ -22,8 +22,6 @@ from sim2vr_harness.tools.watch.frames import Hands, Playlist, ViewerFrame
 from sim2vr_harness.tools.watch.playback import SPEEDS, Playback
 from sim2vr_harness.tools.watch.shapes import Poser, body_shapes
 
-__all__ = ["Viewer", "ViewerStage"]
-
 _LAST_EVENTS = 8
 _MOST_WANTED = 100
 """Presses that wait for the next moment; more of them are dropped."""

@@ -9,8 +9,6 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-__all__ = ["MAX_BYTES", "Malformed", "Offers"]
-
 MAX_BYTES = 64 * 1024
 """Longest message; a page's longest is a camera, of less than 1 KiB."""
 _UNIT_TOLERANCE = 0.01

@@ -6,8 +6,6 @@ from collections.abc import Iterator
 
 from sim2vr_harness.tools.watch.frames import Playlist, ViewerFrame
 
-__all__ = ["SPEEDS", "Playback"]
-
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 
 

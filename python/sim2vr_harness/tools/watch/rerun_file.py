@@ -12,8 +12,6 @@ from sim2vr_harness.base.optional import needed
 from sim2vr_harness.tools.watch.frames import Playlist, ViewerFrame
 from sim2vr_harness.tools.watch.shapes import Poser, body_shapes
 
-__all__ = ["write_rerun"]
-
 
 def write_rerun(
     show: Playlist, file: Path, *, on_progress: Callable[[float], None] = lambda time_s: None

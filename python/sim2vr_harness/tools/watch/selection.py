@@ -13,8 +13,6 @@ from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.tools.users import environment_of
 from sim2vr_harness.tools.watch.frames import Playlist, person_show, recorded_show, user_show
 
-__all__ = ["choose"]
-
 
 def choose(
     run: str | None,

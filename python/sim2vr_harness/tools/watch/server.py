@@ -18,8 +18,6 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.tools.gate import HEADERS, Gate, Refused
 from sim2vr_harness.tools.watch.offers import MAX_BYTES, Malformed, Offers
 
-__all__ = ["MAX_CLIENTS", "open_server", "share"]
-
 MAX_CLIENTS = 16
 _FULL = f"{MAX_CLIENTS} pages are open, expected fewer: close one of them, then try again."
 _QUIET = logging.getLogger(__name__)

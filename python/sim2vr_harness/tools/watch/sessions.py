@@ -26,8 +26,6 @@ from sim2vr_harness.sessions import Session
 from sim2vr_harness.sessions.replay import replay_session
 from sim2vr_harness.tools.watch.frames import Counters, Playlist, ViewerFrame, look
 
-__all__ = ["beside", "session_show"]
-
 _HZ = 20.0
 """Moments per second that are kept of a session."""
 _BESIDE_M = 1.2

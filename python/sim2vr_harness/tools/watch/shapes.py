@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.users import Body
 
-__all__ = ["BodyShape", "Poser", "Posture", "body_shapes"]
-
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 

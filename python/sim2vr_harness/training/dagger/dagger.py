@@ -36,15 +36,6 @@ from sim2vr_harness.runs.migration import with_new_tensor_names
 from sim2vr_harness.training.replay import ReplayStore
 from sim2vr_harness.training.run.episode_stats import episode_means
 
-__all__ = [
-    "CHECKPOINT_ROUNDS",
-    "COLLECTED",
-    "PICTURE_FILES",
-    "Expert",
-    "Student",
-    "StudentProgress",
-]
-
 STATE_FORMAT = 4
 PICTURE_FILES = "frames.*.bin"
 """Files of what the student has seen, the star being the sense's key."""

@@ -17,8 +17,6 @@ from sim2vr_harness.policies.state_actor_critic import load_teacher
 from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher.env import game_of, privileged_senses
 
-__all__ = ["TeacherExpert", "proprioception_scale", "seen_at"]
-
 _FARTHEST = 3.0
 """Deviations from the mean at which numbers are cut."""
 _TARGET_FIELDS = ("present", "x_m", "y_m", "z_m")

@@ -13,8 +13,6 @@ from sim2vr_harness.policies.hierarchical.frame_history import FrameHistory
 from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, PrimitiveController
 from sim2vr_harness.training.dagger.expert import proprioception_scale
 
-__all__ = ["OptionExpert"]
-
 _UNIT_M = 0.4
 
 

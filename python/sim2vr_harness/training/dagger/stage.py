@@ -34,8 +34,6 @@ from sim2vr_harness.training.dagger.dagger import (
 from sim2vr_harness.training.run.progress import View
 from sim2vr_harness.training.run.stage import Callbacks
 
-__all__ = ["StudentStage"]
-
 _POLICY, _STATE, _LOG = "policy.pt", "state.pt", "metrics.jsonl"
 
 

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from sim2vr_harness.training.model_based.task import Task
 from sim2vr_harness.world_models.transitions import TransitionStore
 
-__all__ = ["collect"]
-
 _KEPT = (0.0, 0.6, 0.9)
 """Proportion of random noise that lasts from one user step to the next; drawn per user."""
 _RETURN = 0.3

@@ -26,8 +26,6 @@ from sim2vr_harness.world_models.person_features import ImaginedPersons
 from sim2vr_harness.world_models.rollout_env import ImaginedUsers
 from sim2vr_harness.world_models.transitions import TransitionStore
 
-__all__ = ["CycleReport", "GameTask", "GameTrainer", "game_trainer"]
-
 _NEAR_M = 0.12
 """Farthest that a near start is from a good start of an action."""
 _RANDOM_SECONDS = 1.0

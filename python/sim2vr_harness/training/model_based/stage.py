@@ -24,8 +24,6 @@ from sim2vr_harness.training.run.progress import View
 from sim2vr_harness.training.run.stage import Callbacks
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 
-__all__ = ["CycleStage", "ImaginedStage"]
-
 _STATE, _LOG = "state.pt", "cycles.jsonl"
 
 

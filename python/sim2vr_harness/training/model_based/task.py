@@ -17,8 +17,6 @@ from sim2vr_harness.world_models.learning_device import Part
 from sim2vr_harness.world_models.rollout_env import ImaginedUsers
 from sim2vr_harness.world_models.transitions import TransitionStore
 
-__all__ = ["Task"]
-
 
 class Task(ABC):
     """A game model's rounds, or goals of hands.

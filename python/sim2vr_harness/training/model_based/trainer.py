@@ -19,8 +19,6 @@ from sim2vr_harness.world_models.transitions import KEPT_CYCLES, TransitionStore
 from sim2vr_harness.world_models.value_function import ValueFunction
 from sim2vr_harness.world_models.weight_average import WeightAverage
 
-__all__ = ["ModelBasedTrainer", "OnProgress", "value_function"]
-
 STATE_FORMAT = 8
 _PLAYED, _FITTED = 0.2, 0.4
 """Proportions of a cycle's time that are over after collecting, and after fitting."""

@@ -9,8 +9,6 @@ from torch import Tensor
 from sim2vr_harness.policies.hierarchical.action_selection import ActionSelector, OptionScene
 from sim2vr_harness.policies.hierarchical.depth_grid import CELL_PX
 
-__all__ = ["Exploration"]
-
 _TRY_STEPS = (6, 16)
 """How long a random try is seen through, user steps."""
 _PULL_STEPS = 24

@@ -42,8 +42,6 @@ from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.training.ppo.ppo import PPO
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
 
-__all__ = ["Snapshot", "load_moment", "require_finite_learner", "restore", "take"]
-
 
 @dataclass(frozen=True)
 class Snapshot:

@@ -15,8 +15,6 @@ from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import TrainingConfig, apply_overrides, parse_config
 
-__all__ = ["adapting", "user_to_adapt"]
-
 _NOT_ITS_OWN = ("teacher", "student", "skills")
 """Of stages that it does not have."""
 

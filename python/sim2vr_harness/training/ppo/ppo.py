@@ -20,8 +20,6 @@ from sim2vr_harness.training.ppo.rollout_buffer import FrameRolloutBuffer
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
 from sim2vr_harness.training.run.episode_stats import episode_means
 
-__all__ = ["PPO", "LearningRate", "build", "new_learner"]
-
 
 class LearningRate:
     """Constant for the first part of the training, then linear to the final value.

@@ -19,8 +19,6 @@ from stable_baselines3.common.buffers import BaseBuffer, DictRolloutBuffer, Roll
 from stable_baselines3.common.type_aliases import DictRolloutBufferSamples
 from stable_baselines3.common.vec_env import VecNormalize
 
-__all__ = ["FrameRolloutBuffer"]
-
 _SMALL = ("actions", "values", "log_probs", "advantages", "returns")
 
 

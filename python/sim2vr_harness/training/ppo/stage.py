@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import torch
 from gymnasium import spaces
 from stable_baselines3.common.logger import Logger
 from torch import nn
@@ -16,24 +15,23 @@ from sim2vr_harness.runs.config import CheckpointConfig
 from sim2vr_harness.runs.ppo_config import PPOConfig
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.training.ppo import checkpoint, ppo
+from sim2vr_harness.training.ppo.checkpointed import CheckpointedStage
 from sim2vr_harness.training.ppo.rollout_buffer import buffer_bytes
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
 from sim2vr_harness.training.run.callbacks import CheckpointCallback, ProgressCallback
 from sim2vr_harness.training.run.progress import TrainingProgress
 from sim2vr_harness.training.run.stage import Callbacks
 
-__all__ = ["PPOStage"]
-
 NOT_EXACT = "--resume starts new rounds, since this app cannot save its state."
 
 
-class PPOStage:
+class PPOStage(CheckpointedStage):
     """See :class:`~sim2vr_harness.training.run.stage.Stage`.
 
     Args:
         name: of the stage.
         title: one sentence for people.
-        folder: where checkpoints and ``metrics.jsonl`` go.
+        folder: of the run.
         config: of the learner.
         make_simulation: makes the users.
         build: makes the learner that plays with them.
@@ -42,8 +40,6 @@ class PPOStage:
         stop: user steps after which the stage ends, rounded up to whole iterations.
         checkpoints: how often, and how many are kept.
     """
-
-    unit = "user steps"
 
     def __init__(
         self,
@@ -71,21 +67,6 @@ class PPOStage:
         self._checkpoints: CheckpointCallback | None = None
         self.lost_steps = 0
         """User steps of an unfinished iteration, which resuming takes again."""
-
-    @property
-    def begun(self) -> bool:
-        """See the protocol."""
-        return bool(self.folder.checkpoints())
-
-    @property
-    def finished(self) -> bool:
-        """See the protocol."""
-        return self.begun and self.folder.step >= self.stop
-
-    @property
-    def saved(self) -> str:
-        """See the protocol."""
-        return f"step {self.folder.step:,} of {self.stop:,}" if self.begun else ""
 
     def open(self) -> None:
         """See the protocol."""
@@ -158,12 +139,8 @@ class PPOStage:
 
     def close(self) -> None:
         """See the protocol."""
-        if self._env is not None:
-            self._env.close()
-        self._env = self._model = self._checkpoints = None
-
-    def tidy(self) -> None:
-        """See the protocol; checkpoints are kept."""
+        super().close()
+        self._checkpoints = None
 
     def _greet(self, callbacks: Callbacks, progress: TrainingProgress) -> None:
         model, env = self._model, self._env
@@ -187,13 +164,7 @@ class PPOStage:
             f"Observations of one iteration: {memory:,.0f} MiB. Ctrl-C saves and stops; "
             + ("--resume continues exactly." if exact else NOT_EXACT)
         )
-        callbacks.note(
-            start_step=progress.start_step,
-            device=str(model.device),
-            renderer=renderer,
-            torch_threads=torch.get_num_threads(),
-            parameters=sum(parameter.numel() for parameter in model.policy.parameters()),
-        )
+        self._note(callbacks, model, progress.start_step, renderer)
 
 
 def _note(progress: TrainingProgress, file: Any) -> None:

@@ -16,8 +16,6 @@ from sim2vr_harness.envs.checks import checked_options, checked_seeds, checked_u
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.envs.protocols import SimulationLike
 
-__all__ = ["SimulationVecEnv"]
-
 _SUMS = ("game_reward", "effort_cost")
 
 

@@ -20,8 +20,6 @@ from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
 from sim2vr_harness.training.run.progress import Phase, TrainingProgress
 from sim2vr_harness.training.run.stage import Callbacks
 
-__all__ = ["CheckpointCallback", "ProgressCallback"]
-
 
 class CheckpointCallback(BaseCallback):
     """Remembers the moment between two iterations and writes it when it is due.

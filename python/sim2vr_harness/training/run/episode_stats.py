@@ -9,8 +9,6 @@ import numpy as np
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.runs.run_folder import metric_key
 
-__all__ = ["episode_means"]
-
 
 def episode_means(episodes: list[dict[str, Any]], facts: GameFacts) -> dict[str, float]:
     """Return the means of finished episodes' values, keyed as :func:`metric_key` says.

@@ -15,8 +15,6 @@ from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.training.run.progress import duration
 from sim2vr_harness.training.run.stage import Stage
 
-__all__ = ["device_of", "expected_seconds", "plan_lines"]
-
 _SORTING_S = 0.74e-3
 """Processor time of :func:`slowness`'s sorting on the core that the figures below are from, an AMD
 EPYC; `whacamole_constrained_distill` was measured."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 import uuid
 from collections.abc import Mapping
@@ -12,11 +11,9 @@ from typing import Any
 
 from stable_baselines3.common.logger import KVWriter, Logger
 
-from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.optional import needed
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder, append_row
-
-__all__ = ["make_logger", "require_wandb", "silent_logger"]
 
 
 def _numbers(values: Mapping[str, Any]) -> dict[str, float]:
@@ -106,14 +103,7 @@ def require_wandb() -> Any:
     Raises:
         InputError: It is not installed.
     """
-    try:
-        return importlib.import_module("wandb")
-    except ImportError as error:
-        raise InputError(
-            "wandb.enabled",
-            "true, but the package wandb is not installed",
-            "pip install 'sim2vr-harness[wandb]' first, or wandb.enabled=false",
-        ) from error
+    return needed("wandb", "wandb", "wandb.enabled")
 
 
 def make_logger(config: TrainingConfig, folder: RunFolder, start_step: int) -> Logger:

@@ -10,8 +10,6 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.training.ppo.rollout_buffer import buffer_bytes
 
-__all__ = ["keep_freed_memory", "require_memory"]
-
 USER_BYTES = 100_000
 """At least so much for a user's body and app (docs/reference/performance.md)."""
 

@@ -27,8 +27,6 @@ from sim2vr_harness.training.run.stage import Stage
 from sim2vr_harness.training.sac.stage import SACStage
 from sim2vr_harness.training.teacher.stage import TeacherStage
 
-__all__ = ["RECIPES", "MakeSimulation", "Run", "stages_of"]
-
 MakeSimulation = Callable[[TrainingConfig], SimulationLike]
 """Makes the users to train with: ``config.ppo.n_envs`` of them."""
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from types import TracebackType
 from typing import Self
 
 from rich.console import Console, Group, RenderableType
@@ -16,8 +15,6 @@ from rich.text import Text
 
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.runs.run_folder import metric_key
-
-__all__ = ["Phase", "StageDisplay", "TrainingProgress", "View", "duration"]
 
 PLAIN_INTERVAL_S = 15.0
 
@@ -246,12 +243,7 @@ class StageDisplay:
             self._live.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._live is not None:
             self._live.stop()
 

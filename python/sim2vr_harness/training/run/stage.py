@@ -19,8 +19,6 @@ from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.training.run.progress import StageDisplay, View
 from sim2vr_harness.training.run.stopwatch import Stopwatch
 
-__all__ = ["Callbacks", "Report", "Stage", "StageOutcome", "StageStopped", "run_stages", "say_line"]
-
 
 class StageStopped(Exception):
     """The ``stop`` callback requested the end of the training."""

@@ -18,15 +18,6 @@ from sim2vr_harness import __version__
 from sim2vr_harness.runs.checkpoint import FORMAT, RESUME, random_state
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
 
-__all__ = [
-    "archive",
-    "buffer_arrays",
-    "learner_state",
-    "load_buffer",
-    "load_learner_state",
-    "npz",
-]
-
 
 def _optimizers(model: SAC) -> dict[str, torch.optim.Optimizer]:
     found = {"actor": model.actor.optimizer, "critic": model.critic.optimizer}

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import stable_baselines3
-import torch
 from gymnasium import spaces
 
 from sim2vr_harness.base.errors import InputError, UnusableFile, closest, shown
@@ -38,6 +37,7 @@ from sim2vr_harness.runs.checkpoint import (
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder, write_atomically
 from sim2vr_harness.training.ppo.checkpoint import load_moment
+from sim2vr_harness.training.ppo.checkpointed import CheckpointedStage
 from sim2vr_harness.training.ppo.rollout_buffer import buffer_bytes
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
 from sim2vr_harness.training.run.callbacks import ProgressCallback
@@ -53,8 +53,6 @@ from sim2vr_harness.training.sac.checkpoint import (
     load_learner_state,
     npz,
 )
-
-__all__ = ["SACStage", "checked_arguments"]
 
 _RANGES: dict[str, tuple[float, float]] = {
     "learning_rate": (0.0, 1.0),
@@ -129,7 +127,7 @@ class _SAC(stable_baselines3.SAC):
         return self._means[1]
 
 
-class SACStage:
+class SACStage(CheckpointedStage):
     """See :class:`~sim2vr_harness.training.run.stage.Stage`.
 
     Args:
@@ -142,7 +140,7 @@ class SACStage:
         InputError: ``sac`` holds what SAC does not take.
     """
 
-    name, title, unit = "sac", "SAC from what the user senses.", "user steps"
+    name, title = "sac", "SAC from what the user senses."
 
     def __init__(
         self,
@@ -163,21 +161,6 @@ class SACStage:
         """Whether the learner is between two iterations, so that it can be saved."""
         self.lost_steps = 0
         """User steps since the newest checkpoint, which resuming takes again."""
-
-    @property
-    def begun(self) -> bool:
-        """See the protocol."""
-        return bool(self.folder.checkpoints())
-
-    @property
-    def finished(self) -> bool:
-        """See the protocol."""
-        return self.begun and self.folder.step >= self.stop
-
-    @property
-    def saved(self) -> str:
-        """See the protocol."""
-        return f"step {self.folder.step:,} of {self.stop:,}" if self.begun else ""
 
     def open(self) -> None:
         """See the protocol."""
@@ -245,13 +228,8 @@ class SACStage:
 
     def close(self) -> None:
         """See the protocol."""
-        if self._env is not None:
-            self._env.close()
-        self._env = self._model = None
+        super().close()
         self.consistent = False
-
-    def tidy(self) -> None:
-        """See the protocol; checkpoints are kept."""
 
     def _greet(self, callbacks: Callbacks, model: _SAC, env: SimulationVecEnv) -> None:
         start, space = model.num_timesteps, env.observation_space
@@ -264,13 +242,7 @@ class SACStage:
             f"{2 * buffer_bytes(space, model.buffer_size) / 2**20:,.0f} MiB. Ctrl-C saves and "
             + ("stops; --resume continues exactly." if exact else "stops; --resume starts rounds.")
         )
-        callbacks.note(
-            start_step=start,
-            device=str(model.device),
-            renderer=renderer,
-            torch_threads=torch.get_num_threads(),
-            parameters=sum(weight.numel() for weight in model.policy.parameters()),
-        )
+        self._note(callbacks, model, start, renderer)
 
     # --- checkpoints ----------------------------------------------------------------------------
 

@@ -21,8 +21,6 @@ from sim2vr_harness.games import ImaginedCondition, ImaginedGame, imagined_game,
 from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher.initial_states import InitialStates, find_start_postures
 
-__all__ = ["TeacherSimulation", "blind_env", "game_of", "privileged_senses"]
-
 _FAIL_RATE_MEMORY = 0.97
 _FAILING_CELLS = 0.3
 """Proportion of spawns that follow the cells' fail rates; most are uniform, as in the true game."""

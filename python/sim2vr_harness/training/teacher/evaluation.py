@@ -16,8 +16,6 @@ from sim2vr_harness.policies.state_actor_critic import TeacherPolicy
 from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher.env import blind_env, game_of, privileged_senses
 
-__all__ = ["TeacherScore", "describe", "evaluate_teacher"]
-
 
 @dataclass(frozen=True)
 class TeacherScore:

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.games import ImaginedGame
 
-__all__ = ["InitialStates", "find_start_postures", "joint_box"]
-
 FloatArray = NDArray[np.float64]
 
 _SPREAD = 0.25

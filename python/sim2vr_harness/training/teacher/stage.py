@@ -21,8 +21,6 @@ from sim2vr_harness.training.run.stage import Callbacks
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 from sim2vr_harness.training.teacher.evaluation import describe, evaluate_teacher
 
-__all__ = ["TeacherStage"]
-
 _EVALUATE_ROUNDS = 4
 """Rounds per condition that judge a trained teacher, by the true rules and with its stochastic
 policy; 0: none."""

@@ -8,8 +8,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
-__all__ = ["allow_package", "folder_of_package", "is_known", "origin_of", "package_of_models"]
-
 _KNOWN = {"myo_sim": "pip install 'sim2vr-harness[myo]'"}
 """Packages that this one's own bodies come from, and how each is installed."""
 

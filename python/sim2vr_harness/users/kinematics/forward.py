@@ -14,8 +14,6 @@ from sim2vr_harness.users import Body
 from sim2vr_harness.users.bodies.spec_body import polynomial
 from sim2vr_harness.users.name_errors import unknown_name
 
-__all__ = ["Linkage", "Point"]
-
 FloatArray = NDArray[np.float64]
 
 _EYE = np.eye(3)
@@ -212,7 +210,8 @@ def _rotations(joint: _Joint, angle: FloatArray) -> FloatArray:
     return turns
 
 
-def _matrix(quat: Sequence[float] | FloatArray) -> FloatArray:
+def rotation_matrix(quat: Sequence[float] | FloatArray) -> FloatArray:
+    """(3, 3) of a quaternion w x y z."""
     matrix = np.empty(9)
     mujoco.mju_quat2Mat(matrix, np.asarray(quat, dtype=np.float64))
     return matrix.reshape(3, 3)
@@ -224,7 +223,7 @@ def _part(model: mujoco.MjModel, name: str) -> tuple[int, FloatArray, FloatArray
     bodies = [model.body(i).name for i in range(model.nbody)]
     if name in sites:
         site = model.site(name)
-        return int(site.bodyid[0]), np.array(site.pos), _matrix(site.quat)
+        return int(site.bodyid[0]), np.array(site.pos), rotation_matrix(site.quat)
     if name in bodies:
         return int(model.body(name).id), np.zeros(3), np.eye(3)
     raise ValueError(unknown_name("point", name, [part for part in (*sites, *bodies) if part]))
@@ -246,6 +245,7 @@ def _links(model: mujoco.MjModel, body: int) -> list[_Link]:
             for j in range(first, first + count)
             if int(model.jnt_type[j]) in (_HINGE, _SLIDE)
         )
-        links.append(_Link(np.array(model.body_pos[body]), _matrix(model.body_quat[body]), joints))
+        axes = rotation_matrix(model.body_quat[body])
+        links.append(_Link(np.array(model.body_pos[body]), axes, joints))
         body = int(model.body_parentid[body])
     return links[::-1]

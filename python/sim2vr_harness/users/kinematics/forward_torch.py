@@ -12,9 +12,6 @@ from torch import Tensor, nn
 
 from sim2vr_harness.users import Body
 
-__all__ = ["Chain", "Chains"]
-
-
 Reference = tuple[tuple[float, ...], Body]
 """Sizes of a person, and the body that has them."""
 

@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.users.kinematics.forward import Linkage
 
-__all__ = ["CLOSE_M", "solve"]
-
 FloatArray = NDArray[np.float64]
 
 CLOSE_M = 1e-3
@@ -31,21 +29,17 @@ def solve(
 ) -> tuple[FloatArray, FloatArray]:
     """Bring the point as near to places as the joints' limits let it, from postures near by.
 
-    Levenberg-Marquardt steps; a joint at its limit that would go on is left out of a step.
-
     Args:
         linkage: moves the point; one of a :class:`.StackedLinkage` has B rows.
         places: (B, 3) MuJoCo's world, m.
         start: (B, K) angles.
-        iterations: at most.
         close_m: nearer than this is near enough.
         gain_m: who gets nearer by less than this four times is as near as it gets.
 
     Returns:
         Angles (B, K) within the limits, and how far the point then is from its place, (B,) m.
     """
-    low, high = np.moveaxis(linkage.limits, -1, 0)
-    q = np.clip(start, low, high)
+    q = np.clip(start, *np.moveaxis(linkage.limits, -1, 0))
     place, slope = linkage.place_and_slope(q)
     error = places - place
     distance = np.linalg.norm(error, axis=1)
@@ -53,19 +47,17 @@ def solve(
     going = distance > close_m
     rows, part = np.arange(len(q)), linkage
     for _ in range(iterations):
-        left = np.count_nonzero(going)
-        if not left:
+        if not going.any():
             break
-        if left < _KEPT * len(rows):  # to take rows out costs as much as some more of them
+        if going.sum() < _KEPT * len(rows):  # to take rows out costs as much as some more of them
             rows = np.flatnonzero(going)
             part = linkage.take(rows)
-        low, high = np.moveaxis(part.limits, -1, 0)
-        tried = _tried(q[rows], slope[rows], error[rows], damping[rows], low, high)
+        tried = _tried(q[rows], slope[rows], error[rows], damping[rows], part.limits)
         place, new_slope = part.place_and_slope(tried)
         new_error = places[rows] - place
         new_distance = np.linalg.norm(new_error, axis=1)
         gain = distance[rows] - new_distance
-        better = (new_distance < distance[rows]) & going[rows]
+        better = (gain > 0.0) & going[rows]
         won = rows[better]
         q[won], slope[won] = tried[better], new_slope[better]
         error[won], distance[won] = new_error[better], new_distance[better]
@@ -82,10 +74,13 @@ def _tried(
     slope: FloatArray,
     error: FloatArray,
     damping: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
+    limits: FloatArray,
 ) -> FloatArray:
-    """Postures (B, K) after a step; joints that the first try takes to a limit stay there."""
+    """Postures (B, K) after a Levenberg-Marquardt step.
+
+    Joints at a limit that would go on are left out; those that the first try takes to one stay.
+    """
+    low, high = np.moveaxis(limits, -1, 0)
     pull = np.einsum("bxk,bx->bk", slope, error)
     free = ~(((q <= low) & (pull < 0.0)) | ((q >= high) & (pull > 0.0)))
     first = q + _step(slope * free[:, None, :], error, damping)

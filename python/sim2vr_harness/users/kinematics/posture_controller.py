@@ -19,8 +19,6 @@ from sim2vr_harness.users.bodies.rules import Motor
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 from sim2vr_harness.users.kinematics.reach_controller import ReachController
 
-__all__ = ["FoundPosture", "PostureController"]
-
 FloatArray = NDArray[np.float64]
 
 _PLACE_PER_M, _AIM_PER_RAD = 20.0, 30.0

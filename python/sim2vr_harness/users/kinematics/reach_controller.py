@@ -17,8 +17,6 @@ from scipy.optimize import lsq_linear
 from sim2vr_harness.users.actuation import Actuation
 from sim2vr_harness.users.bodies.body import Body
 
-__all__ = ["ReachController"]
-
 FloatArray = NDArray[np.float64]
 
 _STIFFNESS_N_M = 250.0

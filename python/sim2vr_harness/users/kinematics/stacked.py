@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.users.kinematics.forward import Linkage, _Joint, _Link
 
-__all__ = ["StackedLinkage"]
-
 FloatArray = NDArray[np.float64]
 
 RAY = "ray"

@@ -330,10 +330,11 @@ def test_weights_and_biases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 def test_random_state_is_put_back() -> None:
     torch.manual_seed(1)
     np.random.seed(1)  # noqa: NPY002
-    with checkpoint.preserved_random_state():
-        inside = torch.rand(2), np.random.rand(2)  # noqa: NPY002
-    assert torch.equal(torch.rand(2), inside[0])
-    assert np.array_equal(np.random.rand(2), inside[1])  # noqa: NPY002
+    before = checkpoint.random_state()
+    drawn = torch.rand(2), np.random.rand(2)  # noqa: NPY002
+    checkpoint.set_random_state(*before)
+    assert torch.equal(torch.rand(2), drawn[0])
+    assert np.array_equal(np.random.rand(2), drawn[1])  # noqa: NPY002
 
 
 def test_episode_means_by_hand() -> None:

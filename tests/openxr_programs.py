@@ -1,16 +1,30 @@
-"""Programs that speak as the OpenXR runtime does inside a program, without OpenXR."""
+"""Programs that the tests play: unmodified ones, and some that speak as the runtime inside them."""
 
 from __future__ import annotations
 
 import json
+import os
+import shutil
 import stat
+import subprocess
 import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
-from sim2vr_harness.client import AppPlace, AppsWanted, DevicePoses, OpenXRApp, transport_named
+from sim2vr_harness.client import (
+    AppPlace,
+    AppRefused,
+    AppsWanted,
+    DevicePoses,
+    OpenXRApp,
+    transport_named,
+)
+from sim2vr_harness.client.openxr import find_runtime
 
 SPEAKER = r"""
 import json, mmap, os, socket, struct, sys, time
@@ -140,3 +154,57 @@ def hands(height_m: float = 1.1, trigger: float = 0.0) -> DevicePoses:
     head = np.array([0.0, 1.2, 0.0, 0.0, 0.0, 0.0, 1.0])
     hand = np.array([0.2, height_m, 0.4, 0.0, 0.0, 0.0, 1.0])
     return DevicePoses(head, hand, right_inputs=inputs)
+
+
+# --- unmodified programs ---------------------------------------------------------------------
+
+EXAMPLES = Path(__file__).parents[1] / "docs" / "examples" / "openxr"
+PYTHON = os.environ.get("SIM2VR_OPENXR_PYTHON", sys.executable)
+
+
+@dataclass(frozen=True)
+class Played:
+    """A program, and how it is started."""
+
+    command: tuple[str, ...]
+    needs: str = ""
+    depth: bool = False
+    options: Mapping[str, object] = field(default_factory=dict)
+
+
+QT = {"xvfb": True, "virtual_clock": True}
+TOUCH, LAMPS = (str(EXAMPLES / name / f"{name}.py") for name in ("touch", "lamps"))
+PROGRAMS = {
+    "hello_xr, Vulkan2": Played(("hello_xr", "-g", "Vulkan2")),
+    "hello_xr, Vulkan": Played(("hello_xr", "-g", "Vulkan")),
+    "hello_xr, OpenGL": Played(("hello_xr", "-g", "OpenGL"), options={"xvfb": True}),
+    "pyopenxr": Played((PYTHON, TOUCH, "--seed", "3"), "xr", True),
+    "Qt": Played((PYTHON, LAMPS, "--seed", "3"), "PySide6", True, QT),
+}
+
+
+def has(module: str) -> bool:
+    """Whether the programs' interpreter has a package."""
+    asked = subprocess.run([PYTHON, "-c", f"import {module}"], capture_output=True, check=False)
+    return asked.returncode == 0
+
+
+def playable(found: Played) -> Played:
+    """Skip where the program, or what it needs, is not installed."""
+    try:
+        find_runtime()
+    except AppRefused as error:
+        pytest.skip(str(error))
+    if shutil.which(found.command[0]) is None:
+        pytest.skip(f"no {found.command[0]} (apt-get install libopenxr-utils)")
+    if found.options.get("xvfb") and shutil.which("Xvfb") is None:
+        pytest.skip("no Xvfb")
+    if found.needs and not has(found.needs):
+        pytest.skip(f"{PYTHON} has no {found.needs}; SIM2VR_OPENXR_PYTHON names another Python")
+    return found
+
+
+def opened(played: Played, **settings: object) -> OpenXRApp:
+    settings = {"width": 60, "height": 40, "eyes": 2, "timeout_s": 60.0} | settings
+    settings |= {"start_timeout_s": 60.0, "depth": played.depth, "options": played.options}
+    return open_program(*played.command, **settings)

@@ -82,7 +82,8 @@ int subactionIndex(const Instance& instance, const Action& action, XrPath subact
     throw Failure(XR_ERROR_PATH_UNSUPPORTED,
                   fmt::format("action '{}' was made without '{}'", action.name, text));
   }
-  return handOf(text);
+  const int hand = handOf(text);
+  return hand == 2 ? 3 : hand;
 }
 
 std::shared_ptr<Action> attachedAction(const Session& session, XrAction handle, XrActionType type) {

@@ -18,6 +18,10 @@ inline constexpr auto kSpacesLocateInfoType = static_cast<XrStructureType>(10004
 inline constexpr auto kSpaceLocationsType = static_cast<XrStructureType>(1000471001);
 inline constexpr auto kSpaceVelocitiesType = static_cast<XrStructureType>(1000471002);
 
+/// Results that 1.1 took over from extensions.
+inline constexpr auto kDependencyNotEnabled = static_cast<XrResult>(-1000710001);
+inline constexpr auto kPermissionInsufficient = static_cast<XrResult>(-1000710000);
+
 struct SpacesLocateInfo {
   XrStructureType type;
   const void* next;

@@ -27,7 +27,8 @@ std::vector<SuggestedBinding> checkedBindings(const Instance& instance, const Pr
     const XrActionSuggestedBinding& each = info.suggestedBindings[i];
     auto action = get<Action>(each.action, "suggestedBindings[i].action");
     const std::string& text = pathText(instance, each.binding, "suggestedBindings[i].binding");
-    if (profile.find(text) == nullptr) {
+    const bool since_11 = text.ends_with("/grip_surface/pose");
+    if (profile.find(text) == nullptr || (since_11 && instance.version < kVersion11)) {
       throw Failure(XR_ERROR_PATH_UNSUPPORTED, fmt::format("{} has no '{}'", profile.path, text));
     }
     if (action->set->attached) {

@@ -1,4 +1,6 @@
 // xrWaitFrame, xrBeginFrame, xrEndFrame.
+#include <algorithm>
+
 #include "calls.hpp"
 #include "check.hpp"
 #include "gate.hpp"
@@ -63,7 +65,9 @@ XrResult XRAPI_CALL calls::xrWaitFrame(XrSession session, const XrFrameWaitInfo*
     ++self->loop.waited_frames;
     if (frame) show(*self);
     const XrDuration period = self->instance->config.period_ns();
-    state.predictedDisplayTime = frame ? frame->time : self->now() + period;
+    // Frames of a session that stops have later times, too.
+    state.predictedDisplayTime =
+        frame ? frame->time : self->now() + period * std::max(self->frames_after_stop, 1U);
     state.predictedDisplayPeriod = period;
     state.shouldRender = self->state == XR_SESSION_STATE_VISIBLE || self->focused();
     expect(*self, "xrBeginFrame", "xrBeginFrame did not follow xrWaitFrame");

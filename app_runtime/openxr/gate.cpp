@@ -139,7 +139,8 @@ std::optional<Frame> lockstepFrame(Session& session, Lock& lock) {
 /// Empty frames at the display's pace while the program takes its leave.
 std::optional<Frame> stoppingFrame(Session& session, Lock& lock) {
   const XrDuration period = session.instance->config.period_ns();
-  if (session.harness_gone && ++session.frames_after_stop * period > kGrace_ns) {
+  ++session.frames_after_stop;
+  if (session.harness_gone && session.frames_after_stop * period > kGrace_ns) {
     lose(session);
     requireAlive(session);
   }
@@ -178,6 +179,12 @@ std::optional<Frame> nextFrame(Session& session, Lock& lock) {
   }
   track(session, *frame);
   return frame;
+}
+
+void runHeadless(Session& session) {
+  if (session.instance->harness) return;
+  track(session, {monotonic_ns() + session.instance->config.period_ns(), standing()});
+  show(session);
 }
 
 void frameDone(Session& session, const XrFrameEndInfo* info) {

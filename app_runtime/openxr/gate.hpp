@@ -9,6 +9,10 @@ namespace sim2vr::openxr {
 /// session stops (quit, or the harness is gone).
 std::optional<Frame> nextFrame(Session& session, Lock& lock);
 
+/// In real time a headless session needs no frames: it is focused and tracked as soon as it runs.
+/// In lockstep only frames bring it time.
+void runHeadless(Session& session);
+
 /// A frame was ended, or discarded (nullptr): the last one of a step answers it in strict lockstep.
 void frameDone(Session& session, const XrFrameEndInfo* info);
 

@@ -284,14 +284,25 @@ class GlGraphics final : public Graphics {
     return std::make_unique<GlImages>(device_, info);
   }
 
-  void readColor(const ImagePart& part, std::uint32_t width, std::uint32_t height,
-                 std::span<std::uint8_t> rgba) override {
-    showColor(read(part), width, height, rgba);
-  }
+  /// Reads the part into `staging_`. The state of the program's context is as before.
+  PixelView read(const ImagePart& part) override {
+    const auto& images = static_cast<const GlImages&>(*part.images);
+    const auto width = static_cast<std::uint32_t>(part.rect.extent.width);
+    const auto height = static_cast<std::uint32_t>(part.rect.extent.height);
+    staging_.resize(std::size_t{width} * height * pixelBytes(images.format.pixels));
 
-  void readDepth(const ImagePart& part, std::uint32_t width, std::uint32_t height,
-                 std::span<float> depth) override {
-    showDepth(read(part), width, height, depth);
+    const Turn turn(*device_->context);
+    const ReadState state(*device_);
+    const GlFunctions& gl = device_->gl;
+    gl.BindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer_);
+    images.attach(GL_READ_FRAMEBUFFER, part.index, part.layer);
+    if (images.samples > 1) {
+      resolveAndRead(images, part.rect);
+    } else {
+      readPixels(images.format, part.rect);
+    }
+    gl.FramebufferTexture2D(GL_READ_FRAMEBUFFER, images.format.attachment, GL_TEXTURE_2D, 0, 0);
+    return {images.format.pixels, staging_.data(), width, height, true};
   }
 
  private:
@@ -332,27 +343,6 @@ class GlGraphics final : public Graphics {
           fmt::format("an image of {} x {} x {} is too large, expected at most {} x {} x {}",
                       info.width, info.height, info.arraySize, max_size_, max_size_, max_layers_));
     }
-  }
-
-  /// Reads the part into `staging_`. The state of the program's context is as before.
-  PixelView read(const ImagePart& part) {
-    const auto& images = static_cast<const GlImages&>(*part.images);
-    const auto width = static_cast<std::uint32_t>(part.rect.extent.width);
-    const auto height = static_cast<std::uint32_t>(part.rect.extent.height);
-    staging_.resize(std::size_t{width} * height * pixelBytes(images.format.pixels));
-
-    const Turn turn(*device_->context);
-    const ReadState state(*device_);
-    const GlFunctions& gl = device_->gl;
-    gl.BindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer_);
-    images.attach(GL_READ_FRAMEBUFFER, part.index, part.layer);
-    if (images.samples > 1) {
-      resolveAndRead(images, part.rect);
-    } else {
-      readPixels(images.format, part.rect);
-    }
-    gl.FramebufferTexture2D(GL_READ_FRAMEBUFFER, images.format.attachment, GL_TEXTURE_2D, 0, 0);
-    return {images.format.pixels, staging_.data(), width, height, true};
   }
 
   void readPixels(const GlFormat& format, const XrRect2Di& rect) {

@@ -10,6 +10,7 @@
 #include <string_view>
 
 #include "failure.hpp"
+#include "pixels.hpp"
 
 namespace sim2vr::openxr {
 
@@ -52,16 +53,20 @@ class Graphics {
   /// Sizes, format and flags are checked by the caller. Throws GraphicsError
   /// (XR_ERROR_OUT_OF_MEMORY, XR_ERROR_FEATURE_UNSUPPORTED).
   virtual std::unique_ptr<SwapchainImages> createImages(const XrSwapchainCreateInfo& info) = 0;
-  /// Called once in xrEndFrame with the parts that readColor and readDepth will be asked for, so
+  /// Called once in xrEndFrame with the parts that read() will be asked for, so
   /// that they are fetched together. Reading works without it.
   virtual void prefetch(std::span<const ImagePart> /*parts*/) {}
-  /// Resamples the part (nearest when sizes are equal, else linear) into `rgba`: width x height x
-  /// 4, rows from the top, sRGB-encoded bytes as a screen shows them.
-  virtual void readColor(const ImagePart& part, std::uint32_t width, std::uint32_t height,
-                         std::span<std::uint8_t> rgba) = 0;
-  /// Depth values 0 .. 1 of the part as they are in the image, nearest, rows from the top.
-  virtual void readDepth(const ImagePart& part, std::uint32_t width, std::uint32_t height,
-                         std::span<float> depth) = 0;
+  /// The part's pixels as they are in the image; they stay until the next call.
+  virtual PixelView read(const ImagePart& part) = 0;
+
+  void readColor(const ImagePart& part, std::uint32_t width, std::uint32_t height,
+                 std::span<std::uint8_t> rgba) {
+    showColor(read(part), width, height, rgba);
+  }
+  void readDepth(const ImagePart& part, std::uint32_t width, std::uint32_t height,
+                 std::span<float> depth) {
+    showDepth(read(part), width, height, depth);
+  }
 };
 
 /// A way to draw, found by the extension that the program enabled.

@@ -273,14 +273,22 @@ class VulkanGraphics final : public Graphics {
     device_->submit();
   }
 
-  void readColor(const ImagePart& part, std::uint32_t width, std::uint32_t height,
-                 std::span<std::uint8_t> rgba) override {
-    showColor(read(part), width, height, rgba);
-  }
-
-  void readDepth(const ImagePart& part, std::uint32_t width, std::uint32_t height,
-                 std::span<float> depth) override {
-    showDepth(read(part), width, height, depth);
+  PixelView read(const ImagePart& part) override {
+    const auto find = [&] {
+      return std::find_if(fetched_.begin(), fetched_.end(),
+                          [&](const Fetched& one) { return same(one.part, part); });
+    };
+    auto found = find();
+    if (found == fetched_.end()) {
+      prefetch({&part, 1});
+      found = find();
+    }
+    const std::size_t offset = found->offset;
+    fetched_.erase(found);
+    device_->wait();
+    return {imagesOf(part).format.pixels, device_->staged() + offset,
+            static_cast<std::uint32_t>(part.rect.extent.width),
+            static_cast<std::uint32_t>(part.rect.extent.height), false};
   }
 
  private:
@@ -299,24 +307,6 @@ class VulkanGraphics final : public Graphics {
            a.rect.offset.x == b.rect.offset.x && a.rect.offset.y == b.rect.offset.y &&
            a.rect.extent.width == b.rect.extent.width &&
            a.rect.extent.height == b.rect.extent.height;
-  }
-
-  PixelView read(const ImagePart& part) {
-    const auto find = [&] {
-      return std::find_if(fetched_.begin(), fetched_.end(),
-                          [&](const Fetched& one) { return same(one.part, part); });
-    };
-    auto found = find();
-    if (found == fetched_.end()) {
-      prefetch({&part, 1});
-      found = find();
-    }
-    const std::size_t offset = found->offset;
-    fetched_.erase(found);
-    device_->wait();
-    return {imagesOf(part).format.pixels, device_->staged() + offset,
-            static_cast<std::uint32_t>(part.rect.extent.width),
-            static_cast<std::uint32_t>(part.rect.extent.height), false};
   }
 
   void writesAreForTheCpu(VkCommandBuffer commands, VkBuffer buffer) const {

@@ -92,8 +92,12 @@ const char* structureName(XrStructureType type) {
     return #name;
     XR_LIST_ENUM_XrStructureType(SIM2VR_STRUCTURE)
 #undef SIM2VR_STRUCTURE
-        default : return nullptr;
+        default : break;
   }
+  if (type == kSpacesLocateInfoType) return "XR_TYPE_SPACES_LOCATE_INFO";
+  if (type == kSpaceLocationsType) return "XR_TYPE_SPACE_LOCATIONS";
+  if (type == kSpaceVelocitiesType) return "XR_TYPE_SPACE_VELOCITIES";
+  return nullptr;
 }
 
 }  // namespace

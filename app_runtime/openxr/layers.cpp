@@ -4,14 +4,17 @@
 #include <cmath>
 
 #include "check.hpp"
+#include "session_state.hpp"
 #include "system.hpp"
 
 namespace sim2vr::openxr {
 namespace {
 
 /// The session's swapchain of a sub-image; its rectangle lies inside.
-void checkSubImage(const XrSwapchainSubImage& image, const std::string& name) {
+void checkSubImage(const Session& session, const XrSwapchainSubImage& image,
+                   const std::string& name) {
   const auto swapchain = get<Swapchain>(image.swapchain, "swapchain of a layer");
+  requireOwn(session, swapchain->session.get(), name + ".swapchain");
   if (!swapchain->released) {
     throw Failure(XR_ERROR_LAYER_INVALID, name + ".swapchain has no image that was released");
   }
@@ -38,7 +41,7 @@ void checkDepth(const Session& session, const XrCompositionLayerProjectionView& 
   const auto* depth =
       chained<XrCompositionLayerDepthInfoKHR>(view.next, XR_TYPE_COMPOSITION_LAYER_DEPTH_INFO_KHR);
   if (depth == nullptr) return;
-  checkSubImage(depth->subImage, name + " depth");
+  checkSubImage(session, depth->subImage, name + " depth");
   const auto swapchain = get<Swapchain>(depth->subImage.swapchain, "swapchain of a layer");
   if (!session.graphics->isDepth(swapchain->info.format)) {
     invalid(name + " depth: the swapchain's format holds no depth");
@@ -67,19 +70,20 @@ void checkProjection(const Session& session, const XrCompositionLayerProjection&
     if (!std::isfinite(fov.angleLeft + fov.angleRight + fov.angleUp + fov.angleDown)) {
       invalid(view_name + ".fov is not finite");
     }
-    checkSubImage(view.subImage, view_name + ".subImage");
+    checkSubImage(session, view.subImage, view_name + ".subImage");
     checkDepth(session, view, view_name);
   }
 }
 
-void checkQuad(const XrCompositionLayerQuad& layer, const std::string& name) {
+void checkQuad(const Session& session, const XrCompositionLayerQuad& layer,
+               const std::string& name) {
   requirePose(layer.pose, name + ".pose");
   if (!std::isfinite(layer.size.width + layer.size.height)) invalid(name + ".size is not finite");
   if (layer.eyeVisibility < XR_EYE_VISIBILITY_BOTH ||
       layer.eyeVisibility > XR_EYE_VISIBILITY_RIGHT) {
     invalid(fmt::format("{}.eyeVisibility is {}", name, static_cast<int>(layer.eyeVisibility)));
   }
-  checkSubImage(layer.subImage, name + ".subImage");
+  checkSubImage(session, layer.subImage, name + ".subImage");
 }
 
 }  // namespace
@@ -101,11 +105,12 @@ void checkLayers(const Session& session, const XrFrameEndInfo& info) {
                     fmt::format("{}.type is {}, expected a projection or a quad layer", name,
                                 static_cast<int>(layer.type)));
     }
-    get<Space>(layer.space, "space of a layer");
+    const auto space = get<Space>(layer.space, "space of a layer");
+    requireOwn(session, space->session.get(), name + ".space");
     if (layer.type == XR_TYPE_COMPOSITION_LAYER_PROJECTION) {
       checkProjection(session, reinterpret_cast<const XrCompositionLayerProjection&>(layer), name);
     } else {
-      checkQuad(reinterpret_cast<const XrCompositionLayerQuad&>(layer), name);
+      checkQuad(session, reinterpret_cast<const XrCompositionLayerQuad&>(layer), name);
     }
   }
 }

@@ -49,9 +49,10 @@ struct Action final : Object {
   std::string name, localized_name;
   XrActionType type = XR_ACTION_TYPE_BOOLEAN_INPUT;
   std::vector<XrPath> subactions;
-  // Of the session that it is attached to. Index 0: left hand, 1: right hand, 2: both together.
+  // Of the session that it is attached to. Index 0: left hand, 1: right hand, 2: both together, 3:
+  // neither (a subaction path of another device), never active.
   std::vector<const Component*> bound;
-  std::array<ActionValue, 3> values;
+  std::array<ActionValue, 4> values;
 };
 
 struct SuggestedBinding {
@@ -88,7 +89,7 @@ struct Space final : Object {
   std::shared_ptr<Session> session;
   XrReferenceSpaceType reference = XR_REFERENCE_SPACE_TYPE_STAGE;
   std::shared_ptr<Action> action;  // not null: an action space
-  int hand = 2;                    // 0 left, 1 right, 2 whichever the action is bound to
+  int hand = 2;                    // 0 left, 1 right, 2 whichever the action is bound to, 3 neither
   XrPosef offset = xr::kIdentityPose;
 };
 
@@ -138,12 +139,10 @@ struct Session final : Object {
 
   FrameLoop loop;
   StepProgress step;
-  std::array<Picture, 2> pictures;  // of the latest frames, by frame number
-  std::deque<Frame> history;        // devices of the latest frames, newest last
-  XrTime latest_end = 0;
+  std::array<Picture, 2> pictures;       // of the latest frames, by frame number
+  std::deque<Frame> history;             // devices of the latest frames, newest last
   std::int64_t monotonic_offset_ns = 0;  // XrTime - CLOCK_MONOTONIC
   std::optional<XrPosef> stage_T_local;
-  bool local_is_set = false;
 
   std::vector<std::shared_ptr<ActionSet>> action_sets;
   bool attached = false;

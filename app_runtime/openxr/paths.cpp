@@ -1,6 +1,8 @@
 // Paths: strings that the specification's rules allow, and the numbers that stand for them.
 #include "paths.hpp"
 
+#include <algorithm>
+
 #include "calls.hpp"
 #include "check.hpp"
 
@@ -13,17 +15,19 @@ bool isPathCharacter(char c) {
   return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-' || c == '_' || c == '.';
 }
 
-/// "/" and segments of allowed characters, none of them only dots.
+/// Allowed characters, not only dots.
+bool isSegment(std::string_view text) {
+  return std::all_of(text.begin(), text.end(), isPathCharacter) &&
+         text.find_first_not_of('.') != std::string_view::npos;
+}
+
+/// "/" and segments.
 bool isPath(std::string_view text) {
   if (text.size() < 2 || text.front() != '/' || text.back() == '/') return false;
   std::size_t begin = 1;
   while (begin <= text.size()) {
     const std::size_t end = std::min(text.find('/', begin), text.size());
-    const std::string_view segment = text.substr(begin, end - begin);
-    if (segment.empty() || segment.find_first_not_of('.') == std::string_view::npos) return false;
-    for (const char c : segment) {
-      if (!isPathCharacter(c)) return false;
-    }
+    if (!isSegment(text.substr(begin, end - begin))) return false;
     begin = end + 1;
   }
   return true;
@@ -31,12 +35,7 @@ bool isPath(std::string_view text) {
 
 }  // namespace
 
-bool isName(std::string_view text) {
-  for (const char c : text) {
-    if (!isPathCharacter(c)) return false;
-  }
-  return !text.empty();
-}
+bool isName(std::string_view text) { return isSegment(text); }
 
 XrPath toPath(Instance& instance, std::string_view text) {
   const auto found = instance.paths.find(std::string(text));

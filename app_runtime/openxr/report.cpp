@@ -53,8 +53,11 @@ const char* resultName(XrResult result) {
     return #name;
     XR_LIST_ENUM_XrResult(SIM2VR_RESULT)
 #undef SIM2VR_RESULT
-        default : return nullptr;
+        default : break;
   }
+  if (result == kDependencyNotEnabled) return "XR_ERROR_EXTENSION_DEPENDENCY_NOT_ENABLED";
+  if (result == kPermissionInsufficient) return "XR_ERROR_PERMISSION_INSUFFICIENT";
+  return nullptr;
 }
 
 void report(const std::string& line) {

@@ -2,6 +2,7 @@
 #include "calls.hpp"
 #include "check.hpp"
 #include "extensions.hpp"
+#include "gate.hpp"
 #include "objects.hpp"
 #include "session_state.hpp"
 #include "sim2vr/xr/state_name.hpp"
@@ -37,7 +38,7 @@ void makeGraphics(const Instance& instance, const XrSessionCreateInfo& info, Ses
     throw Failure(XR_ERROR_GRAPHICS_REQUIREMENTS_CALL_MISSING,
                   fmt::format("{} has to be called before", missing));
   }
-  if (instance.enabled("XR_MND_headless") && info.next == nullptr) return;
+  if (instance.enabled("XR_MND_headless")) return;
   throw Failure(XR_ERROR_GRAPHICS_DEVICE_INVALID,
                 enabledGraphics(instance)
                     ? "createInfo->next holds no binding of an enabled graphics extension"
@@ -114,11 +115,10 @@ XrResult XRAPI_CALL calls::xrBeginSession(XrSession session, const XrSessionBegi
       throw Failure(XR_ERROR_SESSION_NOT_READY,
                     fmt::format("the session is {}, expected READY", xr::stateName(self->state)));
     }
-    if (self->graphics || info.primaryViewConfigurationType != 0) {
-      requireStereo(info.primaryViewConfigurationType);
-    }
+    if (self->graphics) requireStereo(info.primaryViewConfigurationType);
     self->running = true;
     self->exiting = false;
+    if (!self->graphics) runHeadless(*self);
     if (Harness* harness = self->instance->harness.get()) {
       harness->expect("xrWaitFrame", "xrWaitFrame did not follow xrBeginSession");
     }

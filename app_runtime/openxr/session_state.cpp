@@ -2,6 +2,7 @@
 
 #include <cstring>
 
+#include "check.hpp"
 #include "sim2vr/xr/state_name.hpp"
 
 namespace sim2vr::openxr {
@@ -94,6 +95,10 @@ void requireAlive(const Session& session) {
                                                "the session"
                                              : "the session is lost");
   }
+}
+
+void requireOwn(const Session& session, const Session* parent, std::string_view child) {
+  if (parent != &session) invalid(std::string(child) + " belongs to another session");
 }
 
 std::shared_ptr<Session> liveSession(XrSession handle) {

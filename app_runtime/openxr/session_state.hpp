@@ -34,5 +34,7 @@ void checkHarness(Session& session);
 /// A session that is not lost. Throws Failure (XR_ERROR_HANDLE_INVALID, XR_ERROR_SESSION_LOST).
 std::shared_ptr<Session> liveSession(XrSession handle);
 void requireAlive(const Session& session);
+/// A child of a session that is used with another one is invalid.
+void requireOwn(const Session& session, const Session* parent, std::string_view child);
 
 }  // namespace sim2vr::openxr

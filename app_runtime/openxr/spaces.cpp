@@ -44,8 +44,8 @@ struct Located {
 
 /// `space` in `base`.
 Located locateIn(const Session& session, const Space& space, const Space& base, XrTime time) {
-  if (&space == &base) return {true, {}};
   const auto stage_T_space = locate(session, space, time);
+  if (&space == &base) return {stage_T_space.has_value(), {}};
   const auto stage_T_base = locate(session, base, time);
   if (!stage_T_space || !stage_T_base) return {};
   return {true, relative(*stage_T_base, *stage_T_space)};
@@ -55,6 +55,12 @@ std::shared_ptr<Space> liveSpace(XrSpace handle, const char* what) {
   auto space = get<Space>(handle, what);
   checkHarness(*space->session);
   requireAlive(*space->session);
+  return space;
+}
+
+std::shared_ptr<Space> liveSpace(const Session& session, XrSpace handle, const char* what) {
+  auto space = liveSpace(handle, what);
+  requireOwn(session, space->session.get(), what);
   return space;
 }
 
@@ -136,7 +142,7 @@ XrResult XRAPI_CALL calls::xrLocateSpace(XrSpace space, XrSpace baseSpace, XrTim
                                          XrSpaceLocation* location) {
   return guarded("xrLocateSpace", [&](Lock&) {
     const auto self = liveSpace(space, "space");
-    const auto base = liveSpace(baseSpace, "baseSpace");
+    const auto base = liveSpace(*self->session, baseSpace, "baseSpace");
     auto& to = structure(location, XR_TYPE_SPACE_LOCATION, "location");
     requireTime(time, "time");
     const Located located = locateIn(*self->session, *self, *base, time);
@@ -157,7 +163,7 @@ XrResult XRAPI_CALL calls::xrLocateSpaces(XrSession session, const SpacesLocateI
     const auto self = liveSession(session);
     const auto& info = structure(locateInfo, kSpacesLocateInfoType, "locateInfo");
     auto& to = structure(spaceLocations, kSpaceLocationsType, "spaceLocations");
-    const auto base = liveSpace(info.base_space, "locateInfo->baseSpace");
+    const auto base = liveSpace(*self, info.base_space, "locateInfo->baseSpace");
     requireTime(info.time, "locateInfo->time");
     if (info.space_count == 0 || info.space_count > kMaximumLocated) {
       invalid(fmt::format("locateInfo->spaceCount is {}, expected 1 to {}", info.space_count,
@@ -175,7 +181,7 @@ XrResult XRAPI_CALL calls::xrLocateSpaces(XrSession session, const SpacesLocateI
     }
     std::vector<std::shared_ptr<Space>> spaces;
     for (std::uint32_t i = 0; i < info.space_count; ++i) {
-      spaces.push_back(liveSpace(info.spaces[i], "locateInfo->spaces[i]"));
+      spaces.push_back(liveSpace(*self, info.spaces[i], "locateInfo->spaces[i]"));
     }
     for (std::uint32_t i = 0; i < info.space_count; ++i) {
       const Located located = locateIn(*self, *spaces[i], *base, info.time);
@@ -198,7 +204,7 @@ XrResult XRAPI_CALL calls::xrLocateViews(XrSession session, const XrViewLocateIn
     const auto& info = structure(viewLocateInfo, XR_TYPE_VIEW_LOCATE_INFO, "viewLocateInfo");
     auto& state = structure(viewState, XR_TYPE_VIEW_STATE, "viewState");
     requireStereo(info.viewConfigurationType);
-    const auto base = liveSpace(info.space, "viewLocateInfo->space");
+    const auto base = liveSpace(*self, info.space, "viewLocateInfo->space");
     requireTime(info.displayTime, "viewLocateInfo->displayTime");
     const auto stage_T_base = locate(*self, *base, info.displayTime);
     constexpr XrViewStateFlags kValid =

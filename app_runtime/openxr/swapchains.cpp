@@ -1,5 +1,6 @@
 // Swapchains: acquire, wait, release, in this order for each image.
 #include <algorithm>
+#include <bit>
 
 #include "calls.hpp"
 #include "check.hpp"
@@ -20,15 +21,21 @@ void requireSize(const XrSwapchainCreateInfo& info) {
   };
   within(info.width, kMaximumImageSize, "width");
   within(info.height, kMaximumImageSize, "height");
-  within(info.sampleCount, 1, "sampleCount");
-  within(info.arraySize, kMaximumLayersOfImage, "arraySize");
-  within(info.mipCount, 16, "mipCount");
+  within(info.mipCount, std::bit_width(std::max(info.width, info.height)), "mipCount");
+  // The device's own limits are lower; it says so.
+  within(info.sampleCount, 1U << 16U, "sampleCount");
+  within(info.arraySize, 1U << 16U, "arraySize");
+  if (info.arraySize > kMaximumLayersOfImage) {
+    throw Failure(XR_ERROR_FEATURE_UNSUPPORTED,
+                  fmt::format("createInfo->arraySize is {}, expected up to {}", info.arraySize,
+                              kMaximumLayersOfImage));
+  }
   if (info.faceCount == 6) {
     throw Failure(XR_ERROR_FEATURE_UNSUPPORTED, "createInfo->faceCount is 6: no cube layers");
   }
   within(info.faceCount, 1, "faceCount");
   const std::uint64_t pixels =
-      static_cast<std::uint64_t>(info.width) * info.height * info.arraySize;
+      static_cast<std::uint64_t>(info.width) * info.height * info.arraySize * info.sampleCount;
   if (pixels > kMaximumPixels) {
     throw Failure(
         XR_ERROR_OUT_OF_MEMORY,

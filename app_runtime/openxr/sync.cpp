@@ -99,7 +99,7 @@ void store(ActionValue& stored, const ActionValue& fresh, XrTime time) {
 
 void sync(Session& session, Action& action, const std::vector<ActiveSet>& active,
           const std::map<std::string_view, std::uint32_t>& priorities) {
-  std::array<ActionValue, 3> fresh;
+  std::array<ActionValue, 4> fresh;
   for (const Component* component : action.bound) {
     if (!wants(active, *action.set, component->hand)) continue;
     if (priorities.at(component->source) > action.set->priority) continue;

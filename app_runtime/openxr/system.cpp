@@ -112,7 +112,7 @@ XrResult XRAPI_CALL calls::xrEnumerateViewConfigurationViews(
       views[i].maxImageRectWidth = kMaximumImageSize;
       views[i].maxImageRectHeight = kMaximumImageSize;
       views[i].recommendedSwapchainSampleCount = 1;
-      views[i].maxSwapchainSampleCount = 1;
+      views[i].maxSwapchainSampleCount = kMaximumSamples;
     }
     return XR_SUCCESS;
   });

@@ -183,17 +183,24 @@ XrResult XRAPI_CALL getVulkanGraphicsDevice2(XrInstance instance,
   return result == XR_SUCCESS ? graphicsDevice(kCall, info->vulkanInstance, device) : result;
 }
 
+/// What the calls that create something of Vulkan check alike.
+template <class Info>
+XrResult creating(const char* call, XrInstance instance, const Info* info, XrStructureType type,
+                  bool has_places) {
+  if (info == nullptr || info->type != type || info->createFlags != 0 ||
+      info->pfnGetInstanceProcAddr == nullptr || info->vulkanCreateInfo == nullptr || !has_places) {
+    return invalid(call,
+                   "an argument is null, createFlags is not 0, or createInfo's type is wrong");
+  }
+  return graphicsCall(call, instance, info->systemId, kVulkan2);
+}
+
 XrResult XRAPI_CALL createVulkanInstance(XrInstance instance,
                                          const XrVulkanInstanceCreateInfoKHR* info,
                                          VkInstance* made, VkResult* vk_result) {
   constexpr const char* kCall = "xrCreateVulkanInstanceKHR";
-  if (info == nullptr || info->type != XR_TYPE_VULKAN_INSTANCE_CREATE_INFO_KHR ||
-      info->createFlags != 0 || info->pfnGetInstanceProcAddr == nullptr ||
-      info->vulkanCreateInfo == nullptr || made == nullptr || vk_result == nullptr) {
-    return invalid(kCall,
-                   "an argument is null, createFlags is not 0, or createInfo's type is wrong");
-  }
-  const XrResult result = graphicsCall(kCall, instance, info->systemId, kVulkan2);
+  const XrResult result = creating(kCall, instance, info, XR_TYPE_VULKAN_INSTANCE_CREATE_INFO_KHR,
+                                   made != nullptr && vk_result != nullptr);
   if (result != XR_SUCCESS) return result;
   return guarded(kCall, [&] {
     const auto create = instanceFunction<PFN_vkCreateInstance>(info->pfnGetInstanceProcAddr,
@@ -221,13 +228,8 @@ VkInstance instanceOf(VkPhysicalDevice device) {
 XrResult XRAPI_CALL createVulkanDevice(XrInstance instance, const XrVulkanDeviceCreateInfoKHR* info,
                                        VkDevice* made, VkResult* vk_result) {
   constexpr const char* kCall = "xrCreateVulkanDeviceKHR";
-  if (info == nullptr || info->type != XR_TYPE_VULKAN_DEVICE_CREATE_INFO_KHR ||
-      info->createFlags != 0 || info->pfnGetInstanceProcAddr == nullptr ||
-      info->vulkanCreateInfo == nullptr || made == nullptr || vk_result == nullptr) {
-    return invalid(kCall,
-                   "an argument is null, createFlags is not 0, or createInfo's type is wrong");
-  }
-  const XrResult result = graphicsCall(kCall, instance, info->systemId, kVulkan2);
+  const XrResult result = creating(kCall, instance, info, XR_TYPE_VULKAN_DEVICE_CREATE_INFO_KHR,
+                                   made != nullptr && vk_result != nullptr);
   if (result != XR_SUCCESS) return result;
   const VkInstance owner = info->vulkanPhysicalDevice == VK_NULL_HANDLE
                                ? VK_NULL_HANDLE

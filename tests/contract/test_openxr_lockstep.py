@@ -8,71 +8,45 @@ from __future__ import annotations
 
 import hashlib
 import os
-import shutil
+import re
 import subprocess
-import sys
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from openxr_programs import hands, open_program
+from openxr_programs import PROGRAMS, PYTHON, Played, hands, opened, playable
 from sim2vr_harness.client import AppRefused, OpenXRApp, frame_time_ns
-from sim2vr_harness.client.openxr import find_runtime
 
-EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "openxr"
-PYTHON = os.environ.get("SIM2VR_OPENXR_PYTHON", sys.executable)
-
-
-@dataclass(frozen=True)
-class Played:
-    """A program, and how it is started."""
-
-    command: tuple[str, ...]
-    needs: str = ""
-    depth: bool = False
-    options: Mapping[str, object] = field(default_factory=dict)
-
-
-QT = {"xvfb": True, "virtual_clock": True}
-TOUCH, LAMPS = (str(EXAMPLES / name / f"{name}.py") for name in ("touch", "lamps"))
-PROGRAMS = {
-    "hello_xr, Vulkan2": Played(("hello_xr", "-g", "Vulkan2")),
-    "hello_xr, Vulkan": Played(("hello_xr", "-g", "Vulkan")),
-    "hello_xr, OpenGL": Played(("hello_xr", "-g", "OpenGL"), options={"xvfb": True}),
-    "pyopenxr": Played((PYTHON, TOUCH, "--seed", "3"), "xr", True),
-    "Qt": Played((PYTHON, LAMPS, "--seed", "3"), "PySide6", True, QT),
+LAYER = "XR_APILAYER_LUNARG_core_validation"
+EXPECTED = {
+    "Qt": [
+        # The layer makes another handle of it than the one that it gave to the program: a program
+        # that only creates and destroys a messenger gets the same message.
+        "VUID-xrDestroyDebugUtilsMessengerEXT-messenger-parameter | xrDestroyDebugUtilsMessengerEXT"
+    ]
 }
+"""Errors of the validation layer that are not the runtime's."""
 
 
-def has(module: str) -> bool:
-    """Whether the programs' interpreter has a package."""
-    asked = subprocess.run([PYTHON, "-c", f"import {module}"], capture_output=True, check=False)
-    return asked.returncode == 0
+def folder_of_layer() -> Path:
+    """The folder with Khronos's validation layer. Debian's is too old: it knows no EGL."""
+    where = "import xr; print(xr.__path__[0])"
+    asked = subprocess.run([PYTHON, "-c", where], capture_output=True, text=True, check=False)
+    folder = Path(asked.stdout.strip(), "api_layer", f"linux_{os.uname().machine}")
+    if asked.returncode != 0 or not folder.is_dir():
+        pytest.skip(f"{PYTHON} has no validation layer (pip install pyopenxr)")
+    return folder
 
 
 @pytest.fixture(params=PROGRAMS)
-def played(request: pytest.FixtureRequest) -> Played:
-    found = PROGRAMS[request.param]
-    try:
-        find_runtime()
-    except AppRefused as error:
-        pytest.skip(str(error))
-    if shutil.which(found.command[0]) is None:
-        pytest.skip(f"no {found.command[0]} (apt-get install libopenxr-utils)")
-    if found.options.get("xvfb") and shutil.which("Xvfb") is None:
-        pytest.skip("no Xvfb")
-    if found.needs and not has(found.needs):
-        pytest.skip(f"{PYTHON} has no {found.needs}; SIM2VR_OPENXR_PYTHON names another Python")
-    return found
+def name(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
 
 
-def opened(played: Played, **settings: object) -> OpenXRApp:
-    settings = {"width": 60, "height": 40, "eyes": 2, "timeout_s": 60.0} | settings
-    settings |= {"start_timeout_s": 60.0, "depth": played.depth, "options": played.options}
-    return open_program(*played.command, **settings)
+@pytest.fixture
+def played(name: str) -> Played:
+    return playable(PROGRAMS[name])
 
 
 def round_of(app: OpenXRApp, steps: int = 40, height_m: float = 1.1) -> tuple[str, int]:
@@ -95,6 +69,22 @@ def test_the_same_round_twice_and_another_one(played: Played) -> None:
         assert (left != right).any()
     with opened(played) as app:
         assert round_of(app) == first
+
+
+def test_the_validation_layer_finds_no_error(
+    name: str, played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    report = tmp_path / "report.txt"
+    monkeypatch.setenv("XR_API_LAYER_PATH", str(folder_of_layer()))
+    monkeypatch.setenv("XR_ENABLE_API_LAYERS", LAYER)
+    monkeypatch.setenv("XR_CORE_VALIDATION_EXPORT_TYPE", "text")
+    monkeypatch.setenv("XR_CORE_VALIDATION_FILE_NAME", str(report))
+    with opened(played) as app:
+        round_of(app)
+    lines = report.read_text()
+    assert "Core Validation Layer is initialized" in lines
+    found = re.findall(r"\[VALID_(?:ERROR|WARNING) \| ([^\]]+)\]", lines)
+    assert found == EXPECTED.get(name, []), lines
 
 
 def test_frames_of_a_step_reach_the_program(played: Played) -> None:

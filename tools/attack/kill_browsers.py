@@ -4,8 +4,8 @@
 X server of its own, whose lock and socket must go, too; each is ended by SIGKILL or SIGTERM at a
 random moment, every second one with its GPU process or the program stopped (it hangs), every third
 one just after one of its app's processes was killed. Prints one JSON row per kill: how long it took
-to end, the processes left 5 s later, and the folders and logs left after the next start. The log of
-an app that was killed is kept on purpose. Ends with status 0 when nothing else was left.
+to end, the processes left 5 s later, and the X sockets, folders and logs left after the next start.
+The log of an app that was killed is kept on purpose. Ends with status 0 when nothing else was left.
 
 Run: sh docs/examples/webxr/engines.sh && python tools/attack/kill_browsers.py --kills 50
      python tools/attack/kill_browsers.py --kills 50 --openxr "hello_xr -g OpenGL"
@@ -27,6 +27,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from sim2vr_harness.client.temporary import outside_files
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "webxr"
 LONGEST_END_S = 20.0
@@ -89,11 +91,11 @@ def command(program: str, app: App, folder: Path, steps: int) -> list[str]:
     return [*words, "--episodes", "1", "--out", str(folder / "out"), "--overwrite"]
 
 
-def display_files() -> set[str]:
-    """Locks and sockets of X servers, which all users of a machine share."""
-    return {
-        str(one) for one in (*Path("/tmp").glob(".X*-lock"), *Path("/tmp/.X11-unix").glob("X*"))
-    }
+def same_file(file: Path, inode: int) -> bool:
+    """Whether a file is there, and not one that another server has made anew."""
+    with suppress(OSError):
+        return file.lstat().st_ino == inode
+    return False
 
 
 def processes(folder: Path | None, groups: set[int]) -> dict[int, str]:
@@ -132,7 +134,6 @@ def wait_for_app(harness: subprocess.Popen[bytes], folder: Path, app: App) -> se
 def kill(number: int, program: str, app: App, folder: Path) -> bool:
     """One start and its kill; returns whether nothing was left."""
     environment = {**os.environ, "TMPDIR": str(folder)}
-    displays = display_files()
     harness = subprocess.Popen(
         command(program, app, folder, 1_000_000),
         env=environment,
@@ -142,7 +143,9 @@ def kill(number: int, program: str, app: App, folder: Path) -> bool:
     groups = wait_for_app(harness, folder, app)
     time.sleep(random.uniform(0.0, 4.0))
     of_app = processes(folder, groups)
-    own = processes(None, groups)
+    own, displays = processes(None, groups), {}
+    for place in folder.glob("sim2vr-*"):
+        displays |= outside_files(place)
     hung = [pid for pid, words in of_app.items() if app.marker in words and pid in own]
     hung = hung if number % 2 == 0 else []
     one = random.sample(sorted(set(of_app) - {harness.pid}), 1) if number % 3 == 0 else []
@@ -159,7 +162,8 @@ def kill(number: int, program: str, app: App, folder: Path) -> bool:
     seconds = time.monotonic() - sent
     time.sleep(5.0)
     left = processes(folder, groups)
-    lasting = sorted(file for file in display_files() - displays if of_the_killed(file, own))
+    after_start = [] if left else left_after_a_start(app, folder, failed=bool(one))
+    lasting = sorted(str(file) for file, inode in displays.items() if same_file(file, inode))
     row = {
         "kill": number,
         "program": program,
@@ -169,8 +173,9 @@ def kill(number: int, program: str, app: App, folder: Path) -> bool:
         "exit_status": harness.poll(),
         "seconds": round(seconds, 1),
         "processes_left": [words[:80] for words in left.values()],
+        "displays": len(displays),
         "displays_left": lasting,
-        "folders_left": [] if left else left_after_a_start(app, folder, failed=bool(one)),
+        "folders_left": after_start,
     }
     print(json.dumps(row), flush=True)
     harness.kill()
@@ -179,16 +184,6 @@ def kill(number: int, program: str, app: App, folder: Path) -> bool:
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)
     return not (left or lasting or row["folders_left"]) and row["exit_status"] is not None
-
-
-def of_the_killed(file: str, own: dict[int, str]) -> bool:
-    """Whether a lock is of a process that was ended, or no server listens at a socket."""
-    if not file.endswith("-lock"):
-        listening = Path("/proc/net/unix").read_text().split()
-        return file not in listening and not Path(f"/tmp/.{Path(file).name}-lock").exists()
-    with suppress(OSError, ValueError):
-        return int(Path(file).read_text()) in own
-    return False
 
 
 def left_after_a_start(app: App, folder: Path, *, failed: bool) -> list[str]:

@@ -3,6 +3,7 @@
 # pytest runs last, so that its summary closes the output.
 #
 #   SIM2VR_TEST_WORKERS=1   pytest processes (default: one per core, at most 4)
+#   SIM2VR_OPENXR_PROGRAMS=1   play OpenXR programs too: loads 204 MB into build/openxr, once
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 jobs=${SIM2VR_JOBS:-$(nproc)}
@@ -23,6 +24,22 @@ if ((workers > 1)); then
   export OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}
   set -- -n "$workers" --dist loadfile "$@"
 fi
+# Programs are no part of the package: their tests are skipped where this fails.
+programs=$PWD/build/openxr
+if [[ -n ${SIM2VR_OPENXR_PROGRAMS:-} ]]; then
+  if ! cmp -s tests/openxr_programs.txt "$programs/installed.txt"; then
+    echo "OpenXR programs: installing tests/openxr_programs.txt (204 MB)"
+    if .venv/bin/python -m venv "$programs" && timeout 300 "$programs/bin/python" -m pip \
+      --disable-pip-version-check --no-input install -q -r tests/openxr_programs.txt \
+      >build/log/openxr-programs.log 2>&1; then
+      cp tests/openxr_programs.txt "$programs/installed.txt"
+    else
+      echo "OpenXR programs: not installed (build/log/openxr-programs.log); their tests are skipped"
+    fi
+  fi
+  export SIM2VR_OPENXR_PYTHON=$programs/bin/python
+fi
+
 echo "Python tests:"
 .venv/bin/python -m pytest "$@" || { code=$?; ((status)) || status=$code; }
 exit "$status"

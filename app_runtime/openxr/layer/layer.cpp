@@ -7,13 +7,30 @@
 #include <cstring>
 #include <memory>
 #include <mutex>
+#include <optional>
+#include <set>
 #include <string_view>
+#include <utility>
 
 namespace sim2vr::openxr::layer {
 namespace {
 
 constexpr const char* kVariable = "SIM2VR_OPENXR_RECORD";
 constexpr XrPosef kIdentity{{0.0F, 0.0F, 0.0F, 1.0F}, {0.0F, 0.0F, 0.0F}};
+
+struct Vibration {
+  xr::Hand hand;
+  XrHapticVibration what;
+};
+
+/// A frame that ended. What the program reads until it waits for the next frame, it reads of this
+/// one: only then its inputs are known.
+struct EndedFrame {
+  XrTime time = 0;  // 0: none
+  XrPosef head = kIdentity;
+  std::array<xr::ControllerState, 2> hands;
+  std::vector<Vibration> vibrations;  // since the frame before ended
+};
 
 /// One instance and one session at a time, as programs have.
 struct Recorder {
@@ -25,10 +42,69 @@ struct Recorder {
   XrSession session = XR_NULL_HANDLE;
   XrSpace view = XR_NULL_HANDLE;
   XrSpace stage = XR_NULL_HANDLE;
+  EndedFrame ended;
+  std::vector<Vibration> vibrations;  // since that frame ended
 };
 Recorder& recorder() {
   static auto* instance = new Recorder;
   return *instance;
+}
+
+std::array<xr::ControllerState, 2> readHands(const Recorder& self, XrTime time) {
+  std::array<xr::ControllerState, 2> hands;
+  if (!self.actions->attached()) return hands;
+  for (const xr::Hand hand : xr::kHands) {
+    hands[static_cast<std::size_t>(hand)] =
+        self.actions->read(self.next, self.session, hand, self.stage, time);
+  }
+  return hands;
+}
+
+/// Writes the frame that ended, with the inputs of the latest xrSyncActions.
+void writeEnded(Recorder& self) {
+  const EndedFrame ended = std::exchange(self.ended, {});
+  if (!self.recording || ended.time == 0) return;
+  auto hands = readHands(self, ended.time);
+  for (std::size_t i = 0; i < hands.size(); ++i) {
+    if (!ended.hands[i].active) continue;
+    if (!hands[i].active) hands[i] = ended.hands[i];
+    hands[i].grip = ended.hands[i].grip;
+    hands[i].aim = ended.hands[i].aim;
+  }
+  self.recording->frame(ended.time, ended.head, hands);
+  for (const Vibration& each : ended.vibrations) {
+    self.recording->haptic(each.hand == xr::Hand::left ? "left" : "right", each.what);
+  }
+}
+
+/// The hand that a path begins with; nothing: neither.
+std::optional<xr::Hand> handOf(std::string_view path) {
+  if (path.starts_with("/user/hand/left")) return xr::Hand::left;
+  if (path.starts_with("/user/hand/right")) return xr::Hand::right;
+  return std::nullopt;
+}
+
+/// The hands that an action with or without subaction path shakes.
+std::set<xr::Hand> shaken(const Recorder& self, const XrHapticActionInfo& info) {
+  std::vector<XrPath> paths{info.subactionPath};
+  if (info.subactionPath == XR_NULL_PATH) {
+    const XrBoundSourcesForActionEnumerateInfo wanted{
+        XR_TYPE_BOUND_SOURCES_FOR_ACTION_ENUMERATE_INFO, nullptr, info.action};
+    const auto sources = SIM2VR_NEXT(self.next, xrEnumerateBoundSourcesForAction);
+    std::uint32_t count = 0;
+    sources(self.session, &wanted, 0, &count, nullptr);
+    paths.resize(count);
+    if (sources(self.session, &wanted, count, &count, paths.data()) != XR_SUCCESS) paths.clear();
+  }
+  std::set<xr::Hand> hands;
+  for (const XrPath path : paths) {
+    char text[XR_MAX_PATH_LENGTH]{};
+    std::uint32_t length = 0;
+    SIM2VR_NEXT(self.next, xrPathToString)
+    (self.next.instance(), path, XR_MAX_PATH_LENGTH, &length, text);
+    if (const auto hand = handOf(text)) hands.insert(*hand);
+  }
+  return hands;
 }
 
 /// STAGE where the runtime has it, else LOCAL.
@@ -61,6 +137,8 @@ XrResult XRAPI_CALL destroySession(XrSession session) {
   Recorder& self = recorder();
   {
     const std::lock_guard lock(self.mutex);
+    writeEnded(self);
+    self.vibrations.clear();
     self.recording.reset();
     self.session = XR_NULL_HANDLE;
     self.actions = std::make_unique<OwnActions>();
@@ -124,13 +202,9 @@ XrResult XRAPI_CALL endFrame(XrSession session, const XrFrameEndInfo* info) {
     XrSpaceLocation head{XR_TYPE_SPACE_LOCATION, nullptr, 0, kIdentity};
     if (self.recording && SIM2VR_NEXT(self.next, xrLocateSpace)(
                               self.view, self.stage, info->displayTime, &head) == XR_SUCCESS) {
-      std::array<xr::ControllerState, 2> hands;
-      for (const xr::Hand hand : xr::kHands) {
-        if (!self.actions->attached()) continue;
-        hands[static_cast<std::size_t>(hand)] =
-            self.actions->read(self.next, session, hand, self.stage, info->displayTime);
-      }
-      self.recording->frame(info->displayTime, head.pose, hands);
+      writeEnded(self);  // of a program that waits for a frame before it ends the last
+      self.ended = {info->displayTime, head.pose, readHands(self, info->displayTime),
+                    std::exchange(self.vibrations, {})};
     }
   }
   return SIM2VR_NEXT(self.next, xrEndFrame)(session, info);
@@ -144,12 +218,17 @@ XrResult XRAPI_CALL vibrate(XrSession session, const XrHapticActionInfo* info,
   const std::lock_guard lock(self.mutex);
   if (!self.recording) return result;
   const auto& vibration = *reinterpret_cast<const XrHapticVibration*>(feedback);
-  for (const char* hand : {"left", "right"}) {
-    const XrPath path = self.next.path(std::string("/user/hand/") + hand);
-    if (info->subactionPath != XR_NULL_PATH && info->subactionPath != path) continue;
-    self.recording->haptic(hand, vibration);
-  }
+  for (const xr::Hand hand : shaken(self, *info)) self.vibrations.push_back({hand, vibration});
   return result;
+}
+
+XrResult XRAPI_CALL waitFrame(XrSession session, const XrFrameWaitInfo* info, XrFrameState* state) {
+  Recorder& self = recorder();
+  {
+    const std::lock_guard lock(self.mutex);
+    writeEnded(self);
+  }
+  return SIM2VR_NEXT(self.next, xrWaitFrame)(session, info, state);
 }
 
 XrResult XRAPI_CALL getFunction(XrInstance instance, const char* name,
@@ -165,6 +244,7 @@ XrResult XRAPI_CALL getFunction(XrInstance instance, const char* name,
       {"xrSuggestInteractionProfileBindings", reinterpret_cast<PFN_xrVoidFunction>(&suggest)},
       {"xrAttachSessionActionSets", reinterpret_cast<PFN_xrVoidFunction>(&attach)},
       {"xrSyncActions", reinterpret_cast<PFN_xrVoidFunction>(&sync)},
+      {"xrWaitFrame", reinterpret_cast<PFN_xrVoidFunction>(&waitFrame)},
       {"xrEndFrame", reinterpret_cast<PFN_xrVoidFunction>(&endFrame)},
       {"xrApplyHapticFeedback", reinterpret_cast<PFN_xrVoidFunction>(&vibrate)}};
   if (std::getenv(kVariable) != nullptr && name != nullptr) {

@@ -16,8 +16,7 @@ namespace sim2vr::openxr::layer {
 class Next {
  public:
   Next() = default;
-  Next(XrInstance instance, PFN_xrGetInstanceProcAddr entry)
-      : instance_(instance), get_(entry) {}
+  Next(XrInstance instance, PFN_xrGetInstanceProcAddr entry) : instance_(instance), get_(entry) {}
   XrInstance instance() const { return instance_; }
   PFN_xrGetInstanceProcAddr get() const { return get_; }
   /// nullptr: there is none.

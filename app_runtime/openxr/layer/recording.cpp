@@ -85,15 +85,14 @@ void Recording::frame(XrTime time, const XrPosef& head,
 }
 
 void Recording::haptic(const char* hand, const XrHapticVibration& vibration) {
-  const double duration_s =
-      vibration.duration > 0 ? static_cast<double>(vibration.duration) * 1e-9 : 0.0;
   line(json{{"t", latest_},
             {"event", "haptic"},
             {"data",
              {{"hand", hand},
               {"amplitude", vibration.amplitude},
               {"frequency_hz", vibration.frequency},
-              {"duration_s", duration_s}}}}
+              // The shortest that the device can is -1 ns, as in OpenXR.
+              {"duration_s", static_cast<double>(vibration.duration) * 1e-9}}}}
            .dump());
 }
 

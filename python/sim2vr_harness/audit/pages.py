@@ -1,47 +1,43 @@
-"""Interactive things of a WebXR page: found by what they listen to, and by trying them.
+"""Interactive things of a WebXR page: found by what they listen to, and by operating them.
 
 The devices move without a body: what the page does with a controller counts, not who gets there.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.audit.hands import HEAD_M, HZ, PageHands, SessionEnded
+from sim2vr_harness.audit.operating import BUTTONS, MOVED_M, Operator, Way
 from sim2vr_harness.audit.targets import AuditTarget, How, TargetSettings
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.client import AppRefused, DevicePoses, WebXRApp
-from sim2vr_harness.client.devices import INPUT_COUNT, input_named
-from sim2vr_harness.client.frames import AIM_DIRECTION, position_to_app
-from sim2vr_harness.client.runtime import frame_time_ns
+from sim2vr_harness.client import APP_FAILURES, AppDied, AppRefused, WebXRApp
 from sim2vr_harness.client.webxr.replies import Thing
 from sim2vr_harness.envs.apps import apps_wanted
 from sim2vr_harness.envs.config import EnvConfig
 
-__all__ = ["FoundThing", "PageHands", "find_things", "located", "page_app", "things_as_targets"]
+__all__ = ["FoundThing", "find_things", "located", "page_app", "things_as_targets"]
 
 FloatArray = NDArray[np.float64]
 
-_HZ = 20
-_HEAD_M = np.array([0.0, 1.2, 0.0])
-"""Of a seated person."""
-_REST_M = {"right": np.array([0.25, 0.8, 0.15]), "left": np.array([-0.25, 0.8, 0.15])}
-_AIM_FROM_M = np.array([0.15, 0.9, 0.2])
-_MOST_PROBED = 80
-_ROUNDS = ("right", "left")
-"""Hands that try things, one after the other: some things are ready later only."""
-_GAZE_STEPS = 50
-"""User steps for which the head looks at a thing; some wait so long before they react."""
-_PULL_M = np.array([0.0, 0.0, 0.15])
+_MOST_TRIED = 160
+_MOST_ROUNDS = 24
+"""A page that was left or died is opened again so often."""
+_MOST_AGAIN = 4
+"""A thing that looks different is operated again so often."""
+_AGAIN_S = 1.0
+"""How long nothing happens in these rounds."""
 _LARGEST_M = 2.0
 """Half of the size, from which a thing is a room or a ground."""
 _CARRIED_M = 0.02
-_MOVED_M = 0.02
-_UP = np.array([0.0, 1.0, -0.2])
+LEAVES = "leaves the page"
+_LEFT = ("left its document", "went to another address")
 
 
 @dataclass
@@ -55,7 +51,9 @@ class FoundThing:
         half_m: Halves of its size along the three axes, the smallest first.
         moves: Whether it moves by itself.
         listens: Whether the page listens to it or tests rays against it.
-        reacts: Whether it did something when a controller touched it or pointed at it.
+        signs: What the page does if it is operated, and not if the same is done beside it.
+        after: The thing that had to be operated before this one was there; None: it was there.
+        way: How it was operated.
     """
 
     name: str
@@ -64,7 +62,14 @@ class FoundThing:
     half_m: tuple[float, ...]
     moves: bool
     listens: bool
-    reacts: bool
+    signs: tuple[str, ...] = ()
+    after: str | None = None
+    way: Way | None = None
+
+    @property
+    def reacts(self) -> bool:
+        """Whether the page reacts if it is operated."""
+        return bool(self.signs)
 
     @property
     def radius_m(self) -> float:
@@ -79,104 +84,163 @@ def page_app(env: EnvConfig) -> Iterator[WebXRApp]:
         yield app
 
 
-class PageHands:
-    """Controllers in a page that go where they are put.
-
-    Args:
-        app: The page; a round begins.
-        seed: Of the round.
-    """
-
-    def __init__(self, app: WebXRApp, seed: int = 1) -> None:
-        self._app, self._step = app, 0
-        self.place = {side: place.copy() for side, place in _REST_M.items()}
-        self._towards = {side: np.array([0.0, 0.0, 1.0]) for side in _REST_M}
-        self._held: tuple[str, ...] = ()
-        self._gaze = np.array([0.0, 0.0, 1.0])
-        self.pulses = 0
-        """Vibrations so far."""
-        app.reset(seed, self._poses())
-
-    def step(self, count: int = 1, *held: str) -> None:
-        """Let user steps pass, with inputs such as ``right.trigger`` held."""
-        self._held = held
-        for _ in range(count):
-            self._step += 1
-            reply = self._app.step(frame_time_ns(self._step, _HZ), self._poses())
-            self.pulses += len(reply.haptics)
-            if reply.finished:
-                raise AppRefused("the page ended its session")
-
-    def put(self, side: str, place: FloatArray, towards: FloatArray | None = None) -> None:
-        """Put a controller at a place, its ray through another one."""
-        self.place[side] = np.array(place, dtype=np.float64)
-        if towards is not None:
-            gap = np.asarray(towards) - self.place[side]
-            self._towards[side] = gap / max(float(np.linalg.norm(gap)), 1e-9)
-
-    def look(self, place: FloatArray) -> None:
-        """Turn the head to a place."""
-        gap = place - _HEAD_M
-        self._gaze = gap / max(float(np.linalg.norm(gap)), 1e-9)
-
-    def rest(self) -> None:
-        """Look ahead and put both controllers down, their rays ahead and down."""
-        self._gaze = np.array([0.0, 0.0, 1.0])
-        for side, place in _REST_M.items():
-            self.put(side, place, place + np.array([0.0, -0.5, 0.5]))
-
-    def _poses(self) -> DevicePoses:
-        inputs = {side: np.zeros(INPUT_COUNT) for side in _REST_M}
-        for name in self._held:
-            inputs[name.partition(".")[0]][input_named(name).column] = 1.0
-        rows = {side: np.r_[self.place[side], _turn(_RAY, self._towards[side])] for side in _REST_M}
-        head = np.r_[_HEAD_M, _turn(np.array([0.0, 0.0, 1.0]), self._gaze)]
-        return DevicePoses(head, rows["right"], rows["left"], inputs["right"], inputs["left"])
-
-
-_RAY = position_to_app(AIM_DIRECTION)
-
-
-def _turn(first: FloatArray, second: FloatArray) -> FloatArray:
-    """(4,) x y z w: the shortest turn that brings one direction onto another."""
-    turn = np.r_[np.cross(first, second), 1.0 + first @ second]
-    length = float(np.linalg.norm(turn))
-    found: FloatArray = turn / length if length > 1e-6 else np.array([1.0, 0.0, 0.0, 0.0])
-    return found
-
-
 def find_things(env: EnvConfig, seconds: float = 4.0, *, probe: bool = True) -> list[FoundThing]:
-    """Find the interactive things of a page.
+    """Find the interactive things of a page, and operate them.
 
     First nothing happens for some time, so that what moves by itself is known. Then a controller
-    touches and points at each thing, with trigger and squeeze.
+    touches and points at each thing, with its inputs. What appears then is operated next.
 
     Args:
         env: Names the page.
         seconds: How long nothing happens.
-        probe: Whether to try the things; otherwise those are found that the page listens to.
+        probe: Whether to operate the things; otherwise those are found that the page listens to.
 
     Raises:
         AppRefused, AppError: The page does not play.
     """
-    with page_app(env) as app:
-        hands = PageHands(app)
-        seen = _watched(app, hands, seconds)
-        found = [
-            FoundThing(
-                track.name,
-                "touch" if track.how == "unknown" else track.how,  # type: ignore[arg-type]
-                track.nearest_m,
-                track.half_m,
-                track.moves,
-                track.how != "unknown",
-                reacts=False,
-            )
-            for track in seen
-        ]
+    with ExitStack() as stack:
+        search = _Search(env, stack, seconds)
         if probe:
-            _probe_all(app, hands, found, {track.name for track in seen if track.changes})
-    return [thing for thing in found if thing.listens or thing.reacts]
+            search.operate_all()
+            search.carry_all()
+    return [thing for thing in search.found.values() if thing.listens or thing.reacts]
+
+
+class _Search:
+    """Operates what there is in a page, in as many rounds as it takes."""
+
+    def __init__(self, env: EnvConfig, stack: ExitStack, seconds: float) -> None:
+        self._env, self._stack = env, stack
+        self._rounds = 0
+        self._hands: PageHands | None = None
+        self._looks: dict[str, int | None] = {}
+        self._again: dict[str, int] = {}
+        tracks = self._open(seconds)
+        self.found = {track.name: track.found() for track in tracks}
+
+    def _open(self, seconds: float) -> list[_Track]:
+        """Begin a round, and watch it while nothing happens."""
+        self._stack.close()
+        self._rounds += 1
+        app = self._stack.enter_context(page_app(self._env))
+        rays = None if self._hands is None else self._hands.rays
+        hands = PageHands(app, rays=rays)
+        watched = _watched(app, hands, seconds)
+        names = frozenset(track.name for track in watched.tracks if track.changes)
+        restless = frozenset(watched.restless) | names
+        self._app, self._hands = app, hands
+        self._restless = restless
+        self._operator = Operator(app, hands, restless, text_rests=watched.text_rests)
+        return watched.tracks
+
+    def operate_all(self) -> None:
+        """Operate each thing with the right hand, and those that did not react with the left.
+
+        What appears is operated next, and what looks different is operated again.
+        """
+        first = sorted(self.found.values(), key=lambda thing: not thing.listens)
+        queue = deque((thing.name, "right") for thing in first)
+        for _ in range(_MOST_TRIED):
+            if not queue or self._rounds > _MOST_ROUNDS:
+                return
+            name, side = queue.popleft()
+            thing = self.found[name]
+            self._operate(thing, side)
+            if not thing.reacts and side == "right":
+                queue.append((name, "left"))
+            for new in self._appeared(name):
+                self.found[new.name] = new
+                queue.appendleft((new.name, "right"))
+            queue.extendleft((each, side) for each in self._changed(thing))
+
+    def _changed(self, tried: FoundThing) -> list[str]:
+        """Return what looks otherwise than when it was operated, such as a key that is lit now.
+
+        Operating it may bring on what has not reacted yet.
+        """
+        now = {each.name: each.state for each in self._app.things()}
+        self._looks[tried.name] = now.get(tried.name)
+        if not tried.reacts or all(each.reacts for each in self.found.values() if each.listens):
+            return []
+        others = [
+            name
+            for name, looks in self._looks.items()
+            if name != tried.name
+            and self.found[name].listens
+            and name not in self._restless
+            and looks != now.get(name, looks)
+            and self._again.get(name, 0) < _MOST_AGAIN
+        ]
+        for name in others:
+            self._again[name] = self._again.get(name, 0) + 1
+        return others
+
+    def _appeared(self, after: str) -> list[FoundThing]:
+        now = [each for each in self._app.things() if each.name not in self.found]
+        tracks = [_Track.of(each, {}) for each in now if each.how != "unknown"]
+        found = [track.found() for track in tracks if not _surrounds(_named(now, track.name))]
+        for each in found:
+            each.after = after
+        return found
+
+    def _operate(self, thing: FoundThing, side: str) -> None:
+        for way in [thing.way] if thing.way is not None else self._ways(thing, side):
+            if signs := self._reaction(thing.name, way):
+                thing.how, thing.way = way.how, way
+                thing.signs = tuple(sorted({*thing.signs, *signs}))
+                return
+
+    def _ways(self, thing: FoundThing, side: str) -> list[Way]:
+        """Return how a thing may be operated, the likeliest first."""
+        assert self._hands is not None
+        if thing.how == "look" or [*self._hands.rays] == ["head"]:
+            return [Way("look", side, "trigger")]
+        hows: Sequence[How] = ("touch", "point")
+        if thing.listens and thing.how != "touch":
+            hows = ("point", "touch")
+        return [Way(how, side, button) for how in hows for button in BUTTONS]
+
+    def _reaction(self, name: str, way: Way) -> frozenset[str]:
+        try:
+            return self._operator.reaction(name, way)
+        except (*APP_FAILURES, SessionEnded) as error:
+            left = isinstance(error, SessionEnded) or _left(error)
+        self._open(_AGAIN_S)
+        if not left:
+            return frozenset()
+        try:
+            self._operator.beside(name, way)
+        except (*APP_FAILURES, SessionEnded):
+            self._open(_AGAIN_S)
+            return frozenset()
+        return frozenset({LEAVES})
+
+    def carry_all(self) -> None:
+        """Carry a thing to those that listen and did not react."""
+        for thing in self.found.values():
+            carriers = [each for each in self._operator.carriers if each[0] != thing.name]
+            if thing.reacts or not thing.listens or self._rounds > _MOST_ROUNDS:
+                continue
+            for carrier, way in carriers:
+                try:
+                    signs = self._operator.carried_to(carrier, way, thing.name)
+                except (*APP_FAILURES, SessionEnded):
+                    self._open(_AGAIN_S)
+                    break
+                if signs:
+                    thing.how, thing.way, thing.signs = way.how, way, tuple(sorted(signs))
+                    thing.after = carrier
+                    break
+
+
+def _left(error: BaseException) -> bool:
+    """Whether the page went to another address, and did not break."""
+    said = str(error)
+    return isinstance(error, AppDied) and any(word in said for word in _LEFT)
+
+
+def _named(things: Sequence[Thing], name: str) -> Thing | None:
+    return next((each for each in things if each.name == name), None)
 
 
 @dataclass
@@ -192,50 +256,78 @@ class _Track:
     changes: bool = False
     apart: int = 0
 
+    @classmethod
+    def of(cls, thing: Thing, hands: dict[str, FloatArray]) -> _Track:
+        """Return the track that begins with a thing."""
+        place = np.array(thing.place_m)
+        offsets = {side: place - at for side, at in hands.items()}
+        half = tuple(sorted(thing.half_m))
+        return cls(thing.name, thing.how, place, half, place, thing.state, offsets)
+
     def add(self, thing: Thing, place: dict[str, FloatArray]) -> None:
         """Look at a moment."""
         now = np.array(thing.place_m)
-        if np.linalg.norm(now - _HEAD_M) < np.linalg.norm(self.nearest_m - _HEAD_M):
+        if np.linalg.norm(now - HEAD_M) < np.linalg.norm(self.nearest_m - HEAD_M):
             self.nearest_m = now
-        self.moves |= bool(np.linalg.norm(now - self.first_m) > _MOVED_M)
+        self.moves |= bool(np.linalg.norm(now - self.first_m) > MOVED_M)
         self.changes |= thing.state != self.state
         self.how = thing.how if self.how == "unknown" else self.how
         far = [np.linalg.norm(now - place[s] - self.offset_m[s]) > _CARRIED_M for s in place]
         self.apart += all(far)
 
+    def found(self) -> FoundThing:
+        """Return the thing."""
+        how = "touch" if self.how == "unknown" else self.how
+        return FoundThing(
+            self.name,
+            how,  # type: ignore[arg-type]
+            self.nearest_m,
+            self.half_m,
+            self.moves,
+            self.how != "unknown",
+        )
 
-def _watched(app: WebXRApp, hands: PageHands, seconds: float) -> list[_Track]:
-    """Return what there is while nothing happens but hands that move, the right one pointing up.
+
+@dataclass
+class _Watched:
+    """What there is, and what of it changes by itself."""
+
+    tracks: list[_Track] = field(default_factory=list)
+    restless: set[int] = field(default_factory=set)
+    text_rests: bool = True
+
+
+def _watched(app: WebXRApp, hands: PageHands, seconds: float) -> _Watched:
+    """Return what there is while nothing happens but head and hands that move.
 
     Objects that move with a hand or surround the head are left out.
     """
     tracks: dict[str, _Track] = {}
+    watched = _Watched()
     hands.rest()
-    steps = max(8, round(seconds * _HZ))
-    for step in range(steps):
+    last = app.signs()
+    for step in range(max(8, round(seconds * HZ))):
         if step % 4 == 0:
             for thing in app.things():
                 if thing.name not in tracks:
-                    place = np.array(thing.place_m)
-                    offsets = {side: place - at for side, at in hands.place.items()}
-                    half = tuple(sorted(thing.half_m))
-                    tracks[thing.name] = _Track(
-                        thing.name, thing.how, place, half, place, thing.state, offsets
-                    )
+                    tracks[thing.name] = _Track.of(thing, hands.place)
                 tracks[thing.name].add(thing, hands.place)
-        sway = 0.1 * np.sin(0.35 * step) * np.array([1.0, 0.3, 0.5])
-        for side, at in _REST_M.items():
-            hands.put(
-                side, at + sway, at + sway + (_UP if side == "right" else 0.0 * _UP + [0, -1, 1])
-            )
+            hands.learn_rays()
+            now = app.signs()
+            changed = {k for k, state in now.objects.items() if last.objects.get(k, state) != state}
+            watched.restless |= changed
+            watched.text_rests &= now.text == last.text
+            last = now
+        hands.sway(step)
         # A page that tests rays when a trigger is pulled shows against what.
         hands.step(1, *(["right.trigger", "left.trigger"] if step % 16 in (8, 9) else []))
-    names = {thing.name: thing for thing in app.things()}
-    return [
+    now_there = app.things()
+    watched.tracks = [
         track
         for name, track in tracks.items()
-        if (track.apart or not track.moves) and not _surrounds(names.get(name))
+        if (track.apart or not track.moves) and not _surrounds(_named(now_there, name))
     ]
+    return watched
 
 
 def _surrounds(thing: Thing | None) -> bool:
@@ -243,79 +335,8 @@ def _surrounds(thing: Thing | None) -> bool:
     if thing is None:
         return False
     half = np.array(thing.half_m)
-    inside = bool((np.abs(np.array(thing.place_m) - _HEAD_M) < half).all())
+    inside = bool((np.abs(np.array(thing.place_m) - HEAD_M) < half).all())
     return inside or float(half.max()) > _LARGEST_M
-
-
-def _probe_all(
-    app: WebXRApp, hands: PageHands, found: list[FoundThing], restless: set[str]
-) -> None:
-    for side in _ROUNDS:
-        for thing in [each for each in found if not each.reacts][:_MOST_PROBED]:
-            ways: Sequence[How] = ("touch", "point")
-            if thing.how == "look":
-                ways = ("look",)
-            elif thing.listens and thing.how != "touch":
-                ways = ("point", "touch")
-            for how in ways:
-                if _reacts(app, hands, thing, how, side, thing.name in restless):
-                    thing.reacts = True
-                    thing.how = how
-                    break
-
-
-def _reacts(
-    app: WebXRApp, hands: PageHands, thing: FoundThing, how: How, side: str, restless: bool
-) -> bool:
-    """Whether a thing reacts to a controller; restless ones must hear of it or vanish.
-
-    The controller gets there, pulls the trigger, moves back, and does the same with the squeeze.
-    """
-    before = _named(app, thing.name)
-    if before is None:
-        return False
-    place, pulses = np.array(before.place_m), hands.pulses
-    mirror = np.array([1.0 if side == "right" else -1.0, 1.0, 1.0])
-
-    def reacted() -> bool:
-        now = _named(app, thing.name)
-        if now is None or now.events > before.events or hands.pulses > pulses:
-            return True
-        moved = float(np.linalg.norm(np.array(now.place_m) - place)) > _MOVED_M
-        return not restless and (moved or now.state != before.state)
-
-    for name in ("trigger", "squeeze"):
-        if how == "touch":
-            start = hands.place[side]
-            for part in (0.7, 0.9, 1.0):
-                at = start + part * (place - start)
-                hands.put(side, at, at + np.array([0.0, -0.3, 1.0]))
-                hands.step(1)
-        elif how == "look":
-            hands.look(place)
-            hands.step(_GAZE_STEPS)
-        else:
-            hands.put(side, _AIM_FROM_M * mirror, place)
-            hands.step(2)
-        hands.step(2)
-        done = reacted()
-        hands.step(2, f"{side}.{name}")
-        if how == "touch" and not done:
-            hands.put(side, hands.place[side] - _PULL_M, place + np.array([0.0, -0.3, 1.0]))
-            hands.step(2, f"{side}.{name}")
-        done = done or reacted()
-        hands.step(2)
-        if done or reacted():
-            hands.rest()
-            hands.step(2)
-            return True
-    hands.rest()
-    hands.step(2)
-    return reacted()
-
-
-def _named(app: WebXRApp, name: str) -> Thing | None:
-    return next((each for each in app.things() if each.name == name), None)
 
 
 def things_as_targets(found: Sequence[FoundThing]) -> list[AuditTarget]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from sim2vr_harness.audit.film import worst_case, write_film
 from sim2vr_harness.audit.judging import MODELS
+from sim2vr_harness.audit.labels import labels_of
 from sim2vr_harness.audit.population import FEWEST
 from sim2vr_harness.audit.remedies import GOAL
 from sim2vr_harness.audit.summary import EVERYONE, Audit, plain
@@ -362,12 +363,14 @@ def _space(audit: Audit) -> Panel:
         _places("eyes and shoulders", audit.landmarks_m, GREY),
     ]
     names = np.array([each.name for each in audit.targets])
+    labels = np.array(labels_of(places, names.tolist()))
     for number, (least, name, colour) in enumerate(_CLASSES):
         most = np.inf if number == 0 else _CLASSES[number - 1][0]
         chosen = (usable >= least) & (usable < most)
         if chosen.any():
             placed = _places(name, places[chosen], colour)
-            layers.append(replace(placed, text=names[chosen].tolist()))
+            told = {"text": labels[chosen].tolist(), "hover": names[chosen].tolist()}
+            layers.append(replace(placed, **told))
     return Panel(
         "Share of people who can use each target",
         tuple(layers),

@@ -14,7 +14,6 @@ from sim2vr_harness.cli.options import (
     ConditionsOption,
     ExpectOption,
     JunitOption,
-    ObjectsOption,
     finite,
     known_games,
     readable_file,
@@ -35,6 +34,14 @@ _Game = Annotated[
     str | None,
     typer.Option(
         autocompletion=known_games, metavar="NAME", help="Targets of a game, found by running it."
+    ),
+]
+_Objects = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Which of the game's objects are targets, with * and ?, by their names.",
+        show_default="those that come, go or move, and small ones",
     ),
 ]
 _Targets = Annotated[
@@ -76,7 +83,7 @@ _Out = Annotated[Path, typer.Option(help="Folder for the files.", callback=writa
 def audit(
     game: _Game = None,
     condition: ConditionsOption = None,
-    objects: ObjectsOption = None,
+    objects: _Objects = None,
     targets: _Targets = None,
     session: _Session = None,
     how: _How = "touch",

@@ -194,7 +194,7 @@ def measure(
 ) -> None:
     """Measure a motor layer: end points, speeds, effort and Fitts' law.
 
-    With --people, a population aims at targets of nine indices of difficulty.
+    With --people, a population reaches at nine indices of difficulty, and pushes.
 
     Examples:
         sim2vr-harness users motor measure mobl_arms_wrist
@@ -237,6 +237,7 @@ def _measure_people(
     )
     from sim2vr_harness.runs.trust import require_trusted_body
     from sim2vr_harness.training.motor_control.human_benchmark import measure_people
+    from sim2vr_harness.training.motor_control.strike_benchmark import measure_strikes
 
     require_trusted_body(body, body, trust=trust_app)
     user = as_population(UserConfig(model=body))
@@ -245,12 +246,15 @@ def _measure_people(
     )
     with Share("Measuring movements") as share:
         measures = measure_people(policy, user, seed=seed, on_progress=share.show)
+    with Share("Measuring pushes") as share:
+        strikes = measure_strikes(policy, user, seed=seed, on_progress=share.show)
+    found = measures.summary() | strikes.summary()
     if json:
-        print_json(measures.summary())
+        print_json(found)
         return
     for row in measures.rows():
         typer.echo(row)
-    for name, value in measures.summary().items():
+    for name, value in found.items():
         typer.echo(f"{name:40s} {value:.4g}")
 
 

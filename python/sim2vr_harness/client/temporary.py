@@ -25,7 +25,10 @@ GROUP_FILE = "group"
 """In an app's folder: the number of its process group, and the end of the line."""
 
 OUTSIDE_FILE = "outside"
-"""In an app's folder: files that it made elsewhere and that are deleted with it, a line each."""
+"""In an app's folder: files that it made elsewhere and that are deleted with it.
+
+A line has a file's inode and path: one that another program has made anew stays.
+"""
 
 _LOCK = "lock"
 _NAME = re.compile(r"sim2vr-[0-9]+-\w{8}")
@@ -42,7 +45,9 @@ exec 3<&0 </dev/null
         read -r group <"$file" && [ "$group" -gt 1 ] && kill -s KILL -- "-$group"
     done
     for file in "$0"/*/{OUTSIDE_FILE}; do
-        while read -r made; do rm -f -- "$made"; done <"$file"
+        while read -r inode made; do
+            [ "$(stat -c %i -- "$made" 2>/dev/null)" = "$inode" ] && rm -f -- "$made"
+        done <"$file"
     done
     for _ in 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20; do
         rm -rf -- "$0" && break
@@ -149,9 +154,29 @@ def _sweep(folder: Path) -> None:
             lock = os.open(Path(entry.path, _LOCK), flags)
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                for file, inode in outside_files(Path(entry.path)).items():
+                    remove_same(file, inode)
                 shutil.rmtree(entry.path, ignore_errors=True)
             finally:
                 os.close(lock)
+
+
+def outside_files(folder: Path) -> dict[Path, int]:
+    """Return files that apps of a process's folder made elsewhere, with their inodes."""
+    found = {}
+    for listed in folder.glob(f"*/{OUTSIDE_FILE}"):
+        for line in listed.read_text().splitlines():
+            inode, _, file = line.partition(" ")
+            if inode.isdigit():
+                found[Path(file)] = int(inode)
+    return found
+
+
+def remove_same(file: Path, inode: int) -> None:
+    """Delete a file unless it is another one by now."""
+    with suppress(OSError):
+        if file.lstat().st_ino == inode:
+            file.unlink()
 
 
 def _remove(folder: Path, owner: int) -> None:

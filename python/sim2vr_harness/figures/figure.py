@@ -116,7 +116,7 @@ class Heat:
 class Path:
     """A way through space, or single places of it; x right, y forward, z up, m.
 
-    ``text``: a name beside each place.
+    ``text``: a name beside each place; ``hover``: what the mouse shows there, without one the name.
     """
 
     name: str
@@ -126,6 +126,7 @@ class Path:
     colour: str
     places: bool = False
     text: Sequence[str] | None = None
+    hover: Sequence[str] | None = None
 
 
 Layer = Line | Points | Band | Ranges | Bars | Heat | Path

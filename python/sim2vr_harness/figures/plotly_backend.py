@@ -151,6 +151,8 @@ def _path(layer: Path) -> dict[str, Any]:
     if layer.places:
         if layer.text is not None:
             trace |= {"mode": "markers+text", "text": list(layer.text), "textfont": {"size": 10}}
+        if layer.hover is not None:
+            trace |= {"hovertext": list(layer.hover), "hoverinfo": "text"}
         return trace | {"marker": {"color": layer.colour, "size": 4}}
     return trace | {"line": {"color": layer.colour, "width": 3}}
 

@@ -212,6 +212,7 @@ def _opened(
             options=chosen.options,
             frequency_hz=round(session.frame_rate_hz or 20),
             place=AppPlace(**place),
+            depth=False,  # no user sees it; programs without it can be replayed
             values={} if task is None else dict(task.values),
             page_start=session.page_start,
         )

@@ -245,6 +245,33 @@ TEST_F(Actions, AnActionSpaceFollowsTheGrip) {
   EXPECT_NEAR(velocity.linearVelocity.z, -10.0F, 1e-4F);
 }
 
+TEST_F(Actions, AHandThatNothingIsBoundToIsInactive) {
+  start();
+  const XrPath right = program.path("/user/hand/right");
+  const XrPath gamepad = program.path("/user/gamepad");
+  const XrAction pull = action(set, "pull", XR_ACTION_TYPE_FLOAT_INPUT, {right, gamepad});
+  const XrAction hand = action(set, "hand", XR_ACTION_TYPE_POSE_INPUT);
+  ASSERT_EQ(suggest(kTouch, {{pull, "/user/hand/right/input/trigger/value"},
+                             {hand, "/user/hand/left/input/grip/pose"}}),
+            XR_SUCCESS);
+  ASSERT_EQ(attach({set}), XR_SUCCESS);
+  frame(1.0);
+  ASSERT_EQ(sync({{set, XR_NULL_PATH}}), XR_SUCCESS);
+  EXPECT_FLOAT_EQ(number(pull, right).currentState, 1.0F);
+  EXPECT_EQ(number(pull, gamepad).isActive, XR_FALSE);
+  EXPECT_FLOAT_EQ(number(pull, gamepad).currentState, 0.0F);
+  // The left hand is not tracked: not even in itself is its space anywhere.
+  const XrActionSpaceCreateInfo info{
+      XR_TYPE_ACTION_SPACE_CREATE_INFO, nullptr, hand, XR_NULL_PATH, {{0, 0, 0, 1}, {0, 0, 0}}};
+  XrSpace space = XR_NULL_HANDLE;
+  ASSERT_EQ(XR_CALL(program.instance, xrCreateActionSpace)(program.session, &info, &space),
+            XR_SUCCESS);
+  XrSpaceLocation location{XR_TYPE_SPACE_LOCATION, nullptr, 9, {}};
+  ASSERT_EQ(XR_CALL(program.instance, xrLocateSpace)(space, space, harness.latest(), &location),
+            XR_SUCCESS);
+  EXPECT_EQ(location.locationFlags, 0U);
+}
+
 TEST_F(Actions, WrongUseHasItsCodes) {
   start();
   const XrAction pull = action(set, "pull", XR_ACTION_TYPE_FLOAT_INPUT);
@@ -260,6 +287,10 @@ TEST_F(Actions, WrongUseHasItsCodes) {
             XR_ERROR_PATH_UNSUPPORTED);
   EXPECT_EQ(suggest(kTouch, {{pull, "/user/hand/left/input/a/click"}}), XR_ERROR_PATH_UNSUPPORTED);
   EXPECT_EQ(suggest(kTouch, {}), XR_ERROR_VALIDATION_FAILURE);
+  EXPECT_EQ(tryAction(set, "..", XR_ACTION_TYPE_FLOAT_INPUT, &made), XR_ERROR_PATH_FORMAT_INVALID);
+  const XrAction hand = action(set, "hand", XR_ACTION_TYPE_POSE_INPUT);
+  EXPECT_EQ(suggest(kTouch, {{hand, "/user/hand/left/input/grip_surface/pose"}}),
+            XR_ERROR_PATH_UNSUPPORTED);  // since 1.1
   EXPECT_EQ(sync({{set, XR_NULL_PATH}}), XR_ERROR_ACTIONSET_NOT_ATTACHED);
   EXPECT_EQ(attach({}), XR_ERROR_VALIDATION_FAILURE);
   ASSERT_EQ(attach({set}), XR_SUCCESS);

@@ -277,6 +277,65 @@ TEST_F(Calls, NamesOfNumbers) {
                                                                text),
             XR_SUCCESS);
   EXPECT_STREQ(text, "XR_TYPE_VIEW_STATE");
+  // Since 1.1; distributions' headers do not know them.
+  EXPECT_EQ(name(program.instance, static_cast<XrResult>(-1000710001), text), XR_SUCCESS);
+  EXPECT_STREQ(text, "XR_ERROR_EXTENSION_DEPENDENCY_NOT_ENABLED");
+  EXPECT_EQ(XR_CALL(program.instance, xrStructureTypeToString)(
+                program.instance, static_cast<XrStructureType>(1000471001), text),
+            XR_SUCCESS);
+  EXPECT_STREQ(text, "XR_TYPE_SPACE_LOCATIONS");
+}
+
+TEST_F(Calls, AHeadlessSessionNeedsNoFrames) {
+  ASSERT_EQ(program.create({"XR_MND_headless"}), XR_SUCCESS);
+  // What is no graphics binding is passed over.
+  const XrBaseInStructure unknown{static_cast<XrStructureType>(1999009999), nullptr};
+  const XrSessionCreateInfo info{XR_TYPE_SESSION_CREATE_INFO, &unknown, 0, program.system};
+  ASSERT_EQ(XR_CALL(program.instance, xrCreateSession)(program.instance, &info, &program.session),
+            XR_SUCCESS);
+  const XrSessionBeginInfo begin{XR_TYPE_SESSION_BEGIN_INFO, nullptr,
+                                 XR_VIEW_CONFIGURATION_TYPE_PRIMARY_MONO};
+  ASSERT_EQ(XR_CALL(program.instance, xrBeginSession)(program.session, &begin), XR_SUCCESS);
+  EXPECT_EQ(program.states().back(), XR_SESSION_STATE_FOCUSED);
+  std::uint32_t count = 7;
+  EXPECT_EQ(
+      XR_CALL(program.instance, xrEnumerateSwapchainFormats)(program.session, 0, &count, nullptr),
+      XR_SUCCESS);
+  EXPECT_EQ(count, 0U);
+}
+
+TEST_F(Calls, ChildrenOfAnotherSessionAreInvalid) {
+  start();
+  Program other;
+  ASSERT_EQ(other.create({kPixels}), XR_SUCCESS);
+  ASSERT_EQ(other.createSession(false), XR_SUCCESS);
+  const XrSpace stage = program.referenceSpace(XR_REFERENCE_SPACE_TYPE_STAGE);
+  const XrSpace foreign = other.referenceSpace(XR_REFERENCE_SPACE_TYPE_STAGE);
+  XrSpaceLocation location{XR_TYPE_SPACE_LOCATION, nullptr, 0, {}};
+  EXPECT_EQ(XR_CALL(program.instance, xrLocateSpace)(stage, foreign, 1, &location),
+            XR_ERROR_VALIDATION_FAILURE);
+  ASSERT_EQ(program.begin(), XR_SUCCESS);
+  XrFrameState state{};
+  state.type = XR_TYPE_FRAME_STATE;
+  ASSERT_EQ(XR_CALL(program.instance, xrWaitFrame)(program.session, nullptr, &state), XR_SUCCESS);
+  ASSERT_EQ(XR_CALL(program.instance, xrBeginFrame)(program.session, nullptr), XR_SUCCESS);
+  const XrSwapchain own = program.swapchain(kColorFormat, 4, 2);
+  const XrSwapchain swapchain = other.swapchain(kColorFormat, 4, 2);
+  program.show(own, 1);
+  other.show(swapchain, 1);
+  XrCompositionLayerQuad quad{};
+  quad.type = XR_TYPE_COMPOSITION_LAYER_QUAD;
+  quad.pose.orientation.w = 1.0F;
+  quad.size = {1.0F, 1.0F};
+  const auto submit = [&](XrSpace space, XrSwapchain image) {
+    quad.space = space;
+    quad.subImage = {image, {{0, 0}, {4, 2}}, 0};
+    return program.end(state.predictedDisplayTime,
+                       {reinterpret_cast<const XrCompositionLayerBaseHeader*>(&quad)});
+  };
+  EXPECT_EQ(submit(foreign, own), XR_ERROR_VALIDATION_FAILURE);
+  EXPECT_EQ(submit(stage, swapchain), XR_ERROR_VALIDATION_FAILURE);
+  EXPECT_EQ(submit(stage, own), XR_SUCCESS);
 }
 
 TEST_F(Calls, TimesOfTheMonotonicClock) {

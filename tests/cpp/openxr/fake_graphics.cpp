@@ -1,5 +1,6 @@
 // Graphics of the tests: an image is one colour and one depth.
 #include <cstring>
+#include <vector>
 
 #include "graphics.hpp"
 #include "program.hpp"
@@ -9,12 +10,15 @@ namespace {
 
 class Images final : public SwapchainImages {
  public:
+  explicit Images(bool of_depth) : depth(of_depth) {}
   std::uint32_t count() const override { return 3; }
   void describe(XrSwapchainImageBaseHeader* images) const override {
     auto* to = reinterpret_cast<test::PixelsImage*>(images);
     for (std::uint32_t i = 0; i < 3; ++i) to[i].rgba = pixels_[i];
   }
   const std::uint8_t* pixels(std::uint32_t index) const { return pixels_[index]; }
+
+  const bool depth;
 
  private:
   mutable std::uint8_t pixels_[3][8]{};
@@ -29,21 +33,22 @@ class Pixels final : public Graphics {
     return kFormats;
   }
   bool isDepth(std::int64_t format) const override { return format == test::kDepthFormat; }
-  std::unique_ptr<SwapchainImages> createImages(const XrSwapchainCreateInfo&) override {
-    return std::make_unique<Images>();
+  std::unique_ptr<SwapchainImages> createImages(const XrSwapchainCreateInfo& info) override {
+    return std::make_unique<Images>(isDepth(info.format));
   }
-  void readColor(const ImagePart& part, std::uint32_t width, std::uint32_t height,
-                 std::span<std::uint8_t> rgba) override {
-    for (std::uint32_t i = 0; i < width * height; ++i) {
-      std::memcpy(&rgba[i * 4], static_cast<const Images*>(part.images)->pixels(part.index), 4);
-    }
+  PixelView read(const ImagePart& part) override {
+    const auto& images = *static_cast<const Images*>(part.images);
+    const std::uint8_t* pixel = images.pixels(part.index) + (images.depth ? 4 : 0);
+    const auto width = static_cast<std::uint32_t>(part.rect.extent.width);
+    const auto height = static_cast<std::uint32_t>(part.rect.extent.height);
+    pixels_.resize(std::size_t{4} * width * height);
+    for (std::size_t i = 0; i < pixels_.size(); i += 4) std::memcpy(&pixels_[i], pixel, 4);
+    return {images.depth ? PixelFormat::kDepthFloat : PixelFormat::kRgba8Srgb, pixels_.data(),
+            width, height, false};
   }
-  void readDepth(const ImagePart& part, std::uint32_t width, std::uint32_t height,
-                 std::span<float> depth) override {
-    float value = 0.0F;
-    std::memcpy(&value, static_cast<const Images*>(part.images)->pixels(part.index) + 4, 4);
-    std::fill_n(depth.begin(), width * height, value);
-  }
+
+ private:
+  std::vector<std::byte> pixels_;
 };
 
 }  // namespace

@@ -75,6 +75,9 @@ TEST_F(Gate, QuitStopsTheSession) {
   XrFrameState state{};
   ASSERT_EQ(program.frame(&state), XR_SUCCESS);
   EXPECT_EQ(state.shouldRender, XR_FALSE);
+  const XrTime before = state.predictedDisplayTime;
+  ASSERT_EQ(program.frame(&state), XR_SUCCESS);
+  EXPECT_GT(state.predictedDisplayTime, before);
   const std::vector<XrSessionState> expected{
       XR_SESSION_STATE_VISIBLE, XR_SESSION_STATE_SYNCHRONIZED, XR_SESSION_STATE_STOPPING};
   EXPECT_EQ(program.states(), expected);

@@ -128,13 +128,25 @@ struct Recorded : ::testing::Test {
         above<PFN_xrAttachSessionActionSets>("xrAttachSessionActionSets")(program.session, &attach),
         XR_SUCCESS);
   }
-  void frame(double trigger) {
+  void sync() {
+    const XrActionsSyncInfo info{XR_TYPE_ACTIONS_SYNC_INFO, nullptr, 0, nullptr};
+    ASSERT_EQ(above<PFN_xrSyncActions>("xrSyncActions")(program.session, &info), XR_SUCCESS);
+  }
+  std::vector<nlohmann::json> written() {
+    EXPECT_EQ(above<PFN_xrDestroySession>("xrDestroySession")(program.session), XR_SUCCESS);
+    std::ifstream stream(file);
+    std::vector<nlohmann::json> lines;
+    for (std::string line; std::getline(stream, line);) {
+      lines.push_back(nlohmann::json::parse(line));
+    }
+    return lines;
+  }
+  void frame(double trigger, bool syncs = true) {
     harness.sendStep(1, false, trigger);
     XrFrameState state{XR_TYPE_FRAME_STATE, nullptr, 0, 0, 0};
     ASSERT_EQ(above<PFN_xrWaitFrame>("xrWaitFrame")(program.session, nullptr, &state), XR_SUCCESS);
     ASSERT_EQ(above<PFN_xrBeginFrame>("xrBeginFrame")(program.session, nullptr), XR_SUCCESS);
-    const XrActionsSyncInfo sync{XR_TYPE_ACTIONS_SYNC_INFO, nullptr, 0, nullptr};
-    ASSERT_EQ(above<PFN_xrSyncActions>("xrSyncActions")(program.session, &sync), XR_SUCCESS);
+    if (syncs) sync();
     const XrFrameEndInfo end{XR_TYPE_FRAME_END_INFO,           nullptr, state.predictedDisplayTime,
                              XR_ENVIRONMENT_BLEND_MODE_OPAQUE, 0,       nullptr};
     ASSERT_EQ(above<PFN_xrEndFrame>("xrEndFrame")(program.session, &end), XR_SUCCESS);
@@ -145,10 +157,7 @@ TEST_F(Recorded, FramesHavePosesAndInputs) {
   attachActions();
   frame(0.0);
   frame(0.75);
-  ASSERT_EQ(above<PFN_xrDestroySession>("xrDestroySession")(program.session), XR_SUCCESS);
-  std::ifstream stream(file);
-  std::vector<nlohmann::json> lines;
-  for (std::string line; std::getline(stream, line);) lines.push_back(nlohmann::json::parse(line));
+  const auto lines = written();
   ASSERT_EQ(lines.size(), 3U);
   EXPECT_EQ(lines[0]["format"], "sim2vr-session");
   EXPECT_EQ(lines[0]["app"]["name"], "recorded");
@@ -159,6 +168,19 @@ TEST_F(Recorded, FramesHavePosesAndInputs) {
   EXPECT_FLOAT_EQ(lines[2]["right"]["grip"][2], 0.6F);
   EXPECT_FLOAT_EQ(lines[2]["right"]["inputs"][0], 0.75F);
   EXPECT_FALSE(lines[2].contains("left"));
+}
+
+TEST_F(Recorded, InputsReadAfterAFrameAreThatFrames) {
+  // As hello_xr does: it reads inputs between two frames.
+  attachActions();
+  frame(0.0, false);
+  sync();
+  frame(0.75, false);
+  sync();
+  const auto lines = written();
+  ASSERT_EQ(lines.size(), 3U);
+  EXPECT_FLOAT_EQ(lines[1]["right"]["inputs"][0], 0.0F);
+  EXPECT_FLOAT_EQ(lines[2]["right"]["inputs"][0], 0.75F);
 }
 
 }  // namespace

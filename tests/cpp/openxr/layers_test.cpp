@@ -254,6 +254,14 @@ TEST_F(Layers, UnusableSwapchainsAreRefused) {
   EXPECT_EQ(with([](auto& c) { c.width = 0; }), XR_ERROR_VALIDATION_FAILURE);
   EXPECT_EQ(with([](auto& c) { c.height = 100'000; }), XR_ERROR_VALIDATION_FAILURE);
   EXPECT_EQ(with([](auto& c) { c.faceCount = 6; }), XR_ERROR_FEATURE_UNSUPPORTED);
+  EXPECT_EQ(with([](auto& c) { c.faceCount = 2; }), XR_ERROR_VALIDATION_FAILURE);
+  EXPECT_EQ(with([](auto& c) { c.sampleCount = 0; }), XR_ERROR_VALIDATION_FAILURE);
+  EXPECT_EQ(with([](auto& c) { c.sampleCount = 4; }), XR_SUCCESS);
+  EXPECT_EQ(with([](auto& c) { c.arraySize = 0; }), XR_ERROR_VALIDATION_FAILURE);
+  EXPECT_EQ(with([](auto& c) { c.arraySize = 65; }), XR_ERROR_FEATURE_UNSUPPORTED);
+  // 4 x 4, 2 x 2, 1 x 1.
+  EXPECT_EQ(with([](auto& c) { c.mipCount = 3; }), XR_SUCCESS);
+  EXPECT_EQ(with([](auto& c) { c.mipCount = 4; }), XR_ERROR_VALIDATION_FAILURE);
   EXPECT_EQ(with([](auto& c) {
               c.width = c.height = 8192;
               c.arraySize = 64;

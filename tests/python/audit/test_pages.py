@@ -57,3 +57,17 @@ def test_an_object_is_located() -> None:
 def test_other_answers_are_refused(answer: object, message: str) -> None:
     with pytest.raises(BadReply, match=message):
         things_reply(answer)
+
+
+@NEEDS_BROWSER
+@NEEDS_ENGINES
+def test_what_the_page_does_anywhere_is_no_reaction() -> None:
+    file = ROOT / "tests" / "data" / "webxr" / "operated.html"
+    env = EnvConfig(app=AppConfig(transport="webxr", page=str(file), map={CDN: str(ENGINES)}))
+    found = {each.name: each for each in find_things(env, 2.0)}
+    assert found["switch"].reacts  # by its own ray, which is 30 degrees beside WebXR's
+    assert found["door"].reacts
+    assert found["door"].after == "switch"
+    assert not found["lamp"].reacts  # which changes wherever the ray points
+    assert not found["stone"].reacts
+    assert found["switch"].place_m.tolist() == pytest.approx([-0.6, 1.5, 2.0])  # in the rig

@@ -59,6 +59,22 @@ def test_a_folder_without_an_owner_is_swept_and_no_other(place: Path) -> None:
     folder.remove()
 
 
+def test_files_elsewhere_go_with_the_folder_unless_they_are_others_by_now(
+    place: Path, tmp_path: Path
+) -> None:
+    """Of a process that was killed together with its watcher: the next start deletes them."""
+    left, anew = tmp_path / "left socket", tmp_path / "anew"
+    left.touch()
+    anew.touch()
+    app = named(place, "sim2vr-1234567-xservers") / "0"
+    app.mkdir()
+    number = left.stat().st_ino
+    (app / "outside").write_text(f"{number} {left}\n{number} {anew}\nno line\n")
+    TemporaryFolder().remove()
+    assert not app.exists() and not left.exists()
+    assert anew.exists()
+
+
 def test_a_living_process_keeps_its_folder(place: Path) -> None:
     mine = TemporaryFolder()
     code = (

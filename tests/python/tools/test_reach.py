@@ -22,6 +22,7 @@ from sim2vr_harness.tools.reach.people import PeopleReach, alike, people_reach
 from sim2vr_harness.tools.reach.shell import shell
 from sim2vr_harness.tools.reach.targets import (
     Target,
+    _Rest,
     given_target,
     logged_targets,
     seen_targets,
@@ -289,3 +290,18 @@ def test_people_reach_what_their_own_arms_allow() -> None:
     assert told.words(1) == "1 of 1 people, at worst inside, 10.0 cm to spare"
     with pytest.raises(InputError, match=r"^--people: got 0, expected at least 1"):
         people_reach(env, point, places, 0, look)
+
+
+def test_an_object_that_is_put_elsewhere_counts_where_it_rests() -> None:
+    rest = _Rest(np.zeros(3))
+    places = [np.zeros(3)] * 6 + [np.array([0.1, 0.0, 0.0])] * 6 + [np.zeros(3)] * 6
+    came = [rest.add(place) for place in places]
+    assert [number for number, each in enumerate(came) if each] == [10, 16]
+    assert [each.tolist() for each in rest.others(np.zeros(3))] == [[0.1, 0.0, 0.0]]
+
+
+def test_an_object_that_moves_on_rests_nowhere_else() -> None:
+    rest = _Rest(np.zeros(3))
+    path = [np.array([0.0, min(0.02 * step, 0.2), 0.0]) for step in range(30)]
+    assert not any([rest.add(place) for place in path])
+    assert rest.others(path[-1]) == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 
@@ -76,7 +77,12 @@ class _Programs:
             raise AppRefused("app.executable: got none, expected an OpenXR program")
         virtual = options["virtual_clock"] == "true"
         preload = self._preload(virtual)
-        environment = {"PYTHONUNBUFFERED": "1", "QT_FORCE_STDERR_LOGGING": "1"}
+        environment = {
+            "PYTHONUNBUFFERED": "1",
+            "QT_FORCE_STDERR_LOGGING": "1",
+            # Mesa's software drivers draw in the thread that asks: programs share the cores.
+            "LP_NUM_THREADS": os.environ.get("LP_NUM_THREADS", "0"),
+        }
         if options["xvfb"] == "true":
             if self._display is None or not self._display.running:
                 self._display = Display(place.start_timeout_s)

@@ -10,12 +10,11 @@ import struct
 import time
 import weakref
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 
 from sim2vr_harness.client.errors import AppRefused, AppTimeout
 from sim2vr_harness.client.process import AppProcess
-from sim2vr_harness.client.temporary import OUTSIDE_FILE, TemporaryFolder
+from sim2vr_harness.client.temporary import OUTSIDE_FILE, TemporaryFolder, remove_same
 
 __all__ = ["Display"]
 
@@ -63,7 +62,7 @@ class Display:
                 os.close(theirs)
         made = _files(self.number)
         outside = self._folder.path / OUTSIDE_FILE
-        outside.write_text("".join(f"{file}\n" for file in made))
+        outside.write_text("".join(f"{inode} {file}\n" for file, inode in made.items()))
         # Runs before the process's own finalizer, which ends it without a chance to clear up.
         self._finalizer = weakref.finalize(self, _remove_files, made, os.getpid())
 
@@ -112,9 +111,7 @@ def _remove_files(made: Mapping[Path, int], owner: int) -> None:
     if os.getpid() != owner:
         return
     for file, inode in made.items():
-        with suppress(OSError):
-            if file.lstat().st_ino == inode:
-                file.unlink()
+        remove_same(file, inode)
 
 
 def _authority(cookie: bytes) -> bytes:

@@ -24,7 +24,7 @@ from sim2vr_harness.client.webxr.browser import Browser, find_browser
 from sim2vr_harness.client.webxr.files import PageFiles
 from sim2vr_harness.client.webxr.page import PROFILES, SCRIPT_ERRORS, Page
 from sim2vr_harness.client.webxr.renderers import RENDERERS
-from sim2vr_harness.client.webxr.replies import PageReport, Thing
+from sim2vr_harness.client.webxr.replies import PageReport, Signs, Thing
 from sim2vr_harness.client.webxr.shown import scene_of
 
 __all__ = ["CAPABILITIES", "WebXRApp"]
@@ -237,6 +237,11 @@ class WebXRApp(UnsavedApp):
         """
         self._require_open()
         return self._page.things()
+
+    def signs(self) -> Signs:
+        """Return what people may notice of the page now."""
+        self._require_open()
+        return self._page.signs()
 
     @property
     def usable(self) -> bool:

@@ -17,12 +17,14 @@ from sim2vr_harness.client.webxr.replies import (
     BadReply,
     Box,
     PageReport,
+    Signs,
     StepReply,
     Thing,
     boxes_reply,
     door_reply,
     place_in,
     report_reply,
+    signs_reply,
     step_reply,
     text_in,
     things_reply,
@@ -244,6 +246,10 @@ class Page:
     def things(self) -> tuple[Thing, ...]:
         """Return the objects that people may use, as they are now."""
         return self._checked(things_reply, self._evaluate("__sim2vr.things()"))
+
+    def signs(self) -> Signs:
+        """Return what people may notice of the page now."""
+        return self._checked(signs_reply, self._evaluate("__sim2vr.signs()"))
 
     def boxes(self) -> tuple[Box, ...]:
         """Return what the page shows now, as boxes."""

@@ -24,12 +24,14 @@ __all__ = [
     "Box",
     "DoorReply",
     "PageReport",
+    "Signs",
     "StepReply",
     "Thing",
     "boxes_reply",
     "door_reply",
     "place_in",
     "report_reply",
+    "signs_reply",
     "step_reply",
     "text_in",
     "things_reply",
@@ -38,6 +40,8 @@ __all__ = [
 MOST_TEXTS = 200
 MOST_THINGS = 200
 MOST_BOXES = 500
+MOST_OBJECTS = 1000
+MOST_RAYS = 16
 MOST_PULSES = 10_000
 """Vibrations of one step."""
 
@@ -108,7 +112,7 @@ class Thing:
         how: ``touch``, ``point`` or ``look``, by what it listens to; ``unknown``: it does not.
         place_m: middle, right, up, ahead.
         half_m: half of its size along these axes.
-        events: that it has received, and rays that have met it.
+        events: that it has received.
         state: changes with where it is and how it looks.
     """
 
@@ -135,6 +139,43 @@ def _thing_in(row: object) -> Thing:
     events, state = (int(number_in("things", each)) for each in row[4:])
     place, half = place_in("things, place", row[2]), place_in("things, half of the size", row[3])
     return Thing(name, how, place, half, events, state)
+
+
+@dataclass(frozen=True)
+class Signs:
+    """What people may notice of a page at a moment.
+
+    Attributes:
+        objects: how each object looks: its number -> a number that changes with it.
+        sounds: that were started or stopped so far.
+        text: changes with the text of the document.
+        rays: origin and direction of those that the page last tested objects against, app frame.
+    """
+
+    objects: dict[int, int]
+    sounds: int
+    text: int
+    rays: tuple[tuple[tuple[float, float, float], tuple[float, float, float]], ...]
+
+
+def signs_reply(answer: object) -> Signs:
+    """Return what people may notice of a page; raises :class:`BadReply`."""
+    if not isinstance(answer, list) or len(answer) != 4:
+        raise bad_reply("signs", answer, "objects, sounds, text, rays")
+    objects = [_two_in("signs, object", row) for row in list_in("signs", answer[0], MOST_OBJECTS)]
+    rays = [_two_in("signs, ray", row) for row in list_in("signs, rays", answer[3], MOST_RAYS)]
+    return Signs(
+        {int(number_in("signs", a)): int(number_in("signs", b)) for a, b in objects},
+        int(number_in("signs, sounds", answer[1])),
+        int(number_in("signs, text", answer[2])),
+        tuple((place_in("signs, ray", a), place_in("signs, ray", b)) for a, b in rays),
+    )
+
+
+def _two_in(what: str, row: object) -> tuple[object, object]:
+    if not isinstance(row, list) or len(row) != 2:
+        raise bad_reply(what, row, "a pair")
+    return row[0], row[1]
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,7 @@ _SCRIPTS = (
     "session.js",
     "objects.js",
     "things.js",
+    "signs.js",
     "boxes.js",
     "report.js",
     "steps.js",

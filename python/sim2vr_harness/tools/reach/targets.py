@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.client import AppScene, SceneObject
+from sim2vr_harness.client import AppScene, DevicePoses, SceneObject
 from sim2vr_harness.client.frames import position_to_mujoco
+from sim2vr_harness.client.runtime import frame_time_ns
+from sim2vr_harness.envs.apps import app_factory
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.evaluation.environment import make_simulation
 from sim2vr_harness.sessions.state_log import read_lines
@@ -34,6 +36,10 @@ _STILL_M, _FLOOR_M, _FLAT_M = 0.4, 0.05, 0.02
 """Half the diagonal of a still thing at most; what is so near the floor and so flat is none."""
 _NEW_AFTER_M = 0.01
 """Places nearer to each other than this are one."""
+_RESTS = 5
+"""An object that stays for so many user steps rests there."""
+_LONGEST_S = 300.0
+"""Of a round that is watched for as long as something comes up in it."""
 _MOST = 500
 _NUMBER = r"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"
 _GRID = re.compile(rf"\[(\d+) \d+ \d+ {_NUMBER} {_NUMBER} ({_NUMBER}) ({_NUMBER}) ({_NUMBER})\]")
@@ -136,14 +142,16 @@ def seen_targets(
 ) -> list[Target]:
     """Let the user sit still in a game, and note where objects come up.
 
-    An object that moves counts where it comes nearest to the headset. A place that several rounds
-    have, in the world or from the head, is one target.
+    An object that moves counts where it comes nearest to the headset, and where it rests after it
+    was put elsewhere at once. A place that several rounds have, in the world or from the head, is
+    one target.
 
     Args:
         config: User and app.
         pattern: Of objects' names, with ``*`` and ``?``; None takes those that come, go or move by
             themselves.
-        seconds: How long to look at a round.
+        seconds: How long to look at a round; ``still``: at the first one until nothing has come up
+            for so long.
         seed: Of the first round.
         rounds: How many rounds to look at.
         person: Number of the person, where users are people.
@@ -162,6 +170,8 @@ def seen_targets(
         for number in range(rounds):
             users.reset(seeds=[seed + number], persons=None if person is None else [person])
             tracks = _watched_round(users, pattern, seconds)
+            if still and number == 0:
+                _watch_on(config, tracks, seconds, seed)
             paths |= tracks.paths
             for target in tracks.targets(still=still):
                 if not any(target.same_as(other) for other in seen):
@@ -186,6 +196,18 @@ def _watched_round(users: Any, pattern: str | None, seconds: float) -> _Tracks:
     return tracks
 
 
+def _watch_on(config: EnvConfig, tracks: _Tracks, seconds: float, seed: int) -> None:
+    """Play a round without a body, its devices at rest, for as long as things come up in it."""
+    hz = config.action_frequency_hz
+    with closing(app_factory(config, 1)(config, 0, None)) as app:
+        app.reset(seed, tracks.devices)
+        for step in range(1, round(_LONGEST_S * hz)):
+            reply = app.step(frame_time_ns(step, hz), tracks.devices)
+            tracks.add(app.scene())
+            if tracks.moments - tracks.last_came > seconds * hz or reply.finished:
+                break
+
+
 def _numbered(seen: list[Target]) -> list[Target]:
     """Number places of a kind, whatever numbers the objects had."""
     counts: dict[str, int] = {}
@@ -202,6 +224,9 @@ class _Tracks:
 
     Attributes:
         paths: of all objects that there were.
+        devices: Where they were as it began.
+        moments: How many there were.
+        last_came: Number of the moment at which something came or was put elsewhere last.
     """
 
     def __init__(self, first: AppScene, pattern: str | None) -> None:
@@ -210,7 +235,10 @@ class _Tracks:
         self._best: dict[tuple[int, int], tuple[float, str, FloatArray]] = {}
         self._moved: set[tuple[int, int]] = set()
         self._size: dict[tuple[int, int], tuple[float, float]] = {}
+        self._rests: dict[tuple[int, int], _Rest] = {}
+        self.moments = self.last_came = 0
         self._start = _head(first)
+        self.devices = _devices(first)
         self.paths: set[str] = set()
         self.add(first)
 
@@ -218,6 +246,7 @@ class _Tracks:
         """Look at a moment."""
         head = _head(scene)
         counts: dict[int, int] = {}
+        self.moments += 1
         for one in scene.objects:
             key = one.id, counts.get(one.id, 0)
             counts[one.id] = key[1] + 1
@@ -228,6 +257,9 @@ class _Tracks:
             if before is None or not _same(before.pose[:3], one.pose[:3]):
                 self._moved.add(key)
             self._size.setdefault(key, _size(scene, one))
+            rest = self._rests.setdefault(key, _Rest(one.pose[:3].copy()))
+            if rest.add(one.pose[:3]) or key not in self._best:
+                self.last_came = self.moments
             distance = float(np.linalg.norm(one.pose[:3] - head))
             if key not in self._best or distance < self._best[key][0]:
                 self._best[key] = distance, one.path.rpartition("/")[2], one.pose[:3].copy()
@@ -241,9 +273,10 @@ class _Tracks:
     def targets(self, *, still: bool = False) -> list[Target]:
         """Those that were found, the earliest first; ``still``: as of :func:`seen_targets`."""
         return [
-            Target(name, place, place - self._start)
+            Target(name, at, at - self._start)
             for key, (_, name, place) in self._best.items()
             if self._pattern is not None or key in self._moved or (still and self._thing(key))
+            for at in (place, *self._rests[key].others(place))
         ]
 
     def _thing(self, key: tuple[int, int]) -> bool:
@@ -257,6 +290,33 @@ class _Tracks:
         return radius <= _STILL_M and not on_floor and not carried
 
 
+class _Rest:
+    """Where an object rests after it was put elsewhere at once."""
+
+    def __init__(self, place: FloatArray) -> None:
+        self._place, self._steps, self._jumped = place, 0, False
+        self._found: list[FloatArray] = []
+
+    def add(self, place: FloatArray) -> bool:
+        """Look at a moment; return whether the object has come to rest elsewhere."""
+        if not _same(place, self._place):
+            self._jumped = self._steps >= _RESTS
+            self._place, self._steps = place.copy(), 0
+        self._steps += 1
+        came = self._jumped and self._steps == _RESTS
+        if self._steps == _RESTS and (came or not self._found):
+            self._found.append(self._place)
+        return came
+
+    def others(self, place: FloatArray) -> list[FloatArray]:
+        """Return these places but one, each once; none if the object was never put elsewhere."""
+        found = [place]
+        for each in self._found if len(self._found) > 1 else []:
+            if not any(_same(each, other) for other in found):
+                found.append(each)
+        return found[1:]
+
+
 def _size(scene: AppScene, one: SceneObject) -> tuple[float, float]:
     """Half the diagonal of what an object shows, and its height, m."""
     assert one.mesh is not None
@@ -268,6 +328,13 @@ def _size(scene: AppScene, one: SceneObject) -> tuple[float, float]:
 def _head(scene: AppScene) -> FloatArray:
     place = next(one.pose[:3] for one in scene.objects if one.path == f"{_RIG}Main Camera")
     return np.array(place, dtype=np.float64)
+
+
+def _devices(scene: AppScene) -> DevicePoses:
+    """The devices where the scene has them."""
+    poses = {one.path: np.array(one.pose, dtype=np.float64) for one in scene.objects}
+    right, left = (poses.get(path) for path in _CONTROLLERS)
+    return DevicePoses(poses[f"{_RIG}Main Camera"], right, left)
 
 
 def _key(one: SceneObject) -> int:

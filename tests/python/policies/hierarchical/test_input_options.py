@@ -21,7 +21,11 @@ from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
 from sim2vr_harness.policies.hierarchical.options import MOVES, PLACED, PLAIN, option_set
 from sim2vr_harness.policies.hierarchical.pointing import aim_of, off_ray
-from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, PrimitiveController
+from sim2vr_harness.policies.hierarchical.primitives import (
+    PERSONS,
+    OptionChoice,
+    PrimitiveController,
+)
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, _judged, straight_tool
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.users import UserBatch, load_body
@@ -148,6 +152,7 @@ def test_a_hand_that_pulls_closes_at_its_place_and_opens_30_cm_behind_it(
     assert closed == [True] * 24 + [False] + [True]
 
 
+<<<<<<< HEAD
 def test_hands_go_to_the_middle_of_a_thing_and_not_of_its_cell(layer: MotorPolicy) -> None:
     primitives, choice = controller(layer, "right.thumbstick_x"), OptionChoice(1, 1)
     cells = torch.tensor([0.4, -0.2, 1.2])[None, :, None, None].repeat(1, 1, 2, 2)
@@ -156,6 +161,26 @@ def test_hands_go_to_the_middle_of_a_thing_and_not_of_its_cell(layer: MotorPolic
     assert choice.move[0, 0] == MOVES.index("touch")
     assert choice.seen[0, 0].tolist() == pytest.approx(middle.tolist())
     assert choice.place[0, 0].tolist() == pytest.approx(middle.tolist())  # within reach
+=======
+def test_persons_push_with_the_hand(layer: MotorPolicy) -> None:
+    """A tip 10 cm ahead is to come 4 cm behind a place 40 cm ahead: the hand itself to 34 cm."""
+    tool = torch.tensor([0.1, 0.0, 0.0]).expand(1, 2, 3)
+    hands = PrimitiveController(layer, tool, reachable_poses(layer, 1), manner=PERSONS)
+    choice = OptionChoice(1, 1)
+    choice.move[:] = MOVES.index("push")
+    choice.place[:] = choice.seen[:] = torch.tensor([0.4, 0.0, 0.0])
+    place = torch.eye(4).expand(1, 1, 4, 4).clone()
+    goals = hands.goals(choice, torch.tensor([[-0.3, 0.0, 0.0]]), place, place)
+    assert goals.tip.abs().max() == 0.0
+    assert goals.place[0, 0].tolist() == pytest.approx([0.34, 0.0, 0.0], abs=1e-6)
+    assert goals.velocity[0, 0].tolist() == pytest.approx([PERSONS.push_mps, 0.0, 0.0], abs=1e-6)
+    # From 6 cm before that there is no room to gain speed: back to where a push begins.
+    place[..., 0, 3] = 0.28
+    again = hands.goals(choice, torch.tensor([[-0.3, 0.0, 0.0]]), place, place)
+    assert again.velocity.abs().max() == 0.0
+    begin = 0.34 - 1.25 * PERSONS.run_up_m
+    assert again.place[0, 0].tolist() == pytest.approx([begin, 0.0, 0.0], abs=1e-6)
+>>>>>>> main
 
 
 def test_a_stick_is_pushed_while_the_hand_goes_on(layer: MotorPolicy) -> None:

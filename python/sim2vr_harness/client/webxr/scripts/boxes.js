@@ -16,14 +16,14 @@
     if (!owner.boundingBox) owner.computeBoundingBox?.();
     return owner.boundingBox;
   };
-  const ofThree = (mesh) => {
+  const ofThree = (mesh, user) => {
     const box = localBox(mesh);
     const material = [mesh.material].flat()[0];
     if (!box || !material?.visible) return null;
     mesh.updateWorldMatrix(true, false);
-    const { elements: e } = mesh.matrixWorld;
+    const e = sim.product(user, mesh.matrixWorld.elements);
     const [place, turn, scale] = [mesh.position.clone(), mesh.quaternion.clone(), mesh.scale.clone()];
-    mesh.matrixWorld.decompose(place, turn, scale);
+    mesh.matrixWorld.clone().fromArray(e).decompose(place, turn, scale);
     const [x, y, z] = map(['x', 'y', 'z'], (axis) => center(box.min, box.max, axis));
     const middle = map([0, 1, 2], (row) => e[row] * x + e[row + 4] * y + e[row + 8] * z + e[row + 12]);
     const hex = material.color?.getHex?.() ?? 0x999999;
@@ -50,8 +50,9 @@
       row[0] = slice(String(row[0] || 'mesh'), 0, 60);
       push(found, row);
     };
+    const user = sim.userSpace();
     for (const reference of sim.scenes) {
-      reference.deref()?.traverseVisible?.((object) => object.isMesh && add(ofThree(object)));
+      reference.deref()?.traverseVisible?.((object) => object.isMesh && add(ofThree(object, user)));
     }
     for (const scene of window.BABYLON?.EngineStore?.Instances?.flatMap((one) => one.scenes) ?? []) {
       for (const mesh of scene.meshes) {

@@ -9,15 +9,66 @@
   tools.addEventListener('register', ({ detail }) => { sim.revision = detail?.revision; });
   Object.defineProperty(window, '__THREE_DEVTOOLS__', { value: tools, configurable: true });
 
+  // From the page's world to the user's space, whose origin lies on the floor: a page may carry its
+  // user about, or measure heights from the eyes. (4, 4) by columns, right-handed.
+  const NEAR_M = 0.01;
+  const product = (a, b) => map(Array.from({ length: 16 }), (_, k) => {
+    let sum = 0;
+    for (let j = 0; j < 4; j++) sum += a[(k % 4) + 4 * j] * b[j + 4 * Math.floor(k / 4)];
+    return sum;
+  });
+  const inverted = (e) => { // of a turn with a scale, and a shift
+    const minor = (i, j) => {
+      const [a, b, c, d] = [(i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3];
+      return e[a + 4 * c] * e[b + 4 * d] - e[a + 4 * d] * e[b + 4 * c];
+    };
+    const size = e[0] * minor(0, 0) + e[4] * minor(0, 1) + e[8] * minor(0, 2);
+    const found = [...UNMOVED];
+    for (let i = 0; i < 3; i++) for (let j = 0; j < 3; j++) found[j + 4 * i] = minor(i, j) / size;
+    for (let i = 0; i < 3; i++) {
+      found[12 + i] = -(found[i] * e[12] + found[4 + i] * e[13] + found[8 + i] * e[14]);
+    }
+    return found;
+  };
+  const UNMOVED = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
+  // What carries the camera that the headset moves.
+  const rigOf = () => {
+    const { p } = sim.viewed.head;
+    for (const reference of scenes) {
+      const cameras = [];
+      reference.deref()?.traverse((object) => object.isCamera && push(cameras, object));
+      for (const camera of cameras) {
+        for (let each = camera; each?.parent; each = each.parent) {
+          const { x, y, z } = each.position;
+          if (Math.hypot(x - p[0], y - p[1], z - p[2]) < NEAR_M) return each.parent;
+        }
+      }
+    }
+    return null;
+  };
+  sim.userSpace = () => {
+    if (!sim.viewed) return UNMOVED;
+    const rig = rigOf();
+    rig?.updateWorldMatrix(true, false);
+    const base = [...sim.classes.XRRigidTransform._of(sim.viewed.base).matrix];
+    const found = rig ? product(base, inverted(rig.matrixWorld.elements)) : base;
+    return every(found, Number.isFinite) ? found : UNMOVED;
+  };
+  // A point, or with w 0 a direction, of the page's world in the app's frame.
+  sim.forUser = (e, { 0: x, 1: y, 2: z }, w = 1) => {
+    const at = map([0, 1, 2], (row) => e[row] * x + e[row + 4] * y + e[row + 8] * z + e[row + 12] * w);
+    return [at[0], at[1], -at[2]];
+  };
+  sim.product = product;
+
   const ofThree = (object) => {
     object.updateWorldMatrix(true, false);
-    const e = object.matrixWorld.elements;
-    return [e[12], e[13], -e[14]];
+    return sim.forUser(sim.userSpace(), object.matrixWorld.elements.slice(12, 15));
   };
   const ofBabylon = (node) => {
     node.computeWorldMatrix?.(true);
     const { x, y, z } = node.getAbsolutePosition();
-    return [x, y, node.getScene().useRightHandedSystem ? -z : z];
+    return sim.forUser(sim.userSpace(), [x, y, node.getScene().useRightHandedSystem ? z : -z]);
   };
   const named = (name) => {
     const element = window.AFRAME && document.getElementById(name);

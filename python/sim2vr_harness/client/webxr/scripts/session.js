@@ -64,6 +64,7 @@
       if (!this._animated) throw new DOMException('not an animation frame', 'InvalidStateError');
       const head = this._locate(this.session._viewer, base);
       if (!head) return null;
+      if (this.session._immersive) sim.viewed = { base: base._where(this._state), head };
       const eyes = this.session._eyes;
       const views = map(eyes, (_, k) => {
         const offset = { p: [eyes.length === 1 ? 0 : (k - 0.5) * sim.settings.ipd_m, 0, 0], q: IDENTITY.q };

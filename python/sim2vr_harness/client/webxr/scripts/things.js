@@ -20,11 +20,21 @@
   };
 
   const count = (thing) => void counts.set(thing, (counts.get(thing) ?? 0) + 1);
+  const attached = new WeakMap(); // object or element -> types of events that are counted
   const counted = (thing, types, add) => {
-    if (counts.has(thing)) return;
-    counts.set(thing, 0);
-    for (const type of types) add(type, () => count(thing));
+    if (!attached.has(thing)) attached.set(thing, new Set());
+    const known = attached.get(thing);
+    for (const type of types) {
+      if (known.has(type)) continue;
+      known.add(type);
+      add(type, () => count(thing));
+    }
   };
+  // Events that attributes of a document's element listen to, such as onclick.
+  const attributes = (element) => filter(
+    map([...element.attributes], ({ name }) => (/^on/.test(name) ? name.slice(2) : '')),
+    (type) => EVENTS.test(type),
+  );
   // Has rays note which objects they are tested against, and which of these they meet.
   const watchRays = (object) => {
     let owner = object;
@@ -35,6 +45,7 @@
     owner.raycast = function (caster, found) {
       const before = found.length;
       const result = Reflect.apply(raycast, this, [caster, found]);
+      sim.ray?.(caster);
       tested.set(this, (tested.get(this) ?? 0) + (found.length > before ? 1 : 0));
       return result;
     };
@@ -46,7 +57,7 @@
     e[2] * x + e[6] * y + e[10] * z + e[14],
   ];
   // Middle and half of the size of what is drawn below an object, in the app's frame.
-  const boxOf = (object) => {
+  const boxOf = (object, user) => {
     const low = [Infinity, Infinity, Infinity];
     const high = [-Infinity, -Infinity, -Infinity];
     object.updateWorldMatrix(true, true);
@@ -55,8 +66,9 @@
       if (!places?.count || !part.geometry.computeBoundingBox) return;
       if (!part.geometry.boundingBox) part.geometry.computeBoundingBox();
       const { min, max } = part.geometry.boundingBox;
+      const e = sim.product(user, part.matrixWorld.elements);
       for (let k = 0; k < 8; k++) {
-        const at = corner(part.matrixWorld.elements, k & 1 ? max.x : min.x, k & 2 ? max.y : min.y, k & 4 ? max.z : min.z);
+        const at = corner(e, k & 1 ? max.x : min.x, k & 2 ? max.y : min.y, k & 4 ? max.z : min.z);
         forEach(at, (value, axis) => {
           low[axis] = Math.min(low[axis], value);
           high[axis] = Math.max(high[axis], value);
@@ -71,16 +83,24 @@
     for (let each = object; each; each = each.parent) if (!each.visible) return false;
     return true;
   };
+  const looks = (part) => {
+    const state = [part.visible, part.text, part.children.length];
+    for (const material of [part.material].flat()) {
+      const { color, emissive, opacity, map: image, wireframe, uniforms } = material ?? {};
+      push(state, color?.getHex?.(), emissive?.getHex?.(), opacity, wireframe, image?.uuid, image?.version);
+      for (const { value } of Object.values(uniforms ?? {})) {
+        push(state, typeof value === 'number' ? value : value?.getHex?.() ?? value?.uuid);
+      }
+    }
+    const places = part.geometry?.attributes?.position;
+    push(state, part.geometry?.uuid, places?.count, places?.version);
+    forEach([...part.matrix.elements], (value) => push(state, Math.round(value * 1e3)));
+    return state;
+  };
   // What of an object people may notice: where it is, and how it looks.
   const stateOf = (object) => {
     const state = [];
-    object.traverse((part) => {
-      for (const material of [part.material].flat()) {
-        push(state, material?.color?.getHex?.(), material?.emissive?.getHex?.(), material?.opacity, material?.map?.uuid);
-      }
-      push(state, part.visible, part.text, part.children.length);
-      forEach([...part.matrix.elements], (value) => push(state, Math.round(value * 1e3)));
-    });
+    object.traverse((part) => push(state, ...looks(part)));
     return hash(JSON.stringify(state));
   };
   const hash = (text) => {
@@ -97,18 +117,17 @@
     for (const element of document.querySelectorAll('a-scene *')) {
       const object = element.object3D;
       if (!object || element.closest(CARRIED) || element.querySelector(CARRIED)) continue;
-      const types = heard.get(element) ?? new Set();
+      const types = new Set([...heard.get(element) ?? [], ...attributes(element)]);
       const chosen = selector && element.matches(selector);
       const listens = types.size || chosen || element.matches(ABLE);
       if (!listens && (!element.id || !object.children.length)) continue;
-      const all = [...types, 'click', 'raycaster-intersected', 'grab-start', 'hover-start', 'hit', 'hitstart', 'link'];
-      counted(element, new Set(all), (type, call) => Reflect.apply(listen, element, [type, call]));
+      counted(element, types, (type, call) => Reflect.apply(listen, element, [type, call]));
       const name = element.id || element.getAttribute('name') || element.className.toString().split(' ')[0]
         || element.tagName.toLowerCase();
       const touched = [...types].some((type) => /^(hit|obb|grab|hover-start|pinch|drag)/.test(type))
         || element.matches('[grabbable], [hoverable], [draggable]');
       const how = gaze ? 'look' : touched ? 'touch' : 'point';
-      push(rows, [object, name, listens ? how : 'unknown', counts.get(element)]);
+      push(rows, [object, name, listens ? how : 'unknown', counts.get(element) ?? 0]);
     }
   };
   const ofThree = (rows) => {
@@ -124,7 +143,7 @@
         const drawn = object.isMesh || object.isSprite;
         if (!object.el && (listens || (drawn && (tested.has(object) || object.name)))) {
           const how = listens || tested.has(object) ? 'point' : 'unknown';
-          push(rows, [object, object.name || object.type, how, (counts.get(object) ?? 0) + (tested.get(object) ?? 0)]);
+          push(rows, [object, object.name || object.type, how, counts.get(object) ?? 0]);
         }
         forEach(object.children, visit);
       };
@@ -132,46 +151,51 @@
       if (scene) visit(scene);
     }
   };
-  const ofBabylon = (found) => {
+  const ofBabylon = (found, user) => {
     for (const scene of window.BABYLON?.EngineStore?.Instances?.flatMap((one) => one.scenes) ?? []) {
       for (const mesh of scene.meshes) {
         if (!mesh.isEnabled() || !mesh.isVisible || !mesh.getTotalVertices()) continue;
         const actions = mesh.actionManager?.actions ?? [];
         const drags = (mesh.behaviors ?? []).some((one) => /Drag|Manipul/.test(one.name));
         const near = mesh.isNearPickable || mesh.isNearGrabbable;
-        if (!counts.has(mesh)) {
-          counts.set(mesh, 0);
-          for (const action of actions) action.onBeforeExecuteObservable?.add(() => count(mesh));
-        }
+        counted(mesh, actions, (action, call) => action.onBeforeExecuteObservable?.add(call));
         const { minimumWorld: low, maximumWorld: high } = mesh.getBoundingInfo().boundingBox;
         const side = scene.useRightHandedSystem ? -1 : 1;
         const how = near ? 'touch' : actions.length || drags ? 'point' : 'unknown';
         const { x, y, z } = mesh.material?.diffuseColor ?? mesh.material?.albedoColor ?? {};
-        push(found, [mesh.name, how,
-          [(low.x + high.x) / 2, (low.y + high.y) / 2, side * (low.z + high.z) / 2],
+        push(found, [nameOf(mesh, mesh.name), how,
+          sim.forUser(user, [(low.x + high.x) / 2, (low.y + high.y) / 2, -side * (low.z + high.z) / 2]),
           [(high.x - low.x) / 2, (high.y - low.y) / 2, (high.z - low.z) / 2],
-          counts.get(mesh), hash(JSON.stringify([x, y, z, mesh.scaling, mesh.position, mesh.visibility]))]);
+          counts.get(mesh) ?? 0, hash(JSON.stringify([x, y, z, mesh.scaling, mesh.position, mesh.visibility]))]);
       }
     }
   };
+  // Things of a name are numbered, for good: also while others of that name are hidden.
+  const names = new WeakMap();
+  const numbers = new Map();
+  const nameOf = (thing, name) => {
+    if (!names.has(thing)) {
+      const number = (numbers.get(name) ?? 0) + 1;
+      numbers.set(name, number);
+      names.set(thing, slice(number > 1 ? `${name} (${number})` : name, 0, 60));
+    }
+    return names.get(thing);
+  };
   // Rows of name, how (touch, point, look or unknown), middle, half of the size, events so far, and
-  // a number that changes with how it looks; things of a name are numbered.
+  // a number that changes with how it looks.
   sim.things = () => {
     const objects = [];
     const found = [];
     ofElements(objects);
     ofThree(objects);
-    for (const { 0: object, 1: name, 2: how, 3: events } of objects) {
-      const box = shown(object) && boxOf(object);
+    const user = sim.userSpace();
+    for (const { 0: object, 1: plain, 2: how, 3: events } of objects) {
+      const name = nameOf(object, plain);
+      const box = shown(object) && boxOf(object, user);
       if (box) push(found, [name, how, ...box, events, stateOf(object)]);
     }
-    ofBabylon(found);
-    const known = new Map();
-    forEach(found, (row) => {
-      const again = (known.get(row[0]) ?? 0) + 1;
-      known.set(row[0], again);
-      row[0] = slice(again > 1 ? `${row[0]} (${again})` : row[0], 0, 60);
-    });
+    ofBabylon(found, user);
     return found.slice(0, MOST);
   };
+  Object.assign(sim, { hash, looks, CARRIED });
 }

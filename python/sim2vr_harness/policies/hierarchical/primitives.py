@@ -34,13 +34,9 @@ __all__ = [
 ]
 
 _TOUCH_MPS, _STRIKE_MPS = 0.9, 1.2
-<<<<<<< HEAD
-_DEEPER_M = 0.025
-"""How far behind what is seen a hand goes: a little more than half a step of depth."""
-=======
-_DEEPER_M, _THROUGH_M = 0.015, 0.04
-"""How far behind their places hands aim that touch, and that push with the hand's speed."""
->>>>>>> main
+_DEEPER_M, _THROUGH_M = 0.025, 0.04
+"""How far behind their places hands aim that touch (a little more than half a step of depth), and
+that push with the hand's speed."""
 _FURTHER = 1.25
 """How much farther back than its run-up a hand goes to begin."""
 _REACHED_M = 0.06
@@ -57,33 +53,21 @@ class Manner:
         swing_mps: the same sideways.
         run_up_m: over which a hand gains its speed.
         slowest: share of the speed it should have by then, below which it begins again.
-<<<<<<< HEAD
         lift_m: most that a hand that comes to a place stays before its surface until it is there,
             so that it touches nothing on the way.
-=======
-        lift_m: most that a hand that comes to a place stays before its surface until it is there;
-            nothing is touched on the way.
         by_hand: whether the hand has the speed of a push and carries its tool along, to a little
             behind the place; else the tip has it, which a turn of the wrist can do.
->>>>>>> main
     """
 
     push_mps: float = 2.5
     swing_mps: float = 2.0
     run_up_m: float = 0.4
     slowest: float = 0.55
-<<<<<<< HEAD
     lift_m: float = 0.05
-
-
-PERSONS = Manner(push_mps=2.0, swing_mps=2.0, run_up_m=0.15, slowest=0.3)
-=======
-    lift_m: float = 0.0
     by_hand: bool = False
 
 
-PERSONS = Manner(push_mps=3.0, swing_mps=2.0, run_up_m=0.2, slowest=0.15, lift_m=0.05, by_hand=True)
->>>>>>> main
+PERSONS = Manner(push_mps=3.0, swing_mps=2.0, run_up_m=0.2, slowest=0.15, by_hand=True)
 """How persons do (docs/concepts/people.md)."""
 _ABOVE_M = 0.01
 """A hand that is no farther beside its place does not stay before it any more."""

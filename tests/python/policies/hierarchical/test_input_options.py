@@ -152,7 +152,6 @@ def test_a_hand_that_pulls_closes_at_its_place_and_opens_30_cm_behind_it(
     assert closed == [True] * 24 + [False] + [True]
 
 
-<<<<<<< HEAD
 def test_hands_go_to_the_middle_of_a_thing_and_not_of_its_cell(layer: MotorPolicy) -> None:
     primitives, choice = controller(layer, "right.thumbstick_x"), OptionChoice(1, 1)
     cells = torch.tensor([0.4, -0.2, 1.2])[None, :, None, None].repeat(1, 1, 2, 2)
@@ -161,7 +160,8 @@ def test_hands_go_to_the_middle_of_a_thing_and_not_of_its_cell(layer: MotorPolic
     assert choice.move[0, 0] == MOVES.index("touch")
     assert choice.seen[0, 0].tolist() == pytest.approx(middle.tolist())
     assert choice.place[0, 0].tolist() == pytest.approx(middle.tolist())  # within reach
-=======
+
+
 def test_persons_push_with_the_hand(layer: MotorPolicy) -> None:
     """A tip 10 cm ahead is to come 4 cm behind a place 40 cm ahead: the hand itself to 34 cm."""
     tool = torch.tensor([0.1, 0.0, 0.0]).expand(1, 2, 3)
@@ -180,7 +180,6 @@ def test_persons_push_with_the_hand(layer: MotorPolicy) -> None:
     assert again.velocity.abs().max() == 0.0
     begin = 0.34 - 1.25 * PERSONS.run_up_m
     assert again.place[0, 0].tolist() == pytest.approx([begin, 0.0, 0.0], abs=1e-6)
->>>>>>> main
 
 
 def test_a_stick_is_pushed_while_the_hand_goes_on(layer: MotorPolicy) -> None:

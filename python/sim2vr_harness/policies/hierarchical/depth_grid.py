@@ -122,8 +122,8 @@ def _least(parts: Sequence[Tensor]) -> Tensor:
 
 
 def _metres(depth: Tensor) -> Tensor:
-    """Distances along the view's axis, m, of depths of a picture."""
-    return (depth + 0.5) * (FAR_M / 255.0)
+    """Distances along the view's axis, m, of depths of a picture, which apps round."""
+    return depth * (FAR_M / 255.0)
 
 
 def _windows(pictures: Tensor, hands: int, row0: Tensor, column0: Tensor) -> Tensor:

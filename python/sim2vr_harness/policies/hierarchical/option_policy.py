@@ -216,8 +216,7 @@ class HierarchicalPolicy(nn.Module):
             choice, moving[0], something, places, int(self.hold), self.primitives
         )
         chosen = best_choices(values, something, self.values.options).numpy()
-        sight, options = self.values.sight, self.values.options
-        aims = aims_of(sight, options, chosen, pictures, head[:, :3, 3], head[:, :3, :3])
+        aims = aims_of(self.values.sight, chosen, pictures, head[:, :3, 3], head[:, :3, :3])
         choose(choice, chosen, places, self.primitives, aims=aims)
 
 

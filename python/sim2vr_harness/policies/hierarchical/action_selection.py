@@ -21,8 +21,6 @@ from sim2vr_harness.policies.hierarchical.primitives import (
     points,
 )
 
-__all__ = ["ActionSelector", "OptionScene", "aims_of", "best_choices", "choose", "mask_unreached"]
-
 _STILL_M, _PATIENCE_S = 0.05, 1.0
 """Hands that come no farther than that in so long wait for something that does not come. (Speeds
 tell less: what the other arm does shakes a hand that waits.)"""

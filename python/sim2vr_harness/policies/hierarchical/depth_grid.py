@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-__all__ = ["CELL_PX", "FAR_M", "DepthGrid", "rotation"]
-
 CELL_PX = 4
 """Width and height of a cell, pixels."""
 FAR_M = 10.0

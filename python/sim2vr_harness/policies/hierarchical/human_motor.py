@@ -28,8 +28,6 @@ from sim2vr_harness.world_models.effort import volume_shares
 from sim2vr_harness.world_models.person_features import ImaginedPersons
 from sim2vr_harness.world_models.transitions import Motion
 
-__all__ = ["HumanHands", "HumanMotorPolicy", "people_policy"]
-
 Rule = Callable[[Tensor, Tensor], Tensor]
 """(B, H, 3) velocities wanted, by the ways to the goals and by the hands' velocities."""
 

@@ -47,8 +47,6 @@ from sim2vr_harness.users.kinematics.forward_torch import Chains
 if TYPE_CHECKING:
     from sim2vr_harness.runs.config import TrainingConfig
 
-__all__ = ["HierarchicalPolicy", "Intention", "require_senses"]
-
 _QUIET = -20.0
 """Logarithm of the deviation of actions: what is decided is done."""
 

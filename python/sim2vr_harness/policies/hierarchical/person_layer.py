@@ -16,8 +16,6 @@ from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals, tips
 from sim2vr_harness.users import UserBatch
 from sim2vr_harness.world_models.transitions import Motion
 
-__all__ = ["PersonLayer", "human_goals"]
-
 _ELSEWHERE_M = 0.06
 """A goal that far from the last one is a new one."""
 _WIDTH_M = 0.04

@@ -23,8 +23,6 @@ from sim2vr_harness.policies.hierarchical.depth_grid import FAR_M, rotation
 from sim2vr_harness.policies.hierarchical.goal_sampler import GoalSampler
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
 
-__all__ = ["Tool", "ToolView", "find_tools", "straight_tool", "tools_in"]
-
 _EVERY, _LOOKS, _PICTURES = 3, 30, 960
 """Users look every so many user steps, so often, and oftener where they are so few that there would
 be fewer pictures."""

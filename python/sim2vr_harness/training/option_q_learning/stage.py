@@ -53,8 +53,6 @@ from sim2vr_harness.training.option_q_learning.q_learning import (
 from sim2vr_harness.training.run.progress import View, duration
 from sim2vr_harness.training.run.stage import Callbacks
 
-__all__ = ["QLearningStage"]
-
 _STATE, _LOG, _PICTURES, _VALUES = "state.pt", "cycles.jsonl", "pictures.bin", "values.pt"
 _STUDENT_RATE, _PPO_RATE = 0.8, 1.4
 """User steps a second of the stages, relative to those of users who do nothing but step."""

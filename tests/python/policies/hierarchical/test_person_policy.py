@@ -14,6 +14,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import app
 from sim2vr_harness.cli.train import _of_people
 from sim2vr_harness.perception.proprioception import Proprioception
+from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S
 from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy, seen_late_steps
 from sim2vr_harness.policies.hierarchical.primitives import OptionChoice
 from sim2vr_harness.runs.config import TrainingConfig, load_config
@@ -101,17 +102,32 @@ def test_people_need_decisions_by_themselves() -> None:
     assert torch.is_tensor(PersonPolicy(config).hold)
 
 
-@pytest.mark.parametrize(("beside_m", "depth_m"), [(0.0, 0.025), (0.03, -0.005), (0.2, -0.05)])
+@pytest.mark.parametrize(
+    ("beside_m", "closing_mps", "depth_m"),
+    [
+        (0.0, 0.2, 0.025),
+        (0.03, 0.2, -0.005),
+        (0.03, 0.05, 0.01),  # half as fast as it takes
+        (0.03, 0.0, 0.025),
+        (0.03, -0.2, 0.025),
+        (0.2, 0.0, -0.05),
+    ],
+)
 def test_hands_lift_off_until_they_are_there(
-    policy: Following, beside_m: float, depth_m: float
+    policy: Following, beside_m: float, closing_mps: float, depth_m: float
 ) -> None:
-    """From 2.5 cm behind the surface to 5 cm before it, over 5 cm that begin 1 cm beside it."""
+    """From 2.5 cm behind the surface to 5 cm before it, over 5 cm that begin 1 cm beside it.
+
+    A hand that is within these and comes no nearer touches where it is.
+    """
     head, choice = torch.zeros(1, 3), OptionChoice(1, 1)
     choice.move[:] = 0
     choice.place[0, 0] = choice.seen[0, 0] = torch.tensor([0.4, 0.0, 0.0])
     hand = torch.eye(4).repeat(1, 1, 1, 1)
     hand[0, 0, :3, 3] = torch.tensor([0.42, beside_m, 0.0])
-    goals = policy.primitives.goals(choice, head, hand, hand)
+    soon = hand.clone()
+    soon[0, 0, 1, 3] -= closing_mps * MOMENT_S
+    goals = policy.primitives.goals(choice, head, hand, soon)
     assert goals.place[0, 0].tolist() == pytest.approx([0.4 + depth_m, 0.0, 0.0], abs=1e-6)
 
 

@@ -354,9 +354,7 @@ class PrimitiveController:
         met = (along > 0.0) & (beside < (_ON_RAD * along).clamp(min=_ON_M))
         return torch.where(points(choice.move), met, near)
 
-    def _depth(
-        self, choice: OptionChoice, away: Tensor, now: Tensor, velocity: Tensor
-    ) -> Tensor:
+    def _depth(self, choice: OptionChoice, away: Tensor, now: Tensor, velocity: Tensor) -> Tensor:
         """(N, H, 1) how far behind the surface they go for hands aim; before it: negative, m.
 
         A hand that is nearly there, but comes no nearer, touches where it is.

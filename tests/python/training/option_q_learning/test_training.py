@@ -40,9 +40,9 @@ from sim2vr_harness.runs.option_config import MotorTrainingConfig, QLearningConf
 from sim2vr_harness.training.motor_control import goal_task
 from sim2vr_harness.training.motor_control.goal_task import motor_trainer
 from sim2vr_harness.training.option_q_learning import q_learning
+from sim2vr_harness.training.option_q_learning.minibatch import N_STEP
 from sim2vr_harness.training.option_q_learning.q_learning import (
     DECIDE_STEPS,
-    N_STEP,
     OptionQLearning,
 )
 from sim2vr_harness.users import UserBatch, list_bodies, load_body

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from typer.testing import CliRunner
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import app
 from sim2vr_harness.cli.train import _of_people
+from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S
 from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy, seen_late_steps
@@ -91,6 +93,24 @@ def test_people_work_the_inputs_of_a_game(monkeypatch: pytest.MonkeyPatch) -> No
     action = policy.act(observation, policy.reset(), None)
     assert len(action) == len(policy.layer.body.action_names) + 1
     assert action[-1] == -1.0
+
+
+def test_persons_look_from_where_their_eyes_are() -> None:
+    """Decisions are made from the headset of this person: statures differ by decimetres."""
+    config = _of_people(load_config("skills", ["env.app.game=sample"]))
+    policy, simulation, heads = Following(config), Simulation(config.env, 6), []
+    simulation.reset(seeds=list(range(6)), persons=list(range(6)))
+    observations = simulation.observation()
+    true, _ = simulation.users.device_poses("headset")
+    with patch.object(policy.primitives, "goals", side_effect=StopIteration) as goals:
+        for user in range(6):
+            observation = {name: values[user] for name, values in observations.items()}
+            with pytest.raises(StopIteration):
+                policy.act(observation, policy.reset(), None)
+            heads.append(goals.call_args.args[1][0].numpy())
+    simulation.close()
+    assert np.ptp(true[:, 2]) > 0.05
+    assert np.stack(heads) == pytest.approx(true, abs=2e-3)
 
 
 def test_people_need_decisions_by_themselves() -> None:

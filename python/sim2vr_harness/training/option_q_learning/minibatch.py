@@ -1,4 +1,4 @@
-"""Which decisions a minibatch is made of: some come from before rewards."""
+"""Draw the decisions of a minibatch; some come from before rewards."""
 
 from __future__ import annotations
 

@@ -208,6 +208,8 @@ def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[
     parts.append(f'<div class="warn">Limits of the model:<ul>{limits}</ul></div>')
     parts += ["<h2>Where the targets are</h2>", _space(audit), f"<p>{escape(_CAPTION)}</p>"]
     parts += ["<h2>By target</h2>", _target_table(values)]
+    if told := [[each["name"], each["in_app"]] for each in values["targets"] if each["in_app"]]:
+        parts += ["<h2>Operated in the app</h2>", table(["target", "reaction"], told, wrap=True)]
     parts += ["<h2>By group</h2>", _group_table(values), f"<p>{escape(_GROUPS)}</p>"]
     parts += ["<h2>Exertion by target</h2>", _exertion_table(values), f"<p>{escape(_EXERTION)}</p>"]
     parts += [_exertion_panel(values)]
@@ -292,16 +294,13 @@ _MOST = 4
 def _target_table(values: Mapping[str, Any]) -> str:
     header = ["target", "how", "can use *", "seen", "reached", "held *", "must lean"]
     header += ["model's muscles suffice", "excluded by"]
-    in_app = any(each["in_app"] for each in values["targets"])
-    header += ["the app's reaction"] if in_app else []
     rows, bad = [], []
     for number, each in enumerate(values["targets"]):
         why = ", ".join(f"{cause} {count}" for cause, count in each["causes"].items())
         how = each["how"] + (", both hands" if each["hand"] == "both" else "")
         columns = ("usable", "seen", "reached", "held", "leans", "muscles_suffice")
         parts = [_percent(each[part]).replace(" ", "\u00a0") for part in columns]
-        told = [each["in_app"]] if in_app else []
-        rows.append([each["name"], how, *parts, why, *told])
+        rows.append([each["name"], how, *parts, why])
         if each["remedy"] is not None:
             bad.append(number)
     return table(header, rows, bad, wrap=True)

@@ -1,4 +1,4 @@
-"""Grip: force, strength and endurance by hand, and what the report says of it."""
+"""Grip, by hand; and what the report says an app did."""
 
 from __future__ import annotations
 
@@ -12,9 +12,12 @@ import pytest
 from sim2vr_harness.audit.causes import cause
 from sim2vr_harness.audit.grip import can_grip, grip_share, grip_time
 from sim2vr_harness.audit.judging import judge
+from sim2vr_harness.audit.operating import Way
+from sim2vr_harness.audit.pages import FoundThing, things_as_targets
 from sim2vr_harness.audit.population import LIMITATIONS, NONE, Limitation, Subject, draw
 from sim2vr_harness.audit.reaching import Crowd
 from sim2vr_harness.audit.remedies import GOAL, remedy
+from sim2vr_harness.audit.report import unanswered
 from sim2vr_harness.audit.targets import AuditTarget, read_targets
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.users.exertion import Strength
@@ -70,3 +73,17 @@ def test_only_what_is_grabbed_takes_grip(tmp_path: Path) -> None:
     file.write_text("targets: [{name: a, place: [0, 1, 0], how: touch, grip_n: 20}]")
     with pytest.raises(InputError, match="grip_n with how: touch, expected how: grab"):
         read_targets(file)
+
+
+def test_the_report_says_which_things_did_not_react() -> None:
+    place, half = np.zeros(3), (0.1, 0.1, 0.1)
+    key = FoundThing("key", "point", place, half, False, True, ("changes", "vibrates"))
+    key.way = Way("point", "left", "trigger")
+    stone = FoundThing("stone", "touch", place, half, False, True, obstacle="gone")
+    targets = things_as_targets([key, stone])
+    assert targets[0].in_app == "point + left trigger: changes, vibrates"
+    rows = [{"name": t.name, "in_app": t.in_app, "app_reacts": t.reacts} for t in targets]
+    said = unanswered({"targets": rows})
+    assert said.startswith("The app reacts to 1 of 2 targets when they are operated.")
+    assert "stone (gone)" in said
+    assert unanswered({"targets": rows[:1]}) == ""

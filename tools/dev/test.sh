@@ -3,7 +3,8 @@
 # pytest runs last, so that its summary closes the output.
 #
 #   SIM2VR_TEST_WORKERS=1   pytest processes (default: one per core, at most 4)
-#   SIM2VR_OPENXR_PROGRAMS=1   play OpenXR programs too: loads 204 MB into build/openxr, once
+#   SIM2VR_TEST_DOWNLOADS=1   play OpenXR programs (204 MB into build/openxr) and the example pages'
+#                             engines (npm, 180 MB), too; both are loaded once
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 jobs=${SIM2VR_JOBS:-$(nproc)}
@@ -24,9 +25,11 @@ if ((workers > 1)); then
   export OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}
   set -- -n "$workers" --dist loadfile "$@"
 fi
-# Programs are no part of the package: their tests are skipped where this fails.
+# What others made is no part of the package: its tests are skipped where loading fails.
 programs=$PWD/build/openxr
-if [[ -n ${SIM2VR_OPENXR_PROGRAMS:-} ]]; then
+if [[ -n ${SIM2VR_TEST_DOWNLOADS:-} ]]; then
+  timeout 120 sh docs/examples/webxr/engines.sh >build/log/engines.log 2>&1 ||
+    echo "engines of example pages: not installed (build/log/engines.log); their tests are skipped"
   if ! cmp -s tests/openxr_programs.txt "$programs/installed.txt"; then
     echo "OpenXR programs: installing tests/openxr_programs.txt (204 MB)"
     if .venv/bin/python -m venv "$programs" && timeout 300 "$programs/bin/python" -m pip \

@@ -17,8 +17,6 @@ from sim2vr_harness.client.frames import aim_direction
 from sim2vr_harness.users import UserBatch
 from sim2vr_harness.users.kinematics.posture_controller import PostureController
 
-__all__ = ["NEAR_DEG", "Acted", "Actor", "act_out"]
-
 FloatArray = NDArray[np.float64]
 Watch = Callable[[FloatArray, FloatArray], None]
 

@@ -25,8 +25,6 @@ from sim2vr_harness.audit.remedies import GOAL, Remedy, remedy
 from sim2vr_harness.audit.summary import Audit, AuditPath
 from sim2vr_harness.audit.targets import AuditTarget
 
-__all__ = ["PACE", "limitations_of", "limited_persons", "run"]
-
 PACE = 20.0
 """Uses of a target in a minute."""
 _PARTS = 4

@@ -11,8 +11,6 @@ from sim2vr_harness.audit.judging import Judged
 from sim2vr_harness.audit.reaching import FloatArray, Ints
 from sim2vr_harness.audit.targets import AuditTarget
 
-__all__ = ["cause", "causes", "shift_words"]
-
 _LEAST_M = 0.005
 _SIDES = (("left", "right"), ("down", "up"), ("back", "ahead"))
 

@@ -17,8 +17,6 @@ from sim2vr_harness.audit.population import Subject
 from sim2vr_harness.users.kinematics.bounded import bounded_least_squares
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 
-__all__ = ["NEAR_M", "Balance", "Balancer"]
-
 FloatArray = NDArray[np.float64]
 
 NEAR_M = 0.02

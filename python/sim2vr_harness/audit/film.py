@@ -17,8 +17,6 @@ from sim2vr_harness.evaluation.video import Film
 from sim2vr_harness.users import load_body
 from sim2vr_harness.users.rendering import OrbitView, UserRenderer
 
-__all__ = ["worst_case", "write_film"]
-
 FloatArray = NDArray[np.float64]
 
 _SIZE = (640, 480)

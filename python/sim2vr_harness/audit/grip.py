@@ -9,8 +9,6 @@ from sim2vr_harness.audit.population import Limitation, Subject
 from sim2vr_harness.audit.reaching import Bools, FloatArray
 from sim2vr_harness.audit.targets import AuditTarget
 
-__all__ = ["SOURCE", "can_grip", "grip_share", "grip_time"]
-
 SOURCE = (
     "strength 51 kg (men), 31 kg (women): Dodds et al. 2014; friction 0.5 and a margin of 1.4: "
     "assumed; endurance: Frey-Law and Avin 2010, second-hand"

@@ -12,8 +12,6 @@ from sim2vr_harness.client.devices import INPUT_COUNT, input_named
 from sim2vr_harness.client.frames import AIM_DIRECTION, position_to_app
 from sim2vr_harness.client.runtime import frame_time_ns
 
-__all__ = ["HEAD_M", "HZ", "PageHands", "SessionEnded"]
-
 FloatArray = NDArray[np.float64]
 Ray = tuple[FloatArray, FloatArray]
 

@@ -22,8 +22,6 @@ from sim2vr_harness.users.exertion import (
 )
 from sim2vr_harness.users.kinematics.inverse import CLOSE_M
 
-__all__ = ["HALF_FIELD_DEG", "MODELS", "Judged", "judge", "places_of", "reach_either", "seen"]
-
 HALF_FIELD_DEG = 45.0
 """Half the field of view of the headset, to every side (as our apps draw it)."""
 MODELS = ("3CC-r, shoulder", "NICER", "Consumed Endurance")

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["VIEWS", "labels_of", "screen"]
-
 FloatArray = NDArray[np.float64]
 
 VIEWS = ((-130.0, 18.0), (-60.0, 30.0))

@@ -16,8 +16,6 @@ from sim2vr_harness.audit.targets import How
 from sim2vr_harness.client import WebXRApp
 from sim2vr_harness.client.webxr.replies import Signs, Thing
 
-__all__ = ["BUTTONS", "MOVED_M", "Operator", "Way"]
-
 FloatArray = NDArray[np.float64]
 
 OTHERS = "another object changes"

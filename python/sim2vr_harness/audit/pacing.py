@@ -19,8 +19,6 @@ from sim2vr_harness.users.exertion import (
     arms_of,
 )
 
-__all__ = ["MOST_MINUTES", "REACH_S", "Paced", "minutes_at_pace", "path_loads"]
-
 FloatArray = NDArray[np.float64]
 
 MOST_MINUTES = 30.0

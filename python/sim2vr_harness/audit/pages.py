@@ -22,8 +22,6 @@ from sim2vr_harness.client.webxr.replies import Thing
 from sim2vr_harness.envs.apps import apps_wanted
 from sim2vr_harness.envs.config import EnvConfig
 
-__all__ = ["FoundThing", "find_things", "located", "page_app", "things_as_targets"]
-
 FloatArray = NDArray[np.float64]
 
 _MOST_TRIED = 160

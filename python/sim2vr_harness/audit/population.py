@@ -16,19 +16,6 @@ from sim2vr_harness.users import Body, PeopleSettings, Person, Population
 from sim2vr_harness.users.exertion import Strength, arms_of
 from sim2vr_harness.users.people import TRAITS
 
-__all__ = [
-    "FEWEST",
-    "GROUPS",
-    "LIMITATIONS",
-    "MODEL",
-    "NONE",
-    "Group",
-    "Limitation",
-    "Subject",
-    "draw",
-    "groups_of",
-]
-
 MODEL = "mobl_arms_wrist"
 FEWEST = 30
 """Fewest persons of a group that is judged."""

@@ -9,8 +9,6 @@ from typing import TypeVar
 
 from sim2vr_harness.base.cores import available
 
-__all__ = ["Parts"]
-
 T = TypeVar("T")
 
 _do: Callable[[int], object] = int

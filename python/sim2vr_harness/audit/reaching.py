@@ -22,8 +22,6 @@ from sim2vr_harness.users.kinematics.forward import Linkage, Point
 from sim2vr_harness.users.kinematics.inverse import CLOSE_M, solve
 from sim2vr_harness.users.kinematics.stacked import StackedLinkage
 
-__all__ = ["MIRROR", "Crowd", "Rows", "Solved"]
-
 FloatArray = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]

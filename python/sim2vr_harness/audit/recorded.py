@@ -12,8 +12,6 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client.devices import input_named
 from sim2vr_harness.sessions import Controller, read_session
 
-__all__ = ["pressed_places"]
-
 _PRESSED = 0.5
 _SAME_M = 0.05
 """Places nearer to each other are one target."""

@@ -21,8 +21,6 @@ from sim2vr_harness.audit.reaching import Bools, Crowd, FloatArray, Ints
 from sim2vr_harness.audit.targets import AuditTarget
 from sim2vr_harness.client.frames import position_to_mujoco
 
-__all__ = ["GOAL", "Remedy", "remedy", "usable_at"]
-
 GOAL = 0.95
 _SAMPLE = 20
 """Sample for the search of shifts; all persons confirm the one that is found."""

@@ -28,8 +28,6 @@ from sim2vr_harness.figures.html import save_page, table
 from sim2vr_harness.figures.matplotlib_backend import write_figure
 from sim2vr_harness.runs.run_folder import write_atomically
 
-__all__ = ["LIMITS", "findings", "headline", "unanswered", "write"]
-
 LIMITS = (
     "The trunk leans and turns, but persons do not stand up, step, turn their feet or shift on a "
     "seat: who would do so reaches further.",

@@ -18,8 +18,6 @@ from sim2vr_harness.audit.targets import AuditTarget
 from sim2vr_harness.evaluation.expectations import Estimate
 from sim2vr_harness.statistics.intervals import wilson_interval
 
-__all__ = ["EVERYONE", "MEASURES", "Audit", "AuditPath", "estimates", "plain", "proportion"]
-
 EVERYONE = "everyone"
 _PARTS = ("use", "reach", "seen", "held")
 MEASURES = tuple(f"{part}.{kind}" for part in _PARTS for kind in ("min", "mean"))

@@ -18,8 +18,6 @@ from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.tools.reach.people import alike
 from sim2vr_harness.tools.reach.targets import Target, seen_targets
 
-__all__ = ["AuditTarget", "How", "TargetSettings", "found_targets", "read_targets"]
-
 FloatArray = NDArray[np.float64]
 How = Literal["touch", "point", "press", "grab", "look"]
 Hand = Literal["either", "preferred", "both"]

@@ -30,8 +30,6 @@ from sim2vr_harness.envs.apps import IPD_M, AppFactory, app_factory, apps_wanted
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.perception import channel_indices, pick_channels
 
-__all__ = ["AppFailure", "AppGroup", "BatchGroup", "ClientGroup", "Logs", "app_group"]
-
 RESET_ATTEMPTS = 3
 """Apps in a row that may fail before a user's round is given up."""
 

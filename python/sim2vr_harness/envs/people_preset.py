@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim2vr_harness.envs.config import NoiseConfig, UserConfig
+from sim2vr_harness.envs.config import EnvConfig, NoiseConfig, UserConfig
 from sim2vr_harness.users import PeopleSettings, Physique, load_body
 from sim2vr_harness.users.bodies.options import JointOptions
 
@@ -36,3 +36,13 @@ def as_population(user: UserConfig) -> UserConfig:
             **{**user.person.model_dump(exclude_unset=True), "joints": joints}
         )
     return user.model_copy(update=update)
+
+
+def with_measured_body(env: EnvConfig) -> EnvConfig:
+    """Return an environment with the measured body, without noise, in the place of persons."""
+    if env.user.people is None:
+        return env
+    plain: dict[str, object] = {"people": None, "noise": NoiseConfig(), "person": Physique()}
+    senses = tuple(sense for sense in env.senses if sense.sense != "person")
+    user = env.user.model_copy(update=plain)
+    return env.model_copy(update={"user": user, "senses": senses})

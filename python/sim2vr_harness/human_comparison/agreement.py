@@ -9,8 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-__all__ = ["Words", "cell_disagreement", "cell_name", "fatigue_order", "order_agreement"]
-
 FloatArray = NDArray[np.float64]
 Words = tuple[str, str]
 """A sentence, or a part of one, and its numbers."""

@@ -19,8 +19,6 @@ from sim2vr_harness.human_comparison.rounds import PlayedRound, rotated
 from sim2vr_harness.human_comparison.targets import ending, targets_of
 from sim2vr_harness.sessions import Controller, Session
 
-__all__ = ["GROUP", "behaviour_of_sessions", "has_targets", "measure_session", "name_of_condition"]
-
 FloatArray = NDArray[np.float64]
 
 GROUP = "sessions"

@@ -20,17 +20,6 @@ from sim2vr_harness.statistics.distances import (
     wasserstein_ratio,
 )
 
-__all__ = [
-    "CELL_RATES",
-    "Compared",
-    "ComparisonRow",
-    "SampleRow",
-    "Total",
-    "compare",
-    "left_out",
-    "total",
-]
-
 CELL_RATES = "cell_hit_rates"
 """The measure that is a number per cell: its share inside is that of the cells."""
 

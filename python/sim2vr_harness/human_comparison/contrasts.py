@@ -14,16 +14,6 @@ from sim2vr_harness.human_comparison.persons import Cell, RecordedPerson
 from sim2vr_harness.statistics.intervals import mean_interval, welch_interval
 from sim2vr_harness.statistics.significance import wilcoxon
 
-__all__ = [
-    "COMPARED",
-    "ContrastRow",
-    "Fatigue",
-    "FatigueDifference",
-    "contrasts",
-    "fatigue_of",
-    "group_contrasts",
-]
-
 COMPARED = ("hits", "misses", "hit_rate", "depth_median")
 
 

@@ -27,8 +27,6 @@ from sim2vr_harness.human_comparison.reaction import Effect
 from sim2vr_harness.human_comparison.report import ComparisonReport
 from sim2vr_harness.human_comparison.sources import Source
 
-__all__ = ["draw"]
-
 _FAR = 5.0
 """The distance from where on colours are the same."""
 

@@ -27,8 +27,6 @@ from sim2vr_harness.human_comparison.contrasts import ContrastRow
 from sim2vr_harness.human_comparison.report import ComparisonReport
 from sim2vr_harness.runs.run_folder import write_atomically
 
-__all__ = ["as_json", "write_csv", "write_json", "write_page"]
-
 
 def as_json(report: ComparisonReport) -> dict[str, Any]:
     """Everything that was found, ready for JSON."""

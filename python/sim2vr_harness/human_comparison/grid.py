@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.human_comparison.rounds import PlayedRound
 
-__all__ = ["PERIOD_S", "SETTLING_S", "Track", "angle_deg", "at", "first_crossing"]
-
 FloatArray = NDArray[np.float64]
 
 PERIOD_S = 0.05

@@ -14,16 +14,6 @@ from functools import partial
 from sim2vr_harness.client import Measure
 from sim2vr_harness.games.behaviour import Behaviour
 
-__all__ = [
-    "FAMILIES",
-    "MEASURES",
-    "SESSION_MEASURES",
-    "BehaviourMeasure",
-    "MeasureContext",
-    "measured",
-    "measures_in",
-]
-
 
 class MeasureContext(Enum):
     """Where a measure makes sense; a game's description says which rounds those are."""

@@ -12,8 +12,6 @@ from sim2vr_harness.human_comparison.grid import PERIOD_S, Track, angle_deg, at
 from sim2vr_harness.human_comparison.outcomes import Found, robust_cv
 from sim2vr_harness.human_comparison.strikes import log_jerk
 
-__all__ = ["hands", "head", "rotations", "smoothness", "space", "speeds", "swings"]
-
 FloatArray = NDArray[np.float64]
 
 STILL_MPS = 0.3

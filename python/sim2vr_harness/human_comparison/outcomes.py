@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.human_comparison.grid import Track, at
 
-__all__ = ["choices", "counts", "robust_cv", "timing"]
-
 FloatArray = NDArray[np.float64]
 Found = tuple[dict[str, float], dict[str, FloatArray]]
 """Values, and the samples that some of them are of."""

@@ -18,8 +18,6 @@ from sim2vr_harness.human_comparison.measures import measures_in
 from sim2vr_harness.human_comparison.reaction import Effect, effect_of, effects, reaction
 from sim2vr_harness.human_comparison.rounds import PlayedRound
 
-__all__ = ["Cell", "RecordedPerson", "RoundMeasures", "measure_round", "persons_of"]
-
 FloatArray = NDArray[np.float64]
 Cell = tuple[str, str]
 """Group and condition."""

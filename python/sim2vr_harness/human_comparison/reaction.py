@@ -14,8 +14,6 @@ from sim2vr_harness.human_comparison.grid import PERIOD_S, Track, at, first_cros
 from sim2vr_harness.human_comparison.motion import STILL_MPS
 from sim2vr_harness.human_comparison.outcomes import Found
 
-__all__ = ["Effect", "effect_of", "effects", "reaction"]
-
 FloatArray = NDArray[np.float64]
 
 _FIRST, _LAST = -6, 16

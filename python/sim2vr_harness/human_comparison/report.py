@@ -26,8 +26,6 @@ from sim2vr_harness.human_comparison.contrasts import (
 )
 from sim2vr_harness.human_comparison.sources import Source
 
-__all__ = ["ComparisonReport"]
-
 
 @dataclass(frozen=True)
 class ComparisonReport:

@@ -14,8 +14,6 @@ from sim2vr_harness.evaluation.replay.recordings import Recording
 from sim2vr_harness.games.behaviour import Behaviour
 from sim2vr_harness.human_comparison.targets import Targets, targets_of
 
-__all__ = ["PlayedRound", "rotated", "round_of"]
-
 FloatArray = NDArray[np.float64]
 
 

@@ -31,8 +31,6 @@ from sim2vr_harness.sessions import AppIdentity, Session, read_session
 from sim2vr_harness.sessions.formats import is_session
 from sim2vr_harness.sessions.replay import replay_session
 
-__all__ = ["SessionPlays", "compare_sessions", "find_sessions", "replayed_sessions"]
-
 _BASELINES = ("still", "random")
 _LOG = "states.csv"
 _ENDINGS = (".jsonl", ".jsonl.gz", ".bsor")

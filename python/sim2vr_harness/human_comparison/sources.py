@@ -28,20 +28,6 @@ from sim2vr_harness.human_comparison.rounds import round_of
 from sim2vr_harness.policies.store import TrainedUser, find_user, is_packed
 from sim2vr_harness.runs.run_folder import RunFolder, write_atomically
 
-__all__ = [
-    "LoggedRound",
-    "Plays",
-    "Source",
-    "game_of",
-    "logged_rounds",
-    "person_beside",
-    "play_now",
-    "read_folders",
-    "read_people",
-    "read_user",
-    "trained_user",
-]
-
 _RESULTS, _PLAYED, _PERSON = "results.json", "played.json", "person.json"
 _EXPECTED_RESULTS = "results of an evaluation: conditions with their rounds"
 

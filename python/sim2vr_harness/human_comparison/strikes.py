@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from sim2vr_harness.human_comparison.grid import PERIOD_S, Track, at
 from sim2vr_harness.human_comparison.outcomes import Found
 
-__all__ = ["between_hits", "endpoints", "hit_speeds", "log_jerk", "peaks", "sparc"]
-
 FloatArray = NDArray[np.float64]
 
 _BEFORE_S = 0.5

@@ -22,8 +22,6 @@ from sim2vr_harness.human_comparison.contrasts import COMPARED, ContrastRow
 from sim2vr_harness.human_comparison.files import as_json
 from sim2vr_harness.human_comparison.report import ComparisonReport
 
-__all__ = ["report_tables"]
-
 _WORST = 12
 
 

@@ -20,8 +20,6 @@ from sim2vr_harness.sessions.checks import MOST_EVENTS, MOST_FRAMES
 from sim2vr_harness.sessions.frames import grip_of
 from sim2vr_harness.sessions.session import AppIdentity, Controller, Session, SessionEvent
 
-__all__ = ["MAGIC", "OUTCOMES", "read_bsor"]
-
 MAGIC = struct.pack("<i", 0x442D3D69)
 OUTCOMES = ("good", "bad", "miss", "bomb")
 _EXPECTED = "an open replay of Beat Saber (BSOR), version 1"

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.sessions.session import Controller, FloatArray, Session, SessionEvent
 
-__all__ = ["LATEST_NS", "MOST_EVENTS", "MOST_FRAMES", "checked"]
-
 MOST_FRAMES = 1_000_000
 """More than two hours at 120 Hz."""
 MOST_EVENTS = 1_000_000

@@ -11,8 +11,6 @@ import numpy as np
 
 from sim2vr_harness.sessions.session import Session, SessionEvent
 
-__all__ = ["Comparison", "Counts", "Divergence", "compare_events"]
-
 WINDOW_S = 0.1
 """An event of the replay is a recorded one again if it is like it and this close in time."""
 _SAME_FRAMES = 1.01

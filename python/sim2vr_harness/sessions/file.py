@@ -33,8 +33,6 @@ from sim2vr_harness.sessions.session import (
     SessionEvent,
 )
 
-__all__ = ["FORMAT", "VERSION", "read_file", "session_lines", "write_file"]
-
 FORMAT = "sim2vr-session"
 VERSION = 1
 _EXPECTED = "a session, JSON lines that begin with a header"

@@ -16,8 +16,6 @@ from sim2vr_harness.sessions.logs import read_log, write_log
 from sim2vr_harness.sessions.session import Session
 from sim2vr_harness.sessions.table import read_table, write_table
 
-__all__ = ["FORMATS", "Format", "is_session", "read_session", "require_name", "write_session"]
-
 _HEAD = 4096
 
 

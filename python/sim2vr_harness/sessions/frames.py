@@ -11,8 +11,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["aim_of", "composed", "from_webxr", "grip_of", "relative", "to_webxr"]
-
 FloatArray = NDArray[np.float64]
 
 _FLIPS = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0, 1.0])

@@ -31,8 +31,6 @@ from sim2vr_harness.sessions.session import (
     Session,
 )
 
-__all__ = ["iwer_recording", "looks_like_iwer", "read_iwer", "write_iwer"]
-
 _EXPECTED = "a recording of IWER's ActionRecorder: JSON with schema and frames"
 _ROUNDING_M = 1e-3
 _PROFILES = ("oculus-touch-v2", "oculus-touch", "generic-trigger-squeeze-thumbstick")

@@ -8,8 +8,6 @@ import numpy as np
 
 from sim2vr_harness.sessions.session import Controller, FloatArray, Session
 
-__all__ = ["HEAD_HEIGHT_M", "personal_content", "stripped"]
-
 HEAD_HEIGHT_M = 1.6
 """Median height of the head in sessions without a person's own."""
 

@@ -32,8 +32,6 @@ from sim2vr_harness.sessions.divergence import Comparison, compare_events
 from sim2vr_harness.sessions.logs import logged_events
 from sim2vr_harness.sessions.session import AppIdentity, Session, SessionEvent
 
-__all__ = ["EventRecorder", "SessionReplay", "counted_events", "replay_session"]
-
 _COUNT = "_count"
 """How a task's counts of its events end in the log."""
 Watch = Callable[[int, AppReply], None]

@@ -16,18 +16,6 @@ from numpy.typing import NDArray
 from sim2vr_harness.client import ClockSettings, DevicePoses, OptionValue, PageStart
 from sim2vr_harness.sessions.frames import aim_of
 
-__all__ = [
-    "APP_KINDS",
-    "JOINTS",
-    "JOINT_NAMES",
-    "SIDES",
-    "AppIdentity",
-    "Controller",
-    "FloatArray",
-    "Session",
-    "SessionEvent",
-]
-
 FloatArray = NDArray[np.float64]
 AppKind = Literal["game", "page", "app", "unknown"]
 APP_KINDS: tuple[AppKind, ...] = ("game", "page", "app", "unknown")

@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import read_text
 
-__all__ = ["StateLog", "read_lines", "read_state_log"]
-
 FloatArray = NDArray[np.float64]
 
 _FIELD = re.compile(r"[^, \t]+")

@@ -22,8 +22,6 @@ from sim2vr_harness.client import INPUT_COUNT, INPUTS
 from sim2vr_harness.sessions.checks import MOST_FRAMES
 from sim2vr_harness.sessions.session import SIDES, Controller, FloatArray, Session
 
-__all__ = ["read_table", "write_table"]
-
 _EXPECTED = "a table with the columns time_s and head_x to head_qw"
 _PARTS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _TIMES = {"time_s": 1e9, "time_ms": 1e6, "time_ns": 1.0}

@@ -1,12 +1,8 @@
-"""IWER's own recorder and player against our reader and writer, in Node.
-
-``SIM2VR_IWER`` names a folder in which ``npm install iwer@2`` was run.
-"""
+"""IWER's own recorder and player against our reader and writer, in Node; npm brings it."""
 
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -20,17 +16,25 @@ from sim2vr_harness.client import input_named
 from sim2vr_harness.sessions import JOINT_NAMES, read_session
 from sim2vr_harness.sessions.frames import from_webxr, relative
 from sim2vr_harness.sessions.iwer import iwer_recording, write_iwer
+from webxr_pages import require_npm
 
 ORACLE = Path(__file__).with_name("iwer_oracle.mjs")
-IWER = Path(os.environ.get("SIM2VR_IWER", "no-iwer"))
-needs_iwer = pytest.mark.skipif(
-    shutil.which("node") is None or not (IWER / "node_modules" / "iwer").is_dir(),
-    reason="no Node, or no iwer: SIM2VR_IWER can name a folder with node_modules/iwer",
-)
 
 
-def node(*arguments: object) -> None:
-    command = ["node", str(ORACLE), str(IWER.resolve()), *map(str, arguments)]
+@pytest.fixture(scope="module")
+def iwer(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which IWER is installed."""
+    if shutil.which("node") is None:
+        pytest.skip("no Node")
+    require_npm()
+    folder: Path = tmp_path_factory.mktemp("iwer")
+    install = ["npm", "install", "--no-audit", "--no-fund", "--prefix", str(folder), "iwer@2"]
+    subprocess.run(install, check=True, timeout=120, capture_output=True)
+    return folder
+
+
+def node(iwer: Path, *arguments: object) -> None:
+    command = ["node", str(ORACLE), str(iwer), *map(str, arguments)]
     subprocess.run(command, check=True, timeout=60)
 
 
@@ -40,11 +44,10 @@ def buttons_of(row: np.ndarray) -> tuple[list[float], list[float]]:
     return values, [row[8], 0, 0, row[9], row[10], row[11], row[12]]
 
 
-@needs_iwer
-def test_iwer_plays_every_frame_and_button_of_ours(tmp_path: Path) -> None:
+def test_iwer_plays_every_frame_and_button_of_ours(iwer: Path, tmp_path: Path) -> None:
     session = full_session()
     write_iwer(session, tmp_path / "ours.json")
-    node("play", tmp_path / "ours.json", tmp_path / "played.json")
+    node(iwer, "play", tmp_path / "ours.json", tmp_path / "played.json")
     played: list[dict[str, Any]] = json.loads((tmp_path / "played.json").read_text())
     assert len(played) == FRAMES
     np.testing.assert_allclose([f["time"] for f in played], session.time_ns / 1e6, atol=1e-6)
@@ -72,9 +75,8 @@ def test_iwer_plays_every_frame_and_button_of_ours(tmp_path: Path) -> None:
     np.testing.assert_allclose(from_webxr(joints[..., :7]), seen, atol=2e-6)
 
 
-@needs_iwer
-def test_every_frame_and_button_that_iwer_recorded_is_read(tmp_path: Path) -> None:
-    node("record", tmp_path / "theirs.json", 60)
+def test_every_frame_and_button_that_iwer_recorded_is_read(iwer: Path, tmp_path: Path) -> None:
+    node(iwer, "record", tmp_path / "theirs.json", 60)
     session = read_session(tmp_path / "theirs.json")
     assert (len(session), session.notes, session.rounding_m) == (60, (), 1e-3)
     k = np.arange(60)

@@ -22,8 +22,6 @@ from sim2vr_harness.client.shared_images import map_images
 from sim2vr_harness.client.transport import AppsWanted
 from sim2vr_harness.client.unsaved import FARTHEST_M, UnsavedApp
 
-__all__ = ["CAPABILITIES", "OpenXRApp"]
-
 CAPABILITIES = frozenset({"frames", "inputs", "left_controller", "haptics", "two_eyes"})
 _AHEAD_S = 0.1
 """A program that takes longer to start is started ahead of the next round."""

@@ -7,8 +7,6 @@ import os
 import struct
 import weakref
 
-__all__ = ["CLOCK_VARIABLE", "START_NS", "VirtualClock"]
-
 CLOCK_VARIABLE = "SIM2VR_CLOCK"
 """Environment variable with the number of the page's descriptor."""
 START_NS = 100_000_000_000

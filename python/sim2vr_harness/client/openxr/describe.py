@@ -6,8 +6,6 @@ import ctypes
 import json
 from pathlib import Path
 
-__all__ = ["GRAPHICS", "graphics_of"]
-
 GRAPHICS = {
     "XR_KHR_opengl_enable": "OpenGL (X11)",
     "XR_MNDX_egl_enable": "OpenGL (EGL)",

@@ -16,8 +16,6 @@ from sim2vr_harness.client.errors import AppRefused, AppTimeout
 from sim2vr_harness.client.process import AppProcess
 from sim2vr_harness.client.temporary import OUTSIDE_FILE, TemporaryFolder, remove_same
 
-__all__ = ["Display"]
-
 _ARGUMENTS = ("-nolisten", "tcp", "-noreset", "-screen", "0", "640x480x24")
 _STOP_S = 2.0
 _ANY_HOST = 0xFFFF

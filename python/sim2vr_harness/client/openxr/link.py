@@ -16,8 +16,6 @@ from sim2vr_harness.client.errors import AppDied, AppTimeout, ProtocolError
 from sim2vr_harness.client.openxr.wire import HEADER, MOST_BYTES, Kind, ended_in
 from sim2vr_harness.client.process import AppProcess
 
-__all__ = ["Link", "SessionEnded"]
-
 _ORDERLY = ("xrEndSession", "xrDestroySession", "xrDestroyInstance", "xrRequestExitSession")
 """Calls by which a program ends its session itself."""
 

@@ -19,8 +19,6 @@ from sim2vr_harness.client.openxr.link import Link, SessionEnded
 from sim2vr_harness.client.openxr.wire import About, Kind, SessionFacts, about_in, session_in
 from sim2vr_harness.client.process import AppProcess
 
-__all__ = ["Launch", "Program"]
-
 SOCKET_VARIABLE = "SIM2VR_OPENXR_SOCKET"
 _MOST_LINE_BYTES = 1 << 20
 """Of what a program prints in a step; the rest is left out."""

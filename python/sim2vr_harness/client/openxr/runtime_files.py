@@ -10,8 +10,6 @@ from pathlib import Path
 from sim2vr_harness.base import paths
 from sim2vr_harness.client.errors import AppRefused
 
-__all__ = ["CLOCK_LIBRARY", "MODES_LIBRARY", "RUNTIME_VARIABLE", "find_library", "find_runtime"]
-
 RUNTIME_VARIABLE = "SIM2VR_OPENXR_RUNTIME"
 """Environment variable that names another manifest of the runtime."""
 MANIFEST = "sim2vr_openxr.json"

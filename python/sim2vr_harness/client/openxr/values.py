@@ -24,8 +24,6 @@ from sim2vr_harness.client.devices import HANDS, HapticPulse
 from sim2vr_harness.client.errors import AppRefused
 from sim2vr_harness.client.poses import DEVICES
 
-__all__ = ["Happened", "ProgramValues"]
-
 MOST_CHARACTERS = 2000
 """Of a line that is searched."""
 _FORM = re.compile(r"\s*(\w+)\(\s*(\"(?:[^\"\\]|\\.)*\"|'[^']*')\s*\)\s*(?:(\S+)\s*(\S+))?\s*")

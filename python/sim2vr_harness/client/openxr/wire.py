@@ -25,20 +25,6 @@ from sim2vr_harness.client.answers import (
 from sim2vr_harness.client.base import Float64Array, Int64Array
 from sim2vr_harness.client.devices import INPUT_COUNT, HapticPulse
 
-__all__ = [
-    "HEADER",
-    "MOST_BYTES",
-    "About",
-    "Kind",
-    "SessionFacts",
-    "StepAnswer",
-    "about_in",
-    "answer_in",
-    "ended_in",
-    "session_in",
-    "step_body",
-]
-
 PROTOCOL = 1
 MOST_BYTES = 1 << 20
 """Of a message, its kind included."""

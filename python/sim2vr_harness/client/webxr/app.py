@@ -27,8 +27,6 @@ from sim2vr_harness.client.webxr.renderers import RENDERERS
 from sim2vr_harness.client.webxr.replies import PageReport, Signs, Thing
 from sim2vr_harness.client.webxr.shown import scene_of
 
-__all__ = ["CAPABILITIES", "WebXRApp"]
-
 CAPABILITIES = frozenset({"frames", "inputs", "left_controller", "haptics", "two_eyes", "scene"})
 
 

@@ -13,8 +13,6 @@ from sim2vr_harness.client.temporary import TemporaryFolder
 from sim2vr_harness.client.webxr.pipe import DevTools
 from sim2vr_harness.client.webxr.renderers import RENDERERS, drawing_by
 
-__all__ = ["BROWSERS", "Browser", "find_browser"]
-
 BROWSERS = (
     "chromium-headless-shell",
     "chrome-headless-shell",

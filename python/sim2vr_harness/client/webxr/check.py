@@ -15,8 +15,6 @@ from sim2vr_harness.client.webxr.app import WebXRApp
 from sim2vr_harness.client.webxr.packages import package_of
 from sim2vr_harness.client.webxr.replies import PageReport
 
-__all__ = ["PageCheck", "check_page"]
-
 FREQUENCY_HZ = 20
 
 

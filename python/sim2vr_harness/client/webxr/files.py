@@ -12,8 +12,6 @@ from urllib.parse import quote, unquote, urlsplit
 from sim2vr_harness.client.errors import AppRefused
 from sim2vr_harness.client.limits import Kept
 
-__all__ = ["HOST", "Answer", "PageFiles"]
-
 HOST = "https://page.invalid/"
 """Where a page that is a file seems to be: a name that can lead nowhere (RFC 2606), over a scheme
 that browsers allow WebXR on."""

@@ -12,8 +12,6 @@ from urllib.parse import urlsplit
 from sim2vr_harness.base.files import read_json, read_text
 from sim2vr_harness.client.webxr.packages import PackageAddress
 
-__all__ = ["convert"]
-
 _FOLDER = "modules"
 _IMPORT = re.compile(r"""(\bfrom\s*|\bimport\s*\(?\s*)(["'])([^"'\s]+)\2""")
 _DEFAULT = re.compile(r"\bexport\s+default\b|\bas\s+default\b")

@@ -7,8 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from urllib.parse import unquote
 
-__all__ = ["PackageAddress", "package_of"]
-
 
 @dataclass(frozen=True)
 class PackageAddress:

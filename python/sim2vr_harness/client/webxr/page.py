@@ -32,8 +32,6 @@ from sim2vr_harness.client.webxr.replies import (
 from sim2vr_harness.client.webxr.tab import RENDERER, PageSettings, bundle, open_tab
 from sim2vr_harness.client.webxr.watch import PageWatch, words_of
 
-__all__ = ["PROFILES", "SCRIPT_ERRORS", "Page"]
-
 T = TypeVar("T")
 
 PROFILES = ("oculus-touch", "generic-trigger")

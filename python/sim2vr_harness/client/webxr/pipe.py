@@ -18,8 +18,6 @@ from sim2vr_harness.client.answers import BadReply, object_in
 from sim2vr_harness.client.errors import AppDied, AppError, AppTimeout, ProtocolError
 from sim2vr_harness.client.process import AppProcess
 
-__all__ = ["DevTools", "RefusedRequest"]
-
 _CHUNK_BYTES = 1 << 18
 _SLICE_S = 0.25
 """How often a process is looked at whose end does not wake anyone."""

@@ -13,8 +13,6 @@ from sim2vr_harness.client.errors import AppTimeout
 from sim2vr_harness.client.webxr.browser import Browser, find_browser
 from sim2vr_harness.client.webxr.tab import open_tab
 
-__all__ = ["print_page"]
-
 _WAIT_S = 0.1
 
 

@@ -9,8 +9,6 @@ from pathlib import Path
 
 from sim2vr_harness.client.errors import AppRefused
 
-__all__ = ["RENDERERS", "Drawing", "drawing_by"]
-
 RENDERERS = ("swiftshader", "mesa")
 
 _LIBRARY = "libvk_swiftshader.so"

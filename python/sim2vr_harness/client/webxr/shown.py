@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from sim2vr_harness.client.scene import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.webxr.replies import Box
 
-__all__ = ["scene_of"]
-
 _LARGEST_M = 30.0
 """What is longer is no thing that people meet."""
 _FLOOR_M = 0.02

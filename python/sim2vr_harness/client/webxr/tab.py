@@ -10,16 +10,6 @@ from typing import Any, NamedTuple
 from sim2vr_harness.client.webxr.browser import Browser, read_script
 from sim2vr_harness.client.webxr.pipe import RefusedRequest
 
-__all__ = [
-    "RENDERER",
-    "PageSettings",
-    "Tab",
-    "bundle",
-    "describe_browser",
-    "open_tab",
-    "worker_bundle",
-]
-
 _SCRIPTS = (
     "own.js",
     "random.js",

@@ -25,8 +25,6 @@ from sim2vr_harness.client.temporary import TemporaryFolder
 from sim2vr_harness.client.webxr.modules import convert
 from sim2vr_harness.client.webxr.packages import PackageAddress, package_of
 
-__all__ = ["MAP_FILE", "Unvendored", "packages_behind", "read_map", "vendor"]
-
 MAP_FILE = "map.json"
 """Name of the file that says which folder an address means."""
 NPM_TIMEOUT_S = 300.0

@@ -14,8 +14,6 @@ from sim2vr_harness.client.webxr.browser import Browser
 from sim2vr_harness.client.webxr.files import PageFiles
 from sim2vr_harness.client.webxr.tab import Tab, worker_bundle
 
-__all__ = ["PageWatch", "words_of"]
-
 _LOG = logging.getLogger(__name__)
 _noted: set[str] = set()
 """Notes that the log of this process has."""

@@ -15,8 +15,6 @@ from sim2vr_harness.base.errors import counted
 from sim2vr_harness.human_comparison.fitts.published import STUDIES
 from sim2vr_harness.human_comparison.fitts.users import NUMBERS, AimedUser, Spread
 
-__all__ = ["AimedReport", "aimed_json", "aimed_tables"]
-
 
 @dataclass(frozen=True)
 class AimedReport:

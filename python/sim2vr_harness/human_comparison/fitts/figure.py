@@ -10,8 +10,6 @@ from sim2vr_harness.figures.matplotlib_backend import write_figure
 from sim2vr_harness.human_comparison.fitts.published import STUDIES
 from sim2vr_harness.human_comparison.fitts.users import AimedUser, Spread
 
-__all__ = ["draw_fitts"]
-
 _MEAN = "mean ± SD over persons"
 
 

@@ -16,8 +16,6 @@ from sim2vr_harness.human_comparison.fitts.submovements import submovements
 from sim2vr_harness.human_comparison.fitts.taps import Tap, read_taps
 from sim2vr_harness.sessions.state_log import read_state_log
 
-__all__ = ["Difficulty", "FittedLine", "FittsResult", "fit_line", "measure_user", "rounds_below"]
-
 
 @dataclass(frozen=True)
 class FittedLine:

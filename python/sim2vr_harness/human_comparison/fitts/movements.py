@@ -17,8 +17,6 @@ import numpy as np
 
 from sim2vr_harness.human_comparison.fitts.taps import Tap
 
-__all__ = ["Block", "Movement", "blocks_of", "index_of_difficulty", "movements_of"]
-
 _WIDTH_OF_SD = 4.133
 """Standard deviations that hold 96 % of normally spread selections."""
 _LEAST_SD_M = 1e-6

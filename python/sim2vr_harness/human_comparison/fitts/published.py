@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["STUDIES", "Study", "studies_table"]
-
 
 @dataclass(frozen=True)
 class Study:

@@ -12,8 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
-__all__ = ["PROMINENCE_MPS", "submovements"]
-
 FloatArray = NDArray[np.float64]
 
 _GRID_S = 0.05

@@ -15,8 +15,6 @@ from typing import Literal
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.sessions.state_log import read_lines
 
-__all__ = ["Tap", "read_taps"]
-
 Outcome = Literal["hit", "error", "miss"]
 Point = tuple[float, float]
 

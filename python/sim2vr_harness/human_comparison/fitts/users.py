@@ -27,15 +27,6 @@ from sim2vr_harness.human_comparison.sources import (
     trained_user,
 )
 
-__all__ = [
-    "NUMBERS",
-    "AimedMovements",
-    "AimedUser",
-    "Spread",
-    "read_aimed_people",
-    "read_aimed_user",
-]
-
 
 @dataclass(frozen=True)
 class Spread:

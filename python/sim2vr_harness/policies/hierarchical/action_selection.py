@@ -21,8 +21,6 @@ from sim2vr_harness.policies.hierarchical.primitives import (
     points,
 )
 
-__all__ = ["ActionSelector", "OptionScene", "aims_of", "best_choices", "choose", "mask_unreached"]
-
 _STILL_M, _PATIENCE_S = 0.05, 1.0
 """Hands that come no farther than that in so long wait for something that does not come. (Speeds
 tell less: what the other arm does shakes a hand that waits.)"""
@@ -140,7 +138,6 @@ class ActionSelector:
         """Put choices into effect, see :func:`choose`."""
         aims = aims_of(
             self.sight,
-            self.primitives.options,
             chosen,
             torch.from_numpy(scene.pictures),
             torch.from_numpy(scene.head),
@@ -220,18 +217,15 @@ def mask_unreached(
 
 def aims_of(
     sight: DepthGrid,
-    options: OptionSet,
     chosen: NDArray[np.int64],
     pictures: Tensor,
     head: Tensor,
     turned: Tensor,
-) -> Tensor | None:
-    """(N, H, 3) what rays are turned to in the cells of choices; None: no one points.
+) -> Tensor:
+    """(N, H, 3) the middles of the things that are seen in the cells of choices, m.
 
-    A cell is larger than what a ray has to meet far away.
+    A cell is larger than many a thing: 4 cm wide at arm's length.
     """
-    if "point" not in options.placed:
-        return None
     return sight.middles(pictures, torch.from_numpy(chosen) % sight.cells, head, turned)
 
 
@@ -265,9 +259,9 @@ def choose(
     users = torch.arange(len(chosen))
     for hand in range(chosen.shape[1]):
         there = flat[users, number[:, hand] % cells]
-        wanted = primitives.within_reach(hand, there, is_swing(move[:, hand]))
         if aims is not None:
-            there = torch.where(points(move[:, hand])[:, None], aims[:, hand], there)
+            there = aims[:, hand]
+        wanted = primitives.within_reach(hand, there, is_swing(move[:, hand]))
         wanted = torch.where(points(move[:, hand])[:, None], there, wanted)
         moves = (new & placed)[:, hand, None]
         choice.place[:, hand] = torch.where(moves, wanted, choice.place[:, hand])

@@ -9,8 +9,6 @@ from torch.nn import functional
 from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
 from sim2vr_harness.policies.hierarchical.options import PLAIN, OptionSet
 
-__all__ = ["ActionValueMap"]
-
 _UNIT_M, _FAR_UNIT_M = 0.4, 2.0
 """Units of positions: fine within reach, coarse farther away, where things come from."""
 _UNIT_MPS = 2.0

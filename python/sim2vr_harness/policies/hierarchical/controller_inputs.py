@@ -11,8 +11,6 @@ from torch import Tensor
 from sim2vr_harness.client.devices import input_named
 from sim2vr_harness.policies.hierarchical.options import role_of
 
-__all__ = ["ROLES", "ControllerInputs", "with_inputs_at_rest"]
-
 ROLES = (
     "trigger",
     "squeeze",

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-__all__ = ["CELL_PX", "FAR_M", "DepthGrid", "rotation"]
-
 CELL_PX = 4
 """Width and height of a cell, pixels."""
 FAR_M = 10.0
@@ -122,8 +120,8 @@ def _least(parts: Sequence[Tensor]) -> Tensor:
 
 
 def _metres(depth: Tensor) -> Tensor:
-    """Distances along the view's axis, m, of depths of a picture."""
-    return (depth + 0.5) * (FAR_M / 255.0)
+    """Distances along the view's axis, m, of depths of a picture, which apps round."""
+    return depth * (FAR_M / 255.0)
 
 
 def _windows(pictures: Tensor, hands: int, row0: Tensor, column0: Tensor) -> Tensor:

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from sim2vr_harness.perception import StepContext
 from sim2vr_harness.perception.wrappers import Ring
 
-__all__ = ["BEFORE_S", "FrameHistory"]
-
 BEFORE_S = 0.2
 """How far apart the two pictures are that are looked at, s."""
 

@@ -9,8 +9,6 @@ from torch import Tensor
 
 from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, MotorGoals, describe, tips
 
-__all__ = ["LEAD_STEPS", "GoalSampler", "off_goal"]
-
 LEAD_STEPS = 2
 """User steps by which a path's goal runs ahead of where the hand shall be now."""
 _REST, _ARRIVE, _FOLLOW = 0, 1, 2

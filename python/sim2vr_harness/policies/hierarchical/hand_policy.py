@@ -13,8 +13,6 @@ from torch import Tensor, nn
 from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
 from sim2vr_harness.world_models.body_dynamics import mlp
 
-__all__ = ["HandPolicy"]
-
 _WIDTH_M, _LEAST_M, _NEAR_M = 0.04, 0.002, 0.02
 _INPUTS = 13
 _MOST_MPS = 2.0

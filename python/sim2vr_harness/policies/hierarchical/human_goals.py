@@ -9,8 +9,6 @@ from torch import Tensor
 
 from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
 
-__all__ = ["GoalPerception", "HumanGoals"]
-
 _WIDTH_M = 0.04
 _FIXATION_S = 0.2
 """Correlation time of what is misjudged: about a fixation."""

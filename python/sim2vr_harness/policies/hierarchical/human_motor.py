@@ -28,13 +28,14 @@ from sim2vr_harness.world_models.effort import volume_shares
 from sim2vr_harness.world_models.person_features import ImaginedPersons
 from sim2vr_harness.world_models.transitions import Motion
 
-__all__ = ["HumanHands", "HumanMotorPolicy", "people_policy"]
-
 Rule = Callable[[Tensor, Tensor], Tensor]
 """(B, H, 3) velocities wanted, by the ways to the goals and by the hands' velocities."""
 
 _ADAPTS = 0.3
 """Share of the forward model's last error by which its correction changes, per user step."""
+
+_REMEMBERED = ("_did", "_bias", "_new", "_fresh", "velocity", "wanted")
+"""Tensors that users remember from one user step to the next."""
 
 
 class HumanMotorPolicy(nn.Module):
@@ -190,6 +191,23 @@ class HumanHands:
     def forget(self, ids: NDArray[np.int64]) -> None:
         """Let users (K,) be in new episodes: they know their first posture."""
         self._new[torch.from_numpy(ids)] = True
+
+    def memory(self) -> dict[str, Any]:
+        """Return what the users have felt and done, for :meth:`recall`."""
+        kept: dict[str, Any] = {name: getattr(self, name).clone() for name in _REMEMBERED}
+        for name in ("_felt", "_predicted"):
+            motion = getattr(self, name)
+            kept |= {} if motion is None else {name: dict(vars(motion))}
+        return kept | {"goals": {} if self._perception is None else self._perception.state_dict()}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Continue from :meth:`memory`."""
+        for name in _REMEMBERED:
+            setattr(self, name, memory[name].clone())
+        for name in ("_felt", "_predicted"):
+            setattr(self, name, Motion(**memory[name]) if name in memory else None)
+        if self._perception is not None:
+            self._perception.load_state_dict(memory["goals"])
 
     def aim_anew(self, ids: Tensor, far: Tensor) -> None:
         """Let goals of users (K,) be new ones, at distances (K, H) from their hands."""

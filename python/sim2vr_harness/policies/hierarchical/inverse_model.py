@@ -16,8 +16,6 @@ from sim2vr_harness.policies.hierarchical.motor_goals import tips
 from sim2vr_harness.world_models.body_dynamics import BodyModel
 from sim2vr_harness.world_models.transitions import Motion
 
-__all__ = ["InverseModel", "InverseSettings"]
-
 _MOMENT_RAD = 1e-3
 _PASSES = 3
 

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-__all__ = ["GOAL_SIZE", "MOMENT_S", "MotorGoals", "describe", "tips"]
-
 GOAL_SIZE = 22
 """Numbers that a hand's goal has in an observation."""
 _FAR_M, _FAST_MPS, _LATE_S = 0.3, 1.5, 0.5

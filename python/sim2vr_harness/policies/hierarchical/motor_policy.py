@@ -21,8 +21,6 @@ from sim2vr_harness.users.kinematics.forward_torch import Chains
 from sim2vr_harness.world_models.actuator_state import ActuatorState
 from sim2vr_harness.world_models.body_dynamics import mlp
 
-__all__ = ["MotorLayer", "MotorPolicy"]
-
 _CLIP = 8.0
 
 

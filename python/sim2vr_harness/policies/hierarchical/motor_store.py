@@ -13,15 +13,6 @@ from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.runs.checkpoint import DAMAGE, in_words, read_tensors, write_tensors
 from sim2vr_harness.users import Body
 
-__all__ = [
-    "human_policy_for",
-    "load_human_policy",
-    "load_motor_layer",
-    "motor_layer_for",
-    "save_motor_layer",
-    "shipped_layers",
-]
-
 _FOLDER = Path(__file__).resolve().parents[2] / "motor_layers"
 
 

@@ -47,8 +47,6 @@ from sim2vr_harness.users.kinematics.forward_torch import Chains
 if TYPE_CHECKING:
     from sim2vr_harness.runs.config import TrainingConfig
 
-__all__ = ["HierarchicalPolicy", "Intention", "require_senses"]
-
 _QUIET = -20.0
 """Logarithm of the deviation of actions: what is decided is done."""
 
@@ -216,8 +214,7 @@ class HierarchicalPolicy(nn.Module):
             choice, moving[0], something, places, int(self.hold), self.primitives
         )
         chosen = best_choices(values, something, self.values.options).numpy()
-        sight, options = self.values.sight, self.values.options
-        aims = aims_of(sight, options, chosen, pictures, head[:, :3, 3], head[:, :3, :3])
+        aims = aims_of(self.values.sight, chosen, pictures, head[:, :3, 3], head[:, :3, :3])
         choose(choice, chosen, places, self.primitives, aims=aims)
 
 

@@ -15,8 +15,6 @@ from torch import Tensor
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client.devices import input_named
 
-__all__ = ["FREE", "MOVES", "PLACED", "PLAIN", "SIDEWAYS", "OptionSet", "option_set"]
-
 _DIAGONAL = 0.5**0.5
 SIDEWAYS = {
     "up": (0.0, 1.0),

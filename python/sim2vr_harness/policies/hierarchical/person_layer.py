@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,8 +15,6 @@ from sim2vr_harness.policies.hierarchical.human_motor import HumanHands, HumanMo
 from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals, tips
 from sim2vr_harness.users import UserBatch
 from sim2vr_harness.world_models.transitions import Motion
-
-__all__ = ["PersonLayer", "human_goals"]
 
 _ELSEWHERE_M = 0.06
 """A goal that far from the last one is a new one."""
@@ -55,6 +54,16 @@ class PersonLayer:
         self._moved = HumanHands(policy, n, policy.perception(n, generator))
         self._now: Motion | None = None
         self._goal: Tensor | None = None
+
+    def memory(self) -> dict[str, Any]:
+        """Return what the persons remember, for :meth:`recall`."""
+        own = {} if self._goal is None else {"goal": self._goal.clone()}
+        return {"hands": self._moved.memory(), **own}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Continue from :meth:`memory`."""
+        self._moved.recall(memory["hands"])
+        self._goal = memory.get("goal")
 
     def motion(self, users: UserBatch) -> tuple[Tensor, Tensor, Tensor]:
         """Angles, speeds (N, J) and drives (N, A) of the users as they are now."""

@@ -29,8 +29,6 @@ from sim2vr_harness.world_models.transitions import Motion
 if TYPE_CHECKING:
     from sim2vr_harness.runs.config import TrainingConfig
 
-__all__ = ["RECOGNITION_S", "REFRACTORY_S", "PersonMemory", "PersonPolicy", "seen_late_steps"]
-
 RECOGNITION_S = 0.1
 """From what is seen to a decision by it, beside the visual delay (docs/concepts/people.md)."""
 REFRACTORY_S = 0.15

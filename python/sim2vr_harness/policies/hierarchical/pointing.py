@@ -12,8 +12,6 @@ from torch import Tensor
 from sim2vr_harness.client.frames import AIM_DIRECTION
 from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
 
-__all__ = ["Pointing", "aim_of", "off_ray"]
-
 _POINT_M = 0.8
 _TO_REST = 0.2
 """How much of the way to its place of rest the hand is drawn. All of it would turn the ray."""

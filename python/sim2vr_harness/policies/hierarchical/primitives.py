@@ -34,8 +34,9 @@ __all__ = [
 ]
 
 _TOUCH_MPS, _STRIKE_MPS = 0.9, 1.2
-_DEEPER_M, _THROUGH_M = 0.015, 0.04
-"""How far behind their places hands aim that touch, and that push with the hand's speed."""
+_DEEPER_M, _THROUGH_M = 0.025, 0.04
+"""How far behind their places hands aim that touch (a little more than half a step of depth), and
+that push with the hand's speed."""
 _FURTHER = 1.25
 """How much farther back than its run-up a hand goes to begin."""
 _REACHED_M = 0.06
@@ -52,8 +53,8 @@ class Manner:
         swing_mps: the same sideways.
         run_up_m: over which a hand gains its speed.
         slowest: share of the speed it should have by then, below which it begins again.
-        lift_m: most that a hand that comes to a place stays before its surface until it is there;
-            nothing is touched on the way.
+        lift_m: most that a hand that comes to a place stays before its surface until it is there,
+            so that it touches nothing on the way.
         by_hand: whether the hand has the speed of a push and carries its tool along, to a little
             behind the place; else the tip has it, which a turn of the wrist can do.
     """
@@ -62,11 +63,11 @@ class Manner:
     swing_mps: float = 2.0
     run_up_m: float = 0.4
     slowest: float = 0.55
-    lift_m: float = 0.0
+    lift_m: float = 0.05
     by_hand: bool = False
 
 
-PERSONS = Manner(push_mps=3.0, swing_mps=2.0, run_up_m=0.2, slowest=0.15, lift_m=0.05, by_hand=True)
+PERSONS = Manner(push_mps=3.0, swing_mps=2.0, run_up_m=0.2, slowest=0.15, by_hand=True)
 """How persons do (docs/concepts/people.md)."""
 _ABOVE_M = 0.01
 """A hand that is no farther beside its place does not stay before it any more."""
@@ -270,7 +271,7 @@ class PrimitiveController:
                 left, up = SIDEWAYS[name]
                 directions[chosen] = manner.swing_mps * torch.tensor([0.0, left, up])
         touches = _comes(choice.move)[..., None]
-        goals.place = choice.place + (_DEEPER_M - self._lift(choice, away, now)) * away * touches
+        goals.place = choice.place + self._depth(choice, away, now) * away * touches
         back = (choice.move == _PULL) & (choice.closed > 0)
         goals.place = torch.where(back[..., None], choice.closed_at + _BACK, goals.place)
         goals.velocity = directions
@@ -351,12 +352,14 @@ class PrimitiveController:
         met = (along > 0.0) & (beside < (_ON_RAD * along).clamp(min=_ON_M))
         return torch.where(points(choice.move), met, near)
 
-    def _lift(self, choice: OptionChoice, away: Tensor, now: Tensor) -> Tensor:
-        """(N, H, 1) how far hands stay before the surface they go for, m."""
+    def _depth(self, choice: OptionChoice, away: Tensor, now: Tensor) -> Tensor:
+        """(N, H, 1) how far behind the surface they go for hands aim; before it: negative, m."""
         way = now - choice.place
         along = (way * away).sum(-1, keepdim=True)
         beside = (way - along * away).norm(dim=-1, keepdim=True)
-        return (beside - _ABOVE_M).clamp(0.0, self._manner.lift_m)
+        lift_m = self._manner.lift_m
+        lifted = ((beside - _ABOVE_M) / lift_m).clamp(0.0, 1.0)
+        return _DEEPER_M - lifted * (_DEEPER_M + lift_m)
 
     def _run_up(self, goals: MotorGoals, now: Tensor, velocity: Tensor) -> None:
         """Send hands back that are about to go through their place too slowly.

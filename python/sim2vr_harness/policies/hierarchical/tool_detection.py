@@ -23,8 +23,6 @@ from sim2vr_harness.policies.hierarchical.depth_grid import FAR_M, rotation
 from sim2vr_harness.policies.hierarchical.goal_sampler import GoalSampler
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
 
-__all__ = ["Tool", "ToolView", "find_tools", "straight_tool", "tools_in"]
-
 _EVERY, _LOOKS, _PICTURES = 3, 30, 960
 """Users look every so many user steps, so often, and oftener where they are so few that there would
 be fewer pictures."""
@@ -51,6 +49,8 @@ _ON_RAY = 0.8
 """Share of its points that lie on the aim ray, at least."""
 _END_M = 0.045
 """The tip is the middle of the last so many metres of what is in the hand."""
+_THIN_M, _THIN_END_M = 0.03, 0.01
+"""What is nowhere wider than a cube about its axis ends in a point, its last metres."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,11 @@ class Tool:
         self.middle: NDArray[np.float64] = np.zeros(3)
         if len(points):
             far = np.linalg.norm(points, axis=1)
-            self.tip = np.asarray(points[far > far.max() - _END_M].mean(0))
+            end = points[far > far.max() - _END_M]
+            axis = end.mean(0) / np.linalg.norm(end.mean(0))
+            beside = np.linalg.norm(end - (end @ axis)[:, None] * axis, axis=1)
+            last = _THIN_END_M if beside.max() < _THIN_M else _END_M
+            self.tip = np.asarray(points[far > far.max() - last].mean(0))
             self.middle = np.asarray(points[far > _HANDLE * far.max()].mean(0))
 
 

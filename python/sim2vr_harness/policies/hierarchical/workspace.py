@@ -8,8 +8,6 @@ from torch import Tensor
 
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
 
-__all__ = ["INSIDE", "reachable_poses"]
-
 INSIDE = 0.94
 """Share of the joints' ranges that postures are drawn from."""
 _COUNT = 20_000

@@ -26,15 +26,6 @@ from sim2vr_harness.policies.scripted import scripted_policy, with_inputs
 from sim2vr_harness.policies.store import TrainedUser
 from sim2vr_harness.users import Body
 
-__all__ = [
-    "Counters",
-    "Playlist",
-    "ViewerFrame",
-    "look",
-    "person_show",
-    "user_show",
-]
-
 HEADSET_SIZE = (240, 160)
 """Of the headset's picture, pixels."""
 _RECORDED_HZ = 20.0

@@ -21,14 +21,6 @@ from sim2vr_harness.users import UserBatch
 from sim2vr_harness.users.kinematics.reach_controller import ReachController
 from sim2vr_harness.users.noise import MotorNoiseSettings
 
-__all__ = [
-    "FITTS_DISTANCES_M",
-    "FITTS_TIMES_S",
-    "BenchmarkMovements",
-    "MotorMeasures",
-    "measure_layer",
-]
-
 FloatArray = NDArray[np.float64]
 
 _SETTLE_S, _HOLD_S = 1.2, 0.6

@@ -11,8 +11,6 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import naming
 from sim2vr_harness.training.motor_control.benchmark import BenchmarkMovements, MotorMeasures
 
-__all__ = ["draw_measures"]
-
 _WORST_MM = 50.0
 
 

@@ -25,8 +25,6 @@ from sim2vr_harness.world_models.effort import Effort
 from sim2vr_harness.world_models.rollout_env import ImaginedUsers
 from sim2vr_harness.world_models.transitions import TransitionStore
 
-__all__ = ["MOTOR_STATE", "GoalTask", "MotorTrainer", "MotorTrainingCycle", "motor_trainer"]
-
 MOTOR_STATE = "the state of a motor training"
 """What a file of a motor trainer's state is called in errors."""
 

@@ -18,8 +18,6 @@ from sim2vr_harness.policies.hierarchical.hand_policy import HandPolicy
 from sim2vr_harness.policies.hierarchical.human_goals import GoalPerception, HumanGoals
 from sim2vr_harness.runs.option_config import PeopleTraining
 
-__all__ = ["Execution", "ending", "train_hand_policy"]
-
 _HANDS, _STEPS = 512, 40
 _STOP, _SELECT = 0.55, 0.2
 _DISTANCES_M, _WIDTHS_M, _PASS_MPS = (0.03, 0.7), (0.01, 0.12), (0.3, 3.0)

@@ -19,8 +19,6 @@ from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
 from sim2vr_harness.policies.hierarchical.human_motor import HumanHands, HumanMotorPolicy
 from sim2vr_harness.training.motor_control.people_training import Bodies
 
-__all__ = ["DISTANCES_M", "WIDTHS_M", "AimedMovements", "HumanMeasures", "measure_people"]
-
 FloatArray = NDArray[np.float64]
 
 DISTANCES_M, WIDTHS_M = (0.1, 0.2, 0.4), (0.02, 0.035, 0.06)

@@ -27,8 +27,6 @@ from sim2vr_harness.users import Body, Physique, UserBatch
 from sim2vr_harness.world_models.body_dynamics import fit_body
 from sim2vr_harness.world_models.transitions import Motion, TransitionStore
 
-__all__ = ["Bodies", "PeopleCycle", "PeopleTrainer"]
-
 STATE_FORMAT = 1
 _KEPT, _RETURN, _SIZES = (0.0, 0.6, 0.9), 0.3, (0.05, 0.7)
 """Of random actions: how much lasts from one user step to the next, return to rest, and their

@@ -19,8 +19,6 @@ from sim2vr_harness.training.motor_control.goal_task import (
     motor_trainer,
 )
 
-__all__ = ["MotorStage", "needs_motor_policy"]
-
 
 def needs_motor_policy(config: TrainingConfig) -> bool:
     """Whether a run has to make its motor layer first."""

@@ -27,8 +27,6 @@ from sim2vr_harness.policies.hierarchical.primitives import (
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.training.motor_control.people_training import Bodies
 
-__all__ = ["StrikeMeasures", "measure_strikes", "passages"]
-
 FloatArray = NDArray[np.float64]
 
 _TIP_M, _WIDTH_M = (0.1, 0.0, 0.0), 0.05

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-__all__ = ["Pace", "QLearningReport"]
-
 _LAST = 50
 """Decisions whose mean is taken."""
 

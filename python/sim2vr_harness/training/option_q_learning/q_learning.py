@@ -25,11 +25,12 @@ from torch.nn import functional
 from sim2vr_harness.base.cores import budget
 from sim2vr_harness.policies.hierarchical.action_selection import ActionSelector, OptionScene
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
-from sim2vr_harness.policies.hierarchical.depth_grid import CELL_PX
 from sim2vr_harness.policies.hierarchical.frame_history import FrameHistory
+from sim2vr_harness.policies.hierarchical.person_layer import PersonLayer
 from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, PrimitiveController
 from sim2vr_harness.runs.checkpoint import read_header, state_header
 from sim2vr_harness.runs.option_config import QLearningConfig
+from sim2vr_harness.training.option_q_learning.exploration import Exploration
 from sim2vr_harness.training.option_q_learning.pace import QLearningReport
 from sim2vr_harness.training.replay import ReplayStore
 
@@ -47,8 +48,10 @@ DECIDE_STEPS = 3
 Users see decisions through for longer where it pays."""
 _BATCH_SIZE = 64
 """Decisions per minibatch; all shipped users learned from as many."""
-UPDATES_PER_DECISION = 1.0
+UPDATES_PER_DECISION = 2.0
 """Updates of the Q-network per decision of all users."""
+_REWARDED_SHARE = 0.25
+"""Share of a minibatch that came before a reward (prioritised replay, Schaul et al. 2016)."""
 _KEPT_DECISIONS = 24_000
 """Size of the replay buffer."""
 _EXPLORE_FIRST = 0.9
@@ -56,16 +59,10 @@ _SETTLE_SHARE = 0.5
 """Last share of the user steps, over which learning rate and exploration fall."""
 _TARGET_RATE = 0.01
 """Rate at which the target network follows."""
-_TRY_STEPS = (4, 14)
-"""How long a random try is seen through, user steps."""
-_PULL_STEPS = 24
-"""The same of pulls, which have an end of their own."""
-_REST_SHARE = 0.1
 _SETTLED_RATE, _SETTLED_TRIES = 0.05, 0.25
 """Factors on learning rate and random tries at the very end."""
-_COLOURS = 8
 _TRUSTED_PERCENTILE = 99.0
-_NEAR_M, _REACHED_M, _TRIED_M = 1.2, 0.06, 0.1
+_NEAR_M, _REACHED_M = 1.2, 0.06
 _PARTS = 2
 """Parts of a batch, whose gradients are computed in parallel."""
 _TIMED = 3
@@ -84,7 +81,6 @@ class OptionQLearning:
         pictures: the file that what is seen goes to; made or reused.
         seed: of everything drawn here.
         late_steps: user steps by which pictures are seen late.
-        effort: whether the cost of effort counts.
     """
 
     def __init__(
@@ -96,21 +92,22 @@ class OptionQLearning:
         *,
         seed: int,
         late_steps: int = 0,
-        effort: bool = False,
     ) -> None:
-        self.config, self.simulation, self.primitives = config, simulation, primitives
-        self._effort = effort
+        self.config, self._late_steps, self._seed = config, late_steps, seed
         self.n: int = simulation.n
         self.hands = len(primitives.tool)
         vision = simulation.config.vision
-        past = FrameHistory(simulation, late_steps)
-        self._selector = ActionSelector(simulation, primitives, past)
+        self.rng = np.random.default_rng([seed, 55])
+        self._take_up(simulation, primitives)
+        self._since = 0
+        """First decision of the present users."""
+        self.persons = False
+        """Whether the present users are persons, whose effort counts."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             self.net = ActionValueMap(self._selector.sight, self.hands, primitives.options)
         self._slow = copy.deepcopy(self.net).requires_grad_(False)
         self._optimizer = torch.optim.Adam(self.net.parameters(), _LEARNING_RATE, fused=True)
-        self.rng = np.random.default_rng([seed, 55])
         self.step_count = 0
         self.scale = 1.0
         """What rewards are divided by."""
@@ -128,16 +125,33 @@ class OptionQLearning:
         length = -(-config.user_steps // (self.n * DECIDE_STEPS)) + 1
         self._memory = ReplayStore(pictures, length, shapes)
         """Decisions of all users, and what came of them."""
-        seeds = np.random.SeedSequence([seed, 56]).generate_state(self.n, np.uint32)
+        self._kept = OptionChoice.KEPT if primitives.options.inputs else ("move", "place")
+        self._rewards: deque[float] = deque(maxlen=200)
+        self._owed = 0.0
+
+    def _take_up(self, simulation: Any, primitives: PrimitiveController) -> None:
+        """Let these users play from now on, in rounds that begin."""
+        self.simulation, self.primitives = simulation, primitives
+        past = FrameHistory(simulation, self._late_steps)
+        self._selector = ActionSelector(simulation, primitives, past)
+        seeds = np.random.SeedSequence([self._seed, 56]).generate_state(self.n, np.uint32)
         simulation.reset(seeds=[int(value) for value in seeds])
         self._choice = OptionChoice(self.n, self.hands)
-        self._kept = OptionChoice.KEPT if primitives.options.inputs else ("move", "place")
         self._trying = np.zeros((self.n, self.hands), np.int64)
         """User steps for which a random try is still seen through."""
         self._tried = np.zeros((self.n, self.hands), np.int64)
-        self._colours = np.ones(_COLOURS**3)
-        self._rewards: deque[float] = deque(maxlen=200)
-        self._owed = 0.0
+        self._exploration = Exploration(self._selector, self.rng)
+
+    def continue_with_persons(self, simulation: Any, primitives: PrimitiveController) -> None:
+        """Go on learning the same values with persons, from their own decisions.
+
+        Args:
+            simulation: N persons in the same app; owned by the caller.
+            primitives: of their hands, with the same tool and options.
+        """
+        self._take_up(simulation, primitives)
+        self._since, self.persons = self._memory.count, True
+        self._rewards.clear()
 
     # --- deciding ----------------------------------------------------------------------------
 
@@ -152,75 +166,15 @@ class OptionQLearning:
         chosen[still] = self._tried[still]
         anew = changed & (self.rng.random((self.n, self.hands)) < explore)
         users = np.flatnonzero(anew.any(1))
-        self._note_colours(scene)
-        for i, *weights in zip(users, *self._curiosity(scene, places, users), strict=True):
+        self._exploration.note_colours(scene)
+        weights = self._exploration.curiosity(scene, places, users)
+        for i, near, far in zip(users, *weights, strict=True):
             for hand in np.flatnonzero(anew[i]):
-                chosen[i, hand] = self._tried[i, hand] = self._try(*weights)
-                self._trying[i, hand] = self._try_steps(int(chosen[i, hand]))
+                chosen[i, hand] = self._tried[i, hand] = self._exploration.draw(near, far)
+                self._trying[i, hand] = self._exploration.steps(int(chosen[i, hand]))
         self._trying -= DECIDE_STEPS
         self._selector.choose(self._choice, chosen, scene, places, changed)
         return chosen
-
-    def _try(self, near: NDArray[np.float64], far: NDArray[np.float64]) -> int:
-        """Draw a choice.
-
-        Args:
-            near: (cells,) weights of cells to do something at with the hand.
-            far: (cells,) the same of cells to point at.
-        """
-        options, cells = self.primitives.options, self._selector.sight.cells
-        if self.rng.random() < _REST_SHARE:
-            free = int(self.rng.integers(1 + len(options.free))) if options.free else 0
-            return options.rest(cells) + free
-        drawn = self.rng.random()
-        # Half of the tries take options with inputs; without any, they touch or push.
-        favoured = options.favoured
-        if self.rng.random() < 0.5:
-            move = favoured[self.rng.integers(len(favoured))]
-        else:
-            move = int(self.rng.integers(len(options.placed)))
-        weights = far if options.placed[move] == "point" else near
-        cell = int(np.searchsorted(np.cumsum(weights), drawn * weights.sum()))
-        return move * cells + min(cell, cells - 1)
-
-    def _try_steps(self, chosen: int) -> int:
-        """How long a try is seen through, user steps."""
-        placed, option = self.primitives.options.placed, chosen // self._selector.sight.cells
-        if option < len(placed) and placed[option] == "pull":
-            return _PULL_STEPS
-        return int(self.rng.integers(*_TRY_STEPS))
-
-    def _curiosity(
-        self, scene: OptionScene, places: Tensor, users: NDArray[np.int64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(K, cells) how much K users try: what is within reach, what has a rare colour.
-
-        The second weights are those of cells to point at, near and far alike.
-        """
-        if not len(users):
-            none = np.zeros((0, self._selector.sight.cells))
-            return none, none
-        colour = self._colours_of(scene)[users]
-        rare = 1.0 / (0.002 + self._colours[colour] / self._colours.sum())
-        flat = places[users].flatten(2).transpose(1, 2).reshape(-1, 3)
-        reach = self.primitives.near(flat, _TRIED_M).reshape(len(users), -1)
-        there = np.where(self._selector.something(scene).numpy()[users], 1.0, 1e-9)
-        near = _spread(there * np.where(reach, 1.0, 0.03), rare)
-        return near, _spread(there, rare) if "point" in self.primitives.options.placed else near
-
-    def _note_colours(self, scene: OptionScene) -> None:
-        """Count what colours there are; what was seen long ago counts less."""
-        self._colours *= 0.999
-        np.add.at(self._colours, self._colours_of(scene).ravel(), 1.0 / self.n)
-
-    def _colours_of(self, scene: OptionScene) -> NDArray[np.int64]:
-        """(N, cells) number of the colour in the middle of each cell."""
-        half = CELL_PX // 2
-        rows, columns = self._selector.sight.rows, self._selector.sight.columns
-        small = scene.pictures[:, :3, half::CELL_PX, half::CELL_PX][:, :, :rows, :columns]
-        level = (small.astype(np.int64) * _COLOURS) // 256
-        colour: NDArray[np.int64] = (level[:, 0] * _COLOURS + level[:, 1]) * _COLOURS + level[:, 2]
-        return colour.reshape(self.n, -1)
 
     # --- a decision and what comes of it -----------------------------------------------------
 
@@ -301,7 +255,7 @@ class OptionQLearning:
             actions = self._selector.actions(self._choice)
             result = self.simulation.step(actions)
             self.step_count += self.n
-            worth = result.reward if self._effort else result.game_reward
+            worth = result.reward if self.persons else result.game_reward
             reward += np.where(over, 0.0, worth).astype(np.float32)
             again = self.simulation.renew(result)
             self._choice.forget(again)
@@ -360,17 +314,18 @@ class OptionQLearning:
         for group in self._optimizer.param_groups:
             group["lr"] = rate
         loss = float("nan")
-        for _ in range(updates if self._memory.count > N_STEP else 0):
+        for _ in range(updates if self._memory.count - self._since > N_STEP else 0):
             loss = self._update(each)
         return loss
 
     def _update(self, each: _Map) -> float:
         """One step of learning, from a batch that is always parted alike."""
         memory = self._memory
-        have = min(memory.count, max(N_STEP + 1, _KEPT_DECISIONS // self.n))
+        have = min(memory.count - self._since, max(N_STEP + 1, _KEPT_DECISIONS // self.n))
         ages = self.rng.integers(N_STEP, have, _BATCH_SIZE)
         rows = memory.count - 1 - ages
         users = self.rng.integers(0, self.n, _BATCH_SIZE)
+        self._prefer_rewarded(rows, users, have)
         found = self._shares(rows, users, each)
         self._optimizer.zero_grad()
         for parameter, *shares in zip(
@@ -383,6 +338,24 @@ class OptionQLearning:
             for slow, fast in zip(self._slow.parameters(), self.net.parameters(), strict=True):
                 slow.lerp_(fast, _TARGET_RATE)
         return sum(loss for loss, _ in found)
+
+    def _prefer_rewarded(
+        self, rows: NDArray[np.int64], users: NDArray[np.int64], have: int
+    ) -> None:
+        """Put decisions that came before a reward into the first rows (K,) of a batch.
+
+        Rewards are rare at first: of decisions drawn alike hardly one in a hundred has any.
+        """
+        first, last = self._memory.count - have, self._memory.count - N_STEP
+        frames = np.arange(first, self._memory.count - 1)
+        when, who = np.nonzero(self._memory.read("reward", frames) > 0.0)
+        if not len(when):
+            return
+        count = round(_REWARDED_SHARE * len(rows))
+        drawn = self.rng.integers(0, len(when), count)
+        back = self.rng.integers(0, N_STEP, count)
+        rows[:count] = np.clip(first + when[drawn] - back, first, last - 1)
+        users[:count] = who[drawn]
 
     def _shares(
         self, rows: NDArray[np.int64], users: NDArray[np.int64], each: _Map
@@ -451,13 +424,16 @@ class OptionQLearning:
             step=self.step_count,
             scale=self.scale,
             owed=self._owed,
+            since=self._since,
+            persons=self.persons,
             rewards=list(self._rewards),
             rng=self.rng.bit_generator.state,
         )
-        arrays = {
+        layer = self.primitives.layer
+        arrays: dict[str, NDArray[Any]] = {
             "trying": self._trying,
             "tried": self._tried,
-            "colours": self._colours,
+            "colours": self._exploration.colours,
             "simulation": np.frombuffer(self.simulation.save_state(), np.uint8),
         }
         return {
@@ -468,7 +444,13 @@ class OptionQLearning:
             "memory": {key: value.clone() for key, value in self._memory.state_dict().items()},
             "choice": {name: getattr(self._choice, name).clone() for name in self._kept},
             "arrays": {name: torch.from_numpy(values.copy()) for name, values in arrays.items()},
+            "layer": layer.memory() if isinstance(layer, PersonLayer) else {},
         }
+
+    @staticmethod
+    def of_persons(state: Mapping[str, Any]) -> bool:
+        """Whether persons play in a state."""
+        return bool(read_header(state, STATE_FORMAT)["persons"])
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from :meth:`state_dict`.
@@ -478,7 +460,7 @@ class OptionQLearning:
         """
         header = read_header(state, STATE_FORMAT)
         self.step_count, self.scale = header["step"], header["scale"]
-        self._owed = header["owed"]
+        self._owed, self._since, self.persons = header["owed"], header["since"], header["persons"]
         self._rewards.extend(header["rewards"])
         self.rng.bit_generator.state = header["rng"]
         self.net.load_state_dict(state["net"])
@@ -489,14 +471,7 @@ class OptionQLearning:
             setattr(self._choice, name, state["choice"][name].clone())
         arrays = {name: values.numpy() for name, values in state["arrays"].items()}
         self._trying, self._tried = arrays["trying"].copy(), arrays["tried"].copy()
-        self._colours = arrays["colours"].copy()
+        self._exploration.colours = arrays["colours"].copy()
         self.simulation.load_state(arrays["simulation"].tobytes())
-
-
-def _spread(where: NDArray[np.float64], rare: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(K, cells) weights that prefer rare colours among places, half of them by far."""
-    weights: NDArray[np.float64] = where * (0.3 * rare / rare.mean() + 0.7)
-    rarest = where * rare
-    return 0.5 * weights / weights.sum(1, keepdims=True) + 0.5 * rarest / rarest.sum(
-        1, keepdims=True
-    )
+        if isinstance(self.primitives.layer, PersonLayer):
+            self.primitives.layer.recall(state["layer"])

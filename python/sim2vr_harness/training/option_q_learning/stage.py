@@ -18,6 +18,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.finite import require_finite
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.envs.config import EnvConfig, body_of
+from sim2vr_harness.envs.people_preset import with_measured_body
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.controller_inputs import with_inputs_at_rest
@@ -34,7 +35,7 @@ from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolic
 from sim2vr_harness.policies.hierarchical.options import OptionSet, option_set
 from sim2vr_harness.policies.hierarchical.person_layer import PersonLayer
 from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy, seen_late_steps
-from sim2vr_harness.policies.hierarchical.primitives import PERSONS, Manner, PrimitiveController
+from sim2vr_harness.policies.hierarchical.primitives import PERSONS, PrimitiveController
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools, straight_tool
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors, write_user
@@ -52,8 +53,6 @@ from sim2vr_harness.training.option_q_learning.q_learning import (
 from sim2vr_harness.training.run.progress import View, duration
 from sim2vr_harness.training.run.stage import Callbacks
 
-__all__ = ["QLearningStage"]
-
 _STATE, _LOG, _PICTURES, _VALUES = "state.pt", "cycles.jsonl", "pictures.bin", "values.pt"
 _STUDENT_RATE, _PPO_RATE = 0.8, 1.4
 """User steps a second of the stages, relative to those of users who do nothing but step."""
@@ -62,6 +61,9 @@ _BASELINE_S = 6.0
 """How long users sit still, and then move at random, to compare with: a few targets of a game."""
 _HOLDS, _HOLD_S = (1, 3, 5), 10.0
 """Candidate user steps for which a choice is kept, and seconds of play that compare them."""
+_MEASURED_SHARE = 0.75
+"""Share of the user steps in which the measured body plays, undelayed but for its pictures, before
+persons do: what an app rewards does not depend on who moves, and persons move slowly."""
 _HOPELESS = 0.35
 """Share of the stage after which a user should do better than one who does nothing."""
 
@@ -124,29 +126,26 @@ class QLearningStage:
             return load_human_policy(Path(given), env.user, step_s)
         return human_policy_for(env.user, step_s)
 
-    def _hands(self, simulation: Simulation) -> MotorLayer:
-        """What moves the simulated users' hands."""
-        if not self._config.skills.people:
-            return self._layer()
-        human = self._human()
+    def _persons(self) -> tuple[Simulation, PersonLayer]:
+        """Return the simulated persons, and what moves their hands."""
+        human, config = self._human(), self._config
+        simulation = Simulation(_seeing(config.env), config.skills.q_learning.users)
 
         def persons() -> NDArray[np.float64]:
             return human.persons.of(simulation)
 
-        return PersonLayer(human, simulation.n, persons, self._config.seed)
+        return simulation, PersonLayer(human, simulation.n, persons, config.seed)
 
     def _layer(self) -> MotorPolicy:
-        env, given = self._config.env, self._config.skills.motor
+        """Return what moves the hands of the measured body."""
+        env, given = with_measured_body(self._config.env), self._config.skills.motor
+        given = None if self._config.skills.people else given  # a person's, then
         body, step_s = body_of(env.user), 1.0 / env.action_frequency_hz
         if given is not None:
             return load_motor_layer(Path(given), body, step_s)
         if self._motor is not None:
             return load_motor_layer(self._motor.layer_file, body, step_s)
         return motor_layer_for(body, step_s)
-
-    @property
-    def _manner(self) -> Manner:
-        return PERSONS if self._config.skills.people else Manner()
 
     @property
     def _options(self) -> OptionSet:
@@ -184,28 +183,28 @@ class QLearningStage:
                 raise InputError(
                     "skills.motor_training.width", got, f"{width} for a hierarchical policy"
                 )
-        self._simulation = Simulation(_seeing(self._config.env), config.q_learning.users)
+        env = with_measured_body(self._config.env) if config.people else self._config.env
+        self._simulation = Simulation(_seeing(env), config.q_learning.users)
 
     def run(self, callbacks: Callbacks) -> None:
         """See the protocol."""
         simulation, seed = self._simulation, self._config.seed
         assert simulation is not None
         self.folder.mkdir(parents=True, exist_ok=True)
-        layer = self._hands(simulation)
+        layer = self._layer()
         poses = reachable_poses(layer, seed)
         with torch_threads(1):
             tool, before, rate = self._prepared(simulation, layer, poses, callbacks)
             learner = self._learner = OptionQLearning(
                 self._config.skills.q_learning,
                 simulation,
-                PrimitiveController(layer, tool, poses, self._options, self._manner),
+                PrimitiveController(layer, tool, poses, self._options),
                 self.folder / _PICTURES,
                 seed=seed,
                 late_steps=self._late_steps,
-                effort=self._config.skills.people,
             )
             if (self.folder / _STATE).is_file():
-                take_in(self.folder / _STATE, "the state of Q-learning", learner.load_state_dict)
+                take_in(self.folder / _STATE, "the state of Q-learning", self._resume)
                 callbacks.say(f"Continuing with {learner.step_count:,} user steps.")
             self._steps_saved = learner.step_count
             log = self.folder / _LOG
@@ -222,6 +221,23 @@ class QLearningStage:
             write_tensors(self.folder / _VALUES, learned)
             self.tidy()
 
+    def _resume(self, state: Mapping[str, Any]) -> None:
+        """Continue from a state, with persons where they had begun to play."""
+        assert self._learner is not None
+        if OptionQLearning.of_persons(state):
+            self._begin_persons(self._learner)
+        self._learner.load_state_dict(state)
+
+    def _begin_persons(self, learner: OptionQLearning) -> None:
+        """Let persons play in the place of the measured body, and learn from what they do."""
+        measured, (self._simulation, layer) = self._simulation, self._persons()
+        assert measured is not None
+        poses, tool = reachable_poses(layer, self._config.seed), learner.primitives.tool
+        learner.continue_with_persons(
+            self._simulation, PrimitiveController(layer, tool, poses, self._options, PERSONS)
+        )
+        measured.close()
+
     @property
     def _late_steps(self) -> int:
         """User steps by which persons see what they decide by."""
@@ -231,14 +247,13 @@ class QLearningStage:
         return seen_late_steps(env.user.people.visual_delay_s, 1.0 / env.action_frequency_hz)
 
     def _hierarchical_user(
-        self, layer: MotorLayer, net: ActionValueMap, tool: Tensor, hold: int
+        self, layer: MotorPolicy, net: ActionValueMap, tool: Tensor, hold: int
     ) -> HierarchicalPolicy:
         """The user that this stage has made."""
-        if isinstance(layer, PersonLayer):
+        if self._config.skills.people:
             person = PersonPolicy(self._config)
-            person.learned_by(layer.policy, net, tool, hold)
+            person.learned_by(self._human(), net, tool, hold)
             return person
-        assert isinstance(layer, MotorPolicy)
         user = HierarchicalPolicy(self._config)
         user.learned(layer, net, tool, hold)
         return user
@@ -303,6 +318,9 @@ class QLearningStage:
         warned = False
         while learner.step_count < self.stop:
             before_s = time.monotonic()
+            if learner.step_count >= self._measured_steps and not learner.persons:
+                callbacks.say("Persons play from now on, with what has been learned.")
+                self._begin_persons(learner)
             report = learner.step()
             decisions += 1
             done = learner.step_count
@@ -337,6 +355,12 @@ class QLearningStage:
         steps = self._hold_steps * len(_holds()) if self._run is not None else 0
         explored = -(-self._config.skills.q_learning.try_steps // each)
         return Pace(explored, -(-self.stop // each), steps // DECIDE_STEPS)
+
+    @property
+    def _measured_steps(self) -> float:
+        """User steps that the measured body plays, before persons do."""
+        share = _MEASURED_SHARE if self._config.skills.people else math.inf
+        return share * self._config.skills.q_learning.user_steps
 
     @property
     def _hold_steps(self) -> int:

@@ -6,8 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-__all__ = ["bounded_least_squares"]
-
 FloatArray = NDArray[np.float64]
 
 

@@ -17,7 +17,7 @@ def test_the_middle_of_the_picture_is_straight_ahead() -> None:
     depth = torch.full((1, 80, 120), 255, dtype=torch.uint8)
     depth[0, 40, 60] = 25  # just right of and below the axis
     place = sight.places(depth, torch.tensor([[1.0, 2.0, 3.0]]), torch.eye(3)[None])
-    far = 25.5 * FAR_M / 255.0
+    far = 25 * FAR_M / 255.0
     got = place[0, :, 40 // CELL_PX, 60 // CELL_PX].tolist()
     # 90 degrees from top to bottom: half a pixel beside the axis is 0.5 / 40 of the distance.
     assert got == pytest.approx([1.0 + far, 2.0 - far * 0.5 / 40.0, 3.0 - far * 0.5 / 40.0])
@@ -29,7 +29,7 @@ def test_the_upper_left_corner_is_up_and_left_of_a_turned_head() -> None:
     half = np.sqrt(0.5)
     turned = rotation(np.array([[half, 0.0, 0.0, half]]))  # a quarter turn to the left
     place = sight.places(depth, torch.zeros(1, 3), turned)[0, :, 0, 0]
-    far = 50.5 * FAR_M / 255.0
+    far = 50 * FAR_M / 255.0
     # Of equal depths the pixel next to the cell's middle: row 1, column 1.
     up, left = (40 - 1.5) / 40.0 * far, (60 - 1.5) / 40.0 * far
     assert place.tolist() == pytest.approx([-left, far, up], abs=1e-5)
@@ -40,8 +40,17 @@ def test_a_cell_is_where_its_nearest_pixel_is() -> None:
     depth = torch.full((1, 80, 120), 200, dtype=torch.uint8)
     depth[0, 7, 11] = 10
     place = sight.places(depth, torch.zeros(1, 3), torch.eye(3)[None])
-    assert float(place[0, 0, 1, 2]) == pytest.approx(10.5 * FAR_M / 255.0)
-    assert float(place[0, 0, 1, 3]) == pytest.approx(200.5 * FAR_M / 255.0)
+    assert float(place[0, 0, 1, 2]) == pytest.approx(10 * FAR_M / 255.0)
+    assert float(place[0, 0, 1, 3]) == pytest.approx(200 * FAR_M / 255.0)
+
+
+def test_depth_of_a_slope_is_right_on_average() -> None:
+    """Apps round depths, so their errors add up to nothing; half a step is 2 cm."""
+    true = np.linspace(0.3, 0.6, 80 * 120).reshape(1, 80, 120)
+    depth = torch.from_numpy(np.round(true / FAR_M * 255.0).astype(np.uint8))
+    seen = DepthGrid(80, 120).places(depth, torch.zeros(1, 3), torch.eye(3)[None])[0, 0]
+    nearest = true[0].reshape(20, 4, 30, 4).min((1, 3))
+    assert float(seen.mean()) == pytest.approx(nearest.mean(), abs=0.002)
 
 
 def test_only_what_is_there_is_chosen() -> None:

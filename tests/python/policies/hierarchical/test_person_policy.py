@@ -101,11 +101,11 @@ def test_people_need_decisions_by_themselves() -> None:
     assert torch.is_tensor(PersonPolicy(config).hold)
 
 
-@pytest.mark.parametrize(("beside_m", "depth_m"), [(0.0, 0.015), (0.03, -0.005), (0.2, -0.035)])
+@pytest.mark.parametrize(("beside_m", "depth_m"), [(0.0, 0.025), (0.03, -0.005), (0.2, -0.05)])
 def test_hands_lift_off_until_they_are_there(
     policy: Following, beside_m: float, depth_m: float
 ) -> None:
-    """At most 5 cm before a goal 1.5 cm behind the surface, 1 cm beside it begins the descent."""
+    """From 2.5 cm behind the surface to 5 cm before it, over 5 cm that begin 1 cm beside it."""
     head, choice = torch.zeros(1, 3), OptionChoice(1, 1)
     choice.move[:] = 0
     choice.place[0, 0] = choice.seen[0, 0] = torch.tensor([0.4, 0.0, 0.0])

@@ -226,11 +226,13 @@ def _answer(values: Mapping[str, Any]) -> str:
         rows.append((EVERYONE, target["name"], _percent(target["usable"]), why, _change(target)))
     for group in _worse_groups(values):
         for name, share, why in group[1][:_MOST]:
-            rows.append((group[0], name, share, why, ""))
+            change = "Let one hand do it" if why == "needs two hands" else ""
+            rows.append((group[0], name, share, why, change))
         if len(group[1]) > _MOST:
             rows.append((group[0], f"{len(group[1]) - _MOST} more", "", "", ""))
     if not rows:
         return ""
+    rows = [(*row[:2], row[2].replace(" ", "\u00a0"), *row[3:]) for row in rows]
     head = "".join(f"<th>{each}</th>" for each in _ANSWER)
     body = "".join(
         "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows

@@ -10,6 +10,11 @@
 namespace sim2vr::openxr {
 namespace {
 
+constexpr XrCompositionLayerFlags kLayerFlags =
+    XR_COMPOSITION_LAYER_CORRECT_CHROMATIC_ABERRATION_BIT |
+    XR_COMPOSITION_LAYER_BLEND_TEXTURE_SOURCE_ALPHA_BIT |
+    XR_COMPOSITION_LAYER_UNPREMULTIPLIED_ALPHA_BIT;
+
 /// The session's swapchain of a sub-image; its rectangle lies inside.
 void checkSubImage(const Session& session, const XrSwapchainSubImage& image,
                    const std::string& name) {
@@ -104,6 +109,10 @@ void checkLayers(const Session& session, const XrFrameEndInfo& info) {
       throw Failure(XR_ERROR_LAYER_INVALID,
                     fmt::format("{}.type is {}, expected a projection or a quad layer", name,
                                 static_cast<int>(layer.type)));
+    }
+    if ((layer.layerFlags & ~kLayerFlags) != 0) {
+      invalid(fmt::format("{}.layerFlags is {:#x}, expected bits of {:#x}", name, layer.layerFlags,
+                          kLayerFlags));
     }
     const auto space = get<Space>(layer.space, "space of a layer");
     requireOwn(session, space->session.get(), name + ".space");

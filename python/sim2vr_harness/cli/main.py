@@ -6,15 +6,17 @@ are imported when a command runs, so that ``--help`` is quick.
 
 from __future__ import annotations
 
+import atexit
+import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import partial
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -47,7 +49,7 @@ from sim2vr_harness.cli import (
 from sim2vr_harness.cli import report as report_command
 from sim2vr_harness.cli.app_options import AppArgOption, app_settings
 from sim2vr_harness.cli.command import ANALYSE, KNOW, LOOK, PLAY, STUDY, CommandGroup
-from sim2vr_harness.cli.errors import report
+from sim2vr_harness.cli.errors import INTERRUPTED, report
 from sim2vr_harness.cli.games import HelpWithGames
 from sim2vr_harness.cli.old_names import add_old_names
 from sim2vr_harness.cli.options import JsonOption, finite, writable_file
@@ -189,7 +191,18 @@ def main(arguments: list[str] | None = None) -> None:
     command = partial(app, given, prog_name="sim2vr-harness", standalone_mode=False)
     with _sigterm_as_ctrl_c():
         status = report(command, given, debug)
+    if status == INTERRUPTED and arguments is None:
+        _exit_at_once(status)
     sys.exit(status)
+
+
+def _exit_at_once(status: int) -> NoReturn:
+    """Exit without freeing modules, which takes Torch's more than a second of a core."""
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError):
+            stream.flush()
+    os._exit(status)
 
 
 @contextmanager
@@ -198,11 +211,23 @@ def _sigterm_as_ctrl_c() -> Iterator[None]:
     before = signal.getsignal(signal.SIGTERM)
     if before is signal.SIG_DFL and threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, signal.default_int_handler)
+    ignores, sys.unraisablehook = sys.unraisablehook, partial(_ignored, sys.unraisablehook)
     try:
         yield
     finally:
+        sys.unraisablehook = ignores
         if signal.getsignal(signal.SIGTERM) is signal.default_int_handler:
             signal.signal(signal.SIGTERM, before)
+
+
+def _ignored(report_it: Callable[[Any], object], ignored: Any) -> None:
+    """Interrupt once more where an interrupt came in a finalizer, whose errors are lost."""
+    if isinstance(ignored.exc_value, KeyboardInterrupt):
+        # Not from here: the hook would be interrupted, and its errors are lost, too.
+        main = threading.main_thread().ident
+        threading.Timer(0.05, signal.pthread_kill, [main, signal.SIGTERM]).start()
+    else:
+        report_it(ignored)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,7 @@
 // Actions, their bindings and priorities, and haptics.
+#include <atomic>
 #include <cstring>
+#include <thread>
 
 #include "program.hpp"
 
@@ -216,6 +218,65 @@ TEST_F(Actions, HapticsAreEventsWithTheFramesTime) {
   EXPECT_EQ(events[0]["frequency_hz"], 90.0);
   EXPECT_EQ(events[0]["duration_ns"], 20'000'000);
   EXPECT_EQ(events[0]["time_ns"], 1'010'000'000);
+}
+
+TEST_F(Actions, ThreadsUseASessionAtOnce) {
+  start();
+  const XrAction buzz = action(set, "buzz", XR_ACTION_TYPE_VIBRATION_OUTPUT);
+  const XrAction pull = action(set, "pull", XR_ACTION_TYPE_FLOAT_INPUT);
+  const XrAction hand = action(set, "hand", XR_ACTION_TYPE_POSE_INPUT);
+  ASSERT_EQ(suggest(kTouch, {{buzz, "/user/hand/right/output/haptic"},
+                             {pull, "/user/hand/right/input/trigger/value"},
+                             {hand, "/user/hand/right/input/grip/pose"}}),
+            XR_SUCCESS);
+  ASSERT_EQ(attach({set}), XR_SUCCESS);
+  const XrSpace stage = program.referenceSpace(XR_REFERENCE_SPACE_TYPE_STAGE);
+  frame(0.0);
+  harness.receiveAnswer();
+  constexpr int kTimes = 300;
+  std::atomic<int> busy{3};
+  std::thread vibrates([&] {
+    const XrHapticVibration vibration{XR_TYPE_HAPTIC_VIBRATION, nullptr, 1, 0.0F, 0.5F};
+    const XrHapticActionInfo info{XR_TYPE_HAPTIC_ACTION_INFO, nullptr, buzz, XR_NULL_PATH};
+    for (int i = 0; i < kTimes; ++i) {
+      EXPECT_EQ(XR_CALL(program.instance, xrApplyHapticFeedback)(
+                    program.session, &info,
+                    reinterpret_cast<const XrHapticBaseHeader*>(&vibration)),
+                XR_SUCCESS);
+    }
+    --busy;
+  });
+  std::thread reads([&] {
+    for (int i = 0; i < kTimes; ++i) {
+      EXPECT_EQ(sync({{set, XR_NULL_PATH}}), XR_SUCCESS);
+      const XrActionStateFloat state = number(pull);
+      EXPECT_TRUE(state.currentState == 0.0F || state.currentState == 0.75F);
+      program.states();
+    }
+    --busy;
+  });
+  std::thread locates([&] {
+    const XrActionSpaceCreateInfo info{
+        XR_TYPE_ACTION_SPACE_CREATE_INFO, nullptr, hand, XR_NULL_PATH, {{0, 0, 0, 1}, {0, 0, 0}}};
+    for (int i = 0; i < kTimes; ++i) {
+      XrSpace space = XR_NULL_HANDLE;
+      EXPECT_EQ(XR_CALL(program.instance, xrCreateActionSpace)(program.session, &info, &space),
+                XR_SUCCESS);
+      XrSpaceLocation location{XR_TYPE_SPACE_LOCATION, nullptr, 0, {}};
+      EXPECT_EQ(XR_CALL(program.instance, xrLocateSpace)(space, stage, 1, &location), XR_SUCCESS);
+      EXPECT_EQ(XR_CALL(program.instance, xrDestroySpace)(space), XR_SUCCESS);
+    }
+    --busy;
+  });
+  int pulses = 0;
+  for (bool last = false; !last;) {
+    last = busy == 0;
+    frame(0.75);
+    const auto events = harness.receiveAnswer()["events"];
+    for (const auto& event : events) pulses += event["kind"] == "haptic" ? 1 : 0;
+  }
+  for (std::thread* each : {&vibrates, &reads, &locates}) each->join();
+  EXPECT_EQ(pulses, kTimes);
 }
 
 TEST_F(Actions, AnActionSpaceFollowsTheGrip) {

@@ -205,6 +205,11 @@ TEST_F(Layers, WrongLayersHaveTheirCodes) {
   layer.type = XR_TYPE_COMPOSITION_LAYER_CUBE_KHR;
   EXPECT_EQ(submit(base(layer)), XR_ERROR_LAYER_INVALID);
   layer.type = XR_TYPE_COMPOSITION_LAYER_PROJECTION;
+  for (const XrCompositionLayerFlags flags : {0x8ULL, 0x8000000000000001ULL}) {
+    layer.layerFlags = flags;
+    EXPECT_EQ(submit(base(layer)), XR_ERROR_VALIDATION_FAILURE);
+  }
+  layer.layerFlags = 7;
   EXPECT_EQ(program.end(0, {base(layer)}), XR_ERROR_TIME_INVALID);
   const std::vector<const XrCompositionLayerBaseHeader*> many(17, base(layer));
   EXPECT_EQ(program.end(harness.latest(), many), XR_ERROR_LAYER_LIMIT_EXCEEDED);
@@ -235,6 +240,12 @@ TEST_F(Layers, SwapchainsKeepTheirOrder) {
   EXPECT_EQ(wait(swapchain, &info), XR_SUCCESS);
   EXPECT_EQ(wait(swapchain, &info), XR_ERROR_CALL_ORDER_INVALID);
   EXPECT_EQ(release(swapchain, nullptr), XR_SUCCESS);
+  // A negative timeout is none; images are there at once.
+  for (const XrDuration timeout : {XrDuration{-5}, XrDuration{XR_INFINITE_DURATION}}) {
+    const XrSwapchainImageWaitInfo timed{XR_TYPE_SWAPCHAIN_IMAGE_WAIT_INFO, nullptr, timeout};
+    EXPECT_EQ(wait(swapchain, &timed), XR_SUCCESS);
+    EXPECT_EQ(release(swapchain, nullptr), XR_SUCCESS);
+  }
 }
 
 TEST_F(Layers, UnusableSwapchainsAreRefused) {

@@ -24,6 +24,7 @@ from sim2vr_harness.policies.hierarchical.primitives import PERSONS, OptionChoic
 from sim2vr_harness.policies.protocol import Observation, require_observation
 from sim2vr_harness.runs.option_config import PeopleTraining
 from sim2vr_harness.users import FEATURES
+from sim2vr_harness.users.kinematics.forward_torch import Chains
 from sim2vr_harness.world_models.transitions import Motion
 
 if TYPE_CHECKING:
@@ -83,6 +84,9 @@ class PersonPolicy(HierarchicalPolicy):
             body_width=training.body_width,
             perception=training.perception,
         ).requires_grad_(False)
+        # Eyes of tall persons are higher.
+        chains = Chains(self.human.body, ("headset",), self.human.persons.references)
+        object.__setattr__(self, "_head", chains)
         self._seed = config.seed
         self._wanted["person"] = (len(FEATURES),)
 
@@ -113,7 +117,7 @@ class PersonPolicy(HierarchicalPolicy):
             motion = self._read(observation["proprioception"])
             now = Motion(*motion, torch.from_numpy(who[None]).float())
             placed = self.human.places(now)
-            head = self._head(motion[0])[:, 0]
+            head = self._head(motion[0], self.human.persons.sizes(now.persons))[:, 0]
             self._look(observation["vision"], memory, who)
             if memory.left == 0:
                 self._reconsider(memory, head, placed)

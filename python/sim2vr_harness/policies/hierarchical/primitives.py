@@ -71,6 +71,8 @@ PERSONS = Manner(push_mps=3.0, swing_mps=2.0, run_up_m=0.2, slowest=0.15, by_han
 """How persons do (docs/concepts/people.md)."""
 _ABOVE_M = 0.01
 """A hand that is no farther beside its place does not stay before it any more."""
+_COMING_MPS = 0.1
+"""A hand that is slower sideways to its place does not stay before it so far."""
 _POINT, _PULL = PLACED.index("point"), PLACED.index("pull")
 _ARRIVING = torch.tensor(
     [PLACED.index(n) for n in ("touch", "press", "hold", "grab", "release", "pull")]
@@ -271,7 +273,7 @@ class PrimitiveController:
                 left, up = SIDEWAYS[name]
                 directions[chosen] = manner.swing_mps * torch.tensor([0.0, left, up])
         touches = _comes(choice.move)[..., None]
-        goals.place = choice.place + self._depth(choice, away, now) * away * touches
+        goals.place = choice.place + self._depth(choice, away, now, velocity) * away * touches
         back = (choice.move == _PULL) & (choice.closed > 0)
         goals.place = torch.where(back[..., None], choice.closed_at + _BACK, goals.place)
         goals.velocity = directions
@@ -352,13 +354,20 @@ class PrimitiveController:
         met = (along > 0.0) & (beside < (_ON_RAD * along).clamp(min=_ON_M))
         return torch.where(points(choice.move), met, near)
 
-    def _depth(self, choice: OptionChoice, away: Tensor, now: Tensor) -> Tensor:
-        """(N, H, 1) how far behind the surface they go for hands aim; before it: negative, m."""
+    def _depth(self, choice: OptionChoice, away: Tensor, now: Tensor, velocity: Tensor) -> Tensor:
+        """(N, H, 1) how far behind the surface they go for hands aim; before it: negative, m.
+
+        A hand that is nearly there, but comes no nearer, touches where it is.
+        """
         way = now - choice.place
         along = (way * away).sum(-1, keepdim=True)
-        beside = (way - along * away).norm(dim=-1, keepdim=True)
+        sideways = way - along * away
+        beside = sideways.norm(dim=-1, keepdim=True)
         lift_m = self._manner.lift_m
         lifted = ((beside - _ABOVE_M) / lift_m).clamp(0.0, 1.0)
+        closing = -(velocity * sideways).sum(-1, keepdim=True) / beside.clamp(min=1e-6)
+        coming = (closing / _COMING_MPS).clamp(0.0, 1.0)
+        lifted = torch.where(lifted < 1.0, lifted * coming, lifted)
         return _DEEPER_M - lifted * (_DEEPER_M + lift_m)
 
     def _run_up(self, goals: MotorGoals, now: Tensor, velocity: Tensor) -> None:

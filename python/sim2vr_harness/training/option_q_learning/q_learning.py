@@ -31,6 +31,7 @@ from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, Primit
 from sim2vr_harness.runs.checkpoint import read_header, state_header
 from sim2vr_harness.runs.option_config import QLearningConfig
 from sim2vr_harness.training.option_q_learning.exploration import Exploration
+from sim2vr_harness.training.option_q_learning.minibatch import N_STEP, draw_decisions
 from sim2vr_harness.training.option_q_learning.pace import QLearningReport
 from sim2vr_harness.training.replay import ReplayStore
 
@@ -41,8 +42,6 @@ _GAMMA = 0.85
 """Discount factor per decision: rewards follow within about 7 decisions."""
 _LEARNING_RATE = 1e-3
 """Adam's usual rate."""
-N_STEP = 3
-"""Decisions whose rewards are added up before a value is bootstrapped."""
 DECIDE_STEPS = 3
 """User steps from one decision to the next: 0.15 s at 20 Hz.
 Users see decisions through for longer where it pays."""
@@ -50,8 +49,6 @@ _BATCH_SIZE = 64
 """Decisions per minibatch; all shipped users learned from as many."""
 UPDATES_PER_DECISION = 2.0
 """Updates of the Q-network per decision of all users."""
-_REWARDED_SHARE = 0.25
-"""Share of a minibatch that came before a reward (prioritised replay, Schaul et al. 2016)."""
 _KEPT_DECISIONS = 24_000
 """Size of the replay buffer."""
 _EXPLORE_FIRST = 0.9
@@ -128,6 +125,8 @@ class OptionQLearning:
         self._kept = OptionChoice.KEPT if primitives.options.inputs else ("move", "place")
         self._rewards: deque[float] = deque(maxlen=200)
         self._owed = 0.0
+        self._corrected = 0.0
+        """Exponent of the importance weights: 0 at first, 1 at the end (Schaul et al. 2016)."""
 
     def _take_up(self, simulation: Any, primitives: PrimitiveController) -> None:
         """Let these users play from now on, in rounds that begin."""
@@ -225,6 +224,7 @@ class OptionQLearning:
         difference, to the bit, whether there are cores for it or it comes first.
         """
         rate = _LEARNING_RATE * self._settling(_SETTLED_RATE)
+        self._corrected = 1.0 - self._settling(0.0)
         if budget(self.simulation.config.cores) == 1 or not updates:
             loss = self._learn(updates, rate, map)
             return *self.play(DECIDE_STEPS), loss
@@ -240,11 +240,12 @@ class OptionQLearning:
         """
         rows = np.zeros(_BATCH_SIZE, np.int64)
         users = np.arange(_BATCH_SIZE) % self.n
+        weights = np.ones(_BATCH_SIZE)
         alone = budget(self.simulation.config.cores) == 1
         with ThreadPoolExecutor(_PARTS) as parts:
             times = [time.monotonic()]
             for _ in range(_TIMED + 1):
-                self._shares(rows, users, map if alone else parts.map)
+                self._shares(rows, users, weights, map if alone else parts.map)
                 times.append(time.monotonic())
         return (times[-1] - times[1]) / _TIMED  # the first one warms up
 
@@ -322,11 +323,10 @@ class OptionQLearning:
         """One step of learning, from a batch that is always parted alike."""
         memory = self._memory
         have = min(memory.count - self._since, max(N_STEP + 1, _KEPT_DECISIONS // self.n))
-        ages = self.rng.integers(N_STEP, have, _BATCH_SIZE)
-        rows = memory.count - 1 - ages
-        users = self.rng.integers(0, self.n, _BATCH_SIZE)
-        self._prefer_rewarded(rows, users, have)
-        found = self._shares(rows, users, each)
+        first = memory.count - have
+        rewarded = memory.read("reward", np.arange(first, memory.count - 1)) > 0.0
+        rows, users, odds = draw_decisions(rewarded, _BATCH_SIZE, self.rng)
+        found = self._shares(first + rows, users, odds**self._corrected, each)
         self._optimizer.zero_grad()
         for parameter, *shares in zip(
             self.net.parameters(), *(grads for _, grads in found), strict=True
@@ -339,39 +339,26 @@ class OptionQLearning:
                 slow.lerp_(fast, _TARGET_RATE)
         return sum(loss for loss, _ in found)
 
-    def _prefer_rewarded(
-        self, rows: NDArray[np.int64], users: NDArray[np.int64], have: int
-    ) -> None:
-        """Put decisions that came before a reward into the first rows (K,) of a batch.
-
-        Rewards are rare at first: of decisions drawn alike hardly one in a hundred has any.
-        """
-        first, last = self._memory.count - have, self._memory.count - N_STEP
-        frames = np.arange(first, self._memory.count - 1)
-        when, who = np.nonzero(self._memory.read("reward", frames) > 0.0)
-        if not len(when):
-            return
-        count = round(_REWARDED_SHARE * len(rows))
-        drawn = self.rng.integers(0, len(when), count)
-        back = self.rng.integers(0, N_STEP, count)
-        rows[:count] = np.clip(first + when[drawn] - back, first, last - 1)
-        users[:count] = who[drawn]
-
     def _shares(
-        self, rows: NDArray[np.int64], users: NDArray[np.int64], each: _Map
+        self,
+        rows: NDArray[np.int64],
+        users: NDArray[np.int64],
+        weights: NDArray[np.float64],
+        each: _Map,
     ) -> list[tuple[float, tuple[Tensor, ...]]]:
         """What the parts of a batch add to the mean loss, and to its gradients."""
         parts = np.array_split(np.arange(len(rows)), min(_PARTS, len(rows)))
-        return list(each(lambda part: self._gradients(rows[part], users[part]), parts))
+        return list(each(lambda i: self._gradients(rows[i], users[i], weights[i]), parts))
 
     def _gradients(
-        self, rows: NDArray[np.int64], users: NDArray[np.int64]
+        self, rows: NDArray[np.int64], users: NDArray[np.int64], weights: NDArray[np.float64]
     ) -> tuple[float, tuple[Tensor, ...]]:
         """What decisions add to the mean loss of a batch, and to its gradients.
 
         Args:
             rows: (K,) of the memory.
             users: (K,) whose.
+            weights: (K,) of their losses.
         """
         memory = self._memory
         total = np.zeros(len(rows), np.float32)
@@ -391,7 +378,8 @@ class OptionQLearning:
         chosen = torch.from_numpy(memory.read("chosen", rows, users))
         values = self._selector.values(self.net, scene, self._selector.places(scene))
         guessed = self._worth(values, chosen)
-        loss = functional.smooth_l1_loss(guessed, wanted, reduction="sum") / _BATCH_SIZE
+        losses = functional.smooth_l1_loss(guessed, wanted, reduction="none")
+        loss = (losses * torch.from_numpy(weights).float()).sum() / _BATCH_SIZE
         return float(loss.detach()), torch.autograd.grad(loss, tuple(self.net.parameters()))
 
     def _scene(self, rows: NDArray[np.int64], users: NDArray[np.int64]) -> OptionScene:

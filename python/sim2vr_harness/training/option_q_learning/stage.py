@@ -43,10 +43,10 @@ from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder, append_row, keep_rows
 from sim2vr_harness.training.dagger.option_expert import OptionExpert
 from sim2vr_harness.training.motor_control.stage import MotorStage
+from sim2vr_harness.training.option_q_learning.minibatch import N_STEP
 from sim2vr_harness.training.option_q_learning.pace import Pace
 from sim2vr_harness.training.option_q_learning.q_learning import (
     DECIDE_STEPS,
-    N_STEP,
     UPDATES_PER_DECISION,
     OptionQLearning,
 )

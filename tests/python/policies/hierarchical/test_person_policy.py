@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from typer.testing import CliRunner
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import app
 from sim2vr_harness.cli.train import _of_people
+from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.perception.proprioception import Proprioception
+from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S
 from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy, seen_late_steps
 from sim2vr_harness.policies.hierarchical.primitives import OptionChoice
 from sim2vr_harness.runs.config import TrainingConfig, load_config
@@ -92,6 +95,24 @@ def test_people_work_the_inputs_of_a_game(monkeypatch: pytest.MonkeyPatch) -> No
     assert action[-1] == -1.0
 
 
+def test_persons_look_from_where_their_eyes_are() -> None:
+    """Decisions are made from the headset of this person: statures differ by decimetres."""
+    config = _of_people(load_config("skills", ["env.app.game=sample"]))
+    policy, simulation, heads = Following(config), Simulation(config.env, 6), []
+    simulation.reset(seeds=list(range(6)), persons=list(range(6)))
+    observations = simulation.observation()
+    true, _ = simulation.users.device_poses("headset")
+    with patch.object(policy.primitives, "goals", side_effect=StopIteration) as goals:
+        for user in range(6):
+            observation = {name: values[user] for name, values in observations.items()}
+            with pytest.raises(StopIteration):
+                policy.act(observation, policy.reset(), None)
+            heads.append(goals.call_args.args[1][0].numpy())
+    simulation.close()
+    assert np.ptp(true[:, 2]) > 0.05
+    assert np.stack(heads) == pytest.approx(true, abs=2e-3)
+
+
 def test_people_need_decisions_by_themselves() -> None:
     with pytest.raises(InputError, match="--people"):
         _of_people(load_config("skills", ["skills.user=student"]))
@@ -101,17 +122,32 @@ def test_people_need_decisions_by_themselves() -> None:
     assert torch.is_tensor(PersonPolicy(config).hold)
 
 
-@pytest.mark.parametrize(("beside_m", "depth_m"), [(0.0, 0.025), (0.03, -0.005), (0.2, -0.05)])
+@pytest.mark.parametrize(
+    ("beside_m", "closing_mps", "depth_m"),
+    [
+        (0.0, 0.2, 0.025),
+        (0.03, 0.2, -0.005),
+        (0.03, 0.05, 0.01),  # half as fast as it takes
+        (0.03, 0.0, 0.025),
+        (0.03, -0.2, 0.025),
+        (0.2, 0.0, -0.05),
+    ],
+)
 def test_hands_lift_off_until_they_are_there(
-    policy: Following, beside_m: float, depth_m: float
+    policy: Following, beside_m: float, closing_mps: float, depth_m: float
 ) -> None:
-    """From 2.5 cm behind the surface to 5 cm before it, over 5 cm that begin 1 cm beside it."""
+    """From 2.5 cm behind the surface to 5 cm before it, over 5 cm that begin 1 cm beside it.
+
+    A hand that is within these and comes no nearer touches where it is.
+    """
     head, choice = torch.zeros(1, 3), OptionChoice(1, 1)
     choice.move[:] = 0
     choice.place[0, 0] = choice.seen[0, 0] = torch.tensor([0.4, 0.0, 0.0])
     hand = torch.eye(4).repeat(1, 1, 1, 1)
     hand[0, 0, :3, 3] = torch.tensor([0.42, beside_m, 0.0])
-    goals = policy.primitives.goals(choice, head, hand, hand)
+    soon = hand.clone()
+    soon[0, 0, 1, 3] -= closing_mps * MOMENT_S
+    goals = policy.primitives.goals(choice, head, hand, soon)
     assert goals.place[0, 0].tolist() == pytest.approx([0.4 + depth_m, 0.0, 0.0], abs=1e-6)
 
 

@@ -40,9 +40,9 @@ from sim2vr_harness.runs.option_config import MotorTrainingConfig, QLearningConf
 from sim2vr_harness.training.motor_control import goal_task
 from sim2vr_harness.training.motor_control.goal_task import motor_trainer
 from sim2vr_harness.training.option_q_learning import q_learning
+from sim2vr_harness.training.option_q_learning.minibatch import N_STEP
 from sim2vr_harness.training.option_q_learning.q_learning import (
     DECIDE_STEPS,
-    N_STEP,
     OptionQLearning,
 )
 from sim2vr_harness.users import UserBatch, list_bodies, load_body
@@ -262,7 +262,7 @@ def test_persons_learn_by_their_own_decisions(layer: MotorPolicy, tmp_path: Path
     assert all(torch.equal(begun[name], values) for name, values in one.net.state_dict().items())
     drawn = []
 
-    def noted(rows: np.ndarray, users: np.ndarray, each: object) -> list[object]:
+    def noted(rows: np.ndarray, *others: object) -> list[object]:
         drawn.extend(rows)
         return [(0.0, tuple(torch.zeros_like(p) for p in one.net.parameters()))]
 
@@ -273,18 +273,27 @@ def test_persons_learn_by_their_own_decisions(layer: MotorPolicy, tmp_path: Path
     one.simulation.close()
 
 
-def test_a_quarter_of_a_minibatch_came_before_a_reward(layer: MotorPolicy, tmp_path: Path) -> None:
-    """One user was rewarded after decision 11: of 8 decisions two are its 9th to 11th."""
-    one = learner(layer, tmp_path / "rewarded")
-    for _ in range(20):
-        one.step()
-    rewards = np.zeros((20, SMALL.users), np.float32)
-    rewards[11, 2] = 4.0
-    with patch.object(one._memory, "read", side_effect=lambda name, rows: rewards[rows]):
-        rows, users = np.full(8, -1), np.full(8, -1)
-        one._prefer_rewarded(rows, users, 20)
-    assert set(rows[:2]) <= {9, 10, 11} and users[:2].tolist() == [2, 2]
-    assert (rows[2:] == -1).all() and (users[2:] == -1).all()
+def test_preferred_decisions_count_less_at_the_end(layer: MotorPolicy, tmp_path: Path) -> None:
+    """The exponent of the weights is 0 in the first half, then it grows to 1."""
+    one = learner(layer, tmp_path / "weights")
+    used = []
+
+    def noted(rows: np.ndarray, users: np.ndarray, weights: np.ndarray, each: object) -> object:
+        used.append((one.step_count, weights))
+        return [(0.0, tuple(torch.zeros_like(p) for p in one.net.parameters()))]
+
+    odds = np.full(8, 0.25)
+    drawn = (np.zeros(8, np.int64), np.zeros(8, np.int64), odds)
+    with (
+        patch.object(one, "_shares", side_effect=noted),
+        patch.object(q_learning, "draw_decisions", return_value=drawn),
+    ):
+        while not one.finished:
+            one.step()
+    found = {step: float(weights[0]) for step, weights in used}
+    assert found[117] == 1.0
+    assert found[180] == pytest.approx(0.25**0.5)
+    assert found[234] == pytest.approx(0.25**0.95)
     one.simulation.close()
 
 

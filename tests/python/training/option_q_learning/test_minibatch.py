@@ -1,0 +1,40 @@
+"""Preferred decisions, and what they weigh."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sim2vr_harness.training.option_q_learning.minibatch import draw_decisions
+
+
+def test_a_quarter_came_before_a_reward_and_weighs_less() -> None:
+    """One of 2 users is rewarded after the 12th of 20 decisions: 3 of 18 x 2 led to it.
+
+    Preferred draws take each with 1/3, all draws alike with 1/36: with a quarter of them, it is
+    3/4 + 1/4 x 12 = 15/4 times as likely as without. All others are 3/4 times as likely.
+    """
+    rewarded = np.zeros((20, 2), bool)
+    rewarded[11, 1] = True
+    rows, users, weights = draw_decisions(rewarded, 4000, np.random.default_rng(3))
+    assert set(rows[:1000]) == {9, 10, 11} and set(users[:1000]) == {1}
+    assert np.bincount(rows[1000:], minlength=18) == pytest.approx(np.full(18, 3000 / 18), abs=50)
+    led = (users == 1) & np.isin(rows, [9, 10, 11])
+    assert weights[led] == pytest.approx(4 / 15) and weights[~led] == pytest.approx(4 / 3)
+    assert weights.mean() == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_decision_that_leads_to_two_rewards_is_twice_as_likely() -> None:
+    """Rewards after rows 2 and 3 of 5; rows 0 to 2 can be drawn, 3 counts as 2.
+
+    Ways to each: row 0 one, row 1 two, row 2 three, of six; alike it is a third.
+    """
+    rewarded = np.array([[0], [0], [1], [1], [0]], bool)
+    rows, _, weights = draw_decisions(rewarded, 400, np.random.default_rng(5))
+    for row, expected in ((0, 1 / 0.875), (1, 1.0), (2, 1 / 1.125)):
+        assert weights[rows == row] == pytest.approx(expected)
+
+
+def test_without_rewards_all_are_drawn_alike() -> None:
+    rows, users, weights = draw_decisions(np.zeros((6, 3), bool), 300, np.random.default_rng(1))
+    assert set(rows) == {0, 1, 2, 3} and set(users) == {0, 1, 2} and (weights == 1.0).all()

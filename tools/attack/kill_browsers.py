@@ -143,7 +143,8 @@ def kill(number: int, program: str, app: App, folder: Path) -> bool:
     groups = wait_for_app(harness, folder, app)
     time.sleep(random.uniform(0.0, 4.0))
     of_app = processes(folder, groups)
-    own, displays = processes(None, groups), {}
+    own = processes(None, groups)
+    displays: dict[Path, int] = {}
     for place in folder.glob("sim2vr-*"):
         displays |= outside_files(place)
     hung = [pid for pid, words in of_app.items() if app.marker in words and pid in own]

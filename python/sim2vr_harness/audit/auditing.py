@@ -73,13 +73,7 @@ def run(
     everyone = Crowd(subjects, stance, NONE)
     parts = Parts(processes)
     judged, limited = _judge_all(everyone, stance, targets, pace, parts)
-    missed = [i for i in range(len(targets)) if judged.usable[:, i].mean() < GOAL]
-    if missed:
-        say(f"what would include 95 %: {', '.join(targets[i].name for i in missed)} ...")
-    fixes = parts.run(lambda i: remedy(everyone, targets[i], judged, i), missed)
-    remedies: list[Remedy | None] = [None] * len(targets)
-    for column, fix in zip(missed, fixes, strict=True):
-        remedies[column] = fix
+    remedies = _remedies(everyone, targets, judged, parts, say)
     acting = min(operate, people)
     if acting:
         say(f"{acting} persons act it out ...")
@@ -127,6 +121,24 @@ def _judge_all(
 
     found = parts.run(judged_part, range(len(jobs)))
     return Judged.joined(found[:count]), found[count:]
+
+
+def _remedies(
+    everyone: Crowd,
+    targets: Sequence[AuditTarget],
+    judged: Judged,
+    parts: Parts,
+    say: Callable[[str], None],
+) -> list[Remedy | None]:
+    """Return what would include 95 %, for each target; None where 95 % are included."""
+    missed = [i for i in range(len(targets)) if judged.usable[:, i].mean() < GOAL]
+    if missed:
+        say(f"what would include 95 %: {', '.join(targets[i].name for i in missed)} ...")
+    found: list[Remedy | None] = [None] * len(targets)
+    fixes = parts.run(lambda i: remedy(everyone, targets[i], judged, i), missed)
+    for column, fix in zip(missed, fixes, strict=True):
+        found[column] = fix
+    return found
 
 
 def _paths(

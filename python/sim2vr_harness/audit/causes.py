@@ -6,6 +6,7 @@ from collections import Counter
 
 import numpy as np
 
+from sim2vr_harness.audit.grip import can_grip
 from sim2vr_harness.audit.judging import Judged
 from sim2vr_harness.audit.reaching import FloatArray, Ints
 from sim2vr_harness.audit.targets import AuditTarget
@@ -31,9 +32,11 @@ def cause(judged: Judged, target: AuditTarget, person: int, column: int) -> str 
             return "too high" if needed[1] < 0.0 else "too low"
         return "behind" if place[2] < 0.0 else "too far" if needed[2] < 0.0 else "too near"
     if not judged.held[person, column]:
+        weak = judged.published_share[person, column] > 1.0
+        if not weak and not can_grip(judged.grip_share[person, column], target.hold_s):
+            return "grip too weak" if target.grip_n > 0.0 else "too heavy to grip"
         if target.load_kg > 0.0:
             return "too heavy"
-        weak = judged.published_share[person, column] > 1.0
         return "too weak to hold the arm" if weak else "held too long"
     return None
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from sim2vr_harness.audit.equilibrium import NEAR_M, Balancer
+from sim2vr_harness.audit.grip import can_grip, grip_share
 from sim2vr_harness.audit.pacing import REACH_S, Paced, minutes_at_pace
 from sim2vr_harness.audit.population import Limitation, Subject
 from sim2vr_harness.audit.reaching import Bools, Crowd, FloatArray, Ints, Rows, Solved
@@ -50,6 +51,7 @@ class Judged:
             infinite: no activations balance the posture.
         published_share: (N, T) torque as a share of published strength; NaN: not reached.
         trunk_share: (N, T) torque at the trunk as a share of its strength; NaN: not reached.
+        grip_share: (N, T) grip force as a share of the person's; 0 where nothing is gripped.
         loads: (3, N, T) torque at the shoulder, Nm, and angles of shoulder and elbow, degrees; NaN:
             not reached.
         postures: (N, T, J) of the independent joints; NaN: not reached.
@@ -69,6 +71,7 @@ class Judged:
     share: FloatArray
     published_share: FloatArray
     trunk_share: FloatArray
+    grip_share: FloatArray
     loads: FloatArray
     postures: FloatArray
     minutes: dict[str, FloatArray]
@@ -193,6 +196,9 @@ def judge(
     chosen = np.full((n, t, len(crowd.rest)), np.nan)
     needed, where = np.zeros((2, n, t, 3))
     persons = np.arange(n)
+    grips = np.array(
+        [[grip_share(s, each, limitation) for each in targets] for s in crowd.subjects]
+    )
     for column, target in enumerate(targets):
         places = places_of(crowd, target, persons)
         where[:, column] = position_to_app(places)
@@ -226,6 +232,7 @@ def judge(
         numbers[0],
         numbers[1],
         numbers[2],
+        grips,
         numbers[3:6],
         chosen,
         dict(zip(MODELS, numbers[6:], strict=True)),
@@ -344,9 +351,11 @@ def can_hold(
 ) -> bool:
     """Return whether a shoulder of published strength holds one of the postures (C, J) long enough.
 
-    Time: as NICER has it. The muscles of the arm model do not decide: raised, they are too weak to
-    do what recorded people do.
+    The grip has to last as long. Time: as NICER has it. The muscles of the arm model do not decide:
+    raised, they are too weak to do what recorded people do.
     """
+    if not can_grip(grip_share(subject, target, limitation), target.hold_s):
+        return False
     strength = _strength(subject, limitation)
     for angles in postures:
         load = subject.holder.load(angles, target.load_kg)

@@ -34,6 +34,7 @@ _AGAIN_S = 1.0
 _LARGEST_M = 2.0
 """Half of the size, from which a thing is a room or a ground."""
 _CARRIED_M = 0.02
+_SILENT = "no reaction to touch, ray or gaze with any button"
 LEAVES = "leaves the page"
 _LEFT = ("left its document", "went to another address")
 
@@ -52,6 +53,7 @@ class FoundThing:
         signs: What the page does if it is operated, and not if the same is done beside it.
         after: The thing that had to be operated before this one was there; None: it was there.
         way: How it was operated.
+        obstacle: Why no reaction is known.
     """
 
     name: str
@@ -63,11 +65,21 @@ class FoundThing:
     signs: tuple[str, ...] = ()
     after: str | None = None
     way: Way | None = None
+    obstacle: str = "not operated"
 
     @property
     def reacts(self) -> bool:
         """Whether the page reacts if it is operated."""
         return bool(self.signs)
+
+    @property
+    def told(self) -> str:
+        """What was done to it, and what the page did."""
+        if self.way is None or not self.signs:
+            return self.obstacle
+        button = "" if self.way.how == "look" else f" + {self.way.side} {self.way.button}"
+        after = "" if self.after is None else f"after {self.after}, "
+        return f"{after}{self.way.how}{button}: {', '.join(self.signs)}"
 
     @property
     def radius_m(self) -> float:
@@ -182,6 +194,8 @@ class _Search:
         return found
 
     def _operate(self, thing: FoundThing, side: str) -> None:
+        there = _named(self._app.things(), thing.name) is not None
+        thing.obstacle = _SILENT if there else "gone before it was operated"
         for way in [thing.way] if thing.way is not None else self._ways(thing, side):
             if signs := self._reaction(thing.name, way):
                 thing.how, thing.way = way.how, way
@@ -205,6 +219,7 @@ class _Search:
             left = isinstance(error, SessionEnded) or _left(error)
         self._open(_AGAIN_S)
         if not left:
+            self.found[name].obstacle = "the page stopped when it was operated"
             return frozenset()
         try:
             self._operator.beside(name, way)
@@ -340,7 +355,15 @@ def _surrounds(thing: Thing | None) -> bool:
 def things_as_targets(found: Sequence[FoundThing]) -> list[AuditTarget]:
     """Return targets for an audit."""
     return [
-        AuditTarget(each.name, each.place_m, how=each.how, radius_m=each.radius_m) for each in found
+        AuditTarget(
+            each.name,
+            each.place_m,
+            how=each.how,
+            radius_m=each.radius_m,
+            in_app=each.told,
+            reacts=each.reacts,
+        )
+        for each in found
     ]
 
 

@@ -47,7 +47,7 @@ class Limitation:
     Attributes:
         name: Of the group.
         source: Where its numbers are from.
-        strength: Factor on the strength of all muscles.
+        strength: Factor on the strength of all muscles and of the grip.
         limits_deg: Narrower limits of joints.
         one_hand: Whether only the preferred hand can be used.
         lift_m: How much higher they sit.
@@ -71,8 +71,8 @@ LIMITATIONS: tuple[Limitation, ...] = (
     Limitation("one hand only", one_hand=True),
     Limitation("shoulder: raised at most 90 degrees", limits_deg={"shoulder_elv": (0.0, 90.0)}),
     Limitation("wrist: half of each range", limits_deg=_HALF_WRIST),
-    Limitation("strength: 50 %", strength=0.5),
-    Limitation("strength: 30 %", strength=0.3),
+    Limitation("strength: 50 %", "all muscles and grip: defined by the audit", strength=0.5),
+    Limitation("strength: 30 %", "all muscles and grip: defined by the audit", strength=0.3),
     Limitation(
         "standing",
         "eye height 0.936 of the stature: Drillis and Contini 1966, second-hand (not verified)",

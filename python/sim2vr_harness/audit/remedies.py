@@ -7,6 +7,7 @@ from itertools import product
 
 import numpy as np
 
+from sim2vr_harness.audit.grip import grip_time
 from sim2vr_harness.audit.judging import (
     MODELS,
     Judged,
@@ -25,6 +26,7 @@ _SAMPLE = 20
 """Sample for the search of shifts; all persons confirm the one that is found."""
 _STEP_M, _STEP_SHARE, _FARTHEST_M = 0.02, 0.08, 1.5
 _LOADS_KG = (10.0, 7.5, 5.0, 4.0, 3.0, 2.0, 1.5, 1.0, 0.5, 0.0)
+_GRIPS_N = (300.0, 200.0, 150.0, 100.0, 75.0, 50.0, 30.0, 20.0, 10.0, 5.0)
 _TIMES_S = (600.0, 300.0, 120.0, 60.0, 30.0, 15.0, 10.0, 5.0, 2.0, 1.0)
 
 
@@ -41,6 +43,7 @@ class Remedy:
         one_hand: Share who can use it with either hand; None: it takes one hand as it is.
         load_kg: Largest load that 95 % hold there; None: not looked for, or none.
         hold_s: Longest time that 95 % hold there; None: not looked for, or none.
+        grip_n: Largest grip force that 95 % have; None: not looked for, or none.
     """
 
     shift_m: FloatArray | None
@@ -50,6 +53,7 @@ class Remedy:
     one_hand: float | None = None
     load_kg: float | None = None
     hold_s: float | None = None
+    grip_n: float | None = None
 
 
 def usable_at(
@@ -93,11 +97,14 @@ def remedy(crowd: Crowd, target: AuditTarget, judged: Judged, column: int) -> Re
     ray = share(replace(target, how="point")) if by_hand and not reached else None
     one = share(replace(target, hand="either")) if target.hand == "both" else None
     load_kg = _load(crowd, target, here, judged.limitation) if tires else None
-    hold_s = _time(target, judged, column) if tires and load_kg is None else None
+    weaker = (each for each in _GRIPS_N if tires and load_kg is None and each < target.grip_n)
+    grip_n = next((each for each in weaker if share(replace(target, grip_n=each)) >= GOAL), None)
+    tires = tires and load_kg is None and grip_n is None
+    hold_s = _time(target, judged, column) if tires else None
     shift, reach, after = None, None, float(judged.usable[:, column].mean())
-    if load_kg is None and hold_s is None:
+    if load_kg is None and hold_s is None and grip_n is None:
         shift, reach, after = _shift(crowd, target, judged, column)
-    return Remedy(shift, after, reach, ray, one, load_kg, hold_s)
+    return Remedy(shift, after, reach, ray, one, load_kg, hold_s, grip_n)
 
 
 def _load(
@@ -123,6 +130,7 @@ def _time(target: AuditTarget, judged: Judged, column: int) -> float | None:
     minutes = judged.minutes[MODELS[1]][:, column]
     strong = judged.published_share[:, column] <= 1.0
     seconds = np.where(strong, 60.0 * np.nan_to_num(minutes, posinf=np.inf), 0.0)
+    seconds = np.minimum(seconds, grip_time(judged.grip_share[:, column]))
     shorter = (each for each in _TIMES_S if each < target.hold_s)
     return next((each for each in shorter if (seconds >= each).mean() >= GOAL), None)
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from sim2vr_harness.audit.film import worst_case, write_film
+from sim2vr_harness.audit.grip import SOURCE as GRIP
 from sim2vr_harness.audit.judging import MODELS
 from sim2vr_harness.audit.labels import labels_of
 from sim2vr_harness.audit.population import FEWEST
@@ -33,7 +34,7 @@ LIMITS = (
     "Joint limits are independent of each other, and the arm may pass through trunk, head and "
     "objects: some postures are not possible for people.",
     "Postures are the easiest of those found, held without motion; contacts do not support the "
-    "arm. Forces of pressing and grip are not modelled.",
+    "arm. Forces of pressing are not modelled; grip is a rule with assumed friction (*).",
     "Muscles are a man's arm, scaled by body size and strength; raised arms are too weak in this "
     "model, so that activations are for comparison and exclude no one. Age, endurance and skill do "
     "not vary.",
@@ -123,6 +124,18 @@ def too_weak(values: Mapping[str, Any]) -> str:
     )
 
 
+def unanswered(values: Mapping[str, Any]) -> str:
+    """Return a sentence about targets to which the app did not react, or none."""
+    tried = [each for each in values["targets"] if each["in_app"]]
+    silent = [f"{each['name']} ({each['in_app']})" for each in tried if not each["app_reacts"]]
+    if not silent:
+        return ""
+    return (
+        f"The app reacts to {len(tried) - len(silent)} of {len(tried)} targets when they are "
+        f"operated. It does not to {', '.join(silent)}."
+    )
+
+
 def _missed(values: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     missed = [each for each in values["targets"] if each["remedy"] is not None]
     return sorted(missed, key=lambda each: (each["usable"]["share"] or 0.0, each["name"]))
@@ -155,6 +168,8 @@ def _offers(target: Mapping[str, Any]) -> list[str]:
         offers.append(f"move it {fix['shift']} so that {100 * fix['share_after']:.0f} % can use it")
     if fix["load_kg"] is not None:
         offers.append(f"make it no heavier than {fix['load_kg']:g} kg")
+    if fix["grip_n"] is not None:
+        offers.append(f"let it take no more than {fix['grip_n']:g} N of grip")
     if fix["hold_s"] is not None:
         offers.append(f"let it be held no longer than {fix['hold_s']:g} s")
     if fix["one_hand"] is not None:
@@ -177,6 +192,8 @@ def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[
     parts.append(_answer(values))
     if weak := too_weak(values):
         parts.append(f"<p>{escape(weak)}</p>")
+    if silent := unanswered(values):
+        parts.append(f"<p>{escape(silent)}</p>")
     case = worst_case(audit)
     if worst is not None and case is not None:
         person, column = audit.subjects[case[0]], audit.targets[case[1]].name
@@ -189,6 +206,8 @@ def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[
     parts.append(f'<div class="warn">Limits of the model:<ul>{limits}</ul></div>')
     parts += ["<h2>Where the targets are</h2>", _space(audit), f"<p>{escape(_CAPTION)}</p>"]
     parts += ["<h2>By target</h2>", _target_table(values)]
+    if told := [[each["name"], each["in_app"]] for each in values["targets"] if each["in_app"]]:
+        parts += ["<h2>Operated in the app</h2>", table(["target", "reaction"], told, wrap=True)]
     parts += ["<h2>By group</h2>", _group_table(values), f"<p>{escape(_GROUPS)}</p>"]
     parts += ["<h2>Exertion by target</h2>", _exertion_table(values), f"<p>{escape(_EXERTION)}</p>"]
     parts += [_exertion_panel(values)]
@@ -207,11 +226,13 @@ def _answer(values: Mapping[str, Any]) -> str:
         rows.append((EVERYONE, target["name"], _percent(target["usable"]), why, _change(target)))
     for group in _worse_groups(values):
         for name, share, why in group[1][:_MOST]:
-            rows.append((group[0], name, share, why, ""))
+            change = "Let one hand do it" if why == "needs two hands" else ""
+            rows.append((group[0], name, share, why, change))
         if len(group[1]) > _MOST:
             rows.append((group[0], f"{len(group[1]) - _MOST} more", "", "", ""))
     if not rows:
         return ""
+    rows = [(*row[:2], row[2].replace(" ", "\u00a0"), *row[3:]) for row in rows]
     head = "".join(f"<th>{each}</th>" for each in _ANSWER)
     body = "".join(
         "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
@@ -278,7 +299,7 @@ def _target_table(values: Mapping[str, Any]) -> str:
         why = ", ".join(f"{cause} {count}" for cause, count in each["causes"].items())
         how = each["how"] + (", both hands" if each["hand"] == "both" else "")
         columns = ("usable", "seen", "reached", "held", "leans", "muscles_suffice")
-        parts = [_percent(each[part]) for part in columns]
+        parts = [_percent(each[part]).replace(" ", "\u00a0") for part in columns]
         rows.append([each["name"], how, *parts, why])
         if each["remedy"] is not None:
             bad.append(number)
@@ -292,7 +313,7 @@ def _group_table(values: Mapping[str, Any]) -> str:
     return "".join(_some_targets(values, part, first=part is parts[0]) for part in parts)
 
 
-_ABREAST = 6
+_ABREAST = 5
 """Targets beside each other."""
 
 
@@ -309,10 +330,12 @@ def _some_targets(values: Mapping[str, Any], names: list[str], *, first: bool) -
 
 def _exertion_table(values: Mapping[str, Any]) -> str:
     pace = f"{values['pace_per_minute']:g} a minute"
+    gripped = any(each["grip_n"] or each["load_kg"] for each in values["targets"])
     keys = {
         "activation": "share_of_activation",
         "of published strength *": "share_of_published_strength",
         "of trunk strength *": "share_of_trunk_strength",
+        **({"of grip strength *": "share_of_grip_strength"} if gripped else {}),
         **{f"minutes held, {model}": f"minutes, {model}" for model in MODELS},
         **{f"minutes at {pace}, {model}": f"minutes at pace, {model}" for model in MODELS},
     }
@@ -416,6 +439,7 @@ def _sources(values: Mapping[str, Any]) -> str:
     rows = [
         [EVERYONE, "stature, segments, strength, handedness: docs/concepts/people.md", "yes"],
         ["field of view, neck", "90 degrees; Apti, Colak and Akcay 2023", "yes"],
+        ["grip", GRIP, "no"],
         *rows,
     ]
     return table(["group", "source", "verified"], rows)

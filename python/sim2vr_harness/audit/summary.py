@@ -158,6 +158,9 @@ def _target(audit: Audit, column: int) -> dict[str, Any]:
         "hand": target.hand,
         "hold_s": target.hold_s,
         "load_kg": target.load_kg,
+        "grip_n": target.grip_n,
+        "in_app": target.in_app,
+        "app_reacts": target.reacts,
         **{name: proportion(count, n) for name, count in counts.items()},
         "muscles_suffice": proportion(int(able[:, column].sum()), reached),
         "causes": causes(judged, target, column, every),
@@ -199,6 +202,7 @@ def _remedy(fix: Remedy) -> dict[str, Any]:
         "one_hand": fix.one_hand,
         "load_kg": fix.load_kg,
         "hold_s": fix.hold_s,
+        "grip_n": fix.grip_n,
     }
 
 
@@ -211,6 +215,9 @@ def _exertion(judged: Judged, column: int) -> dict[str, Any]:
         "share_of_activation": judged.share,
         "share_of_published_strength": judged.published_share,
         "share_of_trunk_strength": judged.trunk_share,
+        "share_of_grip_strength": np.where(
+            np.isnan(judged.published_share), np.nan, judged.grip_share
+        ),
         **{f"minutes, {model}": judged.minutes[model] for model in MODELS},
         **{f"minutes at pace, {model}": values for model, values in judged.paced.items()},
     }

@@ -50,6 +50,8 @@ class TargetSettings(Settings):
     """How long the posture is held, s."""
     load_kg: float = Field(default=0.0, ge=0.0, le=50.0)
     """Mass in each hand beside the controller, kg."""
+    grip_n: float = Field(default=0.0, ge=0.0, le=2000.0)
+    """Grip force that it takes beside that of holding the load, N; with ``grab`` only."""
     radius_m: float = Field(default=0.0, ge=0.0, le=2.0)
     """Size: coming so near is enough, m."""
 
@@ -58,6 +60,8 @@ class TargetSettings(Settings):
         if (self.place is None) == (self.object is None):
             got = "none" if self.place is None else "both"
             raise ValueError(f"got {got} of place and object, expected one of them")
+        if self.grip_n and self.how != "grab":
+            raise ValueError(f"got grip_n with how: {self.how}, expected how: grab")
         return self
 
 
@@ -69,7 +73,9 @@ class AuditTarget:
         name: For people.
         place_m: (3,) right, up, ahead, m, in the world or from the head.
         from_head: Whether it is from the head.
-        how, hand, hold_s, load_kg, radius_m: As of :class:`TargetSettings`.
+        how, hand, hold_s, load_kg, radius_m, grip_n: As of :class:`TargetSettings`.
+        in_app: What was done to it in the app, and what the app did; empty: nothing was done.
+        reacts: Whether the app reacted.
     """
 
     name: str
@@ -80,6 +86,9 @@ class AuditTarget:
     hold_s: float = 1.0
     load_kg: float = 0.0
     radius_m: float = 0.0
+    grip_n: float = 0.0
+    in_app: str = ""
+    reacts: bool = True
 
     @classmethod
     def of(cls, settings: TargetSettings, objects: Mapping[str, Sequence[float]]) -> AuditTarget:
@@ -94,6 +103,7 @@ class AuditTarget:
             settings.hold_s,
             settings.load_kg,
             settings.radius_m,
+            settings.grip_n,
         )
 
 

@@ -150,12 +150,13 @@ def _title(settings: Mapping[str, Any], source: Path | None) -> str:
 
 def _tell(done: Any, out: Path) -> None:
     """Print what was found, and write the report."""
-    from sim2vr_harness.audit.report import findings, headline, write
+    from sim2vr_harness.audit.report import findings, headline, unanswered, write
     from sim2vr_harness.audit.summary import plain
 
     values = plain(done)
-    for sentence in (headline(values), *findings(values)):
-        typer.echo(sentence)
+    for sentence in (headline(values), *findings(values), unanswered(values)):
+        if sentence:
+            typer.echo(sentence)
     for file in write(done, out):
         typer.echo(f"Written: {file}")
 

@@ -20,7 +20,7 @@ from sim2vr_harness.figures.figure import (
 )
 
 _HEIGHT, _HEIGHT_IN_SPACE, _ROW = 300, 460, 17
-_HEIGHT_NAMED, _NEARER = 640, 0.8
+_HEIGHT_NAMED, _FARTHER = 640, 1.15
 """In space with names beside places, which need room: height, and the camera's distance."""
 _SLANTED = 60
 """More height for names of many categories."""
@@ -177,7 +177,7 @@ def _layout(panel: Panel) -> dict[str, Any]:
     if panel.in_space:
         layout |= {"scene": _SCENE, "margin": {"l": 0, "r": 0, "t": 30, "b": 0}}
         if any(isinstance(layer, Path) and layer.text is not None for layer in panel.layers):
-            eye = {axis: _NEARER * value for axis, value in _EYE.items()}
+            eye = {axis: _FARTHER * value for axis, value in _EYE.items()}
             camera = {"eye": eye, "center": _CENTER}
             layout |= {"height": _HEIGHT_NAMED, "scene": _SCENE | {"camera": camera}}
         return layout

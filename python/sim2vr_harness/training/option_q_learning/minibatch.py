@@ -1,11 +1,9 @@
-"""Draw the decisions of a minibatch; some come from before rewards."""
+"""Draw the decisions of a minibatch: some come from before rewards."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-
-__all__ = ["N_STEP", "draw_decisions"]
 
 N_STEP = 3
 """Decisions whose rewards are added up before a value is bootstrapped."""

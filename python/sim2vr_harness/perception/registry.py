@@ -219,6 +219,13 @@ def _head(name: str, around: Surroundings) -> Sense:
     return Sensed(name, float_space(-10.0, 10.0, 5), around.n, look)
 
 
+def _headset(name: str, around: Surroundings) -> Sense:
+    def look(moment: StepContext, ids: IntArray | None) -> NDArray[Any]:
+        return moment.users.device_poses("headset")[1][rows_of(ids)]
+
+    return Sensed(name, float_space(-1.0, 1.0, 4), around.n, look)
+
+
 def _person(name: str, around: Surroundings) -> Sense:
     def look(moment: StepContext, ids: IntArray | None) -> NDArray[np.float32]:
         return moment.users.person_features[rows_of(ids)]
@@ -243,6 +250,7 @@ SENSES: dict[str, SenseKind] = {
     "gaze": SenseKind("gaze", "where in the head the eyes look", _gaze, _FELT),
     "actions": SenseKind("actions", "what the user did last (an efference copy)", _actions),
     "head": SenseKind("head", "how far a reflex has moved the head", _head, _SEEN),
+    "headset": SenseKind("headset", "how the headset says that it is turned, w x y z", _headset),
     "person": SenseKind("person", "who the user is: stature, strength, delays", _person),
 }
 """Every sense by the name that configurations use."""

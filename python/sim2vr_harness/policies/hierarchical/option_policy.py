@@ -25,7 +25,7 @@ from sim2vr_harness.policies.hierarchical.action_selection import (
     mask_unreached,
 )
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
-from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
+from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid, rotation
 from sim2vr_harness.policies.hierarchical.frame_history import BEFORE_S
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.options import option_set
@@ -89,6 +89,15 @@ def require_senses(env: EnvConfig) -> None:
     if felt.delay_ms or felt.noise or felt.history_s or felt.stack_s:
         wanted = f"{{sense: proprioception}}, {or_student}"
         raise InputError("env.senses", "another proprioception", wanted)
+
+
+def turned(head: Tensor, observation: Observation) -> Tensor:
+    """(1, 4, 4) a headset (1, 4, 4), turned as it says; apps may ask for a pitch of their own."""
+    if "headset" not in observation:
+        return head
+    head = head.clone()
+    head[:, :3, :3] = rotation(observation["headset"][None])
+    return head
 
 
 class HierarchicalPolicy(nn.Module):
@@ -175,7 +184,7 @@ class HierarchicalPolicy(nn.Module):
         with torch.inference_mode():
             motion = self._read(observation["proprioception"])
             placed = self.layer.places(*motion[:2])
-            head = self._head(motion[0])[:, 0]
+            head = turned(self._head(motion[0])[:, 0], observation)
             if intention.left == 0:
                 self._decide(observation["vision"], intention.choice, head, placed)
                 intention.left = int(self.hold)

@@ -18,7 +18,7 @@ from sim2vr_harness.policies.hierarchical.human_motor import (
     people_policy,
 )
 from sim2vr_harness.policies.hierarchical.motor_goals import tips
-from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, Intention
+from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, Intention, turned
 from sim2vr_harness.policies.hierarchical.person_layer import human_goals
 from sim2vr_harness.policies.hierarchical.primitives import PERSONS, OptionChoice
 from sim2vr_harness.policies.protocol import Observation, require_observation
@@ -118,6 +118,7 @@ class PersonPolicy(HierarchicalPolicy):
             now = Motion(*motion, torch.from_numpy(who[None]).float())
             placed = self.human.places(now)
             head = self._head(motion[0], self.human.persons.sizes(now.persons))[:, 0]
+            head = turned(head, observation)
             self._look(observation["vision"], memory, who)
             if memory.left == 0:
                 self._reconsider(memory, head, placed)

@@ -96,21 +96,24 @@ def test_people_work_the_inputs_of_a_game(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_persons_look_from_where_their_eyes_are() -> None:
-    """Decisions are made from the headset of this person: statures differ by decimetres."""
-    config = _of_people(load_config("skills", ["env.app.game=sample"]))
+    """Statures differ by decimetres, and Pointing asks for a pitch of 14 degrees downwards."""
+    config = _of_people(load_config("skills", ["env.app.game=pointing"]))
     policy, simulation, heads = Following(config), Simulation(config.env, 6), []
     simulation.reset(seeds=list(range(6)), persons=list(range(6)))
     observations = simulation.observation()
     true, _ = simulation.users.device_poses("headset")
-    with patch.object(policy.primitives, "goals", side_effect=StopIteration) as goals:
+    with patch.object(policy, "_reconsider", side_effect=StopIteration) as decides:
         for user in range(6):
             observation = {name: values[user] for name, values in observations.items()}
             with pytest.raises(StopIteration):
                 policy.act(observation, policy.reset(), None)
-            heads.append(goals.call_args.args[1][0].numpy())
+            heads.append(decides.call_args.args[1][0].numpy())
     simulation.close()
     assert np.ptp(true[:, 2]) > 0.05
-    assert np.stack(heads) == pytest.approx(true, abs=2e-3)
+    assert np.stack(heads)[:, :3, 3] == pytest.approx(true, abs=2e-3)
+    down = np.arctan2(0.1, 0.4)
+    ahead = np.tile([np.cos(down), 0.0, -np.sin(down)], (6, 1))
+    assert np.stack(heads)[:, :3, 0] == pytest.approx(ahead, abs=1e-3)
 
 
 def test_people_need_decisions_by_themselves() -> None:

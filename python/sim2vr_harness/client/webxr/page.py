@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, TypeVar
 from urllib.parse import urlencode
 
@@ -40,6 +41,8 @@ SCRIPT_ERRORS = ("ignore", "fail")
 _played: set[str] = set()
 """Pages that have entered VR in this process."""
 
+_LEFT_S = 2.0
+"""How long the address is waited for that a page has gone to."""
 _CLEAN_EVERY = 4
 """How many documents may be left behind; a browser by itself keeps dozens, 200 MB of them."""
 
@@ -320,7 +323,9 @@ class Page:
         """
         try:
             found = self._tools.receive(number, self._name, timeout_s)
-        except RefusedRequest as error:  # the document is gone
+        except RefusedRequest as error:  # the document is gone; where to comes a moment later
+            with suppress(AppTimeout, AppDied):
+                self._tools.wait_until(lambda: self._watch.left is not None, self._name, _LEFT_S)
             self._check_playing()
             raise self.died(f"left its document ({error})") from error
         if "exceptionDetails" in found:

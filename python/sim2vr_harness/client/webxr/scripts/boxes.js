@@ -23,7 +23,7 @@
     mesh.updateWorldMatrix(true, false);
     const e = sim.product(user, mesh.matrixWorld.elements);
     const [place, turn, scale] = [mesh.position.clone(), mesh.quaternion.clone(), mesh.scale.clone()];
-    mesh.matrixWorld.clone().fromArray(e).decompose(place, turn, scale);
+    ({ __proto__: mesh.matrixWorld, elements: e }).decompose(place, turn, scale);
     const [x, y, z] = map(['x', 'y', 'z'], (axis) => center(box.min, box.max, axis));
     const middle = map([0, 1, 2], (row) => e[row] * x + e[row + 4] * y + e[row + 8] * z + e[row + 12]);
     const hex = material.color?.getHex?.() ?? 0x999999;

@@ -49,8 +49,8 @@
     }
     for (const scene of window.BABYLON?.EngineStore?.Instances?.flatMap((one) => one.scenes) ?? []) {
       for (const mesh of scene.meshes.slice(0, MOST - found.length)) {
-        const { x, y, z } = mesh.material?.diffuseColor ?? mesh.material?.albedoColor ?? {};
-        const state = [x, y, z, mesh.scaling, mesh.position, mesh.visibility, mesh.isEnabled()];
+        const { r, g, b } = mesh.material?.diffuseColor ?? mesh.material?.albedoColor ?? {};
+        const state = [r, g, b, mesh.scaling, mesh.position, mesh.visibility, mesh.isEnabled()];
         push(found, [numberOf(mesh), sim.hash(JSON.stringify(state))]);
       }
     }

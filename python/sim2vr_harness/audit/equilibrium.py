@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.audit.population import Subject
+from sim2vr_harness.users.bodies.moments import moment_arms
 from sim2vr_harness.users.kinematics.bounded import bounded_least_squares
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 
@@ -257,15 +258,7 @@ class Balancer:
 
     def _moments(self) -> FloatArray:
         """(M, nv) moment arms of muscles."""
-        data, moments = self._data, np.zeros((self._model.nu, self._model.nv))
-        mujoco.mju_sparse2dense(
-            moments,
-            data.actuator_moment,
-            data.moment_rownnz,
-            data.moment_rowadr,
-            data.moment_colind,
-        )
-        return np.asarray(moments[self._muscles])
+        return moment_arms(self._model, self._data)[self._muscles]
 
 
 @dataclass(frozen=True)

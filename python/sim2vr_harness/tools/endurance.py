@@ -17,6 +17,7 @@ from scipy.optimize import linprog
 from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.envs.config import UserConfig, body_of
 from sim2vr_harness.users import FATIGUE_PRESETS, Body, PeopleSettings, Population
+from sim2vr_harness.users.bodies.moments import moment_arms
 from sim2vr_harness.users.exertion import (
     Arm,
     ArmDynamics,
@@ -239,14 +240,7 @@ class PostureHolder:
         passive, slack = np.array(data.qfrc_actuator), np.array(data.actuator_force)
         data.act[:] = 1.0
         mujoco.mj_fwdActuation(model, data)
-        moments = np.zeros((model.nu, model.nv))
-        mujoco.mju_sparse2dense(
-            moments,
-            data.actuator_moment,
-            data.moment_rownnz,
-            data.moment_rowadr,
-            data.moment_colind,
-        )
+        moments = moment_arms(model, data)
         forces = (data.actuator_force - slack)[self._actuators, None]
         effects = strength * (forces * moments[self._actuators]) @ slope
         at_limits = np.abs(angles[:, None] - body.joint_ranges) < _AT_LIMIT

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.users import Body
+from sim2vr_harness.users.bodies.moments import moment_arms
 
 _TRIALS, _ALIKE = 4, 0.1
 """States in which limbs are compared, and how far their accelerations may differ, as a share."""
@@ -167,10 +168,7 @@ def _pulled(body: Body) -> list[list[int]]:
     for _ in range(_TRIALS):
         data.qpos[:] = body.coupled_qpos(rng.uniform(low, high))
         mujoco.mj_forward(model, data)
-        moment = np.zeros((model.nu, model.nv))
-        mujoco.mju_sparse2dense(
-            moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
-        )
+        moment = moment_arms(model, data)
         pulls |= np.abs(moment) > 1e-9
     joint_of = np.array(model.dof_jntid)
     ids = [model.actuator(name).id for name in body.action_names]

@@ -8,6 +8,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.users.bodies.moments import moment_arms
+
 FloatArray = NDArray[np.float64]
 
 
@@ -28,12 +30,8 @@ def joint_moments(model: Any, qpos: FloatArray, forces: FloatArray) -> FloatArra
     data = mujoco.MjData(model)
     columns = [dof for _, dof in named_joints(model)]
     found = np.empty((len(qpos), len(columns)))
-    arms = np.zeros((model.nu, model.nv))
     for k, (posture, force) in enumerate(zip(qpos, forces, strict=True)):
         data.qpos[:] = posture
         mujoco.mj_fwdPosition(model, data)
-        mujoco.mju_sparse2dense(
-            arms, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
-        )
-        found[k] = (force @ arms)[columns]
+        found[k] = (force @ moment_arms(model, data))[columns]
     return found

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.users.bodies.locking import Lock, with_followers
+from sim2vr_harness.users.bodies.moments import moment_arms
 
 Posture = Literal["seated", "standing"]
 
@@ -91,10 +92,7 @@ def idle_actuators(
         mujoco.mj_integratePos(model, data.qpos, rng.uniform(-0.3, 0.3, model.nv) * free, 1.0)
         _set(model, data, locks)
         mujoco.mj_fwdPosition(model, data)
-        moment = np.zeros((model.nu, model.nv))
-        mujoco.mju_sparse2dense(
-            moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
-        )
+        moment = moment_arms(model, data)
         moved = np.maximum(moved, np.abs(moment[:, free]).max(axis=1, initial=0.0))
     return {name for name in names if moved[model.actuator(name).id] < _LEAST_MOMENT}
 

@@ -7,7 +7,6 @@ of the joints that are free to move, and these activations of muscles, as small 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.users.actuation import Actuation
 from sim2vr_harness.users.bodies.body import Body
+from sim2vr_harness.users.bodies.moments import moment_arms
 from sim2vr_harness.users.kinematics.bounded import bounded_least_squares
 
 FloatArray = NDArray[np.float64]
@@ -111,7 +111,7 @@ class ReachController:
         data.act[columns] = 0.0
         mujoco.mj_forward(model, data)
         slack = data.actuator_force[ids].copy()
-        moments = self._moments()[ids]
+        moments = moment_arms(self._model, self._data)[ids]
         free = self._free_directions()
         pulls = free.T @ (moments * (full - slack)[:, None]).T
         return free, pulls, moments.T @ slack
@@ -134,15 +134,6 @@ class ReachController:
             jacobian.T @ force - _JOINT_DAMPING * data.qvel + self._holding_torques()
         )
         return wanted
-
-    def _moments(self) -> FloatArray:
-        """(nu, nv) moment arms."""
-        data: Any = self._data
-        dense = np.zeros((self._model.nu, self._model.nv))
-        mujoco.mju_sparse2dense(
-            dense, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
-        )
-        return dense
 
     def _free_directions(self) -> FloatArray:
         """(nv, F) directions in which joints can move that hang together by equalities."""

@@ -279,12 +279,7 @@ class PrimitiveController:
         goals.velocity = directions
         if manner.by_hand:
             pushes = (choice.move == MOVES.index("push"))[..., None]
-            hand = place[..., :3, 3]
-            carried = goals.place + _THROUGH_M * away + hand - now
-            goals.place = torch.where(pushes, carried, goals.place)
-            goals.tip = torch.where(pushes, torch.zeros(()), goals.tip)
-            velocity = torch.where(pushes, (soon[..., :3, 3] - hand) / MOMENT_S, velocity)
-            now = torch.where(pushes, hand, now)
+            now, velocity = _push_by_hand(goals, pushes, away, (place, soon), (now, velocity))
         self._run_up(goals, now, velocity)
         way = goals.place - now
         far = way.norm(dim=-1)
@@ -387,3 +382,28 @@ class PrimitiveController:
         begin = goals.place - _FURTHER * run_up * direction
         goals.place = torch.where(back, begin, goals.place)
         goals.velocity = torch.where(back, torch.zeros(()), goals.velocity)
+
+
+def _push_by_hand(
+    goals: MotorGoals,
+    pushes: Tensor,
+    away: Tensor,
+    placed: tuple[Tensor, Tensor],
+    moving: tuple[Tensor, Tensor],
+) -> tuple[Tensor, Tensor]:
+    """Let hands push that carry their tools along; return where what pushes is, and its velocity.
+
+    Args:
+        goals: changed in place.
+        pushes: (N, H, 1) which hands push.
+        away: (N, H, 3) directions from the head to the places.
+        placed: (N, H, 4, 4) devices now, and ``MOMENT_S`` later.
+        moving: (N, H, 3) tips now, and their velocities.
+    """
+    now, velocity = moving
+    hand, later = placed[0][..., :3, 3], placed[1][..., :3, 3]
+    carried = goals.place + _THROUGH_M * away + hand - now
+    goals.place = torch.where(pushes, carried, goals.place)
+    goals.tip = torch.where(pushes, torch.zeros(()), goals.tip)
+    velocity = torch.where(pushes, (later - hand) / MOMENT_S, velocity)
+    return torch.where(pushes, hand, now), velocity

@@ -18,6 +18,7 @@ from sim2vr_harness.envs.config import UserConfig
 from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
 from sim2vr_harness.policies.hierarchical.human_motor import HumanHands, HumanMotorPolicy
 from sim2vr_harness.training.motor_control.people_training import Bodies
+from sim2vr_harness.users import Person, Population
 
 FloatArray = NDArray[np.float64]
 
@@ -171,6 +172,11 @@ def measure_people(
     return HumanMeasures(tuple(cells))
 
 
+def unseen_persons(people: Population, seed: int, persons: int, repeats: int) -> list[Person]:
+    """Draw persons that no training has had, each as often as it is measured."""
+    return [people.sample(seed + 7919, k) for k in range(persons) for _ in range(repeats)]
+
+
 class _Course:
     """Persons that are given one target after the other."""
 
@@ -186,10 +192,7 @@ class _Course:
         self._policy, self._n = policy, persons * repeats
         self._rng = np.random.default_rng([seed, 92])
         self._bodies = Bodies(user, self._n, policy.step_s, threads)
-        people = self._bodies.people
-        self._persons = [
-            people.sample(seed + 7919, k) for k in range(persons) for _ in range(repeats)
-        ]
+        self._persons = unseen_persons(self._bodies.people, seed, persons, repeats)
         self._who = policy.persons
         generator = torch.Generator().manual_seed(seed + 93)
         self._seen = policy.perception(self._n, generator)

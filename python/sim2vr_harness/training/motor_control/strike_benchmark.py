@@ -25,6 +25,7 @@ from sim2vr_harness.policies.hierarchical.primitives import (
     PrimitiveController,
 )
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
+from sim2vr_harness.training.motor_control.human_benchmark import unseen_persons
 from sim2vr_harness.training.motor_control.people_training import Bodies
 
 FloatArray = NDArray[np.float64]
@@ -149,8 +150,7 @@ class _Strikes:
         self._policy, self._n = policy, persons * repeats
         self._rng = np.random.default_rng([seed, 94])
         self._bodies = Bodies(user, self._n, policy.step_s, threads)
-        drawn = self._bodies.people
-        who = [drawn.sample(seed + 7919, k) for k in range(persons) for _ in range(repeats)]
+        who = unseen_persons(self._bodies.people, seed, persons, repeats)
         self._hand = len(policy.hands) - 1
         rngs = [np.random.default_rng(int(s)) for s in self._rng.integers(2**31, size=self._n)]
         middle = self._bodies.body.joint_ranges.mean(1)

@@ -197,8 +197,13 @@ class OptionQLearning:
         """Whether all user steps are taken."""
         return self.step_count >= self.config.user_steps
 
-    def step(self) -> QLearningReport:
-        """Decide, see it through, and learn."""
+    def step(self, doing: Callable[[str], None] = lambda part: None) -> QLearningReport:
+        """Decide, see it through, and learn.
+
+        Args:
+            doing: told what is done from now on, for a table of times.
+        """
+        doing("choosing options")
         explore = self.explore
         scene = self._selector.scene()
         chosen = self._decide(scene, explore)
@@ -211,13 +216,15 @@ class OptionQLearning:
             self._owed += UPDATES_PER_DECISION
             updates = int(self._owed)
             self._owed -= updates
-        reward, over, loss = self._play_and_learn(updates)
+        reward, over, loss = self._play_and_learn(updates, doing)
         self._memory.amend({"reward": reward[None], "over": over[None]})
         step_s = 1.0 / self.simulation.config.action_frequency_hz
         self._rewards.append(float(reward.mean()) * 60.0 / (DECIDE_STEPS * step_s))
         return QLearningReport(self.step_count, float(np.mean(self._rewards)), loss, explore)
 
-    def _play_and_learn(self, updates: int) -> tuple[NDArray[np.float32], NDArray[np.bool_], float]:
+    def _play_and_learn(
+        self, updates: int, doing: Callable[[str], None]
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_], float]:
         """See the present choice through, and learn from the ones before it meanwhile.
 
         What is learned from ends where the present decision was made, so that it makes no
@@ -226,8 +233,11 @@ class OptionQLearning:
         rate = _LEARNING_RATE * self._settling(_SETTLED_RATE)
         self._corrected = 1.0 - self._settling(0.0)
         if budget(self.simulation.config.cores) == 1 or not updates:
+            doing("learning")
             loss = self._learn(updates, rate, map)
+            doing("playing")
             return *self.play(DECIDE_STEPS), loss
+        doing("playing and learning")
         with ThreadPoolExecutor(_PARTS) as parts, ThreadPoolExecutor(1) as beside:
             learning = beside.submit(self._learn, updates, rate, parts.map)
             reward, over = self.play(DECIDE_STEPS)

@@ -273,6 +273,7 @@ class QLearningStage:
         known = read_tensors(file, "what was found before trying") if file.is_file() else {}
         if "tool" in known:
             return known["tool"], {name: float(v) for name, v in known["earned"].items()}, 0.0
+        callbacks.doing("tools and baselines")
         callbacks.say("Finding tools and measuring baselines ...")
         tools = self._tools(simulation, layer, poses)
         points = np.array([[tool.tip, tool.middle] for tool in tools])
@@ -321,7 +322,7 @@ class QLearningStage:
             if learner.step_count >= self._measured_steps and not learner.persons:
                 callbacks.say("Persons play from now on, with what has been learned.")
                 self._begin_persons(learner)
-            report = learner.step()
+            report = learner.step(callbacks.doing)
             decisions += 1
             done = learner.step_count
             pace.note(done // each, time.monotonic() - before_s)
@@ -407,6 +408,7 @@ def _holds() -> list[int]:
 
 def _best_hold(learner: OptionQLearning, callbacks: Callbacks) -> int:
     """For how many user steps it pays to see decisions through."""
+    callbacks.doing("durations of decisions")
     began, taken = time.monotonic(), learner.step_count
     steps = max(1, round(_HOLD_S * learner.simulation.config.action_frequency_hz))
     holds = _holds()

@@ -209,6 +209,8 @@ def mask_unreached(
     choice.left[leaves] = choice.seen[leaves]
     choice.leaving[leaves] = round(_LEFT_S / primitives.layer.step_s) * 2 ** choice.vain[leaves]
     choice.rested[leaves] = 0
+    if not (choice.leaving > 0).any():
+        return something[:, None].expand(-1, choice.leaving.shape[1], -1)
     cells = places.flatten(2).transpose(1, 2)
     around = _LEFT_M * 2.0**choice.vain
     near = (cells[:, None] - choice.left[:, :, None]).norm(dim=-1) < around[..., None]

@@ -73,6 +73,9 @@ _ABOVE_M = 0.01
 """A hand that is no farther beside its place does not stay before it any more."""
 _COMING_MPS = 0.1
 """A hand that is slower sideways to its place does not stay before it so far."""
+_PUSH = MOVES.index("push")
+_SIDEWAYS = torch.tensor([[0.0, *SIDEWAYS.get(name, (0.0, 0.0))] for name in (*PLACED, "rest")])
+"""(M + 1, 3) directions of swings, of all others 0; the last row is that of move -1."""
 _POINT, _PULL = PLACED.index("point"), PLACED.index("pull")
 _ARRIVING = torch.tensor(
     [PLACED.index(n) for n in ("touch", "press", "hold", "grab", "release", "pull")]
@@ -133,9 +136,12 @@ class _Reach:
 
     def nearest(self, wanted: NDArray[np.float64]) -> NDArray[np.float64]:
         """(K, 3) these places, or where what is beyond reach is waited for."""
-        _, instead = self._beside.query(wanted * self._scale)
-        reached = self.within(wanted, _REACHED_M)[:, None]
-        return np.where(reached, wanted, self._points[instead])
+        beyond = ~self.within(wanted, _REACHED_M)
+        found = wanted.copy()
+        if beyond.any():
+            _, instead = self._beside.query(wanted[beyond] * self._scale)
+            found[beyond] = self._points[instead]
+        return found
 
 
 class OptionChoice:
@@ -178,6 +184,12 @@ class OptionChoice:
         self.closed_at = torch.zeros(n, hands, 3)
         self.free = torch.zeros(n, hands, dtype=torch.long)
         self.free_left = torch.zeros(n, hands, dtype=torch.long)
+
+    def copy(self) -> OptionChoice:
+        """Return a copy."""
+        new = object.__new__(OptionChoice)
+        vars(new).update({name: value.clone() for name, value in vars(self).items()})
+        return new
 
     def forget(self, users: NDArray[np.int64]) -> None:
         """Let users rest, whose rounds begin."""
@@ -226,9 +238,11 @@ class PrimitiveController:
             places: m.
             swings: (K,) bool, who swings through it.
         """
-        wanted = places.numpy().astype(np.float64)
-        tip, middle = (reach.nearest(wanted) for reach in self._reach[hand])
-        return torch.from_numpy(np.where(swings.numpy()[:, None], middle, tip)).float()
+        found, middle = places.numpy().astype(np.float64), swings.numpy()
+        for reach, which in zip(self._reach[hand], (~middle, middle), strict=True):
+            if which.any():
+                found[which] = reach.nearest(found[which])
+        return torch.from_numpy(found).float()
 
     def near(self, places: Tensor, radius_m: float) -> NDArray[np.bool_]:
         """(K,) which places (K, 3) lie nearer than that to what a hand's tip can reach."""
@@ -255,8 +269,7 @@ class PrimitiveController:
             place: (N, H, 4, 4) where the devices are.
             soon: the same ``MOMENT_S`` later.
         """
-        n, hands = choice.move.shape
-        goals, manner = MotorGoals.none(n, hands), self._manner
+        goals, manner = MotorGoals.none(*choice.move.shape), self._manner
         goals.tip = torch.where(
             is_swing(choice.move)[..., None], self.tool[:, 1], self.tool[:, 0]
         ).clone()
@@ -264,21 +277,15 @@ class PrimitiveController:
         velocity = (tips(soon, goals.tip) - now) / MOMENT_S
         away = choice.place - head[:, None]
         away = away / away.norm(dim=-1, keepdim=True).clamp(min=1e-6)
-        directions = torch.zeros(n, hands, 3)
-        for number, name in enumerate(MOVES):
-            chosen = choice.move == number
-            if name == "push":
-                directions[chosen] = manner.push_mps * away[chosen]
-            elif name in SIDEWAYS:
-                left, up = SIDEWAYS[name]
-                directions[chosen] = manner.swing_mps * torch.tensor([0.0, left, up])
+        pushes = (choice.move == _PUSH)[..., None]
+        swings = manner.swing_mps * _SIDEWAYS[choice.move]
+        directions = torch.where(pushes, manner.push_mps * away, swings)
         touches = _comes(choice.move)[..., None]
         goals.place = choice.place + self._depth(choice, away, now, velocity) * away * touches
         back = (choice.move == _PULL) & (choice.closed > 0)
         goals.place = torch.where(back[..., None], choice.closed_at + _BACK, goals.place)
         goals.velocity = directions
         if manner.by_hand:
-            pushes = (choice.move == MOVES.index("push"))[..., None]
             now, velocity = _push_by_hand(goals, pushes, away, (place, soon), (now, velocity))
         self._run_up(goals, now, velocity)
         way = goals.place - now

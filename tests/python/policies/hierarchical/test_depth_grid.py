@@ -106,3 +106,11 @@ def test_the_middle_of_a_ring_is_not_aimed_at() -> None:
     picture[0, 0, 37:42, 61:66] = 0
     row, column = aimed_at(picture, 36, 60)
     assert picture[0, 0, int(row), int(column)] == 250
+
+
+def test_things_reach_to_the_edges_of_pictures() -> None:
+    """Nothing lies beyond them: 2 x 3 pixels in the upper left corner, 3 x 2 in the lower right."""
+    picture = button(range(0, 2), range(0, 3))
+    picture[0, 0, 77:, 118:] = 250
+    assert aimed_at(picture, 0, 0) == pytest.approx([1.0, 1.5], abs=1e-4)
+    assert aimed_at(picture, 79, 119) == pytest.approx([78.5, 119.0], abs=1e-4)

@@ -15,6 +15,8 @@ CELL_PX = 4
 """Width and height of a cell, pixels."""
 FAR_M = 10.0
 """Depth at which a picture's depth is 255 (docs/reference/protocol.md)."""
+WIDTHS_M = (0.01, 0.12)
+"""Widths of things: narrower or wider ones count as these."""
 _NOTHING = 255
 """Depth of a pixel that shows nothing, or something farther away."""
 _MIDDLE_FIRST = torch.tensor([5, 6, 9, 10, 1, 2, 4, 7, 8, 11, 13, 14, 0, 3, 12, 15])
@@ -73,11 +75,14 @@ class DepthGrid:
         placed: Tensor = torch.einsum("nij,njrc->nirc", turned, local) + head[:, :, None, None]
         return placed
 
-    def middles(self, pictures: Tensor, cells: Tensor, head: Tensor, turned: Tensor) -> Tensor:
-        """(N, H, 3) middles of what stands out in cells, MuJoCo's world frame, m.
+    def things(
+        self, pictures: Tensor, cells: Tensor, head: Tensor, turned: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """(N, H, 3) middles of what stands out in cells, world, and (N, H) its width, m.
 
         Of a cell's pixels those count whose colour is the least like what surrounds them. Pixels of
-        that colour and depth that hang together with them are the thing.
+        that colour and depth that hang together with them are the thing. Its width is the diameter
+        of a disc with as many pixels.
 
         Args:
             pictures: (N, 4 or more, H, W) uint8: red, green, blue and depth, as in :meth:`places`.
@@ -88,13 +93,15 @@ class DepthGrid:
         row0 = (cells // self.columns * CELL_PX).flatten()
         column0 = (cells % self.columns * CELL_PX).flatten()
         windows = _windows(pictures[:, :4], cells.shape[1], row0, column0)
-        row, column, depth = _middles(windows)
+        row, column, depth, pixels = _things(windows)
         up = 0.5 * self.height - (row0 - _AROUND_PX + row + 0.5)
         left = 0.5 * self.width - (column0 - _AROUND_PX + column + 0.5)
         focal = 0.5 * self.height
         ray = torch.stack([torch.ones_like(up), left / focal, up / focal], 1)
         local = (ray * _metres(depth)[:, None]).reshape(*cells.shape, 3)
-        return torch.einsum("nij,nhj->nhi", turned, local) + head[:, None]
+        width = (2.0 * (pixels / torch.pi).sqrt() * _metres(depth) / focal).clamp(*WIDTHS_M)
+        placed = torch.einsum("nij,nhj->nhi", turned, local) + head[:, None]
+        return placed, width.reshape(cells.shape)
 
     def something(self, depth: Tensor) -> Tensor:
         """(N, cells) whether anything is there, up to ``FAR_M`` away; depth as in :meth:`places`.
@@ -158,8 +165,8 @@ def _salient(colour: Tensor, there: Tensor) -> tuple[Tensor, Tensor]:
     return _AROUND_PX + pixel // CELL_PX, _AROUND_PX + pixel % CELL_PX
 
 
-def _middles(windows: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """(K,) row, column and depth of the middle of what stands out in the cells of windows."""
+def _things(windows: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """(K,) of what stands out in the cells of windows: middle (row, column, depth) and pixels."""
     colour, depth, which = windows[:, :3], windows[:, 3], torch.arange(len(windows))
     start = (which, *_salient(colour, depth < _NOTHING))
     own = colour.permute(0, 2, 3, 1)[start][:, :, None, None]
@@ -177,7 +184,7 @@ def _middles(windows: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     around = functional.avg_pool2d(thing[:, None], 3, 1, 1)[:, 0][at]
     hollow = (thing[at] == 0.0) & (around < 0.5)
     far = torch.where(hollow, depth[start], (depth * thing).sum((1, 2)) / count)
-    return torch.where(hollow, start[1], row), torch.where(hollow, start[2], column), far
+    return torch.where(hollow, start[1], row), torch.where(hollow, start[2], column), far, count
 
 
 def rotation(quaternion: NDArray[np.float64]) -> Tensor:

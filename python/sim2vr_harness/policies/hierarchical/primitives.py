@@ -209,6 +209,8 @@ class PrimitiveController:
         manner: Manner = Manner(),
     ) -> None:
         self.layer, self.tool, self.options, self._manner = layer, tool, options, manner
+        self.lifts = torch.ones(1, 1, 1)
+        """(N or 1, 1, 1) which users stay before surfaces until they are there; 0: go straight."""
         self._pointing = Pointing(poses)
         self._inputs = ControllerInputs(options.inputs, layer.hands)
         self._works = [ROLES.index(FREE[name][0]) for name in options.free]
@@ -362,7 +364,7 @@ class PrimitiveController:
         lifted = ((beside - _ABOVE_M) / lift_m).clamp(0.0, 1.0)
         closing = -(velocity * sideways).sum(-1, keepdim=True) / beside.clamp(min=1e-6)
         coming = (closing / _COMING_MPS).clamp(0.0, 1.0)
-        lifted = torch.where(lifted < 1.0, lifted * coming, lifted)
+        lifted = torch.where(lifted < 1.0, lifted * coming, lifted) * self.lifts
         return _DEEPER_M - lifted * (_DEEPER_M + lift_m)
 
     def _run_up(self, goals: MotorGoals, now: Tensor, velocity: Tensor) -> None:

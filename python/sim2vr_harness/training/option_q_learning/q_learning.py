@@ -224,9 +224,10 @@ class OptionQLearning:
         return QLearningReport(self.step_count, float(np.mean(self._rewards)), loss, explore)
 
     def lifts(self, *, ended: bool = False) -> Tensor:
-        """(N or 1, 1, 1) which users lift off: half of them, from half of the user steps all or none.
+        """(N or 1, 1, 1) which users lift off: half of them at first, then all or none.
 
-        Rewards of the second quarter decide. Penalties do not count: who never touches has none.
+        At half of the user steps, rewards of their second quarter decide. Penalties do not count:
+        who never touches has none.
 
         Args:
             ended: whether no more user steps are taken.

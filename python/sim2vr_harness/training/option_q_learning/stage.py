@@ -59,9 +59,9 @@ _STUDENT_RATE, _PPO_RATE = 0.8, 1.4
 _SAVE_DECISIONS, _REPORT_DECISIONS, _PACE_DECISIONS = 100, 20, 10
 _BASELINE_S = 6.0
 """How long users sit still, and then move at random, to compare with: a few targets of a game."""
-_HOLDS, _HOLD_S, _HOLD_TOTAL_S = (1, 3, 5), (4.0, 10.0), 128.0
-"""Candidate user steps for which a choice is kept. Seconds of play that compare them: of each user,
-at least and at most, and of all users together."""
+_HOLDS, _HOLD_S = (1, 3, 5), 128.0
+"""Candidate user steps for which a choice is kept, and seconds of play of all users together that
+compare them: 4 to 10 of each."""
 _MEASURED_SHARE = 0.75
 """Share of the user steps in which the measured body plays, undelayed but for its pictures, before
 persons do: what an app rewards does not depend on who moves, and persons move slowly."""
@@ -215,6 +215,9 @@ class QLearningStage:
             self._learn(learner, callbacks, log, before, rate)
         finished, lifts = learner.finished, learner.lifts(ended=True)
         learner.primitives.lifts = lifts
+        if not self._config.skills.people:
+            way = "lift off before they touch" if lifts.all() else "go straight to what they touch"
+            callbacks.say(f"Hands {way}, which was rewarded more.")
         learned = {"values": learner.net.state_dict(), "tool": tool, "lifts": lifts}
         if self._run is not None:
             steps = learner.step_count
@@ -358,9 +361,8 @@ class QLearningStage:
 
     def _pace(self, each: int) -> Pace:
         """The time that the stage takes; a decision of all users is ``each`` user steps."""
-        env, users = self._config.env, self._config.skills.q_learning.users
-        compared = _hold_steps(users, env.action_frequency_hz) * len(_holds())
-        steps = compared if self._run is not None else 0
+        users, rate = self._config.skills.q_learning.users, self._config.env.action_frequency_hz
+        steps = _hold_steps(users, rate) * len(_holds()) if self._run is not None else 0
         explored = -(-self._config.skills.q_learning.try_steps // each)
         return Pace(explored, -(-self.stop // each), steps // DECIDE_STEPS)
 
@@ -411,8 +413,7 @@ def _holds() -> list[int]:
 
 def _hold_steps(users: int, steps_per_s: float) -> int:
     """User steps of each user that compare durations of decisions: more of few users."""
-    low, high = _HOLD_S
-    return max(1, round(min(max(low, _HOLD_TOTAL_S / users), high) * steps_per_s))
+    return max(1, round(min(max(4.0, _HOLD_S / users), 10.0) * steps_per_s))
 
 
 def _best_hold(learner: OptionQLearning, callbacks: Callbacks) -> int:

@@ -24,8 +24,8 @@ from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolic
 from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, PrimitiveController
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.policies.store import find_user
-from sim2vr_harness.runs.migration import with_new_tensor_names
 from sim2vr_harness.runs.config import TrainingConfig, load_config
+from sim2vr_harness.runs.migration import with_new_tensor_names
 from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS
 from sim2vr_harness.training.option_q_learning.stage import _best_hold
 from sim2vr_harness.training.ppo.fine_tune import adapting

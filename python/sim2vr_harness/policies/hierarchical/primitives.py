@@ -34,6 +34,7 @@ __all__ = [
 ]
 
 _TOUCH_MPS, _STRIKE_MPS = 0.9, 1.2
+"""How fast hands come, at least: those that lift off before they touch, and all others."""
 _DEEPER_M, _THROUGH_M = 0.025, 0.04
 """How far behind their places hands aim that touch (a little more than half a step of depth), and
 that push with the hand's speed."""
@@ -286,7 +287,8 @@ class PrimitiveController:
         way = goals.place - now
         far = way.norm(dim=-1)
         closing = (velocity * way).sum(-1) / far.clamp(min=1e-3)
-        slow = torch.where(touches[..., 0], torch.tensor(_TOUCH_MPS), torch.tensor(_STRIKE_MPS))
+        lifts = (touches * self.lifts)[..., 0] > 0.0
+        slow = torch.where(lifts, torch.tensor(_TOUCH_MPS), torch.tensor(_STRIKE_MPS))
         goals.left_s = (far / torch.maximum(closing, slow)).clamp(0.05, 1.2)
         goals.active = (choice.move >= 0).float()
         pointing = points(choice.move)

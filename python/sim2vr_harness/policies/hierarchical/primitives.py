@@ -71,7 +71,7 @@ class Manner:
 
 
 MEASURED = Manner(by_width=True)
-"""How the measured body does for that persons learn."""
+"""How the measured body does, whose values persons take over."""
 PERSONS = Manner(
     push_mps=3.0, swing_mps=2.0, run_up_m=0.2, slowest=0.15, by_hand=True, by_width=True
 )

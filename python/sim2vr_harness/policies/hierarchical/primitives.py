@@ -76,7 +76,7 @@ class Manner:
 
 
 MEASURED = Manner(by_width=True)
-"""How the measured body does for whom persons learn."""
+"""How the measured body does that learns for persons."""
 PERSONS = Manner(
     push_mps=3.0, swing_mps=2.0, run_up_m=0.2, slowest=0.15, by_hand=True, by_width=True
 )
@@ -84,9 +84,8 @@ PERSONS = Manner(
 _AIMED = 0.6
 """Share of a thing's width that a hand aims at which comes to it."""
 _ENTERS, _ENTERED, _LIFTED_M, _WELL_BEHIND_M = 0.8, 0.5, 0.02, 0.04
-"""Hands that heed widths: how far beside a thing's middle they go in, and how far they go in most, as
-shares of its radius; how far beside the first they lift off most; how far behind its surface most
-is."""
+"""Hands that heed widths: from how far beside a thing's middle they go in, and from where deepest,
+as shares of its radius; how far outside the first they are lifted off most; how deep deepest is."""
 _ABOVE_M = 0.01
 """A hand that is no farther beside its place does not stay before it any more."""
 _COMING_MPS = 0.1

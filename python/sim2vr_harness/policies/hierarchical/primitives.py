@@ -40,6 +40,7 @@ __all__ = [
 ]
 
 _TOUCH_MPS, _STRIKE_MPS = 0.9, 1.2
+"""How fast hands come, at least: those that lift off before they touch, and all others."""
 _DEEPER_M, _THROUGH_M = 0.025, 0.04
 """How far behind their places hands aim that touch (a little more than half a step of depth), and
 that push with the hand's speed."""
@@ -76,7 +77,7 @@ class Manner:
 
 
 MEASURED = Manner(by_width=True)
-"""How the measured body does that learns for persons."""
+"""How the measured body does, whose values persons take over."""
 PERSONS = Manner(
     push_mps=3.0, swing_mps=2.0, run_up_m=0.2, slowest=0.15, by_hand=True, by_width=True
 )
@@ -242,6 +243,8 @@ class PrimitiveController:
         manner: Manner = Manner(),
     ) -> None:
         self.layer, self.tool, self.options, self._manner = layer, tool, options, manner
+        self.lifts = torch.ones(1, 1, 1)
+        """(N or 1, 1, 1) which users stay before surfaces until they are there; 0: go straight."""
         self._pointing = Pointing(poses)
         self._inputs = ControllerInputs(options.inputs, layer.hands)
         self._works = [ROLES.index(FREE[name][0]) for name in options.free]
@@ -314,7 +317,8 @@ class PrimitiveController:
         way = goals.place - now
         far = way.norm(dim=-1)
         closing = (velocity * way).sum(-1) / far.clamp(min=1e-3)
-        slow = torch.where(touches[..., 0], torch.tensor(_TOUCH_MPS), torch.tensor(_STRIKE_MPS))
+        lifts = (touches * self.lifts)[..., 0] > 0.0
+        slow = torch.where(lifts, torch.tensor(_TOUCH_MPS), torch.tensor(_STRIKE_MPS))
         goals.left_s = (far / torch.maximum(closing, slow)).clamp(0.05, 1.2)
         goals.active = (choice.move >= 0).float()
         pointing = points(choice.move)
@@ -394,7 +398,7 @@ class PrimitiveController:
         lifted = ((beside - _ABOVE_M) / lift_m).clamp(0.0, 1.0)
         closing = -(velocity * sideways).sum(-1, keepdim=True) / beside.clamp(min=1e-6)
         coming = (closing / _COMING_MPS).clamp(0.0, 1.0)
-        lifted = torch.where(lifted < 1.0, lifted * coming, lifted)
+        lifted = torch.where(lifted < 1.0, lifted * coming, lifted) * self.lifts
         return _DEEPER_M - lifted * (_DEEPER_M + lift_m)
 
     def _run_up(self, goals: MotorGoals, now: Tensor, velocity: Tensor) -> None:

@@ -37,7 +37,7 @@ from sim2vr_harness.training.replay import ReplayStore
 
 __all__ = ["OptionQLearning", "OptionScene", "QLearningReport"]
 
-STATE_FORMAT = 3
+STATE_FORMAT = 4
 _GAMMA = 0.85
 """Discount factor per decision: rewards follow within about 7 decisions."""
 _LEARNING_RATE = 1e-3
@@ -129,7 +129,8 @@ class OptionQLearning:
         length = -(-config.user_steps // (self.n * DECIDE_STEPS)) + 1
         self._memory = ReplayStore(pictures, length, shapes)
         """Decisions of all users, and what came of them."""
-        self._kept = OptionChoice.KEPT if primitives.options.inputs else ("move", "place")
+        inputs = OptionChoice.KEPT_INPUTS if primitives.options.inputs else ()
+        self._kept = (*OptionChoice.KEPT, *inputs)
         self._rewards: deque[float] = deque(maxlen=200)
         self._owed = 0.0
         self._corrected = 0.0
@@ -204,8 +205,13 @@ class OptionQLearning:
         """Whether all user steps are taken."""
         return self.step_count >= self.config.user_steps
 
-    def step(self) -> QLearningReport:
-        """Decide, see it through, and learn."""
+    def step(self, doing: Callable[[str], None] = lambda part: None) -> QLearningReport:
+        """Decide, see it through, and learn.
+
+        Args:
+            doing: told what is done from now on, for a table of times.
+        """
+        doing("choosing options")
         explore = self.explore
         if self._compares:
             self.primitives.lifts = self.lifts()
@@ -220,7 +226,7 @@ class OptionQLearning:
             self._owed += self.updates
             updates = int(self._owed)
             self._owed -= updates
-        reward, over, loss = self._play_and_learn(updates)
+        reward, over, loss = self._play_and_learn(updates, doing)
         self._memory.amend({"reward": reward[None], "over": over[None]})
         step_s = 1.0 / self.simulation.config.action_frequency_hz
         self._rewards.append(float(reward.mean()) * 60.0 / (DECIDE_STEPS * step_s))
@@ -229,11 +235,8 @@ class OptionQLearning:
     def lifts(self, *, ended: bool = False) -> Tensor:
         """(N or 1, 1, 1) which users lift off: half of them at first, then all or none.
 
-        At half of the user steps, rewards of their second quarter decide. Penalties do not count:
-        who never touches has none.
-
-        Args:
-            ended: whether no more user steps are taken.
+        At half of the user steps, or when they have ``ended``, rewards of their second quarter
+        decide. Penalties do not count: who never touches has none.
         """
         if not self._compares:
             return torch.ones(1, 1, 1)
@@ -245,7 +248,9 @@ class OptionQLearning:
         lifting, straight = rewards[:, ::2].mean(), rewards[:, 1::2].mean()
         return torch.full((1, 1, 1), float(lifting >= straight))
 
-    def _play_and_learn(self, updates: int) -> tuple[NDArray[np.float32], NDArray[np.bool_], float]:
+    def _play_and_learn(
+        self, updates: int, doing: Callable[[str], None]
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_], float]:
         """See the present choice through, and learn from the ones before it meanwhile.
 
         What is learned from ends where the present decision was made, so that it makes no
@@ -254,8 +259,11 @@ class OptionQLearning:
         rate = _LEARNING_RATE * self._settling(_SETTLED_RATE)
         self._corrected = 1.0 - self._settling(0.0)
         if budget(self.simulation.config.cores) == 1 or not updates:
+            doing("learning")
             loss = self._learn(updates, rate, map)
+            doing("playing")
             return *self.play(DECIDE_STEPS), loss
+        doing("playing and learning")
         with ThreadPoolExecutor(_PARTS) as parts, ThreadPoolExecutor(1) as beside:
             learning = beside.submit(self._learn, updates, rate, parts.map)
             reward, over = self.play(DECIDE_STEPS)

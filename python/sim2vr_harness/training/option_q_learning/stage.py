@@ -35,7 +35,12 @@ from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolic
 from sim2vr_harness.policies.hierarchical.options import OptionSet, option_set
 from sim2vr_harness.policies.hierarchical.person_layer import PersonLayer
 from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy, seen_late_steps
-from sim2vr_harness.policies.hierarchical.primitives import PERSONS, PrimitiveController
+from sim2vr_harness.policies.hierarchical.primitives import (
+    MEASURED,
+    PERSONS,
+    Manner,
+    PrimitiveController,
+)
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools, straight_tool
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors, write_user
@@ -43,6 +48,11 @@ from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder, append_row, keep_rows
 from sim2vr_harness.training.dagger.option_expert import OptionExpert
 from sim2vr_harness.training.motor_control.stage import MotorStage
+from sim2vr_harness.training.option_q_learning.decision_duration import (
+    best_duration,
+    duration_steps,
+    durations,
+)
 from sim2vr_harness.training.option_q_learning.minibatch import N_STEP
 from sim2vr_harness.training.option_q_learning.pace import Pace
 from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS, OptionQLearning
@@ -55,9 +65,6 @@ _STUDENT_RATE, _PPO_RATE = 0.8, 1.4
 _SAVE_DECISIONS, _REPORT_DECISIONS, _PACE_DECISIONS = 100, 20, 10
 _BASELINE_S = 6.0
 """How long users sit still, and then move at random, to compare with: a few targets of a game."""
-_HOLDS, _HOLD_S = (1, 3, 5), 128.0
-"""Candidate user steps for which a choice is kept, and seconds of play of all users together that
-compare them: 4 to 10 of each."""
 _MEASURED_SHARE = 0.75
 """Share of the user steps in which the measured body plays, undelayed but for its pictures, before
 persons do: what an app rewards does not depend on who moves, and persons move slowly."""
@@ -191,12 +198,13 @@ class QLearningStage:
         self.folder.mkdir(parents=True, exist_ok=True)
         layer = self._layer()
         poses = reachable_poses(layer, seed)
+        manner = MEASURED if self._config.skills.people else Manner()
         with torch_threads(1):
             tool, before, rate = self._prepared(simulation, layer, poses, callbacks)
             learner = self._learner = OptionQLearning(
                 self._config.skills.q_learning,
                 simulation,
-                PrimitiveController(layer, tool, poses, self._options),
+                PrimitiveController(layer, tool, poses, self._options, manner),
                 self.folder / _PICTURES,
                 seed=seed,
                 late_steps=self._late_steps,
@@ -219,7 +227,7 @@ class QLearningStage:
             steps = learner.step_count
             file = self._run.checkpoint_file(self.stop if finished else steps)
             # A person may decide in every user step: its refractory period says how often it does.
-            hold = 1 if self._config.skills.people else _best_hold(learner, callbacks)
+            hold = 1 if self._config.skills.people else best_duration(learner, callbacks)
             write_user(file, self._hierarchical_user(layer, learner, hold), steps)
         if finished:
             write_tensors(self.folder / _VALUES, learned)
@@ -278,6 +286,7 @@ class QLearningStage:
         known = read_tensors(file, "what was found before trying") if file.is_file() else {}
         if "tool" in known:
             return known["tool"], {name: float(v) for name, v in known["earned"].items()}, 0.0
+        callbacks.doing("tools and baselines")
         callbacks.say("Finding tools and measuring baselines ...")
         tools = self._tools(simulation, layer, poses)
         points = np.array([[tool.tip, tool.middle] for tool in tools])
@@ -326,7 +335,7 @@ class QLearningStage:
             if learner.step_count >= self._measured_steps and not learner.persons:
                 callbacks.say("Persons play from now on, with what has been learned.")
                 self._begin_persons(learner)
-            report = learner.step()
+            report = learner.step(callbacks.doing)
             decisions += 1
             done = learner.step_count
             pace.note(done // each, time.monotonic() - before_s)
@@ -358,7 +367,7 @@ class QLearningStage:
     def _pace(self, each: int) -> Pace:
         """The time that the stage takes; a decision of all users is ``each`` user steps."""
         users, rate = self._config.skills.q_learning.users, self._config.env.action_frequency_hz
-        steps = _hold_steps(users, rate) * len(_holds()) if self._run is not None else 0
+        steps = duration_steps(users, rate) * len(durations()) if self._run is not None else 0
         explored = -(-self._config.skills.q_learning.try_steps // each)
         return Pace(explored, -(-self.stop // each), steps // DECIDE_STEPS)
 
@@ -401,43 +410,6 @@ def _seeing(env: EnvConfig) -> EnvConfig:
     """The users of this stage look at the whole picture themselves; nothing else is drawn."""
     vision = env.vision.model_copy(update={"foveation": None, "eyes": 1, "zoom": 1})
     return env.model_copy(update={"vision": vision})
-
-
-def _holds() -> list[int]:
-    return sorted({*_HOLDS, DECIDE_STEPS})
-
-
-def _hold_steps(users: int, steps_per_s: float) -> int:
-    """User steps of each user that compare durations of decisions: more of few users."""
-    return max(1, round(min(max(4.0, _HOLD_S / users), 10.0) * steps_per_s))
-
-
-def _best_hold(learner: OptionQLearning, callbacks: Callbacks) -> int:
-    """For how many user steps it pays to see decisions through."""
-    began, taken = time.monotonic(), learner.step_count
-    steps = _hold_steps(learner.n, learner.simulation.config.action_frequency_hz)
-    holds = _holds()
-    earned = {}
-    for number, hold in enumerate(holds):
-
-        def show(share: float, done: int = number) -> None:
-            doing = f"measuring {len(holds)} durations of decisions, {done + 1} of {len(holds)}"
-            _show_end(callbacks, taken, doing, (done + share) / len(holds), began)
-
-        earned[hold] = learner.earned(hold, steps, on_progress=show)
-    best = max(holds, key=lambda hold: earned[hold])
-    found = ", ".join(f"{earned[hold]:.2f} for {hold}" for hold in holds)
-    callbacks.say(
-        f"Reward per minute by how many user steps a decision is seen through: {found}. "
-        f"The user's: {best}."
-    )
-    return best
-
-
-def _show_end(callbacks: Callbacks, taken: int, doing: str, share: float, began: float) -> None:
-    """Show how far the measurement at the end of the stage is, a line at its beginning."""
-    left = (time.monotonic() - began) * (1.0 - share) / share if share > 0.0 else None
-    callbacks.show(lambda: View(taken, doing, left), force=share == 0.0)
 
 
 def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> float:

@@ -39,7 +39,7 @@ TINY = PeopleTraining(
 )
 
 
-SHIPPED = ("mobl_arms_wrist", "mobl_arms_bimanual", "myoarm_r")
+SHIPPED = ("mobl_arms_wrist", "mobl_arms_bimanual")
 """Bodies with a human motor policy of their own."""
 
 
@@ -50,8 +50,6 @@ def trainer(body: str = "mobl_arms_wrist") -> PeopleTrainer:
 @pytest.mark.parametrize("body", SHIPPED)
 def test_shipped_persons_bring_hands_to_places_and_stay(body: str) -> None:
     """Six persons, places before the shoulders, m; two hands go at the same time."""
-    if body == "myoarm_r":
-        pytest.importorskip("myo_sim", reason="needs myo-sim: pip install 'sim2vr-harness[myo]'")
     user = as_population(UserConfig(model=body))
     policy, bodies = human_policy_for(user, 0.05), Bodies(user, 6, 0.05, 1)
     hands, goals = HumanHands(policy, 6), HumanGoals.none(6, len(policy.hands))

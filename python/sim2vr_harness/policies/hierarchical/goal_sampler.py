@@ -163,6 +163,7 @@ class GoalSampler:
             left_s=left[:, None],
             axis=torch.where(follows[:, None] & pointed, place[:, :3, 0], axis)[:, None],
             active=(kind != _REST).float()[:, None],
+            rays=torch.zeros(count, 1),
         )
         column = torch.full_like(ids, hand)
         self.goals.put(ids, column, goals)

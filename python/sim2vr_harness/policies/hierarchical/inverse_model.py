@@ -82,7 +82,14 @@ class InverseModel:
         return every[:, 0], moved.permute(0, 2, 3, 1)
 
     def controls(
-        self, now: Motion, tip: Tensor, velocity: Tensor, active: Tensor, bias: Tensor
+        self,
+        now: Motion,
+        tip: Tensor,
+        velocity: Tensor,
+        active: Tensor,
+        bias: Tensor,
+        rows: Tensor | None = None,
+        rest: Tensor | None = None,
     ) -> Tensor:
         """(B, A) controls, shares of their ranges, of the user step that begins.
 
@@ -92,6 +99,8 @@ class InverseModel:
             velocity: (B, H, 3) wanted at the end of the user step, m/s.
             active: (B, H) 1 for hands that move, 0 for those that rest.
             bias: (B, J) what the forward model has got wrong of joint speeds lately, rad/s.
+            rows: (B, H, 3, 3) what of the points' velocities is wanted; None: all of it.
+            rest: (B, J) angles that joints return to; None: the middles of their ranges.
         """
         start = now.drives.detach().clone().requires_grad_(True)
         with torch.enable_grad():
@@ -106,9 +115,10 @@ class InverseModel:
         start, costs = start.detach(), self._settings
         then = Motion(after.angles.detach(), after.speeds.detach() + bias, start, now.persons)
         _, jacobian = self.jacobian(then, tip)
+        jacobian = jacobian if rows is None else rows @ jacobian
         weight = (active / costs.velocity_mps)[..., None]
         reached = (jacobian @ then.speeds[:, None, :, None])[..., 0]
-        back = costs.return_hz * (self._middle - now.angles)
+        back = costs.return_hz * ((self._middle if rest is None else rest) - now.angles)
         away = ((now.angles - self._middle) / self._half).clamp(-1.2, 1.2)
         counts = (1.0 + (costs.limit - 1.0) * away**6) / costs.speed_radps
         wrong = torch.cat(

@@ -31,6 +31,8 @@ class MotorGoals:
         left_s: (B, H) in how long; what is over is requested at once.
         axis: (B, H, 3) where the device's x axis shall point then, a unit vector; 0: anywhere.
         active: (B, H) 1, or 0 for a hand that has nothing to do.
+        rays: (B, H) 1 for a hand of a person that turns its aim ray to the place. Its tip is the
+            point of the ray that is as far away as the place.
     """
 
     tip: Tensor
@@ -39,6 +41,7 @@ class MotorGoals:
     left_s: Tensor
     axis: Tensor
     active: Tensor
+    rays: Tensor
 
     @staticmethod
     def none(users: int, hands: int) -> MotorGoals:
@@ -47,8 +50,10 @@ class MotorGoals:
         def zeros() -> Tensor:
             return torch.zeros(users, hands, 3)
 
-        plain = torch.zeros(users, hands)
-        return MotorGoals(zeros(), zeros(), zeros(), plain, zeros(), plain.clone())
+        def plain() -> Tensor:
+            return torch.zeros(users, hands)
+
+        return MotorGoals(zeros(), zeros(), zeros(), plain(), zeros(), plain(), plain())
 
     def tensors(self) -> dict[str, Tensor]:
         """Everything, by name."""

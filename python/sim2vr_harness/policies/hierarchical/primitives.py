@@ -21,7 +21,7 @@ from sim2vr_harness.policies.hierarchical.options import (
     SIDEWAYS,
     OptionSet,
 )
-from sim2vr_harness.policies.hierarchical.pointing import Pointing, off_ray
+from sim2vr_harness.policies.hierarchical.pointing import Pointing, off_ray, turn_rays
 
 __all__ = [
     "MOVES",
@@ -57,6 +57,8 @@ class Manner:
             so that it touches nothing on the way.
         by_hand: whether the hand has the speed of a push and carries its tool along, to a little
             behind the place; else the tip has it, which a turn of the wrist can do.
+        turns_rays: whether hands that point turn their rays as persons do, in angles; else the ray's
+            point 80 cm ahead is brought to the line to the place.
     """
 
     push_mps: float = 2.5
@@ -65,9 +67,12 @@ class Manner:
     slowest: float = 0.55
     lift_m: float = 0.05
     by_hand: bool = False
+    turns_rays: bool = False
 
 
-PERSONS = Manner(push_mps=3.0, swing_mps=2.0, run_up_m=0.2, slowest=0.15, by_hand=True)
+PERSONS = Manner(
+    push_mps=3.0, swing_mps=2.0, run_up_m=0.2, slowest=0.15, by_hand=True, turns_rays=True
+)
 """How persons do (docs/concepts/people.md)."""
 _ABOVE_M = 0.01
 """A hand that is no farther beside its place does not stay before it any more."""
@@ -290,7 +295,10 @@ class PrimitiveController:
         pointing = points(choice.move)
         if pointing.any():
             goals.place = torch.where(pointing[..., None], choice.seen, goals.place)
-            self._pointing.aim(goals, choice.correction, pointing, place)
+            if manner.turns_rays:
+                turn_rays(goals, pointing, place)
+            else:
+                self._pointing.aim(goals, choice.correction, pointing, place)
         return goals
 
     def inputs(self, choice: OptionChoice, place: Tensor) -> NDArray[np.float32]:

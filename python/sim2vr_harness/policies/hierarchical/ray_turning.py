@@ -17,7 +17,7 @@ from sim2vr_harness.policies.hierarchical.motor_goals import tips
 from sim2vr_harness.policies.hierarchical.pointing import aim_of
 from sim2vr_harness.world_models.body_dynamics import BodyModel
 
-REFERENCE_M = 0.4
+REFERENCE_M = 0.5
 """Length by which angles of rays are lengths of reaches."""
 _POOL, _COMFORT, _INSIDE, _NEAR_RAD = 4096, 0.35, 0.9, 0.12
 """Postures; their standard deviation and most, of half the joints' ranges; how near the rays of

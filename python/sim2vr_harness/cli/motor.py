@@ -246,7 +246,11 @@ def _measure_people(
     policy = (
         human_policy_for(user, step_s) if layer is None else load_human_policy(layer, user, step_s)
     )
-    kinds = {"reaches": measure_people, "rays": measure_rays, "pushes": measure_strikes}
+    kinds: dict[str, Any] = {
+        "reaches": measure_people,
+        "rays": measure_rays,
+        "pushes": measure_strikes,
+    }
     found: dict[str, float] = {}
     rows: list[str] = []
     for kind, measured in kinds.items():

@@ -22,7 +22,7 @@ from sim2vr_harness.policies.hierarchical.hand_policy import HandPolicy
 from sim2vr_harness.policies.hierarchical.human_goals import GoalPerception, HumanGoals
 from sim2vr_harness.policies.hierarchical.inverse_model import InverseModel, InverseSettings
 from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S
-from sim2vr_harness.policies.hierarchical.ray_turning import AimingPostures, Turning
+from sim2vr_harness.policies.hierarchical.ray_turning import Turning
 from sim2vr_harness.users import Body, Physique, UserBatch, held
 from sim2vr_harness.world_models.body_dynamics import BodyModel
 from sim2vr_harness.world_models.effort import volume_shares
@@ -75,8 +75,6 @@ class HumanMotorPolicy(nn.Module):
         if len(self.drives.muscles):
             shares[self.drives.muscle_columns] = volume_shares(body)
         self.inverse = InverseModel(self.forward_model, low, high, shares, InverseSettings())
-        average = torch.from_numpy(persons.told(np.zeros(len(persons.names), np.float32))).float()
-        self.postures = AimingPostures(self.forward_model, average, low, high)
 
     def __repr__(self) -> str:
         """Return the body, the hands and the number of actions."""
@@ -242,12 +240,11 @@ class HumanHands:
         with torch.no_grad():
             believed = self._believed(now)
             place, velocity = policy.inverse.velocities(believed, goals.tip)
-            way, turning, rest = goals.place - place, None, None
+            way, turning = goals.place - place, None
             if goals.rays.any():
                 at = policy.forward_model.places(believed.angles, now.persons)
                 turning = Turning(goals, at[..., :3, 3], place)
                 way, velocity, goals = turning.seen(way, velocity, goals)
-                rest = policy.postures.towards(goals.place, goals.rays)
             self.velocity = velocity
             if self._perception is not None:
                 self._perception.look(way.norm(dim=-1))
@@ -261,7 +258,7 @@ class HumanHands:
                 self.wanted = rule(way, velocity)
             rows = None if turning is None else turning.rows
             controls = policy.inverse.controls(
-                believed, goals.tip, self.wanted, goals.active, self._bias, rows, rest
+                believed, goals.tip, self.wanted, goals.active, self._bias, rows
             )
             done = policy.drives.actions(believed.drives.numpy(), controls.numpy())
             self._did = torch.from_numpy(done).float()

@@ -89,7 +89,6 @@ class InverseModel:
         active: Tensor,
         bias: Tensor,
         rows: Tensor | None = None,
-        rest: Tensor | None = None,
     ) -> Tensor:
         """(B, A) controls, shares of their ranges, of the user step that begins.
 
@@ -100,7 +99,6 @@ class InverseModel:
             active: (B, H) 1 for hands that move, 0 for those that rest.
             bias: (B, J) what the forward model has got wrong of joint speeds lately, rad/s.
             rows: (B, H, 3, 3) what of the points' velocities is wanted; None: all of it.
-            rest: (B, J) angles that joints return to; None: the middles of their ranges.
         """
         start = now.drives.detach().clone().requires_grad_(True)
         with torch.enable_grad():
@@ -118,7 +116,7 @@ class InverseModel:
         jacobian = jacobian if rows is None else rows @ jacobian
         weight = (active / costs.velocity_mps)[..., None]
         reached = (jacobian @ then.speeds[:, None, :, None])[..., 0]
-        back = costs.return_hz * ((self._middle if rest is None else rest) - now.angles)
+        back = costs.return_hz * (self._middle - now.angles)
         away = ((now.angles - self._middle) / self._half).clamp(-1.2, 1.2)
         counts = (1.0 + (costs.limit - 1.0) * away**6) / costs.speed_radps
         wrong = torch.cat(

@@ -57,8 +57,8 @@ class Manner:
             so that it touches nothing on the way.
         by_hand: whether the hand has the speed of a push and carries its tool along, to a little
             behind the place; else the tip has it, which a turn of the wrist can do.
-        turns_rays: whether hands that point turn their rays as persons do, in angles; else the ray's
-            point 80 cm ahead is brought to the line to the place.
+        turns_rays: whether hands that point turn their rays, in angles; else the ray's point 80 cm
+            ahead is brought to the line to the place.
     """
 
     push_mps: float = 2.5

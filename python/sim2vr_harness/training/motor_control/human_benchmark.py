@@ -260,9 +260,7 @@ class AimedCourse(PersonCourse):
             reaction_s[i] = onset * SAMPLE_S
             if ended[i] > 0:
                 time_s[i] = (last - onset) * SAMPLE_S
-        return AimedMovements(
-            distance, width, time_s, reaction_s, end, -path[:, 0], profile, peak
-        )
+        return AimedMovements(distance, width, time_s, reaction_s, end, -path[:, 0], profile, peak)
 
 
 class _Reaches(AimedCourse):

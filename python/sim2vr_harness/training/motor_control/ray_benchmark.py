@@ -35,8 +35,18 @@ _FAR_M, _LEFT_DEG, _UP_DEG = (1.0, 3.0), (-35.0, 35.0), (-25.0, 20.0)
 _SETTLE_S, _DRAWN = 1.5, 512
 _OTHERWISE_DEG = 5.0
 """A ray that far off at the end is not on its way: it is stuck."""
-_NAMES = ("fitts_slope_s_per_bit", "fitts_intercept_s", "fitts_r2", "error_rate", "unended_rate")
-_NAMES += ("throughput_bits_per_s", "peak_over_mean", "time_of_peak", "straightness", "reaction_s")
+_NAMES = (
+    "fitts_slope_s_per_bit",
+    "fitts_intercept_s",
+    "fitts_r2",
+    "error_rate",
+    "unended_rate",
+    "throughput_bits_per_s",
+    "peak_over_mean",
+    "time_of_peak",
+    "straightness",
+    "reaction_s",
+)
 
 
 @dataclass(frozen=True)

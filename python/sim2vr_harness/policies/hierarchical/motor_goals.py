@@ -16,6 +16,8 @@ GOAL_SIZE = 22
 """Numbers that a hand's goal has in an observation."""
 _FAR_M, _FAST_MPS, _LATE_S = 0.3, 1.5, 0.5
 """Units of what is observed."""
+WIDTH_M = 0.04
+"""Of targets whose width is not known."""
 MOMENT_S = 0.005
 """Interval of the finite difference that gives velocities from positions, s."""
 
@@ -31,6 +33,7 @@ class MotorGoals:
         left_s: (B, H) in how long; what is over is requested at once.
         axis: (B, H, 3) where the device's x axis shall point then, a unit vector; 0: anywhere.
         active: (B, H) 1, or 0 for a hand that has nothing to do.
+        width: (B, H) diameter of the target, m; plain layers do not know it.
         rays: (B, H) 1 for a hand of a person that turns its aim ray to the place. Its tip is the
             point of the ray that is as far away as the place.
     """
@@ -41,6 +44,7 @@ class MotorGoals:
     left_s: Tensor
     axis: Tensor
     active: Tensor
+    width: Tensor
     rays: Tensor
 
     @staticmethod
@@ -53,7 +57,8 @@ class MotorGoals:
         def plain() -> Tensor:
             return torch.zeros(users, hands)
 
-        return MotorGoals(zeros(), zeros(), zeros(), plain(), zeros(), plain(), plain())
+        width = torch.full((users, hands), WIDTH_M)
+        return MotorGoals(zeros(), zeros(), zeros(), plain(), zeros(), plain(), width, plain())
 
     def tensors(self) -> dict[str, Tensor]:
         """Everything, by name."""

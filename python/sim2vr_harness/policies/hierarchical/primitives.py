@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from sim2vr_harness.policies.hierarchical.controller_inputs import ROLES, ControllerInputs
-from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, MotorGoals, tips
+from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, WIDTH_M, MotorGoals, tips
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
 from sim2vr_harness.policies.hierarchical.options import (
     FREE,
@@ -34,6 +34,7 @@ __all__ = [
 ]
 
 _TOUCH_MPS, _STRIKE_MPS = 0.9, 1.2
+"""How fast hands come, at least: those that lift off before they touch, and all others."""
 _DEEPER_M, _THROUGH_M = 0.025, 0.04
 """How far behind their places hands aim that touch (a little more than half a step of depth), and
 that push with the hand's speed."""
@@ -57,6 +58,7 @@ class Manner:
             so that it touches nothing on the way.
         by_hand: whether the hand has the speed of a push and carries its tool along, to a little
             behind the place; else the tip has it, which a turn of the wrist can do.
+        by_width: whether a hand stays before a thing until it is well inside its width.
         turns_rays: whether hands that point turn their rays, in angles; else the ray's point 80 cm
             ahead is brought to the line to the place.
     """
@@ -67,17 +69,32 @@ class Manner:
     slowest: float = 0.55
     lift_m: float = 0.05
     by_hand: bool = False
+    by_width: bool = False
     turns_rays: bool = False
 
 
+MEASURED = Manner(by_width=True)
+"""How the measured body does, whose values persons take over."""
 PERSONS = Manner(
-    push_mps=3.0, swing_mps=2.0, run_up_m=0.2, slowest=0.15, by_hand=True, turns_rays=True
+    push_mps=3.0,
+    swing_mps=2.0,
+    run_up_m=0.2,
+    slowest=0.15,
+    by_hand=True,
+    by_width=True,
+    turns_rays=True,
 )
 """How persons do (docs/concepts/people.md)."""
+_INSIDE, _SPAN = 0.5, 0.9
+"""Hands that heed widths: as a share of the thing's radius, how far beside its middle they do not
+stay before it any more, and over which distance from there on they stay before it more and more."""
 _ABOVE_M = 0.01
 """A hand that is no farther beside its place does not stay before it any more."""
 _COMING_MPS = 0.1
 """A hand that is slower sideways to its place does not stay before it so far."""
+_PUSH = MOVES.index("push")
+_SIDEWAYS = torch.tensor([[0.0, *SIDEWAYS.get(name, (0.0, 0.0))] for name in (*PLACED, "rest")])
+"""(M + 1, 3) directions of swings, of all others 0; the last row is that of move -1."""
 _POINT, _PULL = PLACED.index("point"), PLACED.index("pull")
 _ARRIVING = torch.tensor(
     [PLACED.index(n) for n in ("touch", "press", "hold", "grab", "release", "pull")]
@@ -89,7 +106,7 @@ _BACK = torch.tensor([-0.3, 0.0, 0.0])
 _PULLED_S = 1.2
 """A hand that pulls opens after so long, also where it has not come so far."""
 _ON_M, _ON_RAD = 0.012, 0.014
-"""A ray has met its place that passes it by less than either of these."""
+"""A ray has met its place that passes it by less than either of these, or well inside its width."""
 _PULL_S, _LET_GO_S, _AGAIN_S = 0.1, 0.1, 0.6
 """How long a trigger is pulled, is let go of at least, and until it is pulled at the same place."""
 _SAME_M = 0.06
@@ -138,9 +155,12 @@ class _Reach:
 
     def nearest(self, wanted: NDArray[np.float64]) -> NDArray[np.float64]:
         """(K, 3) these places, or where what is beyond reach is waited for."""
-        _, instead = self._beside.query(wanted * self._scale)
-        reached = self.within(wanted, _REACHED_M)[:, None]
-        return np.where(reached, wanted, self._points[instead])
+        beyond = ~self.within(wanted, _REACHED_M)
+        found = wanted.copy()
+        if beyond.any():
+            _, instead = self._beside.query(wanted[beyond] * self._scale)
+            found[beyond] = self._points[instead]
+        return found
 
 
 class OptionChoice:
@@ -150,6 +170,7 @@ class OptionChoice:
         move: (N, H) number of a move, -1: rest.
         seen: (N, H, 3) where what it is done with is, MuJoCo's world frame, m.
         place: (N, H, 3) the same, or where a hand waits for what is beyond its reach.
+        width: (N, H) how wide that seems to be, m.
         rested: (N, H) user steps for which a hand has stayed where it is, going for something.
         at: (N, H, 3) where it was then.
         left: (N, H, 3) what a hand was still at for too long.
@@ -164,13 +185,16 @@ class OptionChoice:
         free_left: (N, H) user steps for which it works its input still.
     """
 
-    KEPT = ("move", "place", "seen", "correction", "pulled", "pulled_at", "closed", "closed_at")
-    """What a hand with inputs remembers from one decision to the next."""
+    KEPT = ("move", "place", "width")
+    """What a hand remembers from one decision to the next."""
+    KEPT_INPUTS = ("seen", "correction", "pulled", "pulled_at", "closed", "closed_at")
+    """The same of its inputs, if it has any."""
 
     def __init__(self, n: int, hands: int) -> None:
         self.move = torch.full((n, hands), -1, dtype=torch.long)
         self.seen = torch.zeros(n, hands, 3)
         self.place = torch.zeros(n, hands, 3)
+        self.width = torch.full((n, hands), WIDTH_M)
         self.rested = torch.zeros(n, hands, dtype=torch.long)
         self.at = torch.full((n, hands, 3), torch.inf)
         self.left = torch.full((n, hands, 3), torch.inf)
@@ -183,6 +207,12 @@ class OptionChoice:
         self.closed_at = torch.zeros(n, hands, 3)
         self.free = torch.zeros(n, hands, dtype=torch.long)
         self.free_left = torch.zeros(n, hands, dtype=torch.long)
+
+    def copy(self) -> OptionChoice:
+        """Return a copy."""
+        new = object.__new__(OptionChoice)
+        vars(new).update({name: value.clone() for name, value in vars(self).items()})
+        return new
 
     def forget(self, users: NDArray[np.int64]) -> None:
         """Let users rest, whose rounds begin."""
@@ -214,6 +244,8 @@ class PrimitiveController:
         manner: Manner = Manner(),
     ) -> None:
         self.layer, self.tool, self.options, self._manner = layer, tool, options, manner
+        self.lifts = torch.ones(1, 1, 1)
+        """(N or 1, 1, 1) which users stay before surfaces until they are there; 0: go straight."""
         self._pointing = Pointing(poses)
         self._inputs = ControllerInputs(options.inputs, layer.hands)
         self._works = [ROLES.index(FREE[name][0]) for name in options.free]
@@ -231,9 +263,11 @@ class PrimitiveController:
             places: m.
             swings: (K,) bool, who swings through it.
         """
-        wanted = places.numpy().astype(np.float64)
-        tip, middle = (reach.nearest(wanted) for reach in self._reach[hand])
-        return torch.from_numpy(np.where(swings.numpy()[:, None], middle, tip)).float()
+        found, middle = places.numpy().astype(np.float64), swings.numpy()
+        for reach, which in zip(self._reach[hand], (~middle, middle), strict=True):
+            if which.any():
+                found[which] = reach.nearest(found[which])
+        return torch.from_numpy(found).float()
 
     def near(self, places: Tensor, radius_m: float) -> NDArray[np.bool_]:
         """(K,) which places (K, 3) lie nearer than that to what a hand's tip can reach."""
@@ -260,8 +294,7 @@ class PrimitiveController:
             place: (N, H, 4, 4) where the devices are.
             soon: the same ``MOMENT_S`` later.
         """
-        n, hands = choice.move.shape
-        goals, manner = MotorGoals.none(n, hands), self._manner
+        goals, manner = MotorGoals.none(*choice.move.shape), self._manner
         goals.tip = torch.where(
             is_swing(choice.move)[..., None], self.tool[:, 1], self.tool[:, 0]
         ).clone()
@@ -269,30 +302,26 @@ class PrimitiveController:
         velocity = (tips(soon, goals.tip) - now) / MOMENT_S
         away = choice.place - head[:, None]
         away = away / away.norm(dim=-1, keepdim=True).clamp(min=1e-6)
-        directions = torch.zeros(n, hands, 3)
-        for number, name in enumerate(MOVES):
-            chosen = choice.move == number
-            if name == "push":
-                directions[chosen] = manner.push_mps * away[chosen]
-            elif name in SIDEWAYS:
-                left, up = SIDEWAYS[name]
-                directions[chosen] = manner.swing_mps * torch.tensor([0.0, left, up])
+        pushes = (choice.move == _PUSH)[..., None]
+        swings = manner.swing_mps * _SIDEWAYS[choice.move]
+        directions = torch.where(pushes, manner.push_mps * away, swings)
         touches = _comes(choice.move)[..., None]
         goals.place = choice.place + self._depth(choice, away, now, velocity) * away * touches
         back = (choice.move == _PULL) & (choice.closed > 0)
         goals.place = torch.where(back[..., None], choice.closed_at + _BACK, goals.place)
+        pointing = points(choice.move)
+        goals.width = torch.where(touches[..., 0] | pointing, choice.width, goals.width)
         goals.velocity = directions
         if manner.by_hand:
-            pushes = (choice.move == MOVES.index("push"))[..., None]
             now, velocity = _push_by_hand(goals, pushes, away, (place, soon), (now, velocity))
         self._run_up(goals, now, velocity)
         way = goals.place - now
         far = way.norm(dim=-1)
         closing = (velocity * way).sum(-1) / far.clamp(min=1e-3)
-        slow = torch.where(touches[..., 0], torch.tensor(_TOUCH_MPS), torch.tensor(_STRIKE_MPS))
+        lifts = (touches * self.lifts)[..., 0] > 0.0
+        slow = torch.where(lifts, torch.tensor(_TOUCH_MPS), torch.tensor(_STRIKE_MPS))
         goals.left_s = (far / torch.maximum(closing, slow)).clamp(0.05, 1.2)
         goals.active = (choice.move >= 0).float()
-        pointing = points(choice.move)
         if pointing.any():
             goals.place = torch.where(pointing[..., None], choice.seen, goals.place)
             if manner.turns_rays:
@@ -354,7 +383,10 @@ class PrimitiveController:
         """(N, H) hands that are where they go for, or whose ray is on it."""
         near = (_at(place, self.tool[:, 0]) - choice.place).norm(dim=-1) < _ARRIVED_M
         beside, along = off_ray(place, choice.seen)
-        met = (along > 0.0) & (beside < (_ON_RAD * along).clamp(min=_ON_M))
+        within = (_ON_RAD * along).clamp(min=_ON_M)
+        if self._manner.by_width:
+            within = torch.maximum(within, 0.5 * _INSIDE * choice.width)
+        met = (along > 0.0) & (beside < within)
         return torch.where(points(choice.move), met, near)
 
     def _depth(self, choice: OptionChoice, away: Tensor, now: Tensor, velocity: Tensor) -> Tensor:
@@ -367,10 +399,15 @@ class PrimitiveController:
         sideways = way - along * away
         beside = sideways.norm(dim=-1, keepdim=True)
         lift_m = self._manner.lift_m
-        lifted = ((beside - _ABOVE_M) / lift_m).clamp(0.0, 1.0)
         closing = -(velocity * sideways).sum(-1, keepdim=True) / beside.clamp(min=1e-6)
         coming = (closing / _COMING_MPS).clamp(0.0, 1.0)
-        lifted = torch.where(lifted < 1.0, lifted * coming, lifted)
+        if self._manner.by_width:
+            radii = beside / (0.5 * choice.width[..., None])
+            lifted, near = ((radii - _INSIDE) / _SPAN).clamp(0.0, 1.0), radii < 1.0
+        else:
+            lifted = ((beside - _ABOVE_M) / lift_m).clamp(0.0, 1.0)
+            near = lifted < 1.0
+        lifted = torch.where(near, lifted * coming, lifted) * self.lifts
         return _DEEPER_M - lifted * (_DEEPER_M + lift_m)
 
     def _run_up(self, goals: MotorGoals, now: Tensor, velocity: Tensor) -> None:

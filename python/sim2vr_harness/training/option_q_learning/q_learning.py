@@ -37,7 +37,7 @@ from sim2vr_harness.training.replay import ReplayStore
 
 __all__ = ["OptionQLearning", "OptionScene", "QLearningReport"]
 
-STATE_FORMAT = 3
+STATE_FORMAT = 4
 _GAMMA = 0.85
 """Discount factor per decision: rewards follow within about 7 decisions."""
 _LEARNING_RATE = 1e-3
@@ -78,6 +78,8 @@ class OptionQLearning:
         pictures: the file that what is seen goes to; made or reused.
         seed: of everything drawn here.
         late_steps: user steps by which pictures are seen late.
+        compares: whether every second user goes straight to what it touches, without lifting off,
+            until half of the user steps show which of both is rewarded more.
     """
 
     def __init__(
@@ -89,8 +91,10 @@ class OptionQLearning:
         *,
         seed: int,
         late_steps: int = 0,
+        compares: bool = False,
     ) -> None:
         self.config, self._late_steps, self._seed = config, late_steps, seed
+        self._compares = compares and simulation.n > 1
         self.n: int = simulation.n
         self.hands = len(primitives.tool)
         vision = simulation.config.vision
@@ -122,7 +126,8 @@ class OptionQLearning:
         length = -(-config.user_steps // (self.n * DECIDE_STEPS)) + 1
         self._memory = ReplayStore(pictures, length, shapes)
         """Decisions of all users, and what came of them."""
-        self._kept = OptionChoice.KEPT if primitives.options.inputs else ("move", "place")
+        inputs = OptionChoice.KEPT_INPUTS if primitives.options.inputs else ()
+        self._kept = (*OptionChoice.KEPT, *inputs)
         self._rewards: deque[float] = deque(maxlen=200)
         self._owed = 0.0
         self._corrected = 0.0
@@ -197,9 +202,16 @@ class OptionQLearning:
         """Whether all user steps are taken."""
         return self.step_count >= self.config.user_steps
 
-    def step(self) -> QLearningReport:
-        """Decide, see it through, and learn."""
+    def step(self, doing: Callable[[str], None] = lambda part: None) -> QLearningReport:
+        """Decide, see it through, and learn.
+
+        Args:
+            doing: told what is done from now on, for a table of times.
+        """
+        doing("choosing options")
         explore = self.explore
+        if self._compares:
+            self.primitives.lifts = self.lifts()
         scene = self._selector.scene()
         chosen = self._decide(scene, explore)
         seen = {name: getattr(scene, name)[None] for name in _SCENE}
@@ -211,13 +223,31 @@ class OptionQLearning:
             self._owed += UPDATES_PER_DECISION
             updates = int(self._owed)
             self._owed -= updates
-        reward, over, loss = self._play_and_learn(updates)
+        reward, over, loss = self._play_and_learn(updates, doing)
         self._memory.amend({"reward": reward[None], "over": over[None]})
         step_s = 1.0 / self.simulation.config.action_frequency_hz
         self._rewards.append(float(reward.mean()) * 60.0 / (DECIDE_STEPS * step_s))
         return QLearningReport(self.step_count, float(np.mean(self._rewards)), loss, explore)
 
-    def _play_and_learn(self, updates: int) -> tuple[NDArray[np.float32], NDArray[np.bool_], float]:
+    def lifts(self, *, ended: bool = False) -> Tensor:
+        """(N or 1, 1, 1) which users lift off: half of them at first, then all or none.
+
+        At half of the user steps, or when they have ``ended``, rewards of their second quarter
+        decide. Penalties do not count: who never touches has none.
+        """
+        if not self._compares:
+            return torch.ones(1, 1, 1)
+        if not ended and 2 * self.step_count < self.config.user_steps:
+            return 1.0 - torch.arange(self.n)[:, None, None] % 2
+        half = self.config.user_steps // (2 * self.n * DECIDE_STEPS)
+        rows = min(half, self._memory.count)
+        rewards = self._memory.read("reward", np.arange(rows // 2, rows)).clip(min=0.0)
+        lifting, straight = rewards[:, ::2].mean(), rewards[:, 1::2].mean()
+        return torch.full((1, 1, 1), float(lifting >= straight))
+
+    def _play_and_learn(
+        self, updates: int, doing: Callable[[str], None]
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_], float]:
         """See the present choice through, and learn from the ones before it meanwhile.
 
         What is learned from ends where the present decision was made, so that it makes no
@@ -226,8 +256,11 @@ class OptionQLearning:
         rate = _LEARNING_RATE * self._settling(_SETTLED_RATE)
         self._corrected = 1.0 - self._settling(0.0)
         if budget(self.simulation.config.cores) == 1 or not updates:
+            doing("learning")
             loss = self._learn(updates, rate, map)
+            doing("playing")
             return *self.play(DECIDE_STEPS), loss
+        doing("playing and learning")
         with ThreadPoolExecutor(_PARTS) as parts, ThreadPoolExecutor(1) as beside:
             learning = beside.submit(self._learn, updates, rate, parts.map)
             reward, over = self.play(DECIDE_STEPS)

@@ -35,7 +35,12 @@ from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolic
 from sim2vr_harness.policies.hierarchical.options import OptionSet, option_set
 from sim2vr_harness.policies.hierarchical.person_layer import PersonLayer
 from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy, seen_late_steps
-from sim2vr_harness.policies.hierarchical.primitives import PERSONS, PrimitiveController
+from sim2vr_harness.policies.hierarchical.primitives import (
+    MEASURED,
+    PERSONS,
+    Manner,
+    PrimitiveController,
+)
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools, straight_tool
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors, write_user
@@ -43,6 +48,11 @@ from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder, append_row, keep_rows
 from sim2vr_harness.training.dagger.option_expert import OptionExpert
 from sim2vr_harness.training.motor_control.stage import MotorStage
+from sim2vr_harness.training.option_q_learning.decision_duration import (
+    best_duration,
+    duration_steps,
+    durations,
+)
 from sim2vr_harness.training.option_q_learning.minibatch import N_STEP
 from sim2vr_harness.training.option_q_learning.pace import Pace
 from sim2vr_harness.training.option_q_learning.q_learning import (
@@ -59,8 +69,6 @@ _STUDENT_RATE, _PPO_RATE = 0.8, 1.4
 _SAVE_DECISIONS, _REPORT_DECISIONS, _PACE_DECISIONS = 100, 20, 10
 _BASELINE_S = 6.0
 """How long users sit still, and then move at random, to compare with: a few targets of a game."""
-_HOLDS, _HOLD_S = (1, 3, 5), 10.0
-"""Candidate user steps for which a choice is kept, and seconds of play that compare them."""
 _MEASURED_SHARE = 0.75
 """Share of the user steps in which the measured body plays, undelayed but for its pictures, before
 persons do: what an app rewards does not depend on who moves, and persons move slowly."""
@@ -158,6 +166,7 @@ class QLearningStage:
         tool: Tensor = state["tool"]
         poses, options = reachable_poses(layer, self._config.seed), self._options
         primitives = PrimitiveController(layer, tool, poses, options)
+        primitives.lifts = state.get("lifts", primitives.lifts)
         vision = self._config.env.vision
         net = ActionValueMap(DepthGrid(vision.height, vision.width), len(tool), options)
         net.load_state_dict(state["values"])
@@ -193,15 +202,17 @@ class QLearningStage:
         self.folder.mkdir(parents=True, exist_ok=True)
         layer = self._layer()
         poses = reachable_poses(layer, seed)
+        manner = MEASURED if self._config.skills.people else Manner()
         with torch_threads(1):
             tool, before, rate = self._prepared(simulation, layer, poses, callbacks)
             learner = self._learner = OptionQLearning(
                 self._config.skills.q_learning,
                 simulation,
-                PrimitiveController(layer, tool, poses, self._options),
+                PrimitiveController(layer, tool, poses, self._options, manner),
                 self.folder / _PICTURES,
                 seed=seed,
                 late_steps=self._late_steps,
+                compares=not self._config.skills.people,
             )
             if (self.folder / _STATE).is_file():
                 take_in(self.folder / _STATE, "the state of Q-learning", self._resume)
@@ -210,13 +221,18 @@ class QLearningStage:
             log = self.folder / _LOG
             keep_rows(log, lambda row: row["step"] <= learner.step_count)
             self._learn(learner, callbacks, log, before, rate)
-        finished, learned = learner.finished, {"values": learner.net.state_dict(), "tool": tool}
+        finished, lifts = learner.finished, learner.lifts(ended=True)
+        learner.primitives.lifts = lifts
+        if not self._config.skills.people:
+            way = "lift off before they touch" if lifts.all() else "go straight to what they touch"
+            callbacks.say(f"Hands {way}, which was rewarded more.")
+        learned = {"values": learner.net.state_dict(), "tool": tool, "lifts": lifts}
         if self._run is not None:
             steps = learner.step_count
             file = self._run.checkpoint_file(self.stop if finished else steps)
             # A person may decide in every user step: its refractory period says how often it does.
-            hold = 1 if self._config.skills.people else _best_hold(learner, callbacks)
-            write_user(file, self._hierarchical_user(layer, learner.net, tool, hold), steps)
+            hold = 1 if self._config.skills.people else best_duration(learner, callbacks)
+            write_user(file, self._hierarchical_user(layer, learner, hold), steps)
         if finished:
             write_tensors(self.folder / _VALUES, learned)
             self.tidy()
@@ -247,15 +263,16 @@ class QLearningStage:
         return seen_late_steps(env.user.people.visual_delay_s, 1.0 / env.action_frequency_hz)
 
     def _hierarchical_user(
-        self, layer: MotorPolicy, net: ActionValueMap, tool: Tensor, hold: int
+        self, layer: MotorPolicy, learner: OptionQLearning, hold: int
     ) -> HierarchicalPolicy:
         """The user that this stage has made."""
+        net, tool = learner.net, learner.primitives.tool
         if self._config.skills.people:
             person = PersonPolicy(self._config)
             person.learned_by(self._human(), net, tool, hold)
             return person
         user = HierarchicalPolicy(self._config)
-        user.learned(layer, net, tool, hold)
+        user.learned(layer, net, tool, hold, bool(learner.primitives.lifts.all()))
         return user
 
     def _prepared(
@@ -273,6 +290,7 @@ class QLearningStage:
         known = read_tensors(file, "what was found before trying") if file.is_file() else {}
         if "tool" in known:
             return known["tool"], {name: float(v) for name, v in known["earned"].items()}, 0.0
+        callbacks.doing("tools and baselines")
         callbacks.say("Finding tools and measuring baselines ...")
         tools = self._tools(simulation, layer, poses)
         points = np.array([[tool.tip, tool.middle] for tool in tools])
@@ -321,7 +339,7 @@ class QLearningStage:
             if learner.step_count >= self._measured_steps and not learner.persons:
                 callbacks.say("Persons play from now on, with what has been learned.")
                 self._begin_persons(learner)
-            report = learner.step()
+            report = learner.step(callbacks.doing)
             decisions += 1
             done = learner.step_count
             pace.note(done // each, time.monotonic() - before_s)
@@ -352,7 +370,8 @@ class QLearningStage:
 
     def _pace(self, each: int) -> Pace:
         """The time that the stage takes; a decision of all users is ``each`` user steps."""
-        steps = self._hold_steps * len(_holds()) if self._run is not None else 0
+        users, rate = self._config.skills.q_learning.users, self._config.env.action_frequency_hz
+        steps = duration_steps(users, rate) * len(durations()) if self._run is not None else 0
         explored = -(-self._config.skills.q_learning.try_steps // each)
         return Pace(explored, -(-self.stop // each), steps // DECIDE_STEPS)
 
@@ -361,10 +380,6 @@ class QLearningStage:
         """User steps that the measured body plays, before persons do."""
         share = _MEASURED_SHARE if self._config.skills.people else math.inf
         return share * self._config.skills.q_learning.user_steps
-
-    @property
-    def _hold_steps(self) -> int:
-        return max(1, round(_HOLD_S * self._config.env.action_frequency_hz))
 
     def _remember(self, learner: OptionQLearning) -> None:
         state = learner.state_dict()
@@ -399,38 +414,6 @@ def _seeing(env: EnvConfig) -> EnvConfig:
     """The users of this stage look at the whole picture themselves; nothing else is drawn."""
     vision = env.vision.model_copy(update={"foveation": None, "eyes": 1, "zoom": 1})
     return env.model_copy(update={"vision": vision})
-
-
-def _holds() -> list[int]:
-    return sorted({*_HOLDS, DECIDE_STEPS})
-
-
-def _best_hold(learner: OptionQLearning, callbacks: Callbacks) -> int:
-    """For how many user steps it pays to see decisions through."""
-    began, taken = time.monotonic(), learner.step_count
-    steps = max(1, round(_HOLD_S * learner.simulation.config.action_frequency_hz))
-    holds = _holds()
-    earned = {}
-    for number, hold in enumerate(holds):
-
-        def show(share: float, done: int = number) -> None:
-            doing = f"measuring {len(holds)} durations of decisions, {done + 1} of {len(holds)}"
-            _show_end(callbacks, taken, doing, (done + share) / len(holds), began)
-
-        earned[hold] = learner.earned(hold, steps, on_progress=show)
-    best = max(holds, key=lambda hold: earned[hold])
-    found = ", ".join(f"{earned[hold]:.2f} for {hold}" for hold in holds)
-    callbacks.say(
-        f"Reward per minute by how many user steps a decision is seen through: {found}. "
-        f"The user's: {best}."
-    )
-    return best
-
-
-def _show_end(callbacks: Callbacks, taken: int, doing: str, share: float, began: float) -> None:
-    """Show how far the measurement at the end of the stage is, a line at its beginning."""
-    left = (time.monotonic() - began) * (1.0 - share) / share if share > 0.0 else None
-    callbacks.show(lambda: View(taken, doing, left), force=share == 0.0)
 
 
 def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> float:

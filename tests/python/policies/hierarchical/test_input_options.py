@@ -17,6 +17,7 @@ from sim2vr_harness.policies.hierarchical.controller_inputs import (
     with_inputs_at_rest,
 )
 from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
+from sim2vr_harness.policies.hierarchical.motor_goals import WIDTH_M
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
 from sim2vr_harness.policies.hierarchical.options import MOVES, PLACED, PLAIN, option_set
@@ -156,10 +157,33 @@ def test_hands_go_to_the_middle_of_a_thing_and_not_of_its_cell(layer: MotorPolic
     primitives, choice = controller(layer, "right.thumbstick_x"), OptionChoice(1, 1)
     cells = torch.tensor([0.4, -0.2, 1.2])[None, :, None, None].repeat(1, 1, 2, 2)
     middle = torch.tensor([0.41, -0.18, 1.21])
-    choose(choice, np.array([[2]]), cells, primitives, aims=middle[None, None])
+    aims = (middle[None, None], torch.tensor([[0.02]]))
+    choose(choice, np.array([[2]]), cells, primitives, aims=aims)
     assert choice.move[0, 0] == MOVES.index("touch")
     assert choice.seen[0, 0].tolist() == pytest.approx(middle.tolist())
     assert choice.place[0, 0].tolist() == pytest.approx(middle.tolist())  # within reach
+    place = torch.eye(4)[None, None]
+    goals = primitives.goals(choice, torch.zeros(1, 3), place, place)
+    assert float(goals.width) == pytest.approx(0.02)
+    choose(choice, np.array([[4 + 2]]), cells, primitives, aims=aims)
+    pushed = primitives.goals(choice, torch.zeros(1, 3), place, place)
+    assert choice.move[0, 0] == MOVES.index("push")
+    assert float(pushed.width) == pytest.approx(WIDTH_M)  # what suits a push, whatever the thing
+
+
+def test_hands_lift_off_or_go_straight(layer: MotorPolicy) -> None:
+    """Of a place 40 cm ahead, from 20 cm beside it: to 5 cm before it, or 2.5 cm behind it."""
+    hands = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
+    choice = OptionChoice(2, 1)
+    choice.move[:] = MOVES.index("touch")
+    choice.place[:] = choice.seen[:] = torch.tensor([0.4, 0.0, 0.0])
+    place = torch.eye(4).repeat(2, 1, 1, 1)
+    place[..., :3, 3] = torch.tensor([0.4, 0.2, 0.0])
+    both = hands.goals(choice, torch.zeros(2, 3), place, place).place[:, 0, 0]
+    assert both.tolist() == pytest.approx([0.35, 0.35])
+    hands.lifts = torch.tensor([1.0, 0.0])[:, None, None]
+    both = hands.goals(choice, torch.zeros(2, 3), place, place).place[:, 0, 0]
+    assert both.tolist() == pytest.approx([0.35, 0.425])
 
 
 def test_persons_push_with_the_hand(layer: MotorPolicy) -> None:

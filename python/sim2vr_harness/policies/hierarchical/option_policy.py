@@ -23,6 +23,7 @@ from sim2vr_harness.policies.hierarchical.action_selection import (
     best_choices,
     choose,
     mask_unreached,
+    remembered,
 )
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid, rotation
@@ -236,6 +237,7 @@ class HierarchicalPolicy(nn.Module):
         )
         chosen = best_choices(values, something, self.values.options).numpy()
         aims = aims_of(self.values.sight, chosen, pictures, head[:, :3, 3], head[:, :3, :3])
+        aims = remembered(choice, aims, head[:, :3, 3], moving[0])
         choose(choice, chosen, places, self.primitives, aims=aims)
 
 

@@ -1,4 +1,4 @@
-"""Simulated persons, whom no training has had, that move from one goal to the next."""
+"""Simulated persons that no training has had, who move from one goal to the next."""
 
 from __future__ import annotations
 

@@ -167,7 +167,7 @@ def measure_people(
         seed: of persons, places and noise.
         on_progress: receives the proportion that is done.
     """
-    course = _Reaches(policy, user, persons, repeats, threads, seed, 92)
+    course = _Reaches(policy, user, persons, repeats, threads, seed)
     cells = [partial(course.aim, d, width) for d in DISTANCES_M for width in WIDTHS_M]
     return HumanMeasures(tuple(one_by_one(cells, on_progress)))
 
@@ -177,7 +177,7 @@ class AimedCourse(PersonCourse):
 
     def __init__(self, *course: Any) -> None:
         super().__init__(*course)
-        generator = torch.Generator().manual_seed(course[5] + 93)
+        generator = torch.Generator().manual_seed(self._seed + 93)
         self._seen = self._policy.perception(self._n, generator)
         self._hands = HumanHands(self._policy, self._n, self._seen)
 
@@ -265,6 +265,8 @@ class AimedCourse(PersonCourse):
 
 class _Reaches(AimedCourse):
     """Persons that reach."""
+
+    stream = 92
 
     def aim(self, distance_m: float, width_m: float) -> AimedMovements:
         """Let everyone settle at a place, and aim at another one."""

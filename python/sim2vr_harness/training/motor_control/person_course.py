@@ -41,8 +41,10 @@ class PersonCourse:
         repeats: users of each.
         threads: of the physics; 0: all.
         seed: of persons, places and noise.
-        stream: of the random numbers, of this kind of course.
     """
+
+    stream: int
+    """Of the random numbers: its own for every kind of course."""
 
     def __init__(
         self,
@@ -52,10 +54,9 @@ class PersonCourse:
         repeats: int,
         threads: int,
         seed: int,
-        stream: int,
     ) -> None:
-        self._policy, self._n = policy, persons * repeats
-        self._rng = np.random.default_rng([seed, stream])
+        self._policy, self._n, self._seed = policy, persons * repeats, seed
+        self._rng = np.random.default_rng([seed, self.stream])
         bodies = self._bodies = Bodies(user, self._n, policy.step_s, threads)
         self._persons = [
             bodies.people.sample(seed + 7919, k) for k in range(persons) for _ in range(repeats)

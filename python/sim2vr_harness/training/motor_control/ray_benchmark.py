@@ -32,7 +32,7 @@ DISTANCES_DEG, WIDTHS_DEG = (5.0, 15.0, 40.0), (1.5, 3.0, 6.0)
 """Nine indices of difficulty, 0.9 to 4.8 bits."""
 _FAR_M, _LEFT_DEG, _UP_DEG = (1.0, 3.0), (-35.0, 35.0), (-25.0, 20.0)
 """Places of targets from the head."""
-_SETTLE_S, _DRAWN = 1.5, 512
+_SETTLE_S, _REST_DEG, _DRAWN = 1.5, 3.0, 512
 _OTHERWISE_DEG = 5.0
 """A ray that far off at the end is not on its way: it is stuck."""
 _NAMES = (
@@ -105,7 +105,7 @@ def measure_rays(
         seed: of persons, places and noise.
         on_progress: receives the proportion that is done.
     """
-    course = _Rays(policy, user, persons, repeats, threads, seed, 96)
+    course = _Rays(policy, user, persons, repeats, threads, seed)
     cells = [partial(course.aim, d, width) for d in DISTANCES_DEG for width in WIDTHS_DEG]
     found, off = zip(*one_by_one(cells, on_progress), strict=True)
     return RayMeasures(HumanMeasures(found), off)
@@ -113,6 +113,8 @@ def measure_rays(
 
 class _Rays(AimedCourse):
     """Persons that turn their rays from one place to the next, without a new posture."""
+
+    stream = 96
 
     def __init__(self, *course: Any) -> None:
         super().__init__(*course)
@@ -125,16 +127,14 @@ class _Rays(AimedCourse):
         far = self._rng.uniform(*_FAR_M, (self._n, 1))
         first = self._bodies.users.device_poses("headset")[0] + far * start
         distance, width = np.radians(distance_deg), np.radians(width_deg)
-        self._settle(first, float(far.mean() * np.radians(3.0)), _SETTLE_S)
+        self._settle(first, float(np.radians(_REST_DEG)), _SETTLE_S)
         hand = self._poses()[0]
         way = first - hand
         seen = way / np.linalg.norm(way, axis=1, keepdims=True)
         onwards = _across(seen, goal)
         then = np.cos(distance) * seen + np.sin(distance) * onwards
-        self._width = width * np.linalg.norm(way, axis=1)
         place = hand + np.linalg.norm(way, axis=1, keepdims=True) * then
         path, ended, end = self._follow(place, width, whole=True)
-        self._width = None
         off = np.linalg.norm(path[:, -1], axis=1)
         return self._measured((path, ended, end), float(distance), float(width)), off
 
@@ -152,15 +152,13 @@ class _Rays(AimedCourse):
             starts[i], goals[i] = start[first], goal[first]
         return starts, goals
 
-    _width: FloatArray | None = None
-    """(N,) width of targets, m; None: the one that is given."""
-
-    def _wanted(self, place: FloatArray, width_m: float) -> HumanGoals:
-        goals = super()._wanted(place, width_m)
-        if self._width is not None:
-            goals.width[:, self._hand] = torch.from_numpy(self._width).float()
+    def _wanted(self, place: FloatArray, width: float) -> HumanGoals:
+        """Return the goals of this user step; widths are angles, rad."""
+        goals, at = super()._wanted(place, width), self._poses()[0]
+        far = torch.from_numpy(np.linalg.norm(place - at, axis=1)).float()
+        goals.width[:, self._hand] *= far
         hand = torch.zeros(self._n, len(self._policy.hands), 4, 4)
-        hand[..., :3, 3] = self._of_hand(self._poses()[0])
+        hand[..., :3, 3] = self._of_hand(at)
         turn_rays(goals, goals.active > 0.0, hand)
         return goals
 

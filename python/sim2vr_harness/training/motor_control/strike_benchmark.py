@@ -132,7 +132,7 @@ def measure_strikes(
         seed: of persons, places and noise.
         on_progress: receives the proportion that is done.
     """
-    course = _Strikes(policy, user, persons, repeats, threads, seed, 94)
+    course = _Strikes(policy, user, persons, repeats, threads, seed)
     parts = one_by_one([course.strike] * _ROUNDS, on_progress)
     tip, hand, place, direction = (np.concatenate(part) for part in zip(*parts, strict=True))
     return passages(tip, hand, place, direction)
@@ -141,9 +141,11 @@ def measure_strikes(
 class _Strikes(PersonCourse):
     """Persons that strike one place after the other."""
 
+    stream = 94
+
     def __init__(self, *course: Any) -> None:
         super().__init__(*course)
-        policy, seed = self._policy, course[5]
+        policy, seed = self._policy, self._seed
         middle = self._bodies.body.joint_ranges.mean(1)
         self._reset([middle] * self._n, self._rng.integers(2**31, size=self._n))
         self._layer = PersonLayer(policy, self._n, self._who, seed)

@@ -39,8 +39,8 @@ class OptionScene:
 
     Attributes:
         pictures: (N, 8, H, W) uint8, red, green, blue and depth now, and 0.2 s before.
-        head: (N, 3) m.
-        turned: (N, 9) rotation of the head.
+        head: (N, 3) where the heads were when that was drawn, m.
+        turned: (N, 9) their rotations.
         tips: (N, H, 3) m.
         velocities: (N, H, 3) theirs, m/s.
     """
@@ -74,12 +74,13 @@ class ActionSelector:
 
     def scene(self) -> OptionScene:
         """Return what the users see now."""
-        turned = rotation(self._simulation.users.device_poses("headset")[1])
+        head, quaternion = self._past.heads()
         layer = self.primitives.layer
         with torch.inference_mode():
             angles, speeds, _ = layer.motion(self._simulation.users)
             moving = [each.numpy() for each in self.primitives.tips(*layer.places(angles, speeds))]
-        return OptionScene(self._past.observe(), self._head(), turned.flatten(1).numpy(), *moving)
+        turned = rotation(quaternion).flatten(1).numpy()
+        return OptionScene(self._past.observe(), head.astype("f4"), turned, *moving)
 
     def places(self, scene: OptionScene) -> Tensor:
         """(N, 3, rows, columns) of what is seen, world, m."""

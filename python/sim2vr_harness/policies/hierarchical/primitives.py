@@ -57,6 +57,7 @@ class Manner:
             so that it touches nothing on the way.
         by_hand: whether the hand has the speed of a push and carries its tool along, to a little
             behind the place; else the tip has it, which a turn of the wrist can do.
+        ready_m: how far before its last place a hand waits that has nothing to do; 0: it relaxes.
     """
 
     push_mps: float = 2.5
@@ -65,6 +66,7 @@ class Manner:
     slowest: float = 0.55
     lift_m: float = 0.05
     by_hand: bool = False
+    ready_m: float = 0.0
 
 
 PERSONS = Manner(push_mps=3.0, swing_mps=2.0, run_up_m=0.2, slowest=0.15, by_hand=True)
@@ -144,7 +146,7 @@ class OptionChoice:
     Attributes:
         move: (N, H) number of a move, -1: rest.
         seen: (N, H, 3) where what it is done with is, MuJoCo's world frame, m.
-        place: (N, H, 3) the same, or where a hand waits for what is beyond its reach.
+        place: (N, H, 3) the same, or where a hand waits for what is beyond its reach; 0: nowhere.
         rested: (N, H) user steps for which a hand has stayed where it is, going for something.
         at: (N, H, 3) where it was then.
         left: (N, H, 3) what a hand was still at for too long.
@@ -184,7 +186,7 @@ class OptionChoice:
         self.move[users] = -1
         self.rested[users] = self.leaving[users] = self.vain[users] = 0
         self.left[users] = self.at[users] = self.pulled_at[users] = torch.inf
-        self.correction[users] = 0.0
+        self.correction[users] = self.place[users] = 0.0
         self.closed[users] = self.pulled[users] = self.free_left[users] = 0
 
 
@@ -287,6 +289,7 @@ class PrimitiveController:
         slow = torch.where(touches[..., 0], torch.tensor(_TOUCH_MPS), torch.tensor(_STRIKE_MPS))
         goals.left_s = (far / torch.maximum(closing, slow)).clamp(0.05, 1.2)
         goals.active = (choice.move >= 0).float()
+        self._wait(goals, choice, away)
         pointing = points(choice.move)
         if pointing.any():
             goals.place = torch.where(pointing[..., None], choice.seen, goals.place)
@@ -364,6 +367,15 @@ class PrimitiveController:
         coming = (closing / _COMING_MPS).clamp(0.0, 1.0)
         lifted = torch.where(lifted < 1.0, lifted * coming, lifted)
         return _DEEPER_M - lifted * (_DEEPER_M + lift_m)
+
+    def _wait(self, goals: MotorGoals, choice: OptionChoice, away: Tensor) -> None:
+        """Let hands without anything to do wait before the places that they have been at."""
+        if not self._manner.ready_m:
+            return
+        waits = (choice.move < 0) & (choice.place != 0.0).any(-1)
+        ready = choice.place - self._manner.ready_m * away
+        goals.place = torch.where(waits[..., None], ready, goals.place)
+        goals.active = torch.where(waits, 1.0, goals.active)
 
     def _run_up(self, goals: MotorGoals, now: Tensor, velocity: Tensor) -> None:
         """Send hands back that are about to go through their place too slowly.

@@ -222,16 +222,15 @@ def test_it_is_packed_with_its_hands(run: Path, tmp_path: Path) -> None:
 
 
 def test_what_it_cannot_decide_by_is_named(run: Path) -> None:
-    for change, field in (
-        ("env.vision.channels=[green,depth]", "env.vision"),
-        ("env.user.head=reflex", "env.user.head"),
-        ("env.senses=[{sense: vision}, {sense: proprioception}]", "env.senses"),
-        (
-            "env.senses=[{sense: vision, history_s: 0.2}, {sense: proprioception, delay_ms: 50}]",
-            "env.senses",
-        ),
+    senses = "env.senses=[{sense: vision, history_s: 0.2}, {sense: proprioception"
+    for changes, field in (
+        (["env.vision.channels=[green,depth]"], "env.vision"),
+        ([senses + "}]", "env.user.head=reflex"], "env.user.head"),
+        (["env.senses=[{sense: vision}, {sense: proprioception}]"], "env.senses"),
+        ([senses + ", delay_ms: 50}]"], "env.senses"),
     ):
         with pytest.raises(InputError, match=field.replace(".", r"\.")):
-            require_senses(config(change).env)
+            require_senses(config(*changes).env)
+    require_senses(config("env.user.head=reflex").env)
     with pytest.raises(InputError, match="from senses to muscles"):
         adapting(find_user(run), str(run))

@@ -33,6 +33,10 @@ _SAME_M, _SHORT_M, _MOST_VAIN = 0.15, 0.05, 3
 again, up to so many times. (Who has come where it wants to be may have reasons to stay.)"""
 
 
+Aims = tuple[Tensor, Tensor]
+"""(N, H, 3) middles of things, and (N, H) their widths, m."""
+
+
 @dataclass
 class OptionScene:
     """What N users see and where they are, at a decision.
@@ -210,6 +214,8 @@ def mask_unreached(
     choice.left[leaves] = choice.seen[leaves]
     choice.leaving[leaves] = round(_LEFT_S / primitives.layer.step_s) * 2 ** choice.vain[leaves]
     choice.rested[leaves] = 0
+    if not (choice.leaving > 0).any():
+        return something[:, None].expand(-1, choice.leaving.shape[1], -1)
     cells = places.flatten(2).transpose(1, 2)
     around = _LEFT_M * 2.0**choice.vain
     near = (cells[:, None] - choice.left[:, :, None]).norm(dim=-1) < around[..., None]
@@ -222,12 +228,12 @@ def aims_of(
     pictures: Tensor,
     head: Tensor,
     turned: Tensor,
-) -> Tensor:
-    """(N, H, 3) the middles of the things that are seen in the cells of choices, m.
+) -> Aims:
+    """Return where the things are that are seen in the cells of choices, and how wide.
 
     A cell is larger than many a thing: 4 cm wide at arm's length.
     """
-    return sight.middles(pictures, torch.from_numpy(chosen) % sight.cells, head, turned)
+    return sight.things(pictures, torch.from_numpy(chosen) % sight.cells, head, turned)
 
 
 def choose(
@@ -236,7 +242,7 @@ def choose(
     places: Tensor,
     primitives: PrimitiveController,
     changed: NDArray[np.bool_] | None = None,
-    aims: Tensor | None = None,
+    aims: Aims | None = None,
 ) -> None:
     """Put choices into effect.
 
@@ -247,7 +253,7 @@ def choose(
         places: (N, 3, rows, columns) of the cells, world, m.
         primitives: knows what is within reach.
         changed: (N, H) whose choice is a new one; None: every user's.
-        aims: (N, H, 3) of :func:`aims_of`; None: the places of the cells.
+        aims: of :func:`aims_of`; None: the places of the cells, whatever is there.
     """
     flat = places.flatten(2).transpose(1, 2)
     cells = flat.shape[1]
@@ -261,12 +267,14 @@ def choose(
     for hand in range(chosen.shape[1]):
         there = flat[users, number[:, hand] % cells]
         if aims is not None:
-            there = aims[:, hand]
+            there = aims[0][:, hand]
         wanted = primitives.within_reach(hand, there, is_swing(move[:, hand]))
         wanted = torch.where(points(move[:, hand])[:, None], there, wanted)
         moves = (new & placed)[:, hand, None]
         choice.place[:, hand] = torch.where(moves, wanted, choice.place[:, hand])
         choice.seen[:, hand] = torch.where(moves, there, choice.seen[:, hand])
+    if aims is not None:
+        choice.width = torch.where(new & placed, aims[1], choice.width)
     choice.move = torch.where(new & placed, move, choice.move)
     choice.move = torch.where(new & (number == rest), -1, choice.move)
     if options.free:

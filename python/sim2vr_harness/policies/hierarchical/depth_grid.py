@@ -15,9 +15,11 @@ CELL_PX = 4
 """Width and height of a cell, pixels."""
 FAR_M = 10.0
 """Depth at which a picture's depth is 255 (docs/reference/protocol.md)."""
+WIDTHS_M = (0.01, 0.12)
+"""Widths of things: narrower or wider ones count as these."""
 _NOTHING = 255
 """Depth of a pixel that shows nothing, or something farther away."""
-_MIDDLE_FIRST = (5, 6, 9, 10, 1, 2, 4, 7, 8, 11, 13, 14, 0, 3, 12, 15)
+_MIDDLE_FIRST = torch.tensor([5, 6, 9, 10, 1, 2, 4, 7, 8, 11, 13, 14, 0, 3, 12, 15])
 """Pixels of a cell, by their distance from its middle."""
 _AROUND_PX = 4
 """How far beyond its cell a thing is followed."""
@@ -44,6 +46,12 @@ class DepthGrid:
         left, up = np.meshgrid(-x, -y)
         self._left = torch.from_numpy(left).float()
         self._up = torch.from_numpy(up).float()
+        number = torch.empty(CELL_PX * CELL_PX, dtype=torch.int16)
+        number[_MIDDLE_FIRST] = torch.arange(CELL_PX * CELL_PX, dtype=torch.int16)
+        self._number = number.reshape(CELL_PX, CELL_PX).repeat(self.rows, self.columns)
+        """(rows, columns times ``CELL_PX``) numbers of pixels in their cells."""
+        self._row0 = torch.arange(self.rows)[:, None] * CELL_PX
+        self._column0 = torch.arange(self.columns)[None, :] * CELL_PX
 
     @property
     def cells(self) -> int:
@@ -58,22 +66,23 @@ class DepthGrid:
             head: (N, 3) where the headset is.
             turned: (N, 3, 3) its rotation: x forward, y left, z up.
         """
-        rows, columns = self.rows, self.columns
         nearest = self._nearest(depth)
-        pixel = torch.tensor(_MIDDLE_FIRST)[(nearest & 15).long()]
-        row = torch.arange(rows)[:, None] * CELL_PX + pixel // CELL_PX
-        column = torch.arange(columns)[None, :] * CELL_PX + pixel % CELL_PX
+        pixel = _MIDDLE_FIRST[(nearest & 15).long()]
+        row, column = self._row0 + pixel // CELL_PX, self._column0 + pixel % CELL_PX
         far = _metres((nearest >> 4).float())
         ray = torch.stack([torch.ones_like(far), self._left[row, column], self._up[row, column]], 1)
         local = ray * far[:, None]
         placed: Tensor = torch.einsum("nij,njrc->nirc", turned, local) + head[:, :, None, None]
         return placed
 
-    def middles(self, pictures: Tensor, cells: Tensor, head: Tensor, turned: Tensor) -> Tensor:
-        """(N, H, 3) middles of what stands out in cells, MuJoCo's world frame, m.
+    def things(
+        self, pictures: Tensor, cells: Tensor, head: Tensor, turned: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """(N, H, 3) middles of what stands out in cells, world, and (N, H) its width, m.
 
         Of a cell's pixels those count whose colour is the least like what surrounds them. Pixels of
-        that colour and depth that hang together with them are the thing.
+        that colour and depth that hang together with them are the thing. Its width is the diameter
+        of a disc with as many pixels.
 
         Args:
             pictures: (N, 4 or more, H, W) uint8: red, green, blue and depth, as in :meth:`places`.
@@ -84,13 +93,15 @@ class DepthGrid:
         row0 = (cells // self.columns * CELL_PX).flatten()
         column0 = (cells % self.columns * CELL_PX).flatten()
         windows = _windows(pictures[:, :4], cells.shape[1], row0, column0)
-        row, column, depth = _middles(windows)
+        row, column, depth, pixels = _things(windows)
         up = 0.5 * self.height - (row0 - _AROUND_PX + row + 0.5)
         left = 0.5 * self.width - (column0 - _AROUND_PX + column + 0.5)
         focal = 0.5 * self.height
         ray = torch.stack([torch.ones_like(up), left / focal, up / focal], 1)
         local = (ray * _metres(depth)[:, None]).reshape(*cells.shape, 3)
-        return torch.einsum("nij,nhj->nhi", turned, local) + head[:, None]
+        width = (2.0 * (pixels / torch.pi).sqrt() * _metres(depth) / focal).clamp(*WIDTHS_M)
+        placed = torch.einsum("nij,nhj->nhi", turned, local) + head[:, None]
+        return placed, width.reshape(cells.shape)
 
     def something(self, depth: Tensor) -> Tensor:
         """(N, cells) whether anything is there, up to ``FAR_M`` away; depth as in :meth:`places`.
@@ -106,10 +117,8 @@ class DepthGrid:
         Pixels are numbered as in ``_MIDDLE_FIRST``: of equally near ones the one next to the
         middle. Minima of whole rows and columns are ten times as fast as those of blocks.
         """
-        number = torch.empty(CELL_PX * CELL_PX, dtype=torch.int16)
-        number[torch.tensor(_MIDDLE_FIRST)] = torch.arange(CELL_PX * CELL_PX, dtype=torch.int16)
         cut = depth[:, : self.rows * CELL_PX, : self.columns * CELL_PX].to(torch.int16)
-        ranked = cut * 16 + number.reshape(CELL_PX, CELL_PX).repeat(self.rows, self.columns)
+        ranked = cut * 16 + self._number
         lines = _least([ranked[:, k::CELL_PX] for k in range(CELL_PX)])
         return _least([lines[..., k::CELL_PX] for k in range(CELL_PX)])
 
@@ -127,13 +136,14 @@ def _metres(depth: Tensor) -> Tensor:
 def _windows(pictures: Tensor, hands: int, row0: Tensor, column0: Tensor) -> Tensor:
     """(K, 4, W, W) pixels of cells and around them; nothing is beyond the edges of pictures."""
     n, channels, height, width = pictures.shape
-    beyond = torch.zeros(n, channels, height + 2 * _AROUND_PX, width + 2 * _AROUND_PX)
-    beyond[:, 3] = _NOTHING
-    beyond[:, :, _AROUND_PX:-_AROUND_PX, _AROUND_PX:-_AROUND_PX] = pictures
-    inside = torch.arange(CELL_PX + 2 * _AROUND_PX)
+    inside = torch.arange(-_AROUND_PX, CELL_PX + _AROUND_PX)
     which = torch.arange(n).repeat_interleave(hands)[:, None, None]
-    rows = (row0[:, None] + inside)[:, :, None]
-    return beyond[which, :, rows, (column0[:, None] + inside)[:, None]].permute(0, 3, 1, 2)
+    rows, columns = (row0[:, None] + inside)[:, :, None], (column0[:, None] + inside)[:, None]
+    within = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+    own = pictures[which, :, rows.clamp(0, height - 1), columns.clamp(0, width - 1)].float()
+    nothing = torch.zeros(channels)
+    nothing[3] = _NOTHING
+    return torch.where(within[..., None], own, nothing).permute(0, 3, 1, 2)
 
 
 def _salient(colour: Tensor, there: Tensor) -> tuple[Tensor, Tensor]:
@@ -145,7 +155,7 @@ def _salient(colour: Tensor, there: Tensor) -> tuple[Tensor, Tensor]:
     """
     mean = (colour * there[:, None]).sum((2, 3)) / there.sum((1, 2)).clamp(min=1)[:, None]
     differs = (colour - mean[:, :, None, None]).abs().sum(1).masked_fill(~there, -1.0)
-    own, order = slice(_AROUND_PX, _AROUND_PX + CELL_PX), torch.tensor(_MIDDLE_FIRST)
+    own, order = slice(_AROUND_PX, _AROUND_PX + CELL_PX), _MIDDLE_FIRST
     inner = colour[:, :, own, own].flatten(2)[..., order]
     alike = (inner[..., None] - inner[:, :, None]).abs().amax(1) <= _SAME_COLOUR
     # A cursor on a thing is smaller. Of equal pixels the one next to the middle.
@@ -155,8 +165,8 @@ def _salient(colour: Tensor, there: Tensor) -> tuple[Tensor, Tensor]:
     return _AROUND_PX + pixel // CELL_PX, _AROUND_PX + pixel % CELL_PX
 
 
-def _middles(windows: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """(K,) row, column and depth of the middle of what stands out in the cells of windows."""
+def _things(windows: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """(K,) of what stands out in the cells of windows: middle (row, column, depth) and pixels."""
     colour, depth, which = windows[:, :3], windows[:, 3], torch.arange(len(windows))
     start = (which, *_salient(colour, depth < _NOTHING))
     own = colour.permute(0, 2, 3, 1)[start][:, :, None, None]
@@ -174,7 +184,7 @@ def _middles(windows: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     around = functional.avg_pool2d(thing[:, None], 3, 1, 1)[:, 0][at]
     hollow = (thing[at] == 0.0) & (around < 0.5)
     far = torch.where(hollow, depth[start], (depth * thing).sum((1, 2)) / count)
-    return torch.where(hollow, start[1], row), torch.where(hollow, start[2], column), far
+    return torch.where(hollow, start[1], row), torch.where(hollow, start[2], column), far, count
 
 
 def rotation(quaternion: NDArray[np.float64]) -> Tensor:

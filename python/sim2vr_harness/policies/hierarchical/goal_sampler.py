@@ -7,7 +7,13 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, MotorGoals, describe, tips
+from sim2vr_harness.policies.hierarchical.motor_goals import (
+    MOMENT_S,
+    WIDTH_M,
+    MotorGoals,
+    describe,
+    tips,
+)
 
 LEAD_STEPS = 2
 """User steps by which a path's goal runs ahead of where the hand shall be now."""
@@ -163,6 +169,7 @@ class GoalSampler:
             left_s=left[:, None],
             axis=torch.where(follows[:, None] & pointed, place[:, :3, 0], axis)[:, None],
             active=(kind != _REST).float()[:, None],
+            width=torch.full((count, 1), WIDTH_M),
         )
         column = torch.full_like(ids, hand)
         self.goals.put(ids, column, goals)
@@ -318,8 +325,8 @@ class GoalSampler:
         """Go on from :meth:`state_dict`."""
         for name in self._STATE:
             setattr(self, name, state[name].clone())
-        for name in self.goals.tensors():
-            setattr(self.goals, name, state[f"goals.{name}"].clone())
+        for name, usual in self.goals.tensors().items():  # older states have no widths
+            setattr(self.goals, name, state.get(f"goals.{name}", usual).clone())
         self.generator.set_state(state["generator"])
 
 

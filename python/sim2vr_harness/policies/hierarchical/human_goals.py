@@ -9,7 +9,6 @@ from torch import Tensor
 
 from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
 
-_WIDTH_M = 0.04
 _FIXATION_S = 0.2
 """Correlation time of what is misjudged: about a fixation."""
 
@@ -19,19 +18,16 @@ class HumanGoals(MotorGoals):
     """Goals of B users' H hands.
 
     Attributes:
-        width: (B, H) diameter of the target, m.
         stops: (B, H) 1 for hands that come to rest in the target, 0 for those that select or pass.
     """
 
-    width: Tensor
     stops: Tensor
 
     @staticmethod
     def none(users: int, hands: int) -> HumanGoals:
         """Return goals of hands that rest."""
         plain = MotorGoals.none(users, hands)
-        width = torch.full((users, hands), _WIDTH_M)
-        return HumanGoals(**plain.tensors(), width=width, stops=torch.ones(users, hands))
+        return HumanGoals(**plain.tensors(), stops=torch.ones(users, hands))
 
 
 class GoalPerception:

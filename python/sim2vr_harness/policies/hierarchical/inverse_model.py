@@ -93,18 +93,9 @@ class InverseModel:
             active: (B, H) 1 for hands that move, 0 for those that rest.
             bias: (B, J) what the forward model has got wrong of joint speeds lately, rad/s.
         """
-        start = now.drives.detach().clone().requires_grad_(True)
-        with torch.enable_grad():
-            after = self._model(now, start)
-            by_control = torch.stack(
-                [
-                    torch.autograd.grad(column.sum(), start, retain_graph=True)[0]
-                    for column in after.speeds.unbind(1)
-                ],
-                1,
-            )
-        start, costs = start.detach(), self._settings
-        then = Motion(after.angles.detach(), after.speeds.detach() + bias, start, now.persons)
+        start, costs = now.drives.detach(), self._settings
+        after, by_control = self._after(now, start)
+        then = Motion(after.angles, after.speeds + bias, start, now.persons)
         _, jacobian = self.jacobian(then, tip)
         weight = (active / costs.velocity_mps)[..., None]
         reached = (jacobian @ then.speeds[:, None, :, None])[..., 0]
@@ -122,6 +113,22 @@ class InverseModel:
         pull = (rows.transpose(1, 2) @ wrong[..., None])[..., 0] - effort * start
         return _within_range(square, pull, start)
 
+    def _after(self, now: Motion, start: Tensor) -> tuple[Motion, Tensor]:
+        """Motion after a user step with controls (B, A), and (B, J, A) its speeds by the controls.
+
+        A row of a larger batch for each joint: one way back through the network for all of them.
+        """
+        count, joints = now.angles.shape
+        rows = torch.arange(count).repeat_interleave(joints)
+        each = start[rows].requires_grad_(True)
+        with torch.enable_grad():
+            after = self._model(now.rows(rows), each)
+            speeds = after.speeds.reshape(count, joints, joints)
+            own = speeds.diagonal(dim1=1, dim2=2).sum()
+            by_control = torch.autograd.grad(own, each)[0]
+        first = after.detach().rows(torch.arange(0, count * joints, joints))
+        return first, by_control.reshape(count, joints, -1)
+
 
 def _within_range(square: Tensor, pull: Tensor, start: Tensor) -> Tensor:
     """(B, A) least squares between 0 and 1: those beyond are held there, the others solved anew."""
@@ -134,6 +141,8 @@ def _within_range(square: Tensor, pull: Tensor, start: Tensor) -> Tensor:
         change = torch.linalg.solve(part, known[..., None])[..., 0] + limit
         wanted = start + change
         beyond = ((wanted < 0.0) | (wanted > 1.0)) & ~held
+        if not beyond.any():  # another pass would find the same
+            break
         limit = torch.where(beyond, wanted.clamp(0.0, 1.0) - start, limit)
         held = held | beyond
     return (start + change).clamp(0.0, 1.0)

@@ -16,6 +16,8 @@ GOAL_SIZE = 22
 """Numbers that a hand's goal has in an observation."""
 _FAR_M, _FAST_MPS, _LATE_S = 0.3, 1.5, 0.5
 """Units of what is observed."""
+WIDTH_M = 0.04
+"""Of targets whose width is not known."""
 MOMENT_S = 0.005
 """Interval of the finite difference that gives velocities from positions, s."""
 
@@ -31,6 +33,7 @@ class MotorGoals:
         left_s: (B, H) in how long; what is over is requested at once.
         axis: (B, H, 3) where the device's x axis shall point then, a unit vector; 0: anywhere.
         active: (B, H) 1, or 0 for a hand that has nothing to do.
+        width: (B, H) diameter of the target, m; plain layers do not know it.
     """
 
     tip: Tensor
@@ -39,6 +42,7 @@ class MotorGoals:
     left_s: Tensor
     axis: Tensor
     active: Tensor
+    width: Tensor
 
     @staticmethod
     def none(users: int, hands: int) -> MotorGoals:
@@ -48,7 +52,8 @@ class MotorGoals:
             return torch.zeros(users, hands, 3)
 
         plain = torch.zeros(users, hands)
-        return MotorGoals(zeros(), zeros(), zeros(), plain, zeros(), plain.clone())
+        width = torch.full((users, hands), WIDTH_M)
+        return MotorGoals(zeros(), zeros(), zeros(), plain, zeros(), plain.clone(), width)
 
     def tensors(self) -> dict[str, Tensor]:
         """Everything, by name."""

@@ -18,14 +18,12 @@ from sim2vr_harness.world_models.transitions import Motion
 
 _ELSEWHERE_M = 0.06
 """A goal that far from the last one is a new one."""
-_WIDTH_M = 0.04
 
 
-def human_goals(goals: MotorGoals, width_m: float = _WIDTH_M) -> HumanGoals:
+def human_goals(goals: MotorGoals) -> HumanGoals:
     """Return goals without their durations; those without a velocity are to stop at."""
     stops = (goals.velocity.abs().sum(-1) == 0.0).float()
-    width = torch.full_like(goals.left_s, width_m)
-    return HumanGoals(**goals.tensors(), width=width, stops=stops)
+    return HumanGoals(**goals.tensors(), stops=stops)
 
 
 class PersonLayer:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -153,16 +152,18 @@ class PersonPolicy(HierarchicalPolicy):
 
         A decision that follows the last one too soon is not made.
         """
-        before = copy.deepcopy(memory.choice)
+        before, followed = memory.choice, memory.choice.copy()
         assert memory.seen is not None and memory.recognised is not None
-        self._decide(memory.seen[0], memory.choice, memory.seen[1], placed)
-        if not _differs(memory.choice, before):
+        self._decide(memory.seen[0], followed, memory.seen[1], placed)
+        if not _differs(followed, before):
+            memory.choice = followed
             return
-        memory.choice = copy.deepcopy(before)
         if memory.decided * self.layer.step_s < REFRACTORY_S - 1e-9:
             return
-        self._decide(memory.recognised[0], memory.choice, memory.recognised[1], placed)
-        if _differs(memory.choice, before):
+        anew = before.copy()
+        self._decide(memory.recognised[0], anew, memory.recognised[1], placed)
+        memory.choice = anew
+        if _differs(anew, before):
             memory.decided = 0
 
 

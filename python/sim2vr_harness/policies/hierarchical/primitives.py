@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from sim2vr_harness.policies.hierarchical.controller_inputs import ROLES, ControllerInputs
-from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, MotorGoals, tips
+from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, WIDTH_M, MotorGoals, tips
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
 from sim2vr_harness.policies.hierarchical.options import (
     FREE,
@@ -58,6 +58,7 @@ class Manner:
         by_hand: whether the hand has the speed of a push and carries its tool along, to a little
             behind the place; else the tip has it, which a turn of the wrist can do.
         ready_m: how far before its last place a hand waits that has nothing to do; 0: it relaxes.
+        by_width: whether a hand stays before a thing until it is well inside its width.
     """
 
     push_mps: float = 2.5
@@ -67,14 +68,25 @@ class Manner:
     lift_m: float = 0.05
     by_hand: bool = False
     ready_m: float = 0.0
+    by_width: bool = False
 
 
-PERSONS = Manner(push_mps=3.0, swing_mps=2.0, run_up_m=0.2, slowest=0.15, by_hand=True)
+MEASURED = Manner(by_width=True)
+"""How the measured body does for whom persons learn."""
+PERSONS = Manner(
+    push_mps=3.0, swing_mps=2.0, run_up_m=0.2, slowest=0.15, by_hand=True, by_width=True
+)
 """How persons do (docs/concepts/people.md)."""
+_INSIDE, _SPAN = 0.5, 0.9
+"""Hands that heed widths: as a share of the thing's radius, how far beside its middle they do not
+stay before it any more, and over which distance from there on they stay before it more and more."""
 _ABOVE_M = 0.01
 """A hand that is no farther beside its place does not stay before it any more."""
 _COMING_MPS = 0.1
 """A hand that is slower sideways to its place does not stay before it so far."""
+_PUSH = MOVES.index("push")
+_SIDEWAYS = torch.tensor([[0.0, *SIDEWAYS.get(name, (0.0, 0.0))] for name in (*PLACED, "rest")])
+"""(M + 1, 3) directions of swings, of all others 0; the last row is that of move -1."""
 _POINT, _PULL = PLACED.index("point"), PLACED.index("pull")
 _ARRIVING = torch.tensor(
     [PLACED.index(n) for n in ("touch", "press", "hold", "grab", "release", "pull")]
@@ -135,9 +147,12 @@ class _Reach:
 
     def nearest(self, wanted: NDArray[np.float64]) -> NDArray[np.float64]:
         """(K, 3) these places, or where what is beyond reach is waited for."""
-        _, instead = self._beside.query(wanted * self._scale)
-        reached = self.within(wanted, _REACHED_M)[:, None]
-        return np.where(reached, wanted, self._points[instead])
+        beyond = ~self.within(wanted, _REACHED_M)
+        found = wanted.copy()
+        if beyond.any():
+            _, instead = self._beside.query(wanted[beyond] * self._scale)
+            found[beyond] = self._points[instead]
+        return found
 
 
 class OptionChoice:
@@ -147,6 +162,7 @@ class OptionChoice:
         move: (N, H) number of a move, -1: rest.
         seen: (N, H, 3) where what it is done with is, MuJoCo's world frame, m.
         place: (N, H, 3) the same, or where a hand waits for what is beyond its reach; 0: nowhere.
+        width: (N, H) how wide that seems to be, m.
         rested: (N, H) user steps for which a hand has stayed where it is, going for something.
         at: (N, H, 3) where it was then.
         left: (N, H, 3) what a hand was still at for too long.
@@ -161,13 +177,16 @@ class OptionChoice:
         free_left: (N, H) user steps for which it works its input still.
     """
 
-    KEPT = ("move", "place", "seen", "correction", "pulled", "pulled_at", "closed", "closed_at")
-    """What a hand with inputs remembers from one decision to the next."""
+    KEPT = ("move", "place", "width")
+    """What a hand remembers from one decision to the next."""
+    KEPT_INPUTS = ("seen", "correction", "pulled", "pulled_at", "closed", "closed_at")
+    """The same of its inputs, if it has any."""
 
     def __init__(self, n: int, hands: int) -> None:
         self.move = torch.full((n, hands), -1, dtype=torch.long)
         self.seen = torch.zeros(n, hands, 3)
         self.place = torch.zeros(n, hands, 3)
+        self.width = torch.full((n, hands), WIDTH_M)
         self.rested = torch.zeros(n, hands, dtype=torch.long)
         self.at = torch.full((n, hands, 3), torch.inf)
         self.left = torch.full((n, hands, 3), torch.inf)
@@ -180,6 +199,12 @@ class OptionChoice:
         self.closed_at = torch.zeros(n, hands, 3)
         self.free = torch.zeros(n, hands, dtype=torch.long)
         self.free_left = torch.zeros(n, hands, dtype=torch.long)
+
+    def copy(self) -> OptionChoice:
+        """Return a copy."""
+        new = object.__new__(OptionChoice)
+        vars(new).update({name: value.clone() for name, value in vars(self).items()})
+        return new
 
     def forget(self, users: NDArray[np.int64]) -> None:
         """Let users rest, whose rounds begin."""
@@ -228,9 +253,11 @@ class PrimitiveController:
             places: m.
             swings: (K,) bool, who swings through it.
         """
-        wanted = places.numpy().astype(np.float64)
-        tip, middle = (reach.nearest(wanted) for reach in self._reach[hand])
-        return torch.from_numpy(np.where(swings.numpy()[:, None], middle, tip)).float()
+        found, middle = places.numpy().astype(np.float64), swings.numpy()
+        for reach, which in zip(self._reach[hand], (~middle, middle), strict=True):
+            if which.any():
+                found[which] = reach.nearest(found[which])
+        return torch.from_numpy(found).float()
 
     def near(self, places: Tensor, radius_m: float) -> NDArray[np.bool_]:
         """(K,) which places (K, 3) lie nearer than that to what a hand's tip can reach."""
@@ -257,8 +284,7 @@ class PrimitiveController:
             place: (N, H, 4, 4) where the devices are.
             soon: the same ``MOMENT_S`` later.
         """
-        n, hands = choice.move.shape
-        goals, manner = MotorGoals.none(n, hands), self._manner
+        goals, manner = MotorGoals.none(*choice.move.shape), self._manner
         goals.tip = torch.where(
             is_swing(choice.move)[..., None], self.tool[:, 1], self.tool[:, 0]
         ).clone()
@@ -266,21 +292,16 @@ class PrimitiveController:
         velocity = (tips(soon, goals.tip) - now) / MOMENT_S
         away = choice.place - head[:, None]
         away = away / away.norm(dim=-1, keepdim=True).clamp(min=1e-6)
-        directions = torch.zeros(n, hands, 3)
-        for number, name in enumerate(MOVES):
-            chosen = choice.move == number
-            if name == "push":
-                directions[chosen] = manner.push_mps * away[chosen]
-            elif name in SIDEWAYS:
-                left, up = SIDEWAYS[name]
-                directions[chosen] = manner.swing_mps * torch.tensor([0.0, left, up])
+        pushes = (choice.move == _PUSH)[..., None]
+        swings = manner.swing_mps * _SIDEWAYS[choice.move]
+        directions = torch.where(pushes, manner.push_mps * away, swings)
         touches = _comes(choice.move)[..., None]
         goals.place = choice.place + self._depth(choice, away, now, velocity) * away * touches
         back = (choice.move == _PULL) & (choice.closed > 0)
         goals.place = torch.where(back[..., None], choice.closed_at + _BACK, goals.place)
+        goals.width = torch.where(touches[..., 0], choice.width, goals.width)
         goals.velocity = directions
         if manner.by_hand:
-            pushes = (choice.move == MOVES.index("push"))[..., None]
             now, velocity = _push_by_hand(goals, pushes, away, (place, soon), (now, velocity))
         self._run_up(goals, now, velocity)
         way = goals.place - now
@@ -362,10 +383,15 @@ class PrimitiveController:
         sideways = way - along * away
         beside = sideways.norm(dim=-1, keepdim=True)
         lift_m = self._manner.lift_m
-        lifted = ((beside - _ABOVE_M) / lift_m).clamp(0.0, 1.0)
         closing = -(velocity * sideways).sum(-1, keepdim=True) / beside.clamp(min=1e-6)
         coming = (closing / _COMING_MPS).clamp(0.0, 1.0)
-        lifted = torch.where(lifted < 1.0, lifted * coming, lifted)
+        if self._manner.by_width:
+            radii = beside / (0.5 * choice.width[..., None])
+            lifted, near = ((radii - _INSIDE) / _SPAN).clamp(0.0, 1.0), radii < 1.0
+        else:
+            lifted = ((beside - _ABOVE_M) / lift_m).clamp(0.0, 1.0)
+            near = lifted < 1.0
+        lifted = torch.where(near, lifted * coming, lifted)
         return _DEEPER_M - lifted * (_DEEPER_M + lift_m)
 
     def _wait(self, goals: MotorGoals, choice: OptionChoice, away: Tensor) -> None:

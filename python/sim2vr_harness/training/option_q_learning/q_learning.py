@@ -37,7 +37,7 @@ from sim2vr_harness.training.replay import ReplayStore
 
 __all__ = ["OptionQLearning", "OptionScene", "QLearningReport"]
 
-STATE_FORMAT = 3
+STATE_FORMAT = 4
 _GAMMA = 0.85
 """Discount factor per decision: rewards follow within about 7 decisions."""
 _LEARNING_RATE = 1e-3
@@ -122,7 +122,8 @@ class OptionQLearning:
         length = -(-config.user_steps // (self.n * DECIDE_STEPS)) + 1
         self._memory = ReplayStore(pictures, length, shapes)
         """Decisions of all users, and what came of them."""
-        self._kept = OptionChoice.KEPT if primitives.options.inputs else ("move", "place")
+        inputs = OptionChoice.KEPT_INPUTS if primitives.options.inputs else ()
+        self._kept = (*OptionChoice.KEPT, *inputs)
         self._rewards: deque[float] = deque(maxlen=200)
         self._owed = 0.0
         self._corrected = 0.0

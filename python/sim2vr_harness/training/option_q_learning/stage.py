@@ -35,7 +35,12 @@ from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolic
 from sim2vr_harness.policies.hierarchical.options import OptionSet, option_set
 from sim2vr_harness.policies.hierarchical.person_layer import PersonLayer
 from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy, seen_late_steps
-from sim2vr_harness.policies.hierarchical.primitives import PERSONS, PrimitiveController
+from sim2vr_harness.policies.hierarchical.primitives import (
+    MEASURED,
+    PERSONS,
+    Manner,
+    PrimitiveController,
+)
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools, straight_tool
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors, write_user
@@ -193,12 +198,13 @@ class QLearningStage:
         self.folder.mkdir(parents=True, exist_ok=True)
         layer = self._layer()
         poses = reachable_poses(layer, seed)
+        manner = MEASURED if self._config.skills.people else Manner()
         with torch_threads(1):
             tool, before, rate = self._prepared(simulation, layer, poses, callbacks)
             learner = self._learner = OptionQLearning(
                 self._config.skills.q_learning,
                 simulation,
-                PrimitiveController(layer, tool, poses, self._options),
+                PrimitiveController(layer, tool, poses, self._options, manner),
                 self.folder / _PICTURES,
                 seed=seed,
                 late_steps=self._late_steps,

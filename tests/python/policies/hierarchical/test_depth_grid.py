@@ -82,7 +82,8 @@ def aimed_at(picture: torch.Tensor, row: int, column: int) -> list[float]:
     """Row and column in the picture of what is aimed at in the cell of a pixel."""
     sight = DepthGrid(80, 120)
     cell = torch.tensor([[row // CELL_PX * sight.columns + column // CELL_PX]])
-    x, y, z = sight.middles(picture, cell, torch.zeros(1, 3), torch.eye(3)[None])[0, 0].tolist()
+    places, _ = sight.things(picture, cell, torch.zeros(1, 3), torch.eye(3)[None])
+    x, y, z = places[0, 0].tolist()
     return [40.0 - z / x * 40.0, 60.0 - y / x * 40.0]
 
 
@@ -101,8 +102,35 @@ def test_a_cursor_on_a_thing_is_not_taken_for_it() -> None:
     assert aimed_at(picture, 37, 61) == pytest.approx([38.0, 62.0], abs=0.1)
 
 
+@pytest.mark.parametrize(
+    ("rows", "columns", "depth", "expected_m"),
+    [
+        (2, 2, 10, 2.257 * 0.00980),  # 4 pixels of 9.8 mm: a disc of 2.257 pixels
+        (3, 3, 10, 3.385 * 0.00980),
+        (3, 3, 20, 3.385 * 0.01961),
+        (1, 1, 5, 0.01),  # 5.5 mm
+        (9, 9, 40, 0.12),
+    ],
+)
+def test_a_thing_is_as_wide_as_a_disc_with_its_pixels(
+    rows: int, columns: int, depth: int, expected_m: float
+) -> None:
+    picture = button(range(37, 37 + rows), range(61, 61 + columns), depth)
+    cell = torch.tensor([[37 // CELL_PX * 30 + 61 // CELL_PX]])
+    width = DepthGrid(80, 120).things(picture, cell, torch.zeros(1, 3), torch.eye(3)[None])[1]
+    assert float(width) == pytest.approx(expected_m, rel=0.06)  # the plate is tilted
+
+
 def test_the_middle_of_a_ring_is_not_aimed_at() -> None:
     picture = button(range(36, 43), range(60, 67))
     picture[0, 0, 37:42, 61:66] = 0
     row, column = aimed_at(picture, 36, 60)
     assert picture[0, 0, int(row), int(column)] == 250
+
+
+def test_things_reach_to_the_edges_of_pictures() -> None:
+    """Nothing lies beyond them: 2 x 3 pixels in the upper left corner, 3 x 2 in the lower right."""
+    picture = button(range(2), range(3))
+    picture[0, 0, 77:, 118:] = 250
+    assert aimed_at(picture, 0, 0) == pytest.approx([1.0, 1.5], abs=1e-4)
+    assert aimed_at(picture, 79, 119) == pytest.approx([78.5, 119.0], abs=1e-4)

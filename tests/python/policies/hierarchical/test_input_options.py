@@ -17,6 +17,7 @@ from sim2vr_harness.policies.hierarchical.controller_inputs import (
     with_inputs_at_rest,
 )
 from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
+from sim2vr_harness.policies.hierarchical.motor_goals import WIDTH_M
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
 from sim2vr_harness.policies.hierarchical.options import MOVES, PLACED, PLAIN, option_set
@@ -156,10 +157,18 @@ def test_hands_go_to_the_middle_of_a_thing_and_not_of_its_cell(layer: MotorPolic
     primitives, choice = controller(layer, "right.thumbstick_x"), OptionChoice(1, 1)
     cells = torch.tensor([0.4, -0.2, 1.2])[None, :, None, None].repeat(1, 1, 2, 2)
     middle = torch.tensor([0.41, -0.18, 1.21])
-    choose(choice, np.array([[2]]), cells, primitives, aims=middle[None, None])
+    aims = (middle[None, None], torch.tensor([[0.02]]))
+    choose(choice, np.array([[2]]), cells, primitives, aims=aims)
     assert choice.move[0, 0] == MOVES.index("touch")
     assert choice.seen[0, 0].tolist() == pytest.approx(middle.tolist())
     assert choice.place[0, 0].tolist() == pytest.approx(middle.tolist())  # within reach
+    place = torch.eye(4)[None, None]
+    goals = primitives.goals(choice, torch.zeros(1, 3), place, place)
+    assert float(goals.width) == pytest.approx(0.02)
+    choose(choice, np.array([[4 + 2]]), cells, primitives, aims=aims)
+    pushed = primitives.goals(choice, torch.zeros(1, 3), place, place)
+    assert choice.move[0, 0] == MOVES.index("push")
+    assert float(pushed.width) == pytest.approx(WIDTH_M)  # what suits a push, whatever the thing
 
 
 def test_persons_push_with_the_hand(layer: MotorPolicy) -> None:

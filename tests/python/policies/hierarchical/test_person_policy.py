@@ -135,32 +135,36 @@ def test_people_need_decisions_by_themselves() -> None:
 
 
 @pytest.mark.parametrize(
-    ("beside_m", "closing_mps", "depth_m"),
+    ("width_m", "beside_m", "closing_mps", "depth_m"),
     [
-        (0.0, 0.2, 0.025),
-        (0.03, 0.2, -0.005),
-        (0.03, 0.05, 0.01),  # half as fast as it takes
-        (0.03, 0.0, 0.025),
-        (0.03, -0.2, 0.025),
-        (0.2, 0.0, -0.05),
+        (0.04, 0.0, 0.2, 0.025),
+        (0.04, 0.01, 0.2, 0.025),
+        (0.04, 0.019, 0.2, -0.0125),
+        (0.04, 0.019, 0.05, 0.00625),  # half as fast as it takes
+        (0.04, 0.019, 0.0, 0.025),
+        (0.04, 0.021, -0.2, -0.0208),
+        (0.04, 0.03, 0.0, -0.05),
+        (0.02, 0.01, 0.2, -0.01667),
+        (0.12, 0.03, 0.2, 0.025),
+        (0.12, 0.2, 0.0, -0.05),
     ],
 )
-def test_hands_lift_off_until_they_are_there(
-    policy: Following, beside_m: float, closing_mps: float, depth_m: float
+def test_persons_stay_before_a_thing_until_they_are_inside(
+    policy: Following, width_m: float, beside_m: float, closing_mps: float, depth_m: float
 ) -> None:
-    """From 2.5 cm behind the surface to 5 cm before it, over 5 cm that begin 1 cm beside it.
+    """From 2.5 cm behind the surface to 5 cm before it, from 0.5 to 1.4 radii beside the middle.
 
-    A hand that is within these and comes no nearer touches where it is.
+    A hand inside that comes no nearer touches where it is.
     """
     head, choice = torch.zeros(1, 3), OptionChoice(1, 1)
-    choice.move[:] = 0
+    choice.move[:], choice.width[:] = 0, width_m
     choice.place[0, 0] = choice.seen[0, 0] = torch.tensor([0.4, 0.0, 0.0])
     hand = torch.eye(4).repeat(1, 1, 1, 1)
     hand[0, 0, :3, 3] = torch.tensor([0.42, beside_m, 0.0])
     soon = hand.clone()
     soon[0, 0, 1, 3] -= closing_mps * MOMENT_S
     goals = policy.primitives.goals(choice, head, hand, soon)
-    assert goals.place[0, 0].tolist() == pytest.approx([0.4 + depth_m, 0.0, 0.0], abs=1e-6)
+    assert goals.place[0, 0].tolist() == pytest.approx([0.4 + depth_m, 0.0, 0.0], abs=1e-4)
 
 
 def test_persons_work_controller_inputs() -> None:

@@ -71,10 +71,17 @@ class Manner:
     by_width: bool = False
 
 
-MEASURED = Manner(by_width=True)
+_READY_M = 0.15
+MEASURED = Manner(by_width=True, ready_m=_READY_M)
 """How the measured body does for whom persons learn."""
 PERSONS = Manner(
-    push_mps=3.0, swing_mps=2.0, run_up_m=0.2, slowest=0.15, by_hand=True, by_width=True
+    push_mps=3.0,
+    swing_mps=2.0,
+    run_up_m=0.2,
+    slowest=0.15,
+    by_hand=True,
+    by_width=True,
+    ready_m=_READY_M,
 )
 """How persons do (docs/concepts/people.md)."""
 _INSIDE, _SPAN = 0.5, 0.9

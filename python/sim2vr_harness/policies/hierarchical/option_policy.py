@@ -118,6 +118,8 @@ class HierarchicalPolicy(nn.Module):
     tool: Tensor
     hold: Tensor
     """(1,) user steps for which a decision is seen through."""
+    lifts: Tensor
+    """(1, 1, 1) whether hands stay before surfaces until they are there, 1 or 0."""
     log_std: Tensor
     _head: Chains
 
@@ -137,6 +139,7 @@ class HierarchicalPolicy(nn.Module):
         self.values = ActionValueMap(DepthGrid(vision.height, vision.width), len(hands), options)
         self.register_buffer("tool", torch.zeros(len(hands), 2, 3))
         self.register_buffer("hold", torch.ones(1))
+        self.register_buffer("lifts", torch.ones(1, 1, 1))
         self.register_buffer("log_std", torch.full((1,), _QUIET), persistent=False)
         object.__setattr__(self, "_head", Chains(body, ("headset",)))
         self._poses = reachable_poses(layer, config.seed)
@@ -153,12 +156,20 @@ class HierarchicalPolicy(nn.Module):
         sizes = f"{shapes_in_words(self._wanted)}; {actions} actions"
         return f"HierarchicalPolicy({self.layer.body.name}: {sizes})"
 
-    def learned(self, layer: MotorPolicy, values: ActionValueMap, tool: Tensor, hold: int) -> None:
+    def learned(
+        self,
+        layer: MotorPolicy,
+        values: ActionValueMap,
+        tool: Tensor,
+        hold: int,
+        lifts: bool = True,
+    ) -> None:
         """Take over what was learned."""
         self.layer.take(layer.weights())
         self.values.load_state_dict(values.state_dict())
         self.tool.copy_(tool)
         self.hold.fill_(hold)
+        self.lifts.fill_(lifts)
         self._primitives = None
 
     def reset(self) -> Intention:
@@ -172,6 +183,7 @@ class HierarchicalPolicy(nn.Module):
             self._primitives = PrimitiveController(
                 self.layer, self.tool, self._poses, self.values.options, self.manner
             )
+            self._primitives.lifts = self.lifts
         return self._primitives
 
     def act(

@@ -80,6 +80,8 @@ class PersonPolicy(HierarchicalPolicy):
     """
 
     manner = PERSONS
+    vigour: Tensor
+    """(1,) what weights of effort are divided by: what earned most (docs/concepts/people.md)."""
 
     def __init__(self, config: TrainingConfig) -> None:
         super().__init__(config)
@@ -95,12 +97,19 @@ class PersonPolicy(HierarchicalPolicy):
         chains = Chains(self.human.body, ("headset",), self.human.persons.references)
         object.__setattr__(self, "_head", chains)
         self._seed = config.seed
+        self.register_buffer("vigour", torch.ones(1))
         self._wanted["person"] = (len(FEATURES),)
 
     def learned_by(
-        self, human: HumanMotorPolicy, values: ActionValueMap, tool: Tensor, hold: int
+        self,
+        human: HumanMotorPolicy,
+        values: ActionValueMap,
+        tool: Tensor,
+        hold: int,
+        vigour: float = 1.0,
     ) -> None:
         """Take over what was learned."""
+        self.vigour.fill_(vigour)
         self.human.take(human.weights())
         self.values.load_state_dict(values.state_dict())
         self.tool.copy_(tool)
@@ -111,6 +120,7 @@ class PersonPolicy(HierarchicalPolicy):
         """Return the memory of an episode that begins."""
         generator = torch.Generator().manual_seed(self._seed)
         hands = HumanHands(self.human, 1, self.human.perception(1, generator))
+        hands.vigour = float(self.vigour)
         return PersonMemory(OptionChoice(1, len(self.layer.hands)), hands=hands)
 
     def act(

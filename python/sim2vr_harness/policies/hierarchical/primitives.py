@@ -34,6 +34,7 @@ __all__ = [
 ]
 
 _TOUCH_MPS, _STRIKE_MPS = 0.9, 1.2
+"""How fast hands come, at least: those that lift off before they touch, and all others."""
 _DEEPER_M, _THROUGH_M = 0.025, 0.04
 """How far behind their places hands aim that touch (a little more than half a step of depth), and
 that push with the hand's speed."""
@@ -243,6 +244,8 @@ class PrimitiveController:
         manner: Manner = Manner(),
     ) -> None:
         self.layer, self.tool, self.options, self._manner = layer, tool, options, manner
+        self.lifts = torch.ones(1, 1, 1)
+        """(N or 1, 1, 1) which users stay before surfaces until they are there; 0: go straight."""
         self._pointing = Pointing(poses)
         self._inputs = ControllerInputs(options.inputs, layer.hands)
         self._works = [ROLES.index(FREE[name][0]) for name in options.free]
@@ -314,7 +317,8 @@ class PrimitiveController:
         way = goals.place - now
         far = way.norm(dim=-1)
         closing = (velocity * way).sum(-1) / far.clamp(min=1e-3)
-        slow = torch.where(touches[..., 0], torch.tensor(_TOUCH_MPS), torch.tensor(_STRIKE_MPS))
+        lifts = (touches * self.lifts)[..., 0] > 0.0
+        slow = torch.where(lifts, torch.tensor(_TOUCH_MPS), torch.tensor(_STRIKE_MPS))
         goals.left_s = (far / torch.maximum(closing, slow)).clamp(0.05, 1.2)
         goals.active = (choice.move >= 0).float()
         self._wait(goals, choice, away)
@@ -398,7 +402,7 @@ class PrimitiveController:
         else:
             lifted = ((beside - _ABOVE_M) / lift_m).clamp(0.0, 1.0)
             near = lifted < 1.0
-        lifted = torch.where(near, lifted * coming, lifted)
+        lifted = torch.where(near, lifted * coming, lifted) * self.lifts
         return _DEEPER_M - lifted * (_DEEPER_M + lift_m)
 
     def _wait(self, goals: MotorGoals, choice: OptionChoice, away: Tensor) -> None:

@@ -78,6 +78,8 @@ class OptionQLearning:
         pictures: the file that what is seen goes to; made or reused.
         seed: of everything drawn here.
         late_steps: user steps by which pictures are seen late.
+        compares: whether every second user goes straight to what it touches, without lifting off,
+            until half of the user steps show which of both is rewarded more.
     """
 
     def __init__(
@@ -89,8 +91,10 @@ class OptionQLearning:
         *,
         seed: int,
         late_steps: int = 0,
+        compares: bool = False,
     ) -> None:
         self.config, self._late_steps, self._seed = config, late_steps, seed
+        self._compares = compares and simulation.n > 1
         self.n: int = simulation.n
         self.hands = len(primitives.tool)
         vision = simulation.config.vision
@@ -134,13 +138,17 @@ class OptionQLearning:
         self.simulation, self.primitives = simulation, primitives
         past = FrameHistory(simulation, self._late_steps)
         self._selector = ActionSelector(simulation, primitives, past)
-        seeds = np.random.SeedSequence([self._seed, 56]).generate_state(self.n, np.uint32)
-        simulation.reset(seeds=[int(value) for value in seeds])
-        self._choice = OptionChoice(self.n, self.hands)
+        self.begin_rounds(56)
         self._trying = np.zeros((self.n, self.hands), np.int64)
         """User steps for which a random try is still seen through."""
         self._tried = np.zeros((self.n, self.hands), np.int64)
         self._exploration = Exploration(self._selector, self.rng)
+
+    def begin_rounds(self, stream: int) -> None:
+        """Let every user's rounds begin anew, with seeds of a random stream."""
+        seeds = np.random.SeedSequence([self._seed, stream]).generate_state(self.n, np.uint32)
+        self.simulation.reset(seeds=[int(value) for value in seeds])
+        self._choice = OptionChoice(self.n, self.hands)
 
     def continue_with_persons(self, simulation: Any, primitives: PrimitiveController) -> None:
         """Go on learning the same values with persons, from their own decisions.
@@ -201,6 +209,8 @@ class OptionQLearning:
     def step(self) -> QLearningReport:
         """Decide, see it through, and learn."""
         explore = self.explore
+        if self._compares:
+            self.primitives.lifts = self.lifts()
         scene = self._selector.scene()
         chosen = self._decide(scene, explore)
         seen = {name: getattr(scene, name)[None] for name in _SCENE}
@@ -217,6 +227,25 @@ class OptionQLearning:
         step_s = 1.0 / self.simulation.config.action_frequency_hz
         self._rewards.append(float(reward.mean()) * 60.0 / (DECIDE_STEPS * step_s))
         return QLearningReport(self.step_count, float(np.mean(self._rewards)), loss, explore)
+
+    def lifts(self, *, ended: bool = False) -> Tensor:
+        """(N or 1, 1, 1) which users lift off: half of them at first, then all or none.
+
+        At half of the user steps, rewards of their second quarter decide. Penalties do not count:
+        who never touches has none.
+
+        Args:
+            ended: whether no more user steps are taken.
+        """
+        if not self._compares:
+            return torch.ones(1, 1, 1)
+        if not ended and 2 * self.step_count < self.config.user_steps:
+            return 1.0 - torch.arange(self.n)[:, None, None] % 2
+        half = self.config.user_steps // (2 * self.n * DECIDE_STEPS)
+        rows = min(half, self._memory.count)
+        rewards = self._memory.read("reward", np.arange(rows // 2, rows)).clip(min=0.0)
+        lifting, straight = rewards[:, ::2].mean(), rewards[:, 1::2].mean()
+        return torch.full((1, 1, 1), float(lifting >= straight))
 
     def _play_and_learn(self, updates: int) -> tuple[NDArray[np.float32], NDArray[np.bool_], float]:
         """See the present choice through, and learn from the ones before it meanwhile.

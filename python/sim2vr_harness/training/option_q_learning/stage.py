@@ -64,8 +64,11 @@ _STUDENT_RATE, _PPO_RATE = 0.8, 1.4
 _SAVE_DECISIONS, _REPORT_DECISIONS, _PACE_DECISIONS = 100, 20, 10
 _BASELINE_S = 6.0
 """How long users sit still, and then move at random, to compare with: a few targets of a game."""
-_HOLDS, _HOLD_S = (1, 3, 5), 10.0
-"""Candidate user steps for which a choice is kept, and seconds of play that compare them."""
+_HOLDS, _HOLD_S = (1, 3, 5), 128.0
+"""Candidate user steps for which a choice is kept, and seconds of play of all users together that
+compare them: 4 to 10 of each."""
+_VIGOURS, _VIGOUR_S = (1.0, 6.0, 36.0), 5.0
+"""What persons' weights of effort may be divided by, and seconds of play that compare them."""
 _MEASURED_SHARE = 0.75
 """Share of the user steps in which the measured body plays, undelayed but for its pictures, before
 persons do: what an app rewards does not depend on who moves, and persons move slowly."""
@@ -163,6 +166,7 @@ class QLearningStage:
         tool: Tensor = state["tool"]
         poses, options = reachable_poses(layer, self._config.seed), self._options
         primitives = PrimitiveController(layer, tool, poses, options)
+        primitives.lifts = state.get("lifts", primitives.lifts)
         vision = self._config.env.vision
         net = ActionValueMap(DepthGrid(vision.height, vision.width), len(tool), options)
         net.load_state_dict(state["values"])
@@ -208,6 +212,7 @@ class QLearningStage:
                 self.folder / _PICTURES,
                 seed=seed,
                 late_steps=self._late_steps,
+                compares=not self._config.skills.people,
             )
             if (self.folder / _STATE).is_file():
                 take_in(self.folder / _STATE, "the state of Q-learning", self._resume)
@@ -216,13 +221,18 @@ class QLearningStage:
             log = self.folder / _LOG
             keep_rows(log, lambda row: row["step"] <= learner.step_count)
             self._learn(learner, callbacks, log, before, rate)
-        finished, learned = learner.finished, {"values": learner.net.state_dict(), "tool": tool}
+        finished, lifts = learner.finished, learner.lifts(ended=True)
+        learner.primitives.lifts = lifts
+        if not self._config.skills.people:
+            way = "lift off before they touch" if lifts.all() else "go straight to what they touch"
+            callbacks.say(f"Hands {way}, which was rewarded more.")
+        learned = {"values": learner.net.state_dict(), "tool": tool, "lifts": lifts}
         if self._run is not None:
             steps = learner.step_count
             file = self._run.checkpoint_file(self.stop if finished else steps)
             # A person may decide in every user step: its refractory period says how often it does.
             hold = 1 if self._config.skills.people else _best_hold(learner, callbacks)
-            write_user(file, self._hierarchical_user(layer, learner.net, tool, hold), steps)
+            write_user(file, self._hierarchical_user(layer, learner, hold), steps)
         if finished:
             write_tensors(self.folder / _VALUES, learned)
             self.tidy()
@@ -253,15 +263,18 @@ class QLearningStage:
         return seen_late_steps(env.user.people.visual_delay_s, 1.0 / env.action_frequency_hz)
 
     def _hierarchical_user(
-        self, layer: MotorPolicy, net: ActionValueMap, tool: Tensor, hold: int
+        self, layer: MotorPolicy, learner: OptionQLearning, hold: int
     ) -> HierarchicalPolicy:
         """The user that this stage has made."""
+        net, tool = learner.net, learner.primitives.tool
         if self._config.skills.people:
             person = PersonPolicy(self._config)
-            person.learned_by(self._human(), net, tool, hold)
+            persons = learner.primitives.layer
+            vigour = persons.vigour if isinstance(persons, PersonLayer) else 1.0
+            person.learned_by(self._human(), net, tool, hold, vigour)
             return person
         user = HierarchicalPolicy(self._config)
-        user.learned(layer, net, tool, hold)
+        user.learned(layer, net, tool, hold, bool(learner.primitives.lifts.all()))
         return user
 
     def _prepared(
@@ -327,6 +340,7 @@ class QLearningStage:
             if learner.step_count >= self._measured_steps and not learner.persons:
                 callbacks.say("Persons play from now on, with what has been learned.")
                 self._begin_persons(learner)
+                _choose_vigour(learner, callbacks)
             report = learner.step()
             decisions += 1
             done = learner.step_count
@@ -358,7 +372,8 @@ class QLearningStage:
 
     def _pace(self, each: int) -> Pace:
         """The time that the stage takes; a decision of all users is ``each`` user steps."""
-        steps = self._hold_steps * len(_holds()) if self._run is not None else 0
+        users, rate = self._config.skills.q_learning.users, self._config.env.action_frequency_hz
+        steps = _hold_steps(users, rate) * len(_holds()) if self._run is not None else 0
         explored = -(-self._config.skills.q_learning.try_steps // each)
         return Pace(explored, -(-self.stop // each), steps // DECIDE_STEPS)
 
@@ -367,10 +382,6 @@ class QLearningStage:
         """User steps that the measured body plays, before persons do."""
         share = _MEASURED_SHARE if self._config.skills.people else math.inf
         return share * self._config.skills.q_learning.user_steps
-
-    @property
-    def _hold_steps(self) -> int:
-        return max(1, round(_HOLD_S * self._config.env.action_frequency_hz))
 
     def _remember(self, learner: OptionQLearning) -> None:
         state = learner.state_dict()
@@ -411,10 +422,35 @@ def _holds() -> list[int]:
     return sorted({*_HOLDS, DECIDE_STEPS})
 
 
+def _hold_steps(users: int, steps_per_s: float) -> int:
+    """User steps of each user that compare durations of decisions: more of few users."""
+    return max(1, round(min(max(4.0, _HOLD_S / users), 10.0) * steps_per_s))
+
+
+def _choose_vigour(learner: OptionQLearning, callbacks: Callbacks) -> None:
+    """Let persons move as fast as it pays.
+
+    People move faster where rewards come more often (Yoon et al. 2018).
+    """
+    layer, taken, earned = learner.primitives.layer, learner.step_count, {}
+    assert isinstance(layer, PersonLayer)
+    steps = round(_VIGOUR_S * learner.simulation.config.action_frequency_hz)
+    for vigour in _VIGOURS:
+        layer.vigour = vigour
+        earned[vigour] = learner.earned(DECIDE_STEPS, steps)
+        learner.step_count = taken
+    layer.vigour = max(_VIGOURS, key=lambda each: earned[each])
+    learner.begin_rounds(60)
+    found = ", ".join(f"{earned[each]:.2f} for {each:g}" for each in _VIGOURS)
+    callbacks.say(
+        f"Reward less effort per minute by vigour: {found}. The persons': {layer.vigour:g}."
+    )
+
+
 def _best_hold(learner: OptionQLearning, callbacks: Callbacks) -> int:
     """For how many user steps it pays to see decisions through."""
     began, taken = time.monotonic(), learner.step_count
-    steps = max(1, round(_HOLD_S * learner.simulation.config.action_frequency_hz))
+    steps = _hold_steps(learner.n, learner.simulation.config.action_frequency_hz)
     holds = _holds()
     earned = {}
     for number, hold in enumerate(holds):

@@ -171,6 +171,21 @@ def test_hands_go_to_the_middle_of_a_thing_and_not_of_its_cell(layer: MotorPolic
     assert float(pushed.width) == pytest.approx(WIDTH_M)  # what suits a push, whatever the thing
 
 
+def test_hands_lift_off_or_go_straight(layer: MotorPolicy) -> None:
+    """Of a place 40 cm ahead, from 20 cm beside it: to 5 cm before it, or 2.5 cm behind it."""
+    hands = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
+    choice = OptionChoice(2, 1)
+    choice.move[:] = MOVES.index("touch")
+    choice.place[:] = choice.seen[:] = torch.tensor([0.4, 0.0, 0.0])
+    place = torch.eye(4).repeat(2, 1, 1, 1)
+    place[..., :3, 3] = torch.tensor([0.4, 0.2, 0.0])
+    both = hands.goals(choice, torch.zeros(2, 3), place, place).place[:, 0, 0]
+    assert both.tolist() == pytest.approx([0.35, 0.35])
+    hands.lifts = torch.tensor([1.0, 0.0])[:, None, None]
+    both = hands.goals(choice, torch.zeros(2, 3), place, place).place[:, 0, 0]
+    assert both.tolist() == pytest.approx([0.35, 0.425])
+
+
 def test_persons_push_with_the_hand(layer: MotorPolicy) -> None:
     """A tip 10 cm ahead is to come 4 cm behind a place 40 cm ahead: the hand itself to 34 cm."""
     tool = torch.tensor([0.1, 0.0, 0.0]).expand(1, 2, 3)

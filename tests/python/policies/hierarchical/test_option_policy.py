@@ -25,6 +25,7 @@ from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, Primit
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import TrainingConfig, load_config
+from sim2vr_harness.runs.migration import with_new_tensor_names
 from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS
 from sim2vr_harness.training.option_q_learning.stage import _best_hold
 from sim2vr_harness.training.ppo.fine_tune import adapting
@@ -87,6 +88,21 @@ def test_it_does_what_the_stage_does_that_made_it() -> None:
     simulation.close()
 
 
+def test_a_user_goes_straight_to_what_it_touches_if_it_learned_so() -> None:
+    """Checkpoints of before say nothing about it: their users lift off."""
+    settings = config()
+    user = HierarchicalPolicy(settings)
+    assert user.primitives.lifts.item() == 1.0
+    user.learned(user.layer, opinionated(user.values.sight), user.tool.clone(), HELD, lifts=False)
+    weights = {name: values.clone() for name, values in user.state_dict().items()}
+    for kept, lifts in ((weights, 0.0), ({**weights}, 1.0)):
+        if lifts:
+            del kept["lifts"]
+        again = HierarchicalPolicy(settings)
+        again.load_state_dict(with_new_tensor_names(kept))
+        assert again.primitives.lifts.item() == lifts
+
+
 class Obedient:
     """Earns the more, the longer a decision is seen through."""
 
@@ -94,10 +110,10 @@ class Obedient:
         class config:
             action_frequency_hz = 20.0
 
-    step_count = 1000
+    step_count, n = 1000, 20
 
     def earned(self, hold: int, steps: int, *, on_progress: Callable[[float], None]) -> float:
-        assert steps == 200
+        assert steps == 128  # 128 s of all 20 users at 20 Hz
         for share in (0.0, 0.5):
             on_progress(share)
         return float(hold if hold < 5 else -1)

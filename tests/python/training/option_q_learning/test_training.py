@@ -203,12 +203,15 @@ def small_minibatches(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(q_learning, "_BATCH_SIZE", 8)
 
 
-def learner(layer: MotorPolicy, folder: Path, cores: int = 1) -> OptionQLearning:
+def learner(
+    layer: MotorPolicy, folder: Path, cores: int = 1, compares: bool = False
+) -> OptionQLearning:
     folder.mkdir(exist_ok=True)
     config = env("sample").model_copy(update={"cores": cores})
     simulation = Simulation(config, SMALL.users)
     primitives = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
-    return OptionQLearning(SMALL, simulation, primitives, folder / "pictures.bin", seed=2)
+    file = folder / "pictures.bin"
+    return OptionQLearning(SMALL, simulation, primitives, file, seed=2, compares=compares)
 
 
 def test_q_learning_goes_on_from_a_state_to_the_bit(layer: MotorPolicy, tmp_path: Path) -> None:
@@ -230,6 +233,30 @@ def test_q_learning_goes_on_from_a_state_to_the_bit(layer: MotorPolicy, tmp_path
     assert whole.explore == pytest.approx(SMALL.explore_last, abs=0.1) or whole.explore < 0.9
     for one in (whole, parts, again):
         one.simulation.close()
+
+
+def test_hands_lift_off_where_it_is_rewarded_more(layer: MotorPolicy, tmp_path: Path) -> None:
+    """Users 0 and 2 of 3 lift off until half of 240 user steps, which are 13 decisions.
+
+    Of those the last seven count. Penalties do not, nor rewards before.
+    """
+    one = learner(layer, tmp_path / "lifts", compares=True)
+    rewards = np.zeros((13, 3), np.float32)
+    rewards[:6] = [9.0, 0.0, 9.0]
+    rewards[6:] = [1.0, 2.0, 1.0]
+    rewards[7:12, 1] = -5.0
+    while one.step_count < 120:
+        assert one.lifts().flatten().tolist() == [1.0, 0.0, 1.0]
+        one.step()
+    with patch.object(one._memory, "read", lambda name, rows: rewards[rows]):
+        assert one.lifts().item() == 1.0  # 1 against 4 of 7
+        rewards[7:12, 1] = 0.5
+        assert one.lifts().item() == 1.0  # 6.5 of 7
+        rewards[7:9, 1] = 1.0
+        assert one.lifts().item() == 0.0  # 7.5 of 7
+    one._compares = False
+    assert one.lifts().item() == 1.0
+    one.simulation.close()
 
 
 def with_persons(layer: MotorPolicy, folder: Path, steps: int, since: int = 5) -> OptionQLearning:

@@ -20,8 +20,8 @@ from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.policies.hierarchical.action_selection import (
     aims_of,
-    best_choices,
     choose,
+    committed,
     mask_unreached,
 )
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
@@ -239,7 +239,7 @@ class HierarchicalPolicy(nn.Module):
         something = mask_unreached(
             choice, moving[0], something, places, int(self.hold), self.primitives
         )
-        chosen = best_choices(values, something, self.values.options).numpy()
+        chosen = committed(values, something, choice, places, self.primitives).numpy()
         aims = aims_of(self.values.sight, chosen, pictures, head[:, :3, 3], head[:, :3, :3])
         choose(choice, chosen, places, self.primitives, aims=aims)
 

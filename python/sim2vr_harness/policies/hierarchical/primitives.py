@@ -35,9 +35,10 @@ __all__ = [
 
 _TOUCH_MPS, _STRIKE_MPS = 0.9, 1.2
 """How fast hands come, at least: those that lift off before they touch, and all others."""
-_DEEPER_M, _THROUGH_M = 0.025, 0.04
+_DEEPER_M, _AHEAD_M = 0.025, 0.03
 """How far behind their places hands aim that touch (a little more than half a step of depth), and
-that push with the hand's speed."""
+how far before them those that push with the hand's speed: tools have fronts, which are there
+first."""
 _FURTHER = 1.25
 """How much farther back than its run-up a hand goes to begin."""
 _REACHED_M = 0.06
@@ -57,8 +58,10 @@ class Manner:
         lift_m: most that a hand that comes to a place stays before its surface until it is there,
             so that it touches nothing on the way.
         by_hand: whether the hand has the speed of a push and carries its tool along, to a little
-            behind the place; else the tip has it, which a turn of the wrist can do.
+            before the place; else the tip has it, which a turn of the wrist can do.
         ready_m: how far before its last place a hand waits that has nothing to do; 0: it relaxes.
+        commitment: how much more another option has to be worth than the one that is pursued, as
+            a share of a good reward.
         by_width: whether a hand stays before a thing until it is well inside its width.
     """
 
@@ -69,10 +72,12 @@ class Manner:
     lift_m: float = 0.05
     by_hand: bool = False
     ready_m: float = 0.0
+    commitment: float = 0.0
     by_width: bool = False
 
 
 _READY_M = 0.15
+"""Where hands wait: people's hold a tool 0.13 m before the next target (docs/concepts/people.md)."""
 MEASURED = Manner(by_width=True, ready_m=_READY_M)
 """How the measured body does for whom persons learn."""
 PERSONS = Manner(
@@ -83,6 +88,7 @@ PERSONS = Manner(
     by_hand=True,
     by_width=True,
     ready_m=_READY_M,
+    commitment=0.1,
 )
 """How persons do (docs/concepts/people.md)."""
 _INSIDE, _SPAN = 0.5, 0.9
@@ -185,9 +191,9 @@ class OptionChoice:
         free_left: (N, H) user steps for which it works its input still.
     """
 
-    KEPT = ("move", "place", "width")
+    KEPT = ("move", "place", "seen", "width")
     """What a hand remembers from one decision to the next."""
-    KEPT_INPUTS = ("seen", "correction", "pulled", "pulled_at", "closed", "closed_at")
+    KEPT_INPUTS = ("correction", "pulled", "pulled_at", "closed", "closed_at")
     """The same of its inputs, if it has any."""
 
     def __init__(self, n: int, hands: int) -> None:
@@ -243,7 +249,7 @@ class PrimitiveController:
         options: OptionSet = PLAIN,
         manner: Manner = Manner(),
     ) -> None:
-        self.layer, self.tool, self.options, self._manner = layer, tool, options, manner
+        self.layer, self.tool, self.options, self.manner = layer, tool, options, manner
         self.lifts = torch.ones(1, 1, 1)
         """(N or 1, 1, 1) which users stay before surfaces until they are there; 0: go straight."""
         self._pointing = Pointing(poses)
@@ -294,7 +300,7 @@ class PrimitiveController:
             place: (N, H, 4, 4) where the devices are.
             soon: the same ``MOMENT_S`` later.
         """
-        goals, manner = MotorGoals.none(*choice.move.shape), self._manner
+        goals, manner = MotorGoals.none(*choice.move.shape), self.manner
         goals.tip = torch.where(
             is_swing(choice.move)[..., None], self.tool[:, 1], self.tool[:, 0]
         ).clone()
@@ -393,10 +399,10 @@ class PrimitiveController:
         along = (way * away).sum(-1, keepdim=True)
         sideways = way - along * away
         beside = sideways.norm(dim=-1, keepdim=True)
-        lift_m = self._manner.lift_m
+        lift_m = self.manner.lift_m
         closing = -(velocity * sideways).sum(-1, keepdim=True) / beside.clamp(min=1e-6)
         coming = (closing / _COMING_MPS).clamp(0.0, 1.0)
-        if self._manner.by_width:
+        if self.manner.by_width:
             radii = beside / (0.5 * choice.width[..., None])
             lifted, near = ((radii - _INSIDE) / _SPAN).clamp(0.0, 1.0), radii < 1.0
         else:
@@ -407,10 +413,10 @@ class PrimitiveController:
 
     def _wait(self, goals: MotorGoals, choice: OptionChoice, away: Tensor) -> None:
         """Let hands without anything to do wait before the places that they have been at."""
-        if not self._manner.ready_m:
+        if not self.manner.ready_m:
             return
         waits = (choice.move < 0) & (choice.place != 0.0).any(-1)
-        ready = choice.place - self._manner.ready_m * away
+        ready = choice.place - self.manner.ready_m * away
         goals.place = torch.where(waits[..., None], ready, goals.place)
         goals.active = torch.where(waits, 1.0, goals.active)
 
@@ -422,10 +428,10 @@ class PrimitiveController:
             now: (N, H, 3) where the tips are.
             velocity: (N, H, 3) theirs.
         """
-        speed, run_up = goals.velocity.norm(dim=-1, keepdim=True), self._manner.run_up_m
+        speed, run_up = goals.velocity.norm(dim=-1, keepdim=True), self.manner.run_up_m
         direction = goals.velocity / speed.clamp(min=1e-6)
         before = ((goals.place - now) * direction).sum(-1, keepdim=True)
-        due = self._manner.slowest * speed * (1.0 - before / run_up).clamp(max=1.0)
+        due = self.manner.slowest * speed * (1.0 - before / run_up).clamp(max=1.0)
         late = (velocity * direction).sum(-1, keepdim=True) < due
         back = late & (speed > 0.0)
         begin = goals.place - _FURTHER * run_up * direction
@@ -451,7 +457,7 @@ def _push_by_hand(
     """
     now, velocity = moving
     hand, later = placed[0][..., :3, 3], placed[1][..., :3, 3]
-    carried = goals.place + _THROUGH_M * away + hand - now
+    carried = goals.place - _AHEAD_M * away + hand - now
     goals.place = torch.where(pushes, carried, goals.place)
     goals.tip = torch.where(pushes, torch.zeros(()), goals.tip)
     velocity = torch.where(pushes, (later - hand) / MOMENT_S, velocity)

@@ -23,7 +23,11 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from sim2vr_harness.base.cores import budget
-from sim2vr_harness.policies.hierarchical.action_selection import ActionSelector, OptionScene
+from sim2vr_harness.policies.hierarchical.action_selection import (
+    ActionSelector,
+    OptionScene,
+    committed,
+)
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.frame_history import FrameHistory
 from sim2vr_harness.policies.hierarchical.person_layer import PersonLayer
@@ -168,7 +172,8 @@ class OptionQLearning:
         places = self._selector.places(scene)
         with torch.inference_mode():
             values = self._selector.values(self.net, scene, places)
-            chosen = self._selector.best(values, scene).numpy()
+            something, primitives = self._selector.something(scene), self.primitives
+            chosen = committed(values, something, self._choice, places, primitives).numpy()
         still = self._trying > 0  # the place stays the one that was tried
         changed = ~still
         chosen[still] = self._tried[still]

@@ -207,7 +207,7 @@ def committed(
     beside = (cells[:, None] - choice.seen[:, :, None]).norm(dim=-1) > _PURSUED_M
     count, rest = cells.shape[1], options.rest(cells.shape[1])
     same = options.numbers == choice.move[..., None]
-    of_places = worth[..., :rest].unflatten(-1, (len(options.placed), count))
+    of_places = worth[..., :rest].reshape(*most.shape, len(options.placed), count)
     own = of_places.masked_fill(~same[..., None] | beside[:, :, None], -torch.inf).flatten(2)
     own = torch.cat([own, worth[..., rest:].masked_fill(choice.move[..., None] >= 0, -torch.inf)], 2)
     pursued, number = own.max(-1)

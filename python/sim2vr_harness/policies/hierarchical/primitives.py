@@ -79,7 +79,7 @@ class Manner:
 _READY_M = 0.15
 """Where hands wait: people's hold a tool 0.13 m before the next target (docs/concepts/people.md)."""
 MEASURED = Manner(by_width=True, ready_m=_READY_M)
-"""How the measured body does for whom persons learn."""
+"""How the measured body moves that learns before persons do."""
 PERSONS = Manner(
     push_mps=3.0,
     swing_mps=2.0,

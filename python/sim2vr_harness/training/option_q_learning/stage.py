@@ -55,6 +55,12 @@ from sim2vr_harness.training.option_q_learning.q_learning import (
     UPDATES_PER_DECISION,
     OptionQLearning,
 )
+from sim2vr_harness.training.option_q_learning.tempo import (
+    best_hold,
+    choose_vigour,
+    hold_steps,
+    holds,
+)
 from sim2vr_harness.training.run.progress import View, duration
 from sim2vr_harness.training.run.stage import Callbacks
 
@@ -64,11 +70,6 @@ _STUDENT_RATE, _PPO_RATE = 0.8, 1.4
 _SAVE_DECISIONS, _REPORT_DECISIONS, _PACE_DECISIONS = 100, 20, 10
 _BASELINE_S = 6.0
 """How long users sit still, and then move at random, to compare with: a few targets of a game."""
-_HOLDS, _HOLD_S = (1, 3, 5), 128.0
-"""Candidate user steps for which a choice is kept, and seconds of play of all users together that
-compare them: 4 to 10 of each."""
-_VIGOURS, _VIGOUR_S = (1.0, 6.0, 36.0), 5.0
-"""What persons' weights of effort may be divided by, and seconds of play that compare them."""
 _MEASURED_SHARE = 0.75
 """Share of the user steps in which the measured body plays, undelayed but for its pictures, before
 persons do: what an app rewards does not depend on who moves, and persons move slowly."""
@@ -231,7 +232,7 @@ class QLearningStage:
             steps = learner.step_count
             file = self._run.checkpoint_file(self.stop if finished else steps)
             # A person may decide in every user step: its refractory period says how often it does.
-            hold = 1 if self._config.skills.people else _best_hold(learner, callbacks)
+            hold = 1 if self._config.skills.people else best_hold(learner, callbacks)
             write_user(file, self._hierarchical_user(layer, learner, hold), steps)
         if finished:
             write_tensors(self.folder / _VALUES, learned)
@@ -340,7 +341,7 @@ class QLearningStage:
             if learner.step_count >= self._measured_steps and not learner.persons:
                 callbacks.say("Persons play from now on, with what has been learned.")
                 self._begin_persons(learner)
-                _choose_vigour(learner, callbacks)
+                choose_vigour(learner, callbacks)
             report = learner.step()
             decisions += 1
             done = learner.step_count
@@ -373,7 +374,7 @@ class QLearningStage:
     def _pace(self, each: int) -> Pace:
         """The time that the stage takes; a decision of all users is ``each`` user steps."""
         users, rate = self._config.skills.q_learning.users, self._config.env.action_frequency_hz
-        steps = _hold_steps(users, rate) * len(_holds()) if self._run is not None else 0
+        steps = hold_steps(users, rate) * len(holds()) if self._run is not None else 0
         explored = -(-self._config.skills.q_learning.try_steps // each)
         return Pace(explored, -(-self.stop // each), steps // DECIDE_STEPS)
 
@@ -416,63 +417,6 @@ def _seeing(env: EnvConfig) -> EnvConfig:
     """The users of this stage look at the whole picture themselves; nothing else is drawn."""
     vision = env.vision.model_copy(update={"foveation": None, "eyes": 1, "zoom": 1})
     return env.model_copy(update={"vision": vision})
-
-
-def _holds() -> list[int]:
-    return sorted({*_HOLDS, DECIDE_STEPS})
-
-
-def _hold_steps(users: int, steps_per_s: float) -> int:
-    """User steps of each user that compare durations of decisions: more of few users."""
-    return max(1, round(min(max(4.0, _HOLD_S / users), 10.0) * steps_per_s))
-
-
-def _choose_vigour(learner: OptionQLearning, callbacks: Callbacks) -> None:
-    """Let persons move as fast as it pays.
-
-    People move faster where rewards come more often (Yoon et al. 2018).
-    """
-    layer, taken, earned = learner.primitives.layer, learner.step_count, {}
-    assert isinstance(layer, PersonLayer)
-    steps = round(_VIGOUR_S * learner.simulation.config.action_frequency_hz)
-    for vigour in _VIGOURS:
-        layer.vigour = vigour
-        earned[vigour] = learner.earned(DECIDE_STEPS, steps)
-        learner.step_count = taken
-    layer.vigour = max(_VIGOURS, key=lambda each: earned[each])
-    learner.begin_rounds(60)
-    found = ", ".join(f"{earned[each]:.2f} for {each:g}" for each in _VIGOURS)
-    callbacks.say(
-        f"Reward less effort per minute by vigour: {found}. The persons': {layer.vigour:g}."
-    )
-
-
-def _best_hold(learner: OptionQLearning, callbacks: Callbacks) -> int:
-    """For how many user steps it pays to see decisions through."""
-    began, taken = time.monotonic(), learner.step_count
-    steps = _hold_steps(learner.n, learner.simulation.config.action_frequency_hz)
-    holds = _holds()
-    earned = {}
-    for number, hold in enumerate(holds):
-
-        def show(share: float, done: int = number) -> None:
-            doing = f"measuring {len(holds)} durations of decisions, {done + 1} of {len(holds)}"
-            _show_end(callbacks, taken, doing, (done + share) / len(holds), began)
-
-        earned[hold] = learner.earned(hold, steps, on_progress=show)
-    best = max(holds, key=lambda hold: earned[hold])
-    found = ", ".join(f"{earned[hold]:.2f} for {hold}" for hold in holds)
-    callbacks.say(
-        f"Reward per minute by how many user steps a decision is seen through: {found}. "
-        f"The user's: {best}."
-    )
-    return best
-
-
-def _show_end(callbacks: Callbacks, taken: int, doing: str, share: float, began: float) -> None:
-    """Show how far the measurement at the end of the stage is, a line at its beginning."""
-    left = (time.monotonic() - began) * (1.0 - share) / share if share > 0.0 else None
-    callbacks.show(lambda: View(taken, doing, left), force=share == 0.0)
 
 
 def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> float:

@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
+from types import SimpleNamespace
 from unittest.mock import patch
 
 import numpy as np
@@ -46,6 +47,7 @@ from sim2vr_harness.training.option_q_learning.q_learning import (
     DECIDE_STEPS,
     OptionQLearning,
 )
+from sim2vr_harness.training.option_q_learning.tempo import choose_vigour
 from sim2vr_harness.users import UserBatch, list_bodies, load_body
 
 pytest.importorskip("sim2vr_harness._app_runtime")
@@ -291,6 +293,24 @@ def test_persons_go_on_from_a_state_to_the_bit(layer: MotorPolicy, tmp_path: Pat
         assert torch.equal(values, again.net.state_dict()[name]), name
     for one in (whole, again):
         one.simulation.close()
+
+
+def test_persons_move_as_fast_as_it_pays(layer: MotorPolicy, tmp_path: Path) -> None:
+    """Twice as much is earned with less vigour or more; nothing of it counts as learning."""
+    one, said = with_persons(layer, tmp_path / "own", 0), []
+    persons, taken, decisions = one.primitives.layer, one.step_count, one._memory.count
+    assert isinstance(persons, PersonLayer)
+    earned = {1.0: 10.0, 6.0: 20.0, 36.0: 5.0}
+    callbacks = SimpleNamespace(say=said.append)
+    with patch.object(one, "earned", side_effect=lambda *_: earned[persons.vigour]):
+        choose_vigour(one, callbacks)  # type: ignore[arg-type]
+    assert persons.vigour == 6.0
+    assert "10.00 for 1, 20.00 for 6, 5.00 for 36. The persons': 6." in said[0]
+    assert (one.step_count, one._memory.count) == (taken, decisions)
+    fresh = PersonLayer(persons.policy, 2, lambda: np.zeros((2, 1)), 1)
+    fresh.recall(persons.memory())
+    assert fresh.vigour == 6.0
+    one.simulation.close()
 
 
 def test_persons_learn_by_their_own_decisions(layer: MotorPolicy, tmp_path: Path) -> None:

@@ -192,6 +192,8 @@ def committed(
 ) -> Tensor:
     """(N, H) choices: what hands pursue, unless another choice is worth clearly more.
 
+    Hands that rest pursue nothing.
+
     Args:
         values: (N, H, choices).
         something: as in :func:`best_choices`.
@@ -209,7 +211,6 @@ def committed(
     same = options.numbers == choice.move[..., None]
     of_places = worth[..., :rest].reshape(*most.shape, len(options.placed), count)
     own = of_places.masked_fill(~same[..., None] | beside[:, :, None], -torch.inf).flatten(2)
-    own = torch.cat([own, worth[..., rest:].masked_fill(choice.move[..., None] >= 0, -torch.inf)], 2)
     pursued, number = own.max(-1)
     return torch.where(pursued >= most - primitives.manner.commitment, number, best)
 

@@ -1,4 +1,4 @@
-"""How long decisions are kept, and how fast persons move: what earns most."""
+"""Durations of decisions and vigour of persons: those that earn most."""
 
 from __future__ import annotations
 

@@ -128,10 +128,10 @@ def test_what_is_pursued_is_changed_for_what_is_clearly_better() -> None:
     assert chosen(near=0.5, far=0.61) == 2
     assert chosen(near=0.5, push=0.61) == push  # another option at the same place
     choice.move[:] = -1
-    assert chosen(rest=0.5, far=0.59) == rest
-    assert chosen(rest=0.5, far=0.61) == 2
-    options.commitment = 0.0
-    assert chosen(rest=0.5, far=0.59) == 2
+    assert chosen(rest=0.5, far=0.49) == rest
+    assert chosen(rest=0.5, far=0.51) == 2  # who rests pursues nothing
+    choice, options.commitment = waiting(0, 0.0), 0.0
+    assert chosen(near=0.5, far=0.51) == 2
 
 
 def test_a_new_round_begins_patiently() -> None:

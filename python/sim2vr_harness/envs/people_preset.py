@@ -21,6 +21,8 @@ _NOISE = NoiseConfig(
 def as_population(user: UserConfig) -> UserConfig:
     """Return a user's configuration with persons who differ, motor noise and light hands.
 
+    Heads of bodies without a neck follow the hand and sway.
+
     What the configuration sets itself stays.
     """
     given = user.model_fields_set
@@ -29,8 +31,11 @@ def as_population(user: UserConfig) -> UserConfig:
         update["people"] = PeopleSettings(strength=_STRENGTH)
     if "noise" not in given:
         update["noise"] = _NOISE
+    body = load_body(user.model)
+    if "head" not in given and body.nod is None and not user.torso:
+        update["head"] = "reflex"
     if not user.person.joints:
-        names = load_body(user.model).independent_joints
+        names = body.independent_joints
         joints = {name: _LIGHT for name in names if name.startswith(_HAND_JOINTS)}
         update["person"] = Physique(
             **{**user.person.model_dump(exclude_unset=True), "joints": joints}
@@ -39,10 +44,18 @@ def as_population(user: UserConfig) -> UserConfig:
 
 
 def with_measured_body(env: EnvConfig) -> EnvConfig:
-    """Return an environment with the measured body, without noise, in the place of persons."""
+    """Return an environment with the measured body in the place of persons.
+
+    It has no motor noise and holds its head still.
+    """
     if env.user.people is None:
         return env
-    plain: dict[str, object] = {"people": None, "noise": NoiseConfig(), "person": Physique()}
+    plain: dict[str, object] = {
+        "people": None,
+        "noise": NoiseConfig(),
+        "person": Physique(),
+        "head": "fixed",
+    }
     senses = tuple(sense for sense in env.senses if sense.sense != "person")
     user = env.user.model_copy(update=plain)
     return env.model_copy(update={"user": user, "senses": senses})

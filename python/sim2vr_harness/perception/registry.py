@@ -221,9 +221,10 @@ def _head(name: str, around: Surroundings) -> Sense:
 
 def _headset(name: str, around: Surroundings) -> Sense:
     def look(moment: StepContext, ids: IntArray | None) -> NDArray[Any]:
-        return moment.users.device_poses("headset")[1][rows_of(ids)]
+        placed = np.concatenate(moment.users.device_poses("headset"), axis=1)
+        return placed[rows_of(ids)]
 
-    return Sensed(name, float_space(-1.0, 1.0, 4), around.n, look)
+    return Sensed(name, float_space(-_ROOM_M, _ROOM_M, 7), around.n, look)
 
 
 def _person(name: str, around: Surroundings) -> Sense:
@@ -234,6 +235,8 @@ def _person(name: str, around: Surroundings) -> Sense:
     return Sensed(name, float_space(-limit, limit, len(FEATURES)), around.n, look)
 
 
+_ROOM_M = 1000.0
+"""Farthest that a headset says to be from the origin, m."""
 _HEAD_UNITS = np.array([0.1, 0.1, 0.1, 0.02, 0.02])
 """Of the sense ``head``, rad and m: about two deviations each."""
 
@@ -250,7 +253,7 @@ SENSES: dict[str, SenseKind] = {
     "gaze": SenseKind("gaze", "where in the head the eyes look", _gaze, _FELT),
     "actions": SenseKind("actions", "what the user did last (an efference copy)", _actions),
     "head": SenseKind("head", "how far a reflex has moved the head", _head, _SEEN),
-    "headset": SenseKind("headset", "how the headset says that it is turned, w x y z", _headset),
+    "headset": SenseKind("headset", "where the headset says that it is: x y z, w x y z", _headset),
     "person": SenseKind("person", "who the user is: stature, strength, delays", _person),
 }
 """Every sense by the name that configurations use."""

@@ -28,6 +28,8 @@ _TO_COME_M = 0.3
 """So far beyond a hand's reach is what may come nearer, and is worth waiting for."""
 _LEFT_M, _LEFT_S = 0.04, 0.3
 """How far around it, and how long, what a hand has waited at without effect is left alone."""
+_PURSUED_M = 0.06
+"""Cells so near to what a hand pursues show the same thing."""
 _SAME_M, _SHORT_M, _MOST_VAIN = 0.15, 0.05, 3
 """Twice as far and as long each time that it comes back to about there and stops so far short
 again, up to so many times. (Who has come where it wants to be may have reasons to stay.)"""
@@ -46,8 +48,8 @@ class OptionScene:
 
     Attributes:
         pictures: (N, 8, H, W) uint8, red, green, blue and depth now, and 0.2 s before.
-        head: (N, 3) m.
-        turned: (N, 9) rotation of the head.
+        head: (N, 3) where the heads were when that was drawn, m.
+        turned: (N, 9) their rotations.
         tips: (N, H, 3) m.
         velocities: (N, H, 3) theirs, m/s.
     """
@@ -81,12 +83,13 @@ class ActionSelector:
 
     def scene(self) -> OptionScene:
         """Return what the users see now."""
-        turned = rotation(self._simulation.users.device_poses("headset")[1])
+        head, quaternion = self._past.heads()
         layer = self.primitives.layer
         with torch.inference_mode():
             angles, speeds, _ = layer.motion(self._simulation.users)
             moving = [each.numpy() for each in self.primitives.tips(*layer.places(angles, speeds))]
-        return OptionScene(self._past.observe(), self._head(), turned.flatten(1).numpy(), *moving)
+        turned = rotation(quaternion).flatten(1).numpy()
+        return OptionScene(self._past.observe(), head.astype("f4"), turned, *moving)
 
     def places(self, scene: OptionScene) -> Tensor:
         """(N, 3, rows, columns) of what is seen, world, m."""
@@ -123,7 +126,7 @@ class ActionSelector:
                 something = mask_unreached(
                     choice, torch.from_numpy(scene.tips), something, places, hold, self.primitives
                 )
-            chosen = best_choices(values, something, self.primitives.options).numpy()
+            chosen = committed(values, something, choice, places, self.primitives).numpy()
         self.choose(choice, chosen, scene, places)
 
     def something(self, scene: OptionScene) -> Tensor:
@@ -174,10 +177,47 @@ def best_choices(values: Tensor, something: Tensor, options: OptionSet = PLAIN) 
         something: (N, cells) or (N, H, cells) whether anything is there.
         options: of the hands.
     """
+    return _of_things(values, something, options).argmax(-1)
+
+
+def _of_things(values: Tensor, something: Tensor, options: OptionSet) -> Tensor:
+    """(N, H, choices) values, minus infinity of what would be done with nothing."""
     each = something if something.ndim == 3 else something[:, None]
     always = torch.ones_like(each[..., :1]).repeat(1, 1, 1 + len(options.free))
     there = torch.cat([each.repeat(1, 1, len(options.placed)), always], 2)
-    return values.masked_fill(~there, -torch.inf).argmax(-1)
+    return values.masked_fill(~there, -torch.inf)
+
+
+def committed(
+    values: Tensor,
+    something: Tensor,
+    choice: OptionChoice,
+    places: Tensor,
+    primitives: PrimitiveController,
+) -> Tensor:
+    """(N, H) choices: what hands pursue, unless another choice is worth clearly more.
+
+    Hands that rest pursue nothing.
+
+    Args:
+        values: (N, H, choices).
+        something: as in :func:`best_choices`.
+        choice: what hands do.
+        places: (N, 3, rows, columns) of the cells, world, m.
+        primitives: of the hands; their manner says how much is clearly.
+    """
+    options, worth = primitives.options, _of_things(values, something, primitives.options)
+    most, best = worth.max(-1)
+    if not primitives.manner.commitment:
+        return best
+    cells = places.flatten(2).transpose(1, 2)
+    beside = (cells[:, None] - choice.seen[:, :, None]).norm(dim=-1) > _PURSUED_M
+    count, rest = cells.shape[1], options.rest(cells.shape[1])
+    same = options.numbers == choice.move[..., None]
+    of_places = worth[..., :rest].reshape(*most.shape, len(options.placed), count)
+    own = of_places.masked_fill(~same[..., None] | beside[:, :, None], -torch.inf).flatten(2)
+    pursued, number = own.max(-1)
+    return torch.where(pursued >= most - primitives.manner.commitment, number, best)
 
 
 def mask_unreached(

@@ -1,4 +1,4 @@
-"""The headsets' pictures of the last moments, whatever the users themselves see of them."""
+"""The headsets' pictures and poses of the last moments, whatever the users see of them."""
 
 from __future__ import annotations
 
@@ -35,11 +35,14 @@ class FrameHistory:
         self.space: spaces.Box[Any] = spaces.Box(0, 255, shape, np.uint8)
         self.before = round(BEFORE_S * simulation.config.action_frequency_hz)
         self._ring = Ring(self.name, simulation.n, self.space, late_steps + self.before)
+        pose = spaces.Box(-np.inf, np.inf, (7,), np.float64)
+        self._heads = Ring("poses of the last moments", simulation.n, pose, late_steps)
         simulation.watch(self)
 
     def reset(self, ids: NDArray[np.int64], seeds: NDArray[np.int64]) -> None:
         """Let these users' next picture be their whole past."""
         self._ring.forget(ids)
+        self._heads.forget(ids)
 
     def sample(self, moment: StepContext, substep: int) -> None:
         """Nothing: pictures are drawn at the ends of user steps."""
@@ -49,19 +52,27 @@ class FrameHistory:
         rows = range(len(self._apps)) if ids is None else ids
         if len(rows):
             self._ring.push(np.stack([self._one_eye(self._apps[i].image) for i in rows]), ids)
+            heads = np.concatenate(moment.users.device_poses("headset"), axis=1)
+            self._heads.push(heads[rows], ids)
 
     def observe(self) -> NDArray[np.uint8]:
         """(N, 8, H, W) red, green, blue and depth as seen now, and 0.2 s before; channels last."""
         now, before = self._ring.ago(self._late), self._ring.ago(self._late + self.before)
         return np.concatenate([now, before], axis=3).transpose(0, 3, 1, 2)
 
+    def heads(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(N, 3) and (N, 4) where headsets were when what is seen now was drawn."""
+        pose = self._heads.ago(self._late)
+        return pose[:, :3], pose[:, 3:]
+
     def get_state(self, i: int) -> dict[str, Any]:
         """User i's past."""
-        return self._ring.get_state(i)
+        return {"pictures": self._ring.get_state(i), "heads": self._heads.get_state(i)}
 
     def set_state(self, i: int, state: Mapping[str, Any]) -> None:
         """Restore what :meth:`get_state` returned."""
-        self._ring.set_state(i, state)
+        self._ring.set_state(i, state["pictures"])
+        self._heads.set_state(i, state["heads"])
 
     def _one_eye(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """(H, W, 4) of one eye, or of the left one of two, as ``vision`` has it."""

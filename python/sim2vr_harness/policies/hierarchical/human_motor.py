@@ -167,6 +167,8 @@ class HumanHands:
         self, policy: HumanMotorPolicy, n: int, perception: GoalPerception | None = None
     ) -> None:
         self.policy, self._perception = policy, perception
+        self.vigour = 1.0
+        """What their weights of effort are divided by."""
         self._felt: Motion | None = None
         self._predicted: Motion | None = None
         """The last user step's prediction, not corrected."""
@@ -253,7 +255,9 @@ class HumanHands:
             noise = policy.persons.motor_noise(now.persons)
             effort = policy.persons.effort(now.persons)
             assert isinstance(noise, Tensor) and isinstance(effort, Tensor)
-            self.wanted, over = policy.hand_policy(way, velocity, goals, noise, effort[:, None])
+            self.wanted, over = policy.hand_policy(
+                way, velocity, goals, noise, effort[:, None] / self.vigour
+            )
             if rule is not None:
                 self.wanted = rule(way, velocity)
             rows = None if turning is None else turning.rows

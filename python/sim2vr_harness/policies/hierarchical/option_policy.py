@@ -20,8 +20,8 @@ from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.policies.hierarchical.action_selection import (
     aims_of,
-    best_choices,
     choose,
+    committed,
     mask_unreached,
     remembered,
 )
@@ -72,14 +72,15 @@ def require_senses(env: EnvConfig) -> None:
         InputError: names the sense.
     """
     or_student = "by which a user decides; or skills.user: student"
-    if env.user.head != "fixed":
-        raise InputError("env.user.head", repr(env.user.head), f"'fixed', {or_student}")
     vision = env.vision
     got = [str(channel) for channel in vision.channels]
     if got != ["red", "green", "blue", "depth"] or vision.eyes != 1 or vision.foveation is not None:
         wanted = "[red, green, blue, depth] of one eye, without foveation"
         raise InputError("env.vision", f"{got}", f"{wanted}, {or_student}")
     senses = {sense.sense: sense for sense in env.senses}
+    if env.user.head != "fixed" and "headset" not in senses:
+        wanted = f"'fixed', or the sense headset, {or_student}"
+        raise InputError("env.user.head", repr(env.user.head), wanted)
     seen, felt = senses.get("vision"), senses.get("proprioception")
     if seen is None or felt is None:
         wanted = f"vision and proprioception, {or_student}"
@@ -92,12 +93,16 @@ def require_senses(env: EnvConfig) -> None:
         raise InputError("env.senses", "another proprioception", wanted)
 
 
-def turned(head: Tensor, observation: Observation) -> Tensor:
-    """(1, 4, 4) a headset (1, 4, 4), turned as it says; apps may ask for a pitch of their own."""
+def as_reported(head: Tensor, observation: Observation) -> Tensor:
+    """(1, 4, 4) a headset (1, 4, 4) by the body's joints, or where it says that it is.
+
+    Apps may ask for a pitch of their own, and reflexes move heads.
+    """
     if "headset" not in observation:
         return head
-    head = head.clone()
-    head[:, :3, :3] = rotation(observation["headset"][None])
+    said, head = observation["headset"], head.clone()
+    head[:, :3, :3] = rotation(said[None, 3:])
+    head[:, :3, 3] = torch.from_numpy(said[:3])
     return head
 
 
@@ -197,7 +202,7 @@ class HierarchicalPolicy(nn.Module):
         with torch.inference_mode():
             motion = self._read(observation["proprioception"])
             placed = self.layer.places(*motion[:2])
-            head = turned(self._head(motion[0])[:, 0], observation)
+            head = as_reported(self._head(motion[0])[:, 0], observation)
             if intention.left == 0:
                 self._decide(observation["vision"], intention.choice, head, placed)
                 intention.left = int(self.hold)
@@ -235,7 +240,7 @@ class HierarchicalPolicy(nn.Module):
         something = mask_unreached(
             choice, moving[0], something, places, int(self.hold), self.primitives
         )
-        chosen = best_choices(values, something, self.values.options).numpy()
+        chosen = committed(values, something, choice, places, self.primitives).numpy()
         aims = aims_of(self.values.sight, chosen, pictures, head[:, :3, 3], head[:, :3, :3])
         aims = remembered(choice, aims, head[:, :3, 3], moving[0])
         choose(choice, chosen, places, self.primitives, aims=aims)

@@ -54,14 +54,24 @@ class PersonLayer:
         self._now: Motion | None = None
         self._goal: Tensor | None = None
 
+    @property
+    def vigour(self) -> float:
+        """What the persons' weights of effort are divided by."""
+        return self._moved.vigour
+
+    @vigour.setter
+    def vigour(self, value: float) -> None:
+        self._moved.vigour = value
+
     def memory(self) -> dict[str, Any]:
         """Return what the persons remember, for :meth:`recall`."""
         own = {} if self._goal is None else {"goal": self._goal.clone()}
-        return {"hands": self._moved.memory(), **own}
+        return {"hands": self._moved.memory(), "vigour": self.vigour, **own}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Continue from :meth:`memory`."""
         self._moved.recall(memory["hands"])
+        self.vigour = memory["vigour"]
         self._goal = memory.get("goal")
 
     def motion(self, users: UserBatch) -> tuple[Tensor, Tensor, Tensor]:

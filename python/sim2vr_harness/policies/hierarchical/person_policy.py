@@ -16,7 +16,11 @@ from sim2vr_harness.policies.hierarchical.human_motor import (
     HumanMotorPolicy,
     people_policy,
 )
-from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, Intention, turned
+from sim2vr_harness.policies.hierarchical.option_policy import (
+    HierarchicalPolicy,
+    Intention,
+    as_reported,
+)
 from sim2vr_harness.policies.hierarchical.person_layer import human_goals
 from sim2vr_harness.policies.hierarchical.primitives import PERSONS, OptionChoice
 from sim2vr_harness.policies.hierarchical.ray_turning import far_off
@@ -43,23 +47,27 @@ def seen_late_steps(visual_delay_s: float, step_s: float) -> int:
     return round((visual_delay_s + RECOGNITION_S) / step_s)
 
 
+Seen = tuple[NDArray[np.uint8], Tensor]
+"""A picture, and the (1, 4, 4) headset that it was drawn for."""
+
+
 @dataclass
 class PersonMemory(Intention):
     """What a person has decided, seen and felt.
 
     Attributes:
         hands: what it feels and does.
-        pictures: the last pictures, the newest last.
-        seen: the picture that is seen now.
-        recognised: the picture that decisions are made by now.
+        pictures: the last pictures and the heads that saw them, the newest last.
+        seen: the picture that is seen now, and the head.
+        recognised: the picture that decisions are made by now, and the head.
         decided: user steps since the last new decision.
         goal: (1, H, 3) of the last user step.
     """
 
     hands: HumanHands | None = None
-    pictures: list[NDArray[np.uint8]] = field(default_factory=list)
-    seen: NDArray[np.uint8] | None = None
-    recognised: NDArray[np.uint8] | None = None
+    pictures: list[Seen] = field(default_factory=list)
+    seen: Seen | None = None
+    recognised: Seen | None = None
     decided: int = 1000
     goal: Tensor | None = None
 
@@ -72,6 +80,8 @@ class PersonPolicy(HierarchicalPolicy):
     """
 
     manner = PERSONS
+    vigour: Tensor
+    """(1,) what weights of effort are divided by: what earned most (docs/concepts/people.md)."""
 
     def __init__(self, config: TrainingConfig) -> None:
         super().__init__(config)
@@ -87,12 +97,19 @@ class PersonPolicy(HierarchicalPolicy):
         chains = Chains(self.human.body, ("headset",), self.human.persons.references)
         object.__setattr__(self, "_head", chains)
         self._seed = config.seed
+        self.register_buffer("vigour", torch.ones(1))
         self._wanted["person"] = (len(FEATURES),)
 
     def learned_by(
-        self, human: HumanMotorPolicy, values: ActionValueMap, tool: Tensor, hold: int
+        self,
+        human: HumanMotorPolicy,
+        values: ActionValueMap,
+        tool: Tensor,
+        hold: int,
+        vigour: float = 1.0,
     ) -> None:
         """Take over what was learned."""
+        self.vigour.fill_(vigour)
         self.human.take(human.weights())
         self.values.load_state_dict(values.state_dict())
         self.tool.copy_(tool)
@@ -103,6 +120,7 @@ class PersonPolicy(HierarchicalPolicy):
         """Return the memory of an episode that begins."""
         generator = torch.Generator().manual_seed(self._seed)
         hands = HumanHands(self.human, 1, self.human.perception(1, generator))
+        hands.vigour = float(self.vigour)
         return PersonMemory(OptionChoice(1, len(self.layer.hands)), hands=hands)
 
     def act(
@@ -117,10 +135,10 @@ class PersonPolicy(HierarchicalPolicy):
             now = Motion(*motion, torch.from_numpy(who[None]).float())
             placed = self.human.places(now)
             head = self._head(motion[0], self.human.persons.sizes(now.persons))[:, 0]
-            head = turned(head, observation)
-            self._look(observation["vision"], memory, who)
+            head = as_reported(head, observation)
+            self._look((np.array(observation["vision"]), head), memory, who)
             if memory.left == 0:
-                self._reconsider(memory, head, placed)
+                self._reconsider(memory, placed)
                 memory.left = int(self.hold)
             memory.left -= 1
             memory.decided += 1
@@ -132,32 +150,28 @@ class PersonPolicy(HierarchicalPolicy):
             body = memory.hands.act(now, wanted)[0][0]
             return self._with_fingers(body, memory.choice, placed[0])
 
-    def _look(
-        self, picture: NDArray[np.uint8], memory: PersonMemory, who: NDArray[np.float64]
-    ) -> None:
+    def _look(self, now: Seen, memory: PersonMemory, who: NDArray[np.float64]) -> None:
         delay_s, step_s = self.human.persons.visual_delay_s(who), self.layer.step_s
         late = seen_late_steps(delay_s, step_s)
-        memory.pictures = [*memory.pictures, np.array(picture)][-1 - late :]
+        memory.pictures = [*memory.pictures, now][-1 - late :]
         seen = min(len(memory.pictures), 1 + round(delay_s / step_s))
         memory.seen, memory.recognised = memory.pictures[-seen], memory.pictures[0]
 
-    def _reconsider(
-        self, memory: PersonMemory, head: Tensor, placed: tuple[Tensor, Tensor]
-    ) -> None:
+    def _reconsider(self, memory: PersonMemory, placed: tuple[Tensor, Tensor]) -> None:
         """Follow the target by what is seen, or decide anew by what is recognised.
 
         A decision that follows the last one too soon is not made.
         """
         before, followed = memory.choice, memory.choice.copy()
         assert memory.seen is not None and memory.recognised is not None
-        self._decide(memory.seen, followed, head, placed)
+        self._decide(memory.seen[0], followed, memory.seen[1], placed)
         if not _differs(followed, before):
             memory.choice = followed
             return
         if memory.decided * self.layer.step_s < REFRACTORY_S - 1e-9:
             return
         anew = before.copy()
-        self._decide(memory.recognised, anew, head, placed)
+        self._decide(memory.recognised[0], anew, memory.recognised[1], placed)
         memory.choice = anew
         if _differs(anew, before):
             memory.decided = 0

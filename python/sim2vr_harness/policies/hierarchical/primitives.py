@@ -41,9 +41,10 @@ __all__ = [
 
 _TOUCH_MPS, _STRIKE_MPS = 0.9, 1.2
 """How fast hands come, at least: those that lift off before they touch, and all others."""
-_DEEPER_M, _THROUGH_M = 0.025, 0.04
+_DEEPER_M, _AHEAD_M = 0.025, 0.03
 """How far behind their places hands aim that touch (a little more than half a step of depth), and
-that push with the hand's speed."""
+how far before them those that push with the hand's speed: tools have fronts, which are there
+first."""
 _FURTHER = 1.25
 """How much farther back than its run-up a hand goes to begin."""
 _REACHED_M = 0.06
@@ -63,7 +64,10 @@ class Manner:
         lift_m: most that a hand that comes to a place stays before its surface until it is there,
             so that it touches nothing on the way.
         by_hand: whether the hand has the speed of a push and carries its tool along, to a little
-            behind the place; else the tip has it, which a turn of the wrist can do.
+            before the place; else the tip has it, which a turn of the wrist can do.
+        ready_m: how far before its last place a hand waits that has nothing to do; 0: it relaxes.
+        commitment: how much more another option has to be worth than the one that is pursued, as
+            a share of a good reward.
         by_width: whether a hand stays before a thing until it is well inside its width.
         turns_rays: whether hands that point turn their rays, in angles; else the ray's point 80 cm
             ahead is brought to the line to the place.
@@ -75,12 +79,18 @@ class Manner:
     slowest: float = 0.55
     lift_m: float = 0.05
     by_hand: bool = False
+    ready_m: float = 0.0
+    commitment: float = 0.0
     by_width: bool = False
     turns_rays: bool = False
 
 
-MEASURED = Manner(by_width=True)
-"""How the measured body does, whose values persons take over."""
+_REACH_M = 1.0
+"""No hand is farther from the head; but what a ray points at may be."""
+_READY_M = 0.15
+"""Where hands wait: people hold a tool 0.13 m before the next target (docs/concepts/people.md)."""
+MEASURED = Manner(by_width=True, ready_m=_READY_M)
+"""How the measured body moves that learns before persons do."""
 PERSONS = Manner(
     push_mps=3.0,
     swing_mps=2.0,
@@ -89,6 +99,8 @@ PERSONS = Manner(
     by_hand=True,
     by_width=True,
     turns_rays=True,
+    ready_m=_READY_M,
+    commitment=0.1,
 )
 """How persons do (docs/concepts/people.md)."""
 _AIMED = 0.6
@@ -177,7 +189,7 @@ class OptionChoice:
     Attributes:
         move: (N, H) number of a move, -1: rest.
         seen: (N, H, 3) where what it is done with is, MuJoCo's world frame, m.
-        place: (N, H, 3) the same, or where a hand waits for what is beyond its reach.
+        place: (N, H, 3) the same, or where a hand waits for what is beyond its reach; 0: nowhere.
         width: (N, H) how wide that seems to be, m.
         rested: (N, H) user steps for which a hand has stayed where it is, going for something.
         at: (N, H, 3) where it was then.
@@ -193,9 +205,9 @@ class OptionChoice:
         free_left: (N, H) user steps for which it works its input still.
     """
 
-    KEPT = ("move", "place", "width")
+    KEPT = ("move", "place", "seen", "width")
     """What a hand remembers from one decision to the next."""
-    KEPT_INPUTS = ("seen", "correction", "pulled", "pulled_at", "closed", "closed_at")
+    KEPT_INPUTS = ("correction", "pulled", "pulled_at", "closed", "closed_at")
     """The same of its inputs, if it has any."""
 
     def __init__(self, n: int, hands: int) -> None:
@@ -227,7 +239,7 @@ class OptionChoice:
         self.move[users] = -1
         self.rested[users] = self.leaving[users] = self.vain[users] = 0
         self.left[users] = self.at[users] = self.pulled_at[users] = torch.inf
-        self.correction[users] = 0.0
+        self.correction[users] = self.place[users] = 0.0
         self.closed[users] = self.pulled[users] = self.free_left[users] = 0
 
 
@@ -251,7 +263,7 @@ class PrimitiveController:
         options: OptionSet = PLAIN,
         manner: Manner = Manner(),
     ) -> None:
-        self.layer, self.tool, self.options, self._manner = layer, tool, options, manner
+        self.layer, self.tool, self.options, self.manner = layer, tool, options, manner
         self.lifts = torch.ones(1, 1, 1)
         """(N or 1, 1, 1) which users stay before surfaces until they are there; 0: go straight."""
         self._pointing = Pointing(poses)
@@ -302,7 +314,7 @@ class PrimitiveController:
             place: (N, H, 4, 4) where the devices are.
             soon: the same ``MOMENT_S`` later.
         """
-        goals, manner = MotorGoals.none(*choice.move.shape), self._manner
+        goals, manner = MotorGoals.none(*choice.move.shape), self.manner
         goals.tip = torch.where(
             is_swing(choice.move)[..., None], self.tool[:, 1], self.tool[:, 0]
         ).clone()
@@ -331,6 +343,7 @@ class PrimitiveController:
         slow = torch.where(lifts, torch.tensor(_TOUCH_MPS), torch.tensor(_STRIKE_MPS))
         goals.left_s = (far / torch.maximum(closing, slow)).clamp(0.05, 1.2)
         goals.active = (choice.move >= 0).float()
+        self._wait(goals, choice, head)
         if pointing.any():
             goals.place = torch.where(pointing[..., None], choice.seen, goals.place)
             if manner.turns_rays:
@@ -393,7 +406,7 @@ class PrimitiveController:
         near = (_at(place, self.tool[:, 0]) - choice.place).norm(dim=-1) < _ARRIVED_M
         beside, along = off_ray(place, choice.seen)
         within = (_ON_RAD * along).clamp(min=_ON_M)
-        if self._manner.by_width:
+        if self.manner.by_width:
             within = torch.maximum(within, 0.5 * _ENTERED * choice.width)
         met = (along > 0.0) & (beside < within)
         return torch.where(points(choice.move), met, near)
@@ -407,14 +420,26 @@ class PrimitiveController:
         along = (way * away).sum(-1, keepdim=True)
         sideways = way - along * away
         beside = sideways.norm(dim=-1, keepdim=True)
-        lift_m = self._manner.lift_m
-        if self._manner.by_width:
+        lift_m = self.manner.lift_m
+        if self.manner.by_width:
             return _inside(beside, 0.5 * choice.width[..., None], lift_m)
         lifted = ((beside - _ABOVE_M) / lift_m).clamp(0.0, 1.0)
         closing = -(velocity * sideways).sum(-1, keepdim=True) / beside.clamp(min=1e-6)
         coming = (closing / _COMING_MPS).clamp(0.0, 1.0)
         lifted = torch.where(lifted < 1.0, lifted * coming, lifted) * self.lifts
         return _DEEPER_M - lifted * (_DEEPER_M + lift_m)
+
+    def _wait(self, goals: MotorGoals, choice: OptionChoice, head: Tensor) -> None:
+        """Let hands without anything to do wait before the places that they have been at."""
+        if not self.manner.ready_m:
+            return
+        away = choice.place - head[:, None]
+        far = away.norm(dim=-1, keepdim=True)
+        been = (choice.place != 0.0).any(-1) & (far[..., 0] < _REACH_M)
+        waits = (choice.move < 0) & been
+        ready = choice.place - self.manner.ready_m * away / far.clamp(min=1e-6)
+        goals.place = torch.where(waits[..., None], ready, goals.place)
+        goals.active = torch.where(waits, 1.0, goals.active)
 
     def _run_up(self, goals: MotorGoals, now: Tensor, velocity: Tensor) -> None:
         """Send hands back that are about to go through their place too slowly.
@@ -424,10 +449,10 @@ class PrimitiveController:
             now: (N, H, 3) where the tips are.
             velocity: (N, H, 3) theirs.
         """
-        speed, run_up = goals.velocity.norm(dim=-1, keepdim=True), self._manner.run_up_m
+        speed, run_up = goals.velocity.norm(dim=-1, keepdim=True), self.manner.run_up_m
         direction = goals.velocity / speed.clamp(min=1e-6)
         before = ((goals.place - now) * direction).sum(-1, keepdim=True)
-        due = self._manner.slowest * speed * (1.0 - before / run_up).clamp(max=1.0)
+        due = self.manner.slowest * speed * (1.0 - before / run_up).clamp(max=1.0)
         late = (velocity * direction).sum(-1, keepdim=True) < due
         back = late & (speed > 0.0)
         begin = goals.place - _FURTHER * run_up * direction
@@ -467,7 +492,7 @@ def _push_by_hand(
     """
     now, velocity = moving
     hand, later = placed[0][..., :3, 3], placed[1][..., :3, 3]
-    carried = goals.place + _THROUGH_M * away + hand - now
+    carried = goals.place - _AHEAD_M * away + hand - now
     goals.place = torch.where(pushes, carried, goals.place)
     goals.tip = torch.where(pushes, torch.zeros(()), goals.tip)
     velocity = torch.where(pushes, (later - hand) / MOMENT_S, velocity)

@@ -9,9 +9,8 @@ rare colours more often than to common ones, and are seen through.
 from __future__ import annotations
 
 import copy
-import time
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -19,11 +18,14 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
-from torch.nn import functional
+from torch import Tensor
 
 from sim2vr_harness.base.cores import budget
-from sim2vr_harness.policies.hierarchical.action_selection import ActionSelector, OptionScene
+from sim2vr_harness.policies.hierarchical.action_selection import (
+    ActionSelector,
+    OptionScene,
+    committed,
+)
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.frame_history import FrameHistory
 from sim2vr_harness.policies.hierarchical.person_layer import PersonLayer
@@ -31,41 +33,29 @@ from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, Primit
 from sim2vr_harness.runs.checkpoint import read_header, state_header
 from sim2vr_harness.runs.option_config import QLearningConfig
 from sim2vr_harness.training.option_q_learning.exploration import Exploration
-from sim2vr_harness.training.option_q_learning.minibatch import N_STEP, draw_decisions
 from sim2vr_harness.training.option_q_learning.pace import QLearningReport
+from sim2vr_harness.training.option_q_learning.value_learner import (
+    LEARNING_RATE,
+    PARTS,
+    SCENE,
+    ValueLearner,
+)
 from sim2vr_harness.training.replay import ReplayStore
 
 __all__ = ["OptionQLearning", "OptionScene", "QLearningReport"]
 
 STATE_FORMAT = 4
-_GAMMA = 0.85
-"""Discount factor per decision: rewards follow within about 7 decisions."""
-_LEARNING_RATE = 1e-3
-"""Adam's usual rate."""
 DECIDE_STEPS = 3
 """User steps from one decision to the next: 0.15 s at 20 Hz.
 Users see decisions through for longer where it pays."""
-_BATCH_SIZE = 64
-"""Decisions per minibatch; all shipped users learned from as many."""
 _UPDATES, _UPDATES_FOR_PERSONS = 1.0, 2.0
 """Updates of the Q-network per decision of all users; persons take longer to decide and to move."""
-_KEPT_DECISIONS = 24_000
-"""Size of the replay buffer."""
 _EXPLORE_FIRST = 0.9
 _SETTLE_SHARE = 0.5
 """Last share of the user steps, over which learning rate and exploration fall."""
-_TARGET_RATE = 0.01
-"""Rate at which the target network follows."""
 _SETTLED_RATE, _SETTLED_TRIES = 0.05, 0.25
 """Factors on learning rate and random tries at the very end."""
-_TRUSTED_PERCENTILE = 99.0
 _NEAR_M, _REACHED_M = 1.2, 0.06
-_PARTS = 2
-"""Parts of a batch, whose gradients are computed in parallel."""
-_TIMED = 3
-_Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
-_SCENE = ("pictures", "head", "turned", "tips", "velocities")
-"""What a scene is made of, in the order of its fields."""
 
 
 class OptionQLearning:
@@ -103,18 +93,12 @@ class OptionQLearning:
         vision = simulation.config.vision
         self.rng = np.random.default_rng([seed, 55])
         self._take_up(simulation, primitives)
-        self._since = 0
-        """First decision of the present users."""
         self.persons = False
         """Whether the present users are persons, whose effort counts."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             self.net = ActionValueMap(self._selector.sight, self.hands, primitives.options)
-        self._slow = copy.deepcopy(self.net).requires_grad_(False)
-        self._optimizer = torch.optim.Adam(self.net.parameters(), _LEARNING_RATE, fused=True)
         self.step_count = 0
-        self.scale = 1.0
-        """What rewards are divided by."""
         n, hands = self.n, self.hands
         shapes: dict[str, tuple[tuple[int, ...], Any]] = {
             "pictures": ((n, vision.height, vision.width, 8), np.uint8),
@@ -133,21 +117,24 @@ class OptionQLearning:
         self._kept = (*OptionChoice.KEPT, *inputs)
         self._rewards: deque[float] = deque(maxlen=200)
         self._owed = 0.0
-        self._corrected = 0.0
-        """Exponent of the importance weights: 0 at first, 1 at the end (Schaul et al. 2016)."""
+        self.learner = ValueLearner(self.net, self._selector, self._memory, self.rng, self.n)
 
     def _take_up(self, simulation: Any, primitives: PrimitiveController) -> None:
         """Let these users play from now on, in rounds that begin."""
         self.simulation, self.primitives = simulation, primitives
         past = FrameHistory(simulation, self._late_steps)
         self._selector = ActionSelector(simulation, primitives, past)
-        seeds = np.random.SeedSequence([self._seed, 56]).generate_state(self.n, np.uint32)
-        simulation.reset(seeds=[int(value) for value in seeds])
-        self._choice = OptionChoice(self.n, self.hands)
+        self.begin_rounds(56)
         self._trying = np.zeros((self.n, self.hands), np.int64)
         """User steps for which a random try is still seen through."""
         self._tried = np.zeros((self.n, self.hands), np.int64)
         self._exploration = Exploration(self._selector, self.rng)
+
+    def begin_rounds(self, stream: int) -> None:
+        """Let every user's rounds begin anew, with seeds of a random stream."""
+        seeds = np.random.SeedSequence([self._seed, stream]).generate_state(self.n, np.uint32)
+        self.simulation.reset(seeds=[int(value) for value in seeds])
+        self._choice = OptionChoice(self.n, self.hands)
 
     def continue_with_persons(self, simulation: Any, primitives: PrimitiveController) -> None:
         """Go on learning the same values with persons, from their own decisions.
@@ -157,7 +144,8 @@ class OptionQLearning:
             primitives: of their hands, with the same tool and options.
         """
         self._take_up(simulation, primitives)
-        self._since, self.persons = self._memory.count, True
+        self.learner.selector, self.learner.since = self._selector, self._memory.count
+        self.persons = True
         self._rewards.clear()
 
     # --- deciding ----------------------------------------------------------------------------
@@ -167,7 +155,8 @@ class OptionQLearning:
         places = self._selector.places(scene)
         with torch.inference_mode():
             values = self._selector.values(self.net, scene, places)
-            chosen = self._selector.best(values, scene).numpy()
+            something, primitives = self._selector.something(scene), self.primitives
+            chosen = committed(values, something, self._choice, places, primitives).numpy()
         still = self._trying > 0  # the place stays the one that was tried
         changed = ~still
         chosen[still] = self._tried[still]
@@ -217,12 +206,12 @@ class OptionQLearning:
             self.primitives.lifts = self.lifts()
         scene = self._selector.scene()
         chosen = self._decide(scene, explore)
-        seen = {name: getattr(scene, name)[None] for name in _SCENE}
+        seen = {name: getattr(scene, name)[None] for name in SCENE}
         seen["pictures"] = seen["pictures"].transpose(0, 1, 3, 4, 2)
         self._memory.append({**seen, "chosen": chosen[None]})
         updates = 0
         if self.step_count >= self.config.try_steps:
-            self._settle_scale()
+            self.learner.settle_scale()
             self._owed += self.updates
             updates = int(self._owed)
             self._owed -= updates
@@ -256,34 +245,23 @@ class OptionQLearning:
         What is learned from ends where the present decision was made, so that it makes no
         difference, to the bit, whether there are cores for it or it comes first.
         """
-        rate = _LEARNING_RATE * self._settling(_SETTLED_RATE)
-        self._corrected = 1.0 - self._settling(0.0)
+        rate = LEARNING_RATE * self._settling(_SETTLED_RATE)
+        self.learner.corrected = 1.0 - self._settling(0.0)
         if budget(self.simulation.config.cores) == 1 or not updates:
             doing("learning")
-            loss = self._learn(updates, rate, map)
+            loss = self.learner.learn(updates, rate, map)
             doing("playing")
             return *self.play(DECIDE_STEPS), loss
         doing("playing and learning")
-        with ThreadPoolExecutor(_PARTS) as parts, ThreadPoolExecutor(1) as beside:
-            learning = beside.submit(self._learn, updates, rate, parts.map)
+        with ThreadPoolExecutor(PARTS) as parts, ThreadPoolExecutor(1) as beside:
+            learning = beside.submit(self.learner.learn, updates, rate, parts.map)
             reward, over = self.play(DECIDE_STEPS)
             return reward, over, learning.result()
 
     def update_seconds(self) -> float:
-        """How long a step of learning takes. Nothing is learned, and nothing drawn.
-
-        More than ``ahead`` decisions have to be remembered.
-        """
-        rows = np.zeros(_BATCH_SIZE, np.int64)
-        users = np.arange(_BATCH_SIZE) % self.n
-        weights = np.ones(_BATCH_SIZE)
+        """How long a step of learning takes; see :meth:`ValueLearner.update_seconds`."""
         alone = budget(self.simulation.config.cores) == 1
-        with ThreadPoolExecutor(_PARTS) as parts:
-            times = [time.monotonic()]
-            for _ in range(_TIMED + 1):
-                self._shares(rows, users, weights, map if alone else parts.map)
-                times.append(time.monotonic())
-        return (times[-1] - times[1]) / _TIMED  # the first one warms up
+        return self.learner.update_seconds(1 if alone else PARTS)
 
     def play(self, steps: int) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """See the present choice through: (N,) rewards, and whose episodes ended."""
@@ -330,104 +308,6 @@ class OptionQLearning:
         minutes = steps / simulation.config.action_frequency_hz / 60.0
         return total / minutes
 
-    # --- learning ----------------------------------------------------------------------------
-
-    def _settle_scale(self) -> None:
-        """Let a good decision be worth about 1."""
-        if self.scale != 1.0:
-            return
-        known = np.abs(self._memory.read("reward", np.arange(self._memory.count)))
-        known = known[known > 0.0]
-        self.scale = float(np.percentile(known, _TRUSTED_PERCENTILE)) if len(known) else 1.0
-
-    def _learn(self, updates: int, rate: float, each: _Map) -> float:
-        """The loss of the last of so many updates; NaN of none.
-
-        Args:
-            updates: how many.
-            rate: at which it learns.
-            each: maps over the parts of an update, in turn or in parallel.
-        """
-        for group in self._optimizer.param_groups:
-            group["lr"] = rate
-        loss = float("nan")
-        for _ in range(updates if self._memory.count - self._since > N_STEP else 0):
-            loss = self._update(each)
-        return loss
-
-    def _update(self, each: _Map) -> float:
-        """One step of learning, from a batch that is always parted alike."""
-        memory = self._memory
-        have = min(memory.count - self._since, max(N_STEP + 1, _KEPT_DECISIONS // self.n))
-        first = memory.count - have
-        rewarded = memory.read("reward", np.arange(first, memory.count - 1)) > 0.0
-        rows, users, odds = draw_decisions(rewarded, _BATCH_SIZE, self.rng)
-        found = self._shares(first + rows, users, odds**self._corrected, each)
-        self._optimizer.zero_grad()
-        for parameter, *shares in zip(
-            self.net.parameters(), *(grads for _, grads in found), strict=True
-        ):
-            parameter.grad = sum(shares[1:], shares[0]).contiguous()
-        nn.utils.clip_grad_norm_(self.net.parameters(), 5.0)
-        self._optimizer.step()
-        with torch.no_grad():
-            for slow, fast in zip(self._slow.parameters(), self.net.parameters(), strict=True):
-                slow.lerp_(fast, _TARGET_RATE)
-        return sum(loss for loss, _ in found)
-
-    def _shares(
-        self,
-        rows: NDArray[np.int64],
-        users: NDArray[np.int64],
-        weights: NDArray[np.float64],
-        each: _Map,
-    ) -> list[tuple[float, tuple[Tensor, ...]]]:
-        """What the parts of a batch add to the mean loss, and to its gradients."""
-        parts = np.array_split(np.arange(len(rows)), min(_PARTS, len(rows)))
-        return list(each(lambda i: self._gradients(rows[i], users[i], weights[i]), parts))
-
-    def _gradients(
-        self, rows: NDArray[np.int64], users: NDArray[np.int64], weights: NDArray[np.float64]
-    ) -> tuple[float, tuple[Tensor, ...]]:
-        """What decisions add to the mean loss of a batch, and to its gradients.
-
-        Args:
-            rows: (K,) of the memory.
-            users: (K,) whose.
-            weights: (K,) of their losses.
-        """
-        memory = self._memory
-        total = np.zeros(len(rows), np.float32)
-        weight = np.ones(len(rows), np.float32)
-        for k in range(N_STEP):
-            at = (rows + k, users)
-            total += weight * memory.read("reward", *at) / self.scale
-            over = memory.read("over", *at)
-            weight = np.where(over, 0.0, weight * _GAMMA).astype(np.float32)
-        then = self._scene(rows + N_STEP, users)
-        with torch.no_grad():
-            seen = self._selector.inputs(self.net, then, self._selector.places(then))
-            best = self._selector.best(self.net.values(*seen), then)
-            worth = self._worth(self._slow.values(*seen), best)
-            wanted = torch.from_numpy(total) + torch.from_numpy(weight) * worth
-        scene = self._scene(rows, users)
-        chosen = torch.from_numpy(memory.read("chosen", rows, users))
-        values = self._selector.values(self.net, scene, self._selector.places(scene))
-        guessed = self._worth(values, chosen)
-        losses = functional.smooth_l1_loss(guessed, wanted, reduction="none")
-        loss = (losses * torch.from_numpy(weights).float()).sum() / _BATCH_SIZE
-        return float(loss.detach()), torch.autograd.grad(loss, tuple(self.net.parameters()))
-
-    def _scene(self, rows: NDArray[np.int64], users: NDArray[np.int64]) -> OptionScene:
-        """What was seen in decisions (K,) of users (K,)."""
-        pictures, *others = (self._memory.read(name, rows, users) for name in _SCENE)
-        return OptionScene(pictures.transpose(0, 3, 1, 2), *others)
-
-    @staticmethod
-    def _worth(values: Tensor, chosen: Tensor) -> Tensor:
-        """(N,) what choices (N, H) of all hands are worth together."""
-        return values.gather(-1, chosen[..., None])[..., 0].sum(1)
-
     def diagnosis(self) -> tuple[float, float]:
         """Share of the decisions that were rewarded, and of what is near that is within reach."""
         scene = self._selector.scene()
@@ -446,9 +326,9 @@ class OptionQLearning:
         header = state_header(
             STATE_FORMAT,
             step=self.step_count,
-            scale=self.scale,
+            scale=self.learner.scale,
             owed=self._owed,
-            since=self._since,
+            since=self.learner.since,
             persons=self.persons,
             rewards=list(self._rewards),
             rng=self.rng.bit_generator.state,
@@ -463,8 +343,8 @@ class OptionQLearning:
         return {
             "header": header,
             "net": copy.deepcopy(self.net.state_dict()),
-            "slow": copy.deepcopy(self._slow.state_dict()),
-            "optimizer": copy.deepcopy(self._optimizer.state_dict()),
+            "slow": copy.deepcopy(self.learner.slow.state_dict()),
+            "optimizer": copy.deepcopy(self.learner.optimizer.state_dict()),
             "memory": {key: value.clone() for key, value in self._memory.state_dict().items()},
             "choice": {name: getattr(self._choice, name).clone() for name in self._kept},
             "arrays": {name: torch.from_numpy(values.copy()) for name, values in arrays.items()},
@@ -483,13 +363,17 @@ class OptionQLearning:
             ValueError: it is of another format.
         """
         header = read_header(state, STATE_FORMAT)
-        self.step_count, self.scale = header["step"], header["scale"]
-        self._owed, self._since, self.persons = header["owed"], header["since"], header["persons"]
+        self.step_count, self.learner.scale = header["step"], header["scale"]
+        self._owed, self.learner.since, self.persons = (
+            header["owed"],
+            header["since"],
+            header["persons"],
+        )
         self._rewards.extend(header["rewards"])
         self.rng.bit_generator.state = header["rng"]
         self.net.load_state_dict(state["net"])
-        self._slow.load_state_dict(state["slow"])
-        self._optimizer.load_state_dict(state["optimizer"])
+        self.learner.slow.load_state_dict(state["slow"])
+        self.learner.optimizer.load_state_dict(state["optimizer"])
         self._memory.load_state_dict(len(state["memory"]["over"]), state["memory"])
         for name in self._kept:
             setattr(self._choice, name, state["choice"][name].clone())

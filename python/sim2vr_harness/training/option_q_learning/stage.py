@@ -48,14 +48,15 @@ from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder, append_row, keep_rows
 from sim2vr_harness.training.dagger.option_expert import OptionExpert
 from sim2vr_harness.training.motor_control.stage import MotorStage
-from sim2vr_harness.training.option_q_learning.decision_duration import (
-    best_duration,
-    duration_steps,
-    durations,
-)
 from sim2vr_harness.training.option_q_learning.minibatch import N_STEP
 from sim2vr_harness.training.option_q_learning.pace import Pace
 from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS, OptionQLearning
+from sim2vr_harness.training.option_q_learning.tempo import (
+    best_hold,
+    choose_vigour,
+    hold_steps,
+    holds,
+)
 from sim2vr_harness.training.run.progress import View, duration
 from sim2vr_harness.training.run.stage import Callbacks
 
@@ -227,7 +228,7 @@ class QLearningStage:
             steps = learner.step_count
             file = self._run.checkpoint_file(self.stop if finished else steps)
             # A person may decide in every user step: its refractory period says how often it does.
-            hold = 1 if self._config.skills.people else best_duration(learner, callbacks)
+            hold = 1 if self._config.skills.people else best_hold(learner, callbacks)
             write_user(file, self._hierarchical_user(layer, learner, hold), steps)
         if finished:
             write_tensors(self.folder / _VALUES, learned)
@@ -265,7 +266,9 @@ class QLearningStage:
         net, tool = learner.net, learner.primitives.tool
         if self._config.skills.people:
             person = PersonPolicy(self._config)
-            person.learned_by(self._human(), net, tool, hold)
+            persons = learner.primitives.layer
+            vigour = persons.vigour if isinstance(persons, PersonLayer) else 1.0
+            person.learned_by(self._human(), net, tool, hold, vigour)
             return person
         user = HierarchicalPolicy(self._config)
         user.learned(layer, net, tool, hold, bool(learner.primitives.lifts.all()))
@@ -335,6 +338,7 @@ class QLearningStage:
             if learner.step_count >= self._measured_steps and not learner.persons:
                 callbacks.say("Persons play from now on, with what has been learned.")
                 self._begin_persons(learner)
+                choose_vigour(learner, callbacks)
             report = learner.step(callbacks.doing)
             decisions += 1
             done = learner.step_count
@@ -367,7 +371,7 @@ class QLearningStage:
     def _pace(self, each: int) -> Pace:
         """The time that the stage takes; a decision of all users is ``each`` user steps."""
         users, rate = self._config.skills.q_learning.users, self._config.env.action_frequency_hz
-        steps = duration_steps(users, rate) * len(durations()) if self._run is not None else 0
+        steps = hold_steps(users, rate) * len(holds()) if self._run is not None else 0
         explored = -(-self._config.skills.q_learning.try_steps // each)
         return Pace(explored, -(-self.stop // each), steps // DECIDE_STEPS)
 

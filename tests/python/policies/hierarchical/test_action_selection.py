@@ -10,9 +10,11 @@ import torch
 
 from sim2vr_harness.policies.hierarchical.action_selection import (
     best_choices,
+    committed,
     mask_unreached,
     remembered,
 )
+from sim2vr_harness.policies.hierarchical.options import PLAIN
 from sim2vr_harness.policies.hierarchical.primitives import MOVES, OptionChoice, PrimitiveController
 
 CELLS = torch.tensor([[0.4, 0.0, 1.0], [0.4, 0.03, 1.0], [0.4, 0.1, 1.0], [2.0, 0.0, 1.0]])
@@ -108,6 +110,29 @@ def test_the_next_best_is_done_instead() -> None:
     all_there = torch.ones(1, 4, dtype=torch.bool)
     assert best_choices(values, all_there).item() == 0
     assert best_choices(values, torch.tensor([[[False, False, True, True]]])).item() == 2
+
+
+def test_what_is_pursued_is_changed_for_what_is_clearly_better() -> None:
+    """Cells 0 and 1 are 3 cm apart and show the same; cell 2 is 10 cm away; a tenth is clear."""
+    options = SimpleNamespace(commitment=0.1)
+    primitives = cast(PrimitiveController, SimpleNamespace(options=PLAIN, manner=options))
+    places, there = CELLS.T.reshape(1, 3, 1, 4), torch.ones(1, 4, dtype=torch.bool)
+    choice, rest, push = waiting(0, 0.0), 4 * len(MOVES), 4
+
+    def chosen(**values: float) -> int:
+        worth = torch.zeros(1, 1, rest + 1)
+        for name, value in values.items():
+            worth[0, 0, {"near": 1, "far": 2, "push": push, "rest": rest}[name]] = value
+        return int(committed(worth, there, choice, places, primitives).item())
+
+    assert chosen(near=0.5, far=0.59) == 1
+    assert chosen(near=0.5, far=0.61) == 2
+    assert chosen(near=0.5, push=0.61) == push  # another option at the same place
+    choice.move[:] = -1
+    assert chosen(rest=0.5, far=0.49) == rest
+    assert chosen(rest=0.5, far=0.51) == 2  # who rests pursues nothing
+    choice, options.commitment = waiting(0, 0.0), 0.0
+    assert chosen(near=0.5, far=0.51) == 2
 
 
 def test_a_new_round_begins_patiently() -> None:

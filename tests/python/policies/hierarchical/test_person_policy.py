@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -94,25 +93,35 @@ def test_people_work_the_inputs_of_a_game(monkeypatch: pytest.MonkeyPatch) -> No
     assert action[-1] == -1.0
 
 
-def test_persons_look_from_where_their_eyes_are() -> None:
-    """Statures differ by decimetres, and Pointing asks for a pitch of 14 degrees downwards."""
+def test_persons_look_from_where_their_eyes_were() -> None:
+    """Statures differ by decimetres, heads move, and Pointing asks for a pitch of 14 degrees down.
+
+    What is seen was drawn two user steps ago, what is recognised four.
+    """
     config = _of_people(load_config("skills", ["env.app.game=pointing"]))
-    policy, simulation, heads = Following(config), Simulation(config.env, 6), []
+    policy, simulation = Following(config), Simulation(config.env, 6)
     simulation.reset(seeds=list(range(6)), persons=list(range(6)))
-    observations = simulation.observation()
-    true, _ = simulation.users.device_poses("headset")
-    with patch.object(policy, "_reconsider", side_effect=StopIteration) as decides:
-        for user in range(6):
+    memories, true = [policy.reset() for _ in range(6)], []
+    for step in range(8):
+        observations = simulation.observation()
+        true.append(simulation.users.device_poses("headset")[0].copy())
+        acts = []
+        for user, memory in enumerate(memories):
             observation = {name: values[user] for name, values in observations.items()}
-            with pytest.raises(StopIteration):
-                policy.act(observation, policy.reset(), None)
-            heads.append(decides.call_args.args[1][0].numpy())
+            acts.append(policy.act(observation, memory, None))
+            if step == 0:
+                assert memory.seen is not None
+                ahead = memory.seen[1][0, :3, 0].numpy()
+                down = np.arctan2(0.1, 0.4)
+                assert ahead == pytest.approx([np.cos(down), 0.0, -np.sin(down)], abs=1e-3)
+        simulation.step(np.stack(acts))
     simulation.close()
-    assert np.ptp(true[:, 2]) > 0.05
-    assert np.stack(heads)[:, :3, 3] == pytest.approx(true, abs=2e-3)
-    down = np.arctan2(0.1, 0.4)
-    ahead = np.tile([np.cos(down), 0.0, -np.sin(down)], (6, 1))
-    assert np.stack(heads)[:, :3, 0] == pytest.approx(ahead, abs=1e-3)
+    assert np.ptp(true[0][:, 2]) > 0.05
+    assert np.abs(true[-3] - true[-5]).min(0)[1] > 1e-5  # everyone sways
+    for user, memory in enumerate(memories):
+        assert memory.seen is not None and memory.recognised is not None
+        assert memory.seen[1][0, :3, 3].numpy() == pytest.approx(true[-3][user], abs=1e-5)
+        assert memory.recognised[1][0, :3, 3].numpy() == pytest.approx(true[-5][user], abs=1e-5)
 
 
 def test_people_need_decisions_by_themselves() -> None:

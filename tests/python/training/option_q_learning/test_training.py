@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
+from types import SimpleNamespace
 from unittest.mock import patch
 
 import numpy as np
@@ -31,6 +32,7 @@ from sim2vr_harness.policies.hierarchical.person_layer import PersonLayer
 from sim2vr_harness.policies.hierarchical.primitives import (
     MOVES,
     PERSONS,
+    Manner,
     OptionChoice,
     PrimitiveController,
 )
@@ -39,12 +41,13 @@ from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.runs.option_config import MotorTrainingConfig, QLearningConfig
 from sim2vr_harness.training.motor_control import goal_task
 from sim2vr_harness.training.motor_control.goal_task import motor_trainer
-from sim2vr_harness.training.option_q_learning import q_learning
+from sim2vr_harness.training.option_q_learning import value_learner
 from sim2vr_harness.training.option_q_learning.minibatch import N_STEP
 from sim2vr_harness.training.option_q_learning.q_learning import (
     DECIDE_STEPS,
     OptionQLearning,
 )
+from sim2vr_harness.training.option_q_learning.tempo import choose_vigour
 from sim2vr_harness.users import UserBatch, list_bodies, load_body
 
 pytest.importorskip("sim2vr_harness._app_runtime")
@@ -123,6 +126,19 @@ def test_a_push_that_is_too_slow_begins_again_further_back(layer: MotorPolicy) -
     assert fast.velocity[0, 0, 0].item() == pytest.approx(2.5)
 
 
+def test_a_hand_with_nothing_to_do_waits_before_its_last_place(layer: MotorPolicy) -> None:
+    manner, poses = Manner(ready_m=0.2), reachable_poses(layer, 1)
+    primitives = PrimitiveController(layer, torch.zeros(1, 2, 3), poses, manner=manner)
+    choice, head = OptionChoice(2, 1), torch.tensor([[0.0, 0.0, 1.2]])
+    choice.place[0, 0] = torch.tensor([0.3, 0.0, 1.6])  # 0.5 m ahead, 3 up for 4
+    place = torch.eye(4).repeat(2, 1, 1, 1)
+    goals = primitives.goals(choice, head.expand(2, 3), place, place)
+    assert goals.place[0, 0].tolist() == pytest.approx([0.18, 0.0, 1.44])
+    assert goals.active[:, 0].tolist() == [1.0, 0.0]  # the other has not been anywhere
+    choice.forget(np.array([0]))
+    assert not primitives.goals(choice, head.expand(2, 3), place, place).active.any()
+
+
 def test_what_is_far_is_waited_for_at_its_height_and_side(layer: MotorPolicy) -> None:
     primitives = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
     near, touches = torch.tensor([[0.4, -0.25, 1.1]]), torch.zeros(1, dtype=torch.bool)
@@ -186,7 +202,7 @@ SMALL = QLearningConfig(users=3, user_steps=240, try_steps=90, explore_steps=100
 
 @pytest.fixture(autouse=True)
 def small_minibatches(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(q_learning, "_BATCH_SIZE", 8)
+    monkeypatch.setattr(value_learner, "_BATCH_SIZE", 8)
 
 
 def learner(
@@ -280,11 +296,29 @@ def test_persons_go_on_from_a_state_to_the_bit(layer: MotorPolicy, tmp_path: Pat
         one.simulation.close()
 
 
+def test_persons_move_as_fast_as_it_pays(layer: MotorPolicy, tmp_path: Path) -> None:
+    """Twice as much is earned with less vigour or more; nothing of it counts as learning."""
+    one, said = with_persons(layer, tmp_path / "own", 0), []
+    persons, taken, decisions = one.primitives.layer, one.step_count, one._memory.count
+    assert isinstance(persons, PersonLayer)
+    earned = {1.0: 10.0, 6.0: 20.0, 36.0: 5.0}
+    callbacks = SimpleNamespace(say=said.append, doing=said.append)
+    with patch.object(one, "earned", side_effect=lambda *_: earned[persons.vigour]):
+        choose_vigour(one, callbacks)  # type: ignore[arg-type]
+    assert persons.vigour == 6.0
+    assert "10.00 for 1, 20.00 for 6, 5.00 for 36. The persons': 6." in said[1]
+    assert (one.step_count, one._memory.count) == (taken, decisions)
+    fresh = PersonLayer(persons.policy, 2, lambda: np.zeros((2, 1)), 1)
+    fresh.recall(persons.memory())
+    assert fresh.vigour == 6.0
+    one.simulation.close()
+
+
 def test_persons_learn_by_their_own_decisions(layer: MotorPolicy, tmp_path: Path) -> None:
     """Rows of the measured body are not drawn, and what it learned is where persons begin."""
     one = with_persons(layer, tmp_path / "own", 0)
     begun = copy.deepcopy(one.net.state_dict())
-    with patch.object(one, "_shares", side_effect=AssertionError):
+    with patch.object(one.learner, "_shares", side_effect=AssertionError):
         for _ in range(N_STEP):
             one.step()
     assert all(torch.equal(begun[name], values) for name, values in one.net.state_dict().items())
@@ -294,7 +328,7 @@ def test_persons_learn_by_their_own_decisions(layer: MotorPolicy, tmp_path: Path
         drawn.extend(rows)
         return [(0.0, tuple(torch.zeros_like(p) for p in one.net.parameters()))]
 
-    with patch.object(one, "_shares", side_effect=noted):
+    with patch.object(one.learner, "_shares", side_effect=noted):
         for _ in range(30):
             one.step()
     assert min(drawn) == 5
@@ -313,8 +347,8 @@ def test_preferred_decisions_count_less_at_the_end(layer: MotorPolicy, tmp_path:
     odds = np.full(8, 0.25)
     drawn = (np.zeros(8, np.int64), np.zeros(8, np.int64), odds)
     with (
-        patch.object(one, "_shares", side_effect=noted),
-        patch.object(q_learning, "draw_decisions", return_value=drawn),
+        patch.object(one.learner, "_shares", side_effect=noted),
+        patch.object(value_learner, "draw_decisions", return_value=drawn),
     ):
         while not one.finished:
             one.step()

@@ -1,0 +1,76 @@
+"""Durations of decisions and vigour of persons: those that earn most."""
+
+from __future__ import annotations
+
+import time
+
+from sim2vr_harness.policies.hierarchical.person_layer import PersonLayer
+from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS, OptionQLearning
+from sim2vr_harness.training.run.progress import View
+from sim2vr_harness.training.run.stage import Callbacks
+
+_HOLDS, _HOLD_S = (1, 3, 5), 128.0
+"""Candidate user steps for which a choice is kept, and seconds of play of all users together that
+compare them: 4 to 10 of each."""
+_VIGOURS, _VIGOUR_S = (1.0, 6.0, 36.0), 5.0
+"""What persons' weights of effort may be divided by, and seconds of play that compare them."""
+
+
+def holds() -> list[int]:
+    """Return the candidate user steps for which a choice is kept."""
+    return sorted({*_HOLDS, DECIDE_STEPS})
+
+
+def hold_steps(users: int, steps_per_s: float) -> int:
+    """Return user steps of each user that compare durations of decisions: more of few users."""
+    return max(1, round(min(max(4.0, _HOLD_S / users), 10.0) * steps_per_s))
+
+
+def best_hold(learner: OptionQLearning, callbacks: Callbacks) -> int:
+    """Return for how many user steps it pays to see decisions through."""
+    callbacks.doing("durations of decisions")
+    began, taken = time.monotonic(), learner.step_count
+    steps = hold_steps(learner.n, learner.simulation.config.action_frequency_hz)
+    tried = holds()
+    earned = {}
+    for number, hold in enumerate(tried):
+
+        def show(share: float, done: int = number) -> None:
+            doing = f"measuring {len(tried)} durations of decisions, {done + 1} of {len(tried)}"
+            _show_end(callbacks, taken, doing, (done + share) / len(tried), began)
+
+        earned[hold] = learner.earned(hold, steps, on_progress=show)
+    best = max(tried, key=lambda hold: earned[hold])
+    found = ", ".join(f"{earned[hold]:.2f} for {hold}" for hold in tried)
+    callbacks.say(
+        f"Reward per minute by how many user steps a decision is seen through: {found}. "
+        f"The user's: {best}."
+    )
+    return best
+
+
+def choose_vigour(learner: OptionQLearning, callbacks: Callbacks) -> None:
+    """Let persons move as fast as it pays.
+
+    People move faster where rewards come more often (Yoon et al. 2018).
+    """
+    callbacks.doing("vigour")
+    layer, taken, earned = learner.primitives.layer, learner.step_count, {}
+    assert isinstance(layer, PersonLayer)
+    steps = round(_VIGOUR_S * learner.simulation.config.action_frequency_hz)
+    for vigour in _VIGOURS:
+        layer.vigour = vigour
+        earned[vigour] = learner.earned(DECIDE_STEPS, steps)
+        learner.step_count = taken
+    layer.vigour = max(_VIGOURS, key=lambda each: earned[each])
+    learner.begin_rounds(60)
+    found = ", ".join(f"{earned[each]:.2f} for {each:g}" for each in _VIGOURS)
+    callbacks.say(
+        f"Reward less effort per minute by vigour: {found}. The persons': {layer.vigour:g}."
+    )
+
+
+def _show_end(callbacks: Callbacks, taken: int, doing: str, share: float, began: float) -> None:
+    """Show how far the measurement at the end of the stage is, a line at its beginning."""
+    left = (time.monotonic() - began) * (1.0 - share) / share if share > 0.0 else None
+    callbacks.show(lambda: View(taken, doing, left), force=share == 0.0)

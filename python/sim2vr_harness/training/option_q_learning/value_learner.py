@@ -1,0 +1,188 @@
+"""Learning of action values from remembered decisions: double Q-learning with n-step returns.
+
+What hands decide adds up to what the user gets (Sunehag et al. 2018, value decomposition). The
+network chooses what is best next, a slow copy says what that is worth (van Hasselt et al. 2016).
+"""
+
+from __future__ import annotations
+
+import copy
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
+
+from sim2vr_harness.policies.hierarchical.action_selection import ActionSelector, OptionScene
+from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
+from sim2vr_harness.training.option_q_learning.minibatch import N_STEP, draw_decisions
+from sim2vr_harness.training.replay import ReplayStore
+
+Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+SCENE = ("pictures", "head", "turned", "tips", "velocities")
+"""What a scene is made of, in the order of its fields."""
+LEARNING_RATE = 1e-3
+"""Adam's usual rate."""
+PARTS = 2
+"""Parts of a batch, whose gradients are computed in parallel."""
+_GAMMA = 0.85
+"""Discount factor per decision: rewards follow within about 7 decisions."""
+_BATCH_SIZE = 64
+"""Decisions per minibatch; all shipped users learned from as many."""
+_KEPT_DECISIONS = 24_000
+"""Size of the replay buffer."""
+_TARGET_RATE = 0.01
+"""Rate at which the target network follows."""
+_TRUSTED_PERCENTILE = 99.0
+_TIMED = 3
+
+
+class ValueLearner:
+    """Learns the values of options from what N users decided, and what came of it.
+
+    Args:
+        net: the network; changed.
+        selector: reads scenes for it.
+        memory: decisions of all users, in order.
+        rng: draws minibatches.
+        users: N.
+    """
+
+    def __init__(
+        self,
+        net: ActionValueMap,
+        selector: ActionSelector,
+        memory: ReplayStore,
+        rng: np.random.Generator,
+        users: int,
+    ) -> None:
+        self.net, self.selector, self.memory, self._rng = net, selector, memory, rng
+        self._n = users
+        self.slow = copy.deepcopy(net).requires_grad_(False)
+        """The target network."""
+        self.optimizer = torch.optim.Adam(net.parameters(), LEARNING_RATE, fused=True)
+        self.since = 0
+        """First decision that counts."""
+        self.scale = 1.0
+        """What rewards are divided by."""
+        self.corrected = 0.0
+        """Exponent of the importance weights: 0 at first, 1 at the end (Schaul et al. 2016)."""
+
+    def settle_scale(self) -> None:
+        """Let a good decision be worth about 1."""
+        if self.scale != 1.0:
+            return
+        known = np.abs(self.memory.read("reward", np.arange(self.memory.count)))
+        known = known[known > 0.0]
+        self.scale = float(np.percentile(known, _TRUSTED_PERCENTILE)) if len(known) else 1.0
+
+    def learn(self, updates: int, rate: float, each: Map) -> float:
+        """Return the loss of the last of so many updates; NaN of none.
+
+        Args:
+            updates: how many.
+            rate: at which it learns.
+            each: maps over the parts of an update, in turn or in parallel.
+        """
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate
+        loss = float("nan")
+        for _ in range(updates if self.memory.count - self.since > N_STEP else 0):
+            loss = self._update(each)
+        return loss
+
+    def _update(self, each: Map) -> float:
+        """One step of learning, from a batch that is always parted alike."""
+        memory = self.memory
+        have = min(memory.count - self.since, max(N_STEP + 1, _KEPT_DECISIONS // self._n))
+        first = memory.count - have
+        rewarded = memory.read("reward", np.arange(first, memory.count - 1)) > 0.0
+        rows, users, odds = draw_decisions(rewarded, _BATCH_SIZE, self._rng)
+        found = self._shares(first + rows, users, odds**self.corrected, each)
+        self.optimizer.zero_grad()
+        for parameter, *shares in zip(
+            self.net.parameters(), *(grads for _, grads in found), strict=True
+        ):
+            parameter.grad = sum(shares[1:], shares[0]).contiguous()
+        nn.utils.clip_grad_norm_(self.net.parameters(), 5.0)
+        self.optimizer.step()
+        with torch.no_grad():
+            for slow, fast in zip(self.slow.parameters(), self.net.parameters(), strict=True):
+                slow.lerp_(fast, _TARGET_RATE)
+        return sum(loss for loss, _ in found)
+
+    def _shares(
+        self,
+        rows: NDArray[np.int64],
+        users: NDArray[np.int64],
+        weights: NDArray[np.float64],
+        each: Map,
+    ) -> list[tuple[float, tuple[Tensor, ...]]]:
+        """What the parts of a batch add to the mean loss, and to its gradients."""
+        parts = np.array_split(np.arange(len(rows)), min(PARTS, len(rows)))
+        return list(each(lambda i: self._gradients(rows[i], users[i], weights[i]), parts))
+
+    def _gradients(
+        self, rows: NDArray[np.int64], users: NDArray[np.int64], weights: NDArray[np.float64]
+    ) -> tuple[float, tuple[Tensor, ...]]:
+        """What decisions add to the mean loss of a batch, and to its gradients.
+
+        Args:
+            rows: (K,) of the memory.
+            users: (K,) whose.
+            weights: (K,) of their losses.
+        """
+        memory = self.memory
+        total = np.zeros(len(rows), np.float32)
+        weight = np.ones(len(rows), np.float32)
+        for k in range(N_STEP):
+            at = (rows + k, users)
+            total += weight * memory.read("reward", *at) / self.scale
+            over = memory.read("over", *at)
+            weight = np.where(over, 0.0, weight * _GAMMA).astype(np.float32)
+        then = self._scene(rows + N_STEP, users)
+        with torch.no_grad():
+            seen = self.selector.inputs(self.net, then, self.selector.places(then))
+            best = self.selector.best(self.net.values(*seen), then)
+            worth = self._worth(self.slow.values(*seen), best)
+            wanted = torch.from_numpy(total) + torch.from_numpy(weight) * worth
+        scene = self._scene(rows, users)
+        chosen = torch.from_numpy(memory.read("chosen", rows, users))
+        values = self.selector.values(self.net, scene, self.selector.places(scene))
+        guessed = self._worth(values, chosen)
+        losses = functional.smooth_l1_loss(guessed, wanted, reduction="none")
+        loss = (losses * torch.from_numpy(weights).float()).sum() / _BATCH_SIZE
+        return float(loss.detach()), torch.autograd.grad(loss, tuple(self.net.parameters()))
+
+    def _scene(self, rows: NDArray[np.int64], users: NDArray[np.int64]) -> OptionScene:
+        """What was seen in decisions (K,) of users (K,)."""
+        pictures, *others = (self.memory.read(name, rows, users) for name in SCENE)
+        return OptionScene(pictures.transpose(0, 3, 1, 2), *others)
+
+    @staticmethod
+    def _worth(values: Tensor, chosen: Tensor) -> Tensor:
+        """(N,) what choices (N, H) of all hands are worth together."""
+        return values.gather(-1, chosen[..., None])[..., 0].sum(1)
+
+    def update_seconds(self, threads: int) -> float:
+        """Return how long a step of learning takes. Nothing is learned, and nothing drawn.
+
+        More than ``N_STEP`` decisions have to be remembered.
+
+        Args:
+            threads: 1, or more: parts of a batch are computed in parallel.
+        """
+        rows = np.zeros(_BATCH_SIZE, np.int64)
+        which = np.arange(_BATCH_SIZE) % self._n
+        weights = np.ones(_BATCH_SIZE)
+        with ThreadPoolExecutor(PARTS) as parts:
+            times = [time.monotonic()]
+            for _ in range(_TIMED + 1):
+                self._shares(rows, which, weights, map if threads == 1 else parts.map)
+                times.append(time.monotonic())
+        return (times[-1] - times[1]) / _TIMED  # the first one warms up

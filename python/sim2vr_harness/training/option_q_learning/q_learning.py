@@ -47,8 +47,8 @@ DECIDE_STEPS = 3
 Users see decisions through for longer where it pays."""
 _BATCH_SIZE = 64
 """Decisions per minibatch; all shipped users learned from as many."""
-UPDATES_PER_DECISION = 2.0
-"""Updates of the Q-network per decision of all users."""
+_UPDATES, _UPDATES_FOR_PERSONS = 1.0, 2.0
+"""Updates of the Q-network per decision of all users; persons take longer to decide and to move."""
 _KEPT_DECISIONS = 24_000
 """Size of the replay buffer."""
 _EXPLORE_FIRST = 0.9
@@ -78,8 +78,9 @@ class OptionQLearning:
         pictures: the file that what is seen goes to; made or reused.
         seed: of everything drawn here.
         late_steps: user steps by which pictures are seen late.
-        compares: whether every second user goes straight to what it touches, without lifting off,
-            until half of the user steps show which of both is rewarded more.
+        for_persons: whether persons will use what is learned. If not, every second user goes
+            straight to what it touches, without lifting off as persons do, until half of the user
+            steps show which of both is rewarded more.
     """
 
     def __init__(
@@ -91,10 +92,12 @@ class OptionQLearning:
         *,
         seed: int,
         late_steps: int = 0,
-        compares: bool = False,
+        for_persons: bool = False,
     ) -> None:
         self.config, self._late_steps, self._seed = config, late_steps, seed
-        self._compares = compares and simulation.n > 1
+        self._compares = not for_persons and simulation.n > 1
+        self.updates = _UPDATES_FOR_PERSONS if for_persons else _UPDATES
+        """Updates of the Q-network per decision of all users."""
         self.n: int = simulation.n
         self.hands = len(primitives.tool)
         vision = simulation.config.vision
@@ -220,7 +223,7 @@ class OptionQLearning:
         updates = 0
         if self.step_count >= self.config.try_steps:
             self._settle_scale()
-            self._owed += UPDATES_PER_DECISION
+            self._owed += self.updates
             updates = int(self._owed)
             self._owed -= updates
         reward, over, loss = self._play_and_learn(updates, doing)

@@ -55,11 +55,7 @@ from sim2vr_harness.training.option_q_learning.decision_duration import (
 )
 from sim2vr_harness.training.option_q_learning.minibatch import N_STEP
 from sim2vr_harness.training.option_q_learning.pace import Pace
-from sim2vr_harness.training.option_q_learning.q_learning import (
-    DECIDE_STEPS,
-    UPDATES_PER_DECISION,
-    OptionQLearning,
-)
+from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS, OptionQLearning
 from sim2vr_harness.training.run.progress import View, duration
 from sim2vr_harness.training.run.stage import Callbacks
 
@@ -212,7 +208,7 @@ class QLearningStage:
                 self.folder / _PICTURES,
                 seed=seed,
                 late_steps=self._late_steps,
-                compares=not self._config.skills.people,
+                for_persons=self._config.skills.people,
             )
             if (self.folder / _STATE).is_file():
                 take_in(self.folder / _STATE, "the state of Q-learning", self._resume)
@@ -345,7 +341,7 @@ class QLearningStage:
             pace.note(done // each, time.monotonic() - before_s)
             if rate and decisions == max(_PACE_DECISIONS, N_STEP + 1):
                 measuring = time.monotonic()
-                pace.update_s = UPDATES_PER_DECISION * learner.update_seconds()
+                pace.update_s = learner.updates * learner.update_seconds()
                 callbacks.say(_expected(self._config, pace, done // each, rate))
                 began += time.monotonic() - measuring
             callbacks.show(lambda: View(done, doing, pace.left_s(done // each)))  # noqa: B023

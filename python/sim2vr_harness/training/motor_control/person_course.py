@@ -61,7 +61,7 @@ class PersonCourse:
         self._persons = [
             bodies.people.sample(seed + 7919, k) for k in range(persons) for _ in range(repeats)
         ]
-        self._hand = len(policy.hands) - 1
+        self._hand = 0  # the right one of two
         self._samples = round(policy.step_s / SAMPLE_S)
 
     def _who(self) -> NDArray[np.float64]:

@@ -261,6 +261,8 @@ class HumanHands:
             if rule is not None:
                 self.wanted = rule(way, velocity)
             rows = None if turning is None else turning.rows
+            if turning is not None:
+                self.wanted = turning.taken(self.wanted, velocity)
             controls = policy.inverse.controls(
                 believed, goals.tip, self.wanted, goals.active, self._bias, rows
             )

@@ -15,8 +15,11 @@ from torch import Tensor
 from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
 from sim2vr_harness.policies.hierarchical.motor_goals import tips
 
-REFERENCE_M = 0.5
+REFERENCE_M = 0.4
 """Length by which angles of rays are lengths of reaches."""
+_TAKEN = 0.6
+"""Share of a wanted change of a ray's velocity that is taken up in a user step: what a light wrist
+does is predicted badly, and all of it would shake the ray."""
 
 
 class Turning:
@@ -53,6 +56,10 @@ class Turning:
         way = torch.where(self._turns, self._way, way)
         velocity = (self.rows @ velocity[..., None])[..., 0]
         return way, velocity, replace(goals, width=goals.width * self._scale[..., 0])
+
+    def taken(self, wanted: Tensor, velocity: Tensor) -> Tensor:
+        """(B, H, 3) wanted velocities, to which those of rays come little by little."""
+        return torch.where(self._turns, velocity + _TAKEN * (wanted - velocity), wanted)
 
     def across(self, error: Tensor) -> Tensor:
         """(B, H, 3) what is misjudged, without what is along rays."""

@@ -37,6 +37,9 @@ def test_a_ray_s_way_is_its_angle_and_what_is_along_it_does_not_count() -> None:
     assert seen[0, 1].tolist() == [5.0, 1.0, 0.0]
     assert float(wanted.width[0, 1]) == pytest.approx(0.04)
     assert turning.across(error)[0, 1].tolist() == [1.0, 1.0, 1.0]
+    taken = turning.taken(seen + torch.tensor([0.0, 1.0, 0.0]), seen)
+    assert 0.3 < float(taken[0, 0, 1] - seen[0, 0, 1]) < 0.9
+    assert taken[0, 1].tolist() == pytest.approx([5.0, 2.0, 0.0])
 
 
 def test_the_tip_of_a_ray_is_as_far_away_as_its_place() -> None:

@@ -43,7 +43,7 @@ class PeopleTraining:
     """Cycles of training: in each, persons move, and the forward model of the body is fitted to it.
     The last one ends with the training of the policy in space."""
     bodies: int = 48
-    """Simulated persons that move in a cycle."""
+    """Arms that move in a cycle: of so many simulated persons, or of half as many with two."""
     random_steps: int = 400
     """User steps of each person in the first cycle, at random."""
     goal_steps: int = 120

@@ -39,8 +39,8 @@ __all__ = [
     "points",
 ]
 
-_TOUCH_MPS, _STRIKE_MPS = 0.9, 1.2
-"""How fast hands come, at least: those that lift off before they touch, and all others."""
+_TOUCH_MPS, _STRAIGHT_MPS, _STRIKE_MPS = 0.9, 2.0, 1.2
+"""How fast hands come, at least: that lift off before they touch, that go straight, that strike."""
 _DEEPER_M, _AHEAD_M = 0.025, 0.03
 """How far behind their places hands aim that touch (a little more than half a step of depth), and
 how far before them those that push with the hand's speed: tools have fronts, which are there
@@ -339,8 +339,8 @@ class PrimitiveController:
         way = goals.place - now
         far = way.norm(dim=-1)
         closing = (velocity * way).sum(-1) / far.clamp(min=1e-3)
-        lifts = (touches * self.lifts)[..., 0] > 0.0
-        slow = torch.where(lifts, torch.tensor(_TOUCH_MPS), torch.tensor(_STRIKE_MPS))
+        comes = torch.where(self.lifts[..., 0] > 0.0, _TOUCH_MPS, _STRAIGHT_MPS)
+        slow = torch.where(touches[..., 0], comes, torch.tensor(_STRIKE_MPS))
         goals.left_s = (far / torch.maximum(closing, slow)).clamp(0.05, 1.2)
         goals.active = (choice.move >= 0).float()
         self._wait(goals, choice, head)

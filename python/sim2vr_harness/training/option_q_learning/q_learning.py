@@ -234,8 +234,9 @@ class OptionQLearning:
         half = self.config.user_steps // (2 * self.n * DECIDE_STEPS)
         rows = min(half, self._memory.count)
         rewards = self._memory.read("reward", np.arange(rows // 2, rows)).clip(min=0.0)
-        lifting, straight = rewards[:, ::2].mean(), rewards[:, 1::2].mean()
-        return torch.full((1, 1, 1), float(lifting >= straight))
+        lifting, straight = rewards[:, ::2], rewards[:, 1::2]
+        noise = np.sqrt(lifting.var() / lifting.size + straight.var() / straight.size)
+        return torch.full((1, 1, 1), float(lifting.mean() + noise >= straight.mean()))
 
     def _play_and_learn(
         self, updates: int, doing: Callable[[str], None]

@@ -240,22 +240,21 @@ def test_q_learning_goes_on_from_a_state_to_the_bit(layer: MotorPolicy, tmp_path
 def test_hands_lift_off_where_it_is_rewarded_more(layer: MotorPolicy, tmp_path: Path) -> None:
     """Users 0 and 2 of 3 lift off until half of 240 user steps, which are 13 decisions.
 
-    Of those the last seven count. Penalties do not, nor rewards before.
+    Of those the last seven count. Penalties count as 0, and rewards before do not.
     """
     one = learner(layer, tmp_path / "lifts")
     rewards = np.zeros((13, 3), np.float32)
     rewards[:6] = [9.0, 0.0, 9.0]
-    rewards[6:] = [1.0, 2.0, 1.0]
-    rewards[7:12, 1] = -5.0
+    rewards[6:] = [1.0, 1.2, 1.0]
     while one.step_count < 120:
         assert one.lifts().flatten().tolist() == [1.0, 0.0, 1.0]
         one.step()
     with patch.object(one._memory, "read", lambda name, rows: rewards[rows]):
-        assert one.lifts().item() == 1.0  # 1 against 4 of 7
-        rewards[7:12, 1] = 0.5
-        assert one.lifts().item() == 1.0  # 6.5 of 7
-        rewards[7:9, 1] = 1.0
-        assert one.lifts().item() == 0.0  # 7.5 of 7
+        assert one.lifts().item() == 0.0  # 1.2 against 1
+        rewards[12, 1] = -5.0
+        assert one.lifts().item() == 1.0  # 1.03, with a standard error of 0.16
+        rewards[12, 1] = 3.0
+        assert one.lifts().item() == 0.0  # 1.46, with one of 0.24
     one.simulation.close()
     other = learner(layer, tmp_path / "persons", for_persons=True)
     assert other.lifts().item() == 1.0 and (one.updates, other.updates) == (1.0, 2.0)

@@ -13,6 +13,8 @@ from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.training.run.trainer import train
 
 _CYCLES, _UPDATES, _PLAY_STEPS, _FITS, _FRAMES = 2, 20, 100, 200, 8192
+_TRIES, _USER_STEPS = 1_000, 12_000
+"""User steps of Q-learning: at random, and in all."""
 
 
 def short_run(config: TrainingConfig) -> TrainingConfig:
@@ -21,8 +23,8 @@ def short_run(config: TrainingConfig) -> TrainingConfig:
     Raises:
         InputError: a recipe with stages that cannot be shortened.
     """
-    if config.recipe not in ("ppo", "distill"):
-        raise InputError("--profile", f"a recipe {config.recipe!r}", "ppo or distill")
+    if config.recipe not in ("ppo", "distill", "skills"):
+        raise InputError("--profile", f"a recipe {config.recipe!r}", "ppo, distill or skills")
     teacher, student, ppo = config.teacher, config.student, config.ppo
     imagined = teacher.imagined
     few = {
@@ -32,8 +34,19 @@ def short_run(config: TrainingConfig) -> TrainingConfig:
         "first_fit_minibatches": min(imagined.first_fit_minibatches, _FITS),
     }
     imagined = imagined.model_copy(update=few)
+    skills, learning = config.skills, config.skills.q_learning
+    motor = skills.motor_training
+    tries = {
+        "try_steps": min(learning.try_steps, _TRIES),
+        "user_steps": min(learning.user_steps, _USER_STEPS),
+    }
+    options = {
+        "motor_training": motor.model_copy(update={"cycles": min(motor.cycles, _CYCLES)}),
+        "q_learning": learning.model_copy(update=tries),
+    }
     changes = {
         "total_timesteps": ppo.n_envs * ppo.n_steps,
+        "skills": skills.model_copy(update=options),
         "teacher": teacher.model_copy(update={"imagined": imagined}),
         "student": student.model_copy(update={"frames": min(student.frames, _FRAMES)}),
     }

@@ -43,7 +43,7 @@ class PeopleTraining:
     """Cycles of training: in each, persons move, and the forward model of the body is fitted to it.
     The last one ends with the training of the policy in space."""
     bodies: int = 48
-    """Simulated persons that move in a cycle."""
+    """Arms that move in a cycle: of so many simulated persons, or of half as many with two."""
     random_steps: int = 400
     """User steps of each person in the first cycle, at random."""
     goal_steps: int = 120
@@ -85,13 +85,13 @@ class QLearningConfig(Settings):
 
     users: int = Field(default=32, ge=1, le=MOST_USERS)
     """Environments in which users play at the same time."""
-    user_steps: int = Field(default=120_000, ge=1, le=MOST_STEPS)
+    user_steps: int = Field(default=80_000, ge=1, le=MOST_STEPS)
     """User steps of the Q-learning, of all users together."""
     try_steps: int = Field(default=8_000, ge=0, le=MOST_STEPS)
     """User steps at the start in which all is tried at random."""
     explore_last: Chance = 0.08
     """Proportion of exploratory decisions after ``explore_steps``."""
-    explore_steps: int = Field(default=50_000, ge=1, le=MOST_STEPS)
+    explore_steps: int = Field(default=35_000, ge=1, le=MOST_STEPS)
     """User steps over which that proportion falls."""
 
 

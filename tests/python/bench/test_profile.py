@@ -18,8 +18,12 @@ def test_a_shortened_recipe_has_all_stages_and_is_never_longer() -> None:
     assert short.teacher.imagined.cycles == 2
     assert short.student.frames == 4096
     assert short.total_timesteps == short.ppo.n_envs * short.ppo.n_steps
-    with pytest.raises(InputError, match="'skills'"):
-        short_run(load_config("skills", []))
+    learning = short_run(
+        load_config("skills", ["skills.q_learning.try_steps=500"])
+    ).skills.q_learning
+    assert (learning.try_steps, learning.user_steps) == (500, 12_000)
+    with pytest.raises(InputError, match="'sac'"):
+        short_run(load_config("sample_sac", []))
 
 
 def test_the_table_has_busy_cores(tmp_path: Path) -> None:

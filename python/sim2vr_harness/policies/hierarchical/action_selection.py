@@ -35,6 +35,9 @@ _SAME_M, _SHORT_M, _MOST_VAIN = 0.15, 0.05, 3
 again, up to so many times. (Who has come where it wants to be may have reasons to stay.)"""
 
 
+_OWN_M, _SAME_THING_M, _BEFORE_M, _PARTLY = 0.15, 0.03, 0.03, (0.4, 0.85)
+"""What is so near to the tip of a tool may be the tool; how far beside the line of sight to a thing
+it may hide it; how far before it, and how much of the thing's width is left where it does."""
 Aims = tuple[Tensor, Tensor]
 """(N, H, 3) middles of things, and (N, H) their widths, m."""
 
@@ -134,6 +137,12 @@ class ActionSelector:
         """(N, H) choices that are worth most, see :func:`best_choices`."""
         return best_choices(values, self.something(scene), self.primitives.options)
 
+    def committed(
+        self, values: Tensor, scene: OptionScene, choice: OptionChoice, places: Tensor
+    ) -> Tensor:
+        """(N, H) choices, see :func:`committed`."""
+        return committed(values, self.something(scene), choice, places, self.primitives)
+
     def choose(
         self,
         choice: OptionChoice,
@@ -150,6 +159,8 @@ class ActionSelector:
             torch.from_numpy(scene.head),
             torch.from_numpy(scene.turned).reshape(-1, 3, 3),
         )
+        head, tips = torch.from_numpy(scene.head), torch.from_numpy(scene.tips)
+        aims = remembered(choice, aims, head, tips)
         choose(choice, chosen, places, self.primitives, changed, aims)
 
     def actions(self, choice: OptionChoice) -> NDArray[np.float32]:
@@ -273,6 +284,30 @@ def aims_of(
     A cell is larger than many a thing: 4 cm wide at arm's length.
     """
     return sight.things(pictures, torch.from_numpy(chosen) % sight.cells, head, turned)
+
+
+def remembered(choice: OptionChoice, aims: Aims, head: Tensor, tips: Tensor) -> Aims:
+    """Return aims, and of things that the user's own tool hides what was seen of them before.
+
+    Args:
+        choice: what hands have been doing.
+        aims: of the present choices.
+        head: (N, 3) m.
+        tips: (N, H, 3) where the tips of the tools are, m.
+    """
+    place, width = aims
+    before = choice.seen - head[:, None]
+    far = before.norm(dim=-1, keepdim=True).clamp(min=1e-6)
+    way = place - head[:, None]
+    along = (way * before).sum(-1, keepdim=True) / far
+    beside = (way - along * before / far).norm(dim=-1)
+    own = ((place - tips).norm(dim=-1) < _OWN_M) & (choice.move >= 0) & (beside < _SAME_THING_M)
+    share = width / choice.width
+    partly = (share > _PARTLY[0]) & (share < _PARTLY[1])
+    hidden = own & (((far - along)[..., 0] > _BEFORE_M) | partly)
+    return torch.where(hidden[..., None], choice.seen, place), torch.where(
+        hidden, choice.width, width
+    )
 
 
 def choose(

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
+from sim2vr_harness.policies.hierarchical.motor_goals import WIDTHS_M
+
 CELL_PX = 4
 """Width and height of a cell, pixels."""
 FAR_M = 10.0
 """Depth at which a picture's depth is 255 (docs/reference/protocol.md)."""
-WIDTHS_M = (0.01, 0.12)
-"""Widths of things: narrower or wider ones count as these."""
 _NOTHING = 255
 """Depth of a pixel that shows nothing, or something farther away."""
 _MIDDLE_FIRST = torch.tensor([5, 6, 9, 10, 1, 2, 4, 7, 8, 11, 13, 14, 0, 3, 12, 15])

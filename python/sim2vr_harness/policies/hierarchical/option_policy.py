@@ -23,6 +23,7 @@ from sim2vr_harness.policies.hierarchical.action_selection import (
     choose,
     committed,
     mask_unreached,
+    remembered,
 )
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid, rotation
@@ -241,6 +242,7 @@ class HierarchicalPolicy(nn.Module):
         )
         chosen = committed(values, something, choice, places, self.primitives).numpy()
         aims = aims_of(self.values.sight, chosen, pictures, head[:, :3, 3], head[:, :3, :3])
+        aims = remembered(choice, aims, head[:, :3, 3], moving[0])
         choose(choice, chosen, places, self.primitives, aims=aims)
 
 

@@ -11,7 +11,13 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from sim2vr_harness.policies.hierarchical.controller_inputs import ROLES, ControllerInputs
-from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, WIDTH_M, MotorGoals, tips
+from sim2vr_harness.policies.hierarchical.motor_goals import (
+    MOMENT_S,
+    WIDTH_M,
+    WIDTHS_M,
+    MotorGoals,
+    tips,
+)
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
 from sim2vr_harness.policies.hierarchical.options import (
     FREE,
@@ -79,7 +85,7 @@ class Manner:
 _READY_M = 0.15
 """Where hands wait: people's hold a tool 0.13 m before the next target (docs/concepts/people.md)."""
 MEASURED = Manner(by_width=True, ready_m=_READY_M)
-"""How the measured body moves that learns before persons do."""
+"""How the measured body does, whose values persons take over."""
 PERSONS = Manner(
     push_mps=3.0,
     swing_mps=2.0,
@@ -91,9 +97,11 @@ PERSONS = Manner(
     commitment=0.1,
 )
 """How persons do (docs/concepts/people.md)."""
-_INSIDE, _SPAN = 0.5, 0.9
-"""Hands that heed widths: as a share of the thing's radius, how far beside its middle they do not
-stay before it any more, and over which distance from there on they stay before it more and more."""
+_AIMED = 0.6
+"""Share of a thing's width that a hand aims at which comes to it."""
+_ENTERS, _ENTERED, _LIFTED_M, _WELL_BEHIND_M = 0.8, 0.5, 0.02, 0.04
+"""Hands that heed widths: from how far beside a thing's middle they go in, and from where deepest,
+as shares of its radius; how far outside the first they are lifted off most; how deep deepest is."""
 _ABOVE_M = 0.01
 """A hand that is no farther beside its place does not stay before it any more."""
 _COMING_MPS = 0.1
@@ -315,7 +323,8 @@ class PrimitiveController:
         goals.place = choice.place + self._depth(choice, away, now, velocity) * away * touches
         back = (choice.move == _PULL) & (choice.closed > 0)
         goals.place = torch.where(back[..., None], choice.closed_at + _BACK, goals.place)
-        goals.width = torch.where(touches[..., 0], choice.width, goals.width)
+        aimed = (_AIMED * choice.width).clamp(*WIDTHS_M)
+        goals.width = torch.where(touches[..., 0], aimed, goals.width)
         goals.velocity = directions
         if manner.by_hand:
             now, velocity = _push_by_hand(goals, pushes, away, (place, soon), (now, velocity))
@@ -400,15 +409,12 @@ class PrimitiveController:
         sideways = way - along * away
         beside = sideways.norm(dim=-1, keepdim=True)
         lift_m = self.manner.lift_m
+        if self.manner.by_width:
+            return _inside(beside, 0.5 * choice.width[..., None], lift_m)
+        lifted = ((beside - _ABOVE_M) / lift_m).clamp(0.0, 1.0)
         closing = -(velocity * sideways).sum(-1, keepdim=True) / beside.clamp(min=1e-6)
         coming = (closing / _COMING_MPS).clamp(0.0, 1.0)
-        if self.manner.by_width:
-            radii = beside / (0.5 * choice.width[..., None])
-            lifted, near = ((radii - _INSIDE) / _SPAN).clamp(0.0, 1.0), radii < 1.0
-        else:
-            lifted = ((beside - _ABOVE_M) / lift_m).clamp(0.0, 1.0)
-            near = lifted < 1.0
-        lifted = torch.where(near, lifted * coming, lifted) * self.lifts
+        lifted = torch.where(lifted < 1.0, lifted * coming, lifted) * self.lifts
         return _DEEPER_M - lifted * (_DEEPER_M + lift_m)
 
     def _wait(self, goals: MotorGoals, choice: OptionChoice, away: Tensor) -> None:
@@ -437,6 +443,20 @@ class PrimitiveController:
         begin = goals.place - _FURTHER * run_up * direction
         goals.place = torch.where(back, begin, goals.place)
         goals.velocity = torch.where(back, torch.zeros(()), goals.velocity)
+
+
+def _inside(beside: Tensor, radius: Tensor, lift_m: float) -> Tensor:
+    """(N, H, 1) how far behind surfaces hands aim that heed widths; before it: negative, m.
+
+    Args:
+        beside: (N, H, 1) from the middles of things, m.
+        radius: (N, H, 1) of the things, m.
+        lift_m: most that hands stay before the surface.
+    """
+    share = beside / radius
+    behind = _WELL_BEHIND_M * ((_ENTERS - share) / (_ENTERS - _ENTERED)).clamp(max=1.0)
+    before = lift_m * ((beside - _ENTERS * radius) / _LIFTED_M).clamp(max=1.0)
+    return torch.where(share < _ENTERS, behind, -before)
 
 
 def _push_by_hand(

@@ -197,7 +197,7 @@ class _Course:
         generator = torch.Generator().manual_seed(seed + 93)
         self._seen = policy.perception(self._n, generator)
         self._hands = HumanHands(policy, self._n, self._seen)
-        self._hand = len(policy.hands) - 1
+        self._hand = 0  # the right one of two
 
     def aim(self, distance_m: float, width_m: float) -> AimedMovements:
         """Let everyone settle at a place, and aim at another one."""

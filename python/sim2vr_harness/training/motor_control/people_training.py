@@ -37,6 +37,8 @@ _EXPLORES = 0.05
 """Noise on the actions to goals, so that the model is fitted to more than is usual."""
 _TOOL_SHARES, _TOOLS_M = 0.5, (0.05, 0.4)
 _REACH_MPS = (0.2, 2.0)
+_ARMS = 1024
+"""Arms in a minibatch of the forward model: two arms of a body share one model."""
 
 
 class Bodies:
@@ -123,7 +125,6 @@ class PeopleTrainer:
         seed: int = 1,
     ) -> None:
         self.config, self._seed, self.cycle = config, seed, 0
-        self._bodies = Bodies(user, config.bodies, step_s, threads)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             self.policy = people_policy(
@@ -133,6 +134,8 @@ class PeopleTrainer:
                 body_width=config.body_width,
                 perception=config.perception,
             )
+        self._hands = len(self.policy.hands)
+        self._bodies = Bodies(user, -(-config.bodies // self._hands), step_s, threads)
         self._seen: list[TransitionStore] = []
 
     @property
@@ -171,6 +174,7 @@ class PeopleTrainer:
             steps,
             minibatches=self.config.fit_minibatches * (1 if later else 3),
             learning_rate=2e-3 if later else 4e-3,
+            batch_size=_ARMS // self._hands,
             on_progress=lambda share: on_progress("fitting the forward model", share),
         )
         return found["place_m"]

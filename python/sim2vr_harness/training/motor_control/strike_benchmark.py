@@ -151,7 +151,7 @@ class _Strikes:
         self._rng = np.random.default_rng([seed, 94])
         self._bodies = Bodies(user, self._n, policy.step_s, threads)
         who = unseen_persons(self._bodies.people, seed, persons, repeats)
-        self._hand = len(policy.hands) - 1
+        self._hand = 0  # the right one of two
         rngs = [np.random.default_rng(int(s)) for s in self._rng.integers(2**31, size=self._n)]
         middle = self._bodies.body.joint_ranges.mean(1)
         self._bodies.users.reset(np.arange(self._n), rngs, [middle] * self._n, who)

@@ -23,11 +23,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from sim2vr_harness.base.cores import budget
-from sim2vr_harness.policies.hierarchical.action_selection import (
-    ActionSelector,
-    OptionScene,
-    committed,
-)
+from sim2vr_harness.policies.hierarchical.action_selection import ActionSelector, OptionScene
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.frame_history import FrameHistory
 from sim2vr_harness.policies.hierarchical.person_layer import PersonLayer
@@ -51,8 +47,8 @@ DECIDE_STEPS = 3
 Users see decisions through for longer where it pays."""
 _BATCH_SIZE = 64
 """Decisions per minibatch; all shipped users learned from as many."""
-UPDATES_PER_DECISION = 2.0
-"""Updates of the Q-network per decision of all users."""
+_UPDATES, _UPDATES_FOR_PERSONS = 1.0, 2.0
+"""Updates of the Q-network per decision of all users; persons take longer to decide and to move."""
 _KEPT_DECISIONS = 24_000
 """Size of the replay buffer."""
 _EXPLORE_FIRST = 0.9
@@ -82,8 +78,9 @@ class OptionQLearning:
         pictures: the file that what is seen goes to; made or reused.
         seed: of everything drawn here.
         late_steps: user steps by which pictures are seen late.
-        compares: whether every second user goes straight to what it touches, without lifting off,
-            until half of the user steps show which of both is rewarded more.
+        for_persons: whether persons will use what is learned. If not, every second user goes
+            straight to what it touches, without lifting off as persons do, until half of the user
+            steps show which of both is rewarded more.
     """
 
     def __init__(
@@ -95,10 +92,12 @@ class OptionQLearning:
         *,
         seed: int,
         late_steps: int = 0,
-        compares: bool = False,
+        for_persons: bool = False,
     ) -> None:
         self.config, self._late_steps, self._seed = config, late_steps, seed
-        self._compares = compares and simulation.n > 1
+        self._compares = not for_persons and simulation.n > 1
+        self.updates = _UPDATES_FOR_PERSONS if for_persons else _UPDATES
+        """Updates of the Q-network per decision of all users."""
         self.n: int = simulation.n
         self.hands = len(primitives.tool)
         vision = simulation.config.vision
@@ -142,15 +141,15 @@ class OptionQLearning:
         self.simulation, self.primitives = simulation, primitives
         past = FrameHistory(simulation, self._late_steps)
         self._selector = ActionSelector(simulation, primitives, past)
-        self.begin_rounds(56)
+        self.begin_rounds(self._seed, 56)
         self._trying = np.zeros((self.n, self.hands), np.int64)
         """User steps for which a random try is still seen through."""
         self._tried = np.zeros((self.n, self.hands), np.int64)
         self._exploration = Exploration(self._selector, self.rng)
 
-    def begin_rounds(self, stream: int) -> None:
-        """Let every user's rounds begin anew, with seeds of a random stream."""
-        seeds = np.random.SeedSequence([self._seed, stream]).generate_state(self.n, np.uint32)
+    def begin_rounds(self, *seed: int) -> None:
+        """Let every user's rounds begin anew."""
+        seeds = np.random.SeedSequence(seed).generate_state(self.n, np.uint32)
         self.simulation.reset(seeds=[int(value) for value in seeds])
         self._choice = OptionChoice(self.n, self.hands)
 
@@ -172,8 +171,7 @@ class OptionQLearning:
         places = self._selector.places(scene)
         with torch.inference_mode():
             values = self._selector.values(self.net, scene, places)
-            something, primitives = self._selector.something(scene), self.primitives
-            chosen = committed(values, something, self._choice, places, primitives).numpy()
+            chosen = self._selector.committed(values, scene, self._choice, places).numpy()
         still = self._trying > 0  # the place stays the one that was tried
         changed = ~still
         chosen[still] = self._tried[still]
@@ -211,8 +209,13 @@ class OptionQLearning:
         """Whether all user steps are taken."""
         return self.step_count >= self.config.user_steps
 
-    def step(self) -> QLearningReport:
-        """Decide, see it through, and learn."""
+    def step(self, doing: Callable[[str], None] = lambda part: None) -> QLearningReport:
+        """Decide, see it through, and learn.
+
+        Args:
+            doing: told what is done from now on, for a table of times.
+        """
+        doing("choosing options")
         explore = self.explore
         if self._compares:
             self.primitives.lifts = self.lifts()
@@ -224,10 +227,10 @@ class OptionQLearning:
         updates = 0
         if self.step_count >= self.config.try_steps:
             self._settle_scale()
-            self._owed += UPDATES_PER_DECISION
+            self._owed += self.updates
             updates = int(self._owed)
             self._owed -= updates
-        reward, over, loss = self._play_and_learn(updates)
+        reward, over, loss = self._play_and_learn(updates, doing)
         self._memory.amend({"reward": reward[None], "over": over[None]})
         step_s = 1.0 / self.simulation.config.action_frequency_hz
         self._rewards.append(float(reward.mean()) * 60.0 / (DECIDE_STEPS * step_s))
@@ -236,11 +239,8 @@ class OptionQLearning:
     def lifts(self, *, ended: bool = False) -> Tensor:
         """(N or 1, 1, 1) which users lift off: half of them at first, then all or none.
 
-        At half of the user steps, rewards of their second quarter decide. Penalties do not count:
-        who never touches has none.
-
-        Args:
-            ended: whether no more user steps are taken.
+        At half of the user steps, or when they have ``ended``, rewards of their second quarter
+        decide. Penalties do not count: who never touches has none.
         """
         if not self._compares:
             return torch.ones(1, 1, 1)
@@ -252,7 +252,9 @@ class OptionQLearning:
         lifting, straight = rewards[:, ::2].mean(), rewards[:, 1::2].mean()
         return torch.full((1, 1, 1), float(lifting >= straight))
 
-    def _play_and_learn(self, updates: int) -> tuple[NDArray[np.float32], NDArray[np.bool_], float]:
+    def _play_and_learn(
+        self, updates: int, doing: Callable[[str], None]
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_], float]:
         """See the present choice through, and learn from the ones before it meanwhile.
 
         What is learned from ends where the present decision was made, so that it makes no
@@ -261,8 +263,11 @@ class OptionQLearning:
         rate = _LEARNING_RATE * self._settling(_SETTLED_RATE)
         self._corrected = 1.0 - self._settling(0.0)
         if budget(self.simulation.config.cores) == 1 or not updates:
+            doing("learning")
             loss = self._learn(updates, rate, map)
+            doing("playing")
             return *self.play(DECIDE_STEPS), loss
+        doing("playing and learning")
         with ThreadPoolExecutor(_PARTS) as parts, ThreadPoolExecutor(1) as beside:
             learning = beside.submit(self._learn, updates, rate, parts.map)
             reward, over = self.play(DECIDE_STEPS)
@@ -315,10 +320,7 @@ class OptionQLearning:
             steps: user steps to play, of each.
             on_progress: called with the share of the steps done, before each of them.
         """
-        simulation = self.simulation
-        seeds = np.random.SeedSequence([self.step_count, 59]).generate_state(self.n, np.uint32)
-        simulation.reset(seeds=[int(value) for value in seeds])
-        self._choice = OptionChoice(self.n, self.hands)
+        self.begin_rounds(self.step_count, 59)
         self._trying[:] = 0
         total = 0.0
         for step in range(steps):
@@ -326,8 +328,7 @@ class OptionQLearning:
             if step % hold == 0:
                 self._selector.choose_best(self.net, self._choice, hold)
             total += float(self.play(1)[0].mean())
-        minutes = steps / simulation.config.action_frequency_hz / 60.0
-        return total / minutes
+        return total * 60.0 * self.simulation.config.action_frequency_hz / steps
 
     # --- learning ----------------------------------------------------------------------------
 

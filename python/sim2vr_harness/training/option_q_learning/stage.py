@@ -48,19 +48,15 @@ from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder, append_row, keep_rows
 from sim2vr_harness.training.dagger.option_expert import OptionExpert
 from sim2vr_harness.training.motor_control.stage import MotorStage
+from sim2vr_harness.training.option_q_learning.decision_duration import (
+    best_duration,
+    duration_steps,
+    durations,
+)
 from sim2vr_harness.training.option_q_learning.minibatch import N_STEP
 from sim2vr_harness.training.option_q_learning.pace import Pace
-from sim2vr_harness.training.option_q_learning.q_learning import (
-    DECIDE_STEPS,
-    UPDATES_PER_DECISION,
-    OptionQLearning,
-)
-from sim2vr_harness.training.option_q_learning.tempo import (
-    best_hold,
-    choose_vigour,
-    hold_steps,
-    holds,
-)
+from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS, OptionQLearning
+from sim2vr_harness.training.option_q_learning.vigour import choose_vigour
 from sim2vr_harness.training.run.progress import View, duration
 from sim2vr_harness.training.run.stage import Callbacks
 
@@ -213,7 +209,7 @@ class QLearningStage:
                 self.folder / _PICTURES,
                 seed=seed,
                 late_steps=self._late_steps,
-                compares=not self._config.skills.people,
+                for_persons=self._config.skills.people,
             )
             if (self.folder / _STATE).is_file():
                 take_in(self.folder / _STATE, "the state of Q-learning", self._resume)
@@ -232,7 +228,7 @@ class QLearningStage:
             steps = learner.step_count
             file = self._run.checkpoint_file(self.stop if finished else steps)
             # A person may decide in every user step: its refractory period says how often it does.
-            hold = 1 if self._config.skills.people else best_hold(learner, callbacks)
+            hold = 1 if self._config.skills.people else best_duration(learner, callbacks)
             write_user(file, self._hierarchical_user(layer, learner, hold), steps)
         if finished:
             write_tensors(self.folder / _VALUES, learned)
@@ -293,6 +289,7 @@ class QLearningStage:
         known = read_tensors(file, "what was found before trying") if file.is_file() else {}
         if "tool" in known:
             return known["tool"], {name: float(v) for name, v in known["earned"].items()}, 0.0
+        callbacks.doing("tools and baselines")
         callbacks.say("Finding tools and measuring baselines ...")
         tools = self._tools(simulation, layer, poses)
         points = np.array([[tool.tip, tool.middle] for tool in tools])
@@ -342,13 +339,13 @@ class QLearningStage:
                 callbacks.say("Persons play from now on, with what has been learned.")
                 self._begin_persons(learner)
                 choose_vigour(learner, callbacks)
-            report = learner.step()
+            report = learner.step(callbacks.doing)
             decisions += 1
             done = learner.step_count
             pace.note(done // each, time.monotonic() - before_s)
             if rate and decisions == max(_PACE_DECISIONS, N_STEP + 1):
                 measuring = time.monotonic()
-                pace.update_s = UPDATES_PER_DECISION * learner.update_seconds()
+                pace.update_s = learner.updates * learner.update_seconds()
                 callbacks.say(_expected(self._config, pace, done // each, rate))
                 began += time.monotonic() - measuring
             callbacks.show(lambda: View(done, doing, pace.left_s(done // each)))  # noqa: B023
@@ -374,7 +371,7 @@ class QLearningStage:
     def _pace(self, each: int) -> Pace:
         """The time that the stage takes; a decision of all users is ``each`` user steps."""
         users, rate = self._config.skills.q_learning.users, self._config.env.action_frequency_hz
-        steps = hold_steps(users, rate) * len(holds()) if self._run is not None else 0
+        steps = duration_steps(users, rate) * len(durations()) if self._run is not None else 0
         explored = -(-self._config.skills.q_learning.try_steps // each)
         return Pace(explored, -(-self.stop // each), steps // DECIDE_STEPS)
 

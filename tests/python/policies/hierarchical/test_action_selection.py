@@ -12,6 +12,7 @@ from sim2vr_harness.policies.hierarchical.action_selection import (
     best_choices,
     committed,
     mask_unreached,
+    remembered,
 )
 from sim2vr_harness.policies.hierarchical.options import PLAIN
 from sim2vr_harness.policies.hierarchical.primitives import MOVES, OptionChoice, PrimitiveController
@@ -140,3 +141,31 @@ def test_a_new_round_begins_patiently() -> None:
     choice.forget(torch.tensor([0]).numpy())
     assert choice.move.item() == -1
     assert left_alone(choice, 0.0, 1) == [[]]
+
+
+@pytest.mark.parametrize(
+    ("place", "width_m", "tip", "kept"),
+    [
+        ((0.35, 0.0, 0.0), 0.02, (0.34, 0.0, 0.0), True),  # the tool, 5 cm before the thing
+        ((0.35, 0.0, 0.0), 0.02, (0.10, 0.0, 0.0), False),  # something else came before it
+        ((0.38, 0.0, 0.0), 0.03, (0.37, 0.0, 0.0), False),  # as far as before, a step of depth
+        ((0.40, 0.05, 0.0), 0.03, (0.37, 0.0, 0.0), False),  # another thing beside it
+        ((0.40, 0.01, 0.0), 0.02, (0.37, 0.0, 0.0), True),  # two thirds of it are left
+        ((0.40, 0.01, 0.0), 0.01, (0.37, 0.0, 0.0), False),
+        ((0.40, 0.01, 0.0), 0.04, (0.37, 0.0, 0.0), False),
+        ((0.45, 0.0, 0.0), 0.03, (0.44, 0.0, 0.0), False),  # the tool hid it, and does no more
+    ],
+)
+def test_own_tools_hide_things_and_do_not_replace_them(
+    place: tuple[float, ...], width_m: float, tip: tuple[float, ...], kept: bool
+) -> None:
+    """A hand goes for a thing of 3 cm, 40 cm before the head."""
+    choice = OptionChoice(1, 1)
+    choice.move[:], choice.width[:] = MOVES.index("touch"), 0.03
+    choice.seen[0, 0] = torch.tensor([0.4, 0.0, 0.0])
+    new = (torch.tensor([[place]]), torch.tensor([[width_m]]))
+    found, width = remembered(choice, new, torch.zeros(1, 3), torch.tensor([[tip]]))
+    assert found[0, 0].tolist() == pytest.approx((0.4, 0.0, 0.0) if kept else place)
+    assert float(width) == pytest.approx(0.03 if kept else width_m)
+    choice.move[:] = -1  # at rest it has nothing to remember
+    assert torch.equal(remembered(choice, new, torch.zeros(1, 3), torch.tensor([[tip]]))[0], new[0])

@@ -164,7 +164,7 @@ def test_hands_go_to_the_middle_of_a_thing_and_not_of_its_cell(layer: MotorPolic
     assert choice.place[0, 0].tolist() == pytest.approx(middle.tolist())  # within reach
     place = torch.eye(4)[None, None]
     goals = primitives.goals(choice, torch.zeros(1, 3), place, place)
-    assert float(goals.width) == pytest.approx(0.02)
+    assert float(goals.width) == pytest.approx(0.6 * 0.02)  # well inside
     choose(choice, np.array([[4 + 2]]), cells, primitives, aims=aims)
     pushed = primitives.goals(choice, torch.zeros(1, 3), place, place)
     assert choice.move[0, 0] == MOVES.index("push")

@@ -26,8 +26,8 @@ from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import TrainingConfig, load_config
 from sim2vr_harness.runs.migration import with_new_tensor_names
+from sim2vr_harness.training.option_q_learning.decision_duration import best_duration
 from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS
-from sim2vr_harness.training.option_q_learning.tempo import best_hold
 from sim2vr_harness.training.ppo.fine_tune import adapting
 from sim2vr_harness.training.run.progress import View
 from sim2vr_harness.training.run.trainer import train
@@ -127,10 +127,13 @@ def test_a_decision_is_seen_through_for_as_long_as_it_pays() -> None:
     class Listener:
         say = said.append
 
+        def doing(self, part: str) -> None:
+            assert part == "durations of decisions"
+
         def show(self, view: Callable[[], View], *, force: bool = False) -> None:
             shown.append((view().doing, force))
 
-    assert best_hold(Obedient(), Listener()) == 3  # type: ignore[arg-type]
+    assert best_duration(Obedient(), Listener()) == 3  # type: ignore[arg-type]
     assert "1.00 for 1, 3.00 for 3, -1.00 for 5. The user's: 3." in said[0]
     assert [what for what, _ in shown[::2]] == [
         f"measuring 3 durations of decisions, {number} of 3" for number in (1, 2, 3)

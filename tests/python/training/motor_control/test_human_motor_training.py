@@ -10,6 +10,8 @@ from sim2vr_harness.envs.config import UserConfig
 from sim2vr_harness.envs.people_preset import as_population
 from sim2vr_harness.policies.hierarchical.hand_policy import HandPolicy
 from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
+from sim2vr_harness.policies.hierarchical.human_motor import HumanHands
+from sim2vr_harness.policies.hierarchical.motor_store import human_policy_for
 from sim2vr_harness.runs.option_config import PeopleTraining
 from sim2vr_harness.training.motor_control import hand_training
 from sim2vr_harness.training.motor_control.hand_training import (
@@ -21,8 +23,9 @@ from sim2vr_harness.training.motor_control.human_benchmark import (
     AimedMovements,
     HumanMeasures,
     _profile,
+    unseen_persons,
 )
-from sim2vr_harness.training.motor_control.people_training import PeopleTrainer
+from sim2vr_harness.training.motor_control.people_training import Bodies, PeopleTrainer
 
 TINY = PeopleTraining(
     cycles=2,
@@ -36,8 +39,43 @@ TINY = PeopleTraining(
 )
 
 
-def trainer() -> PeopleTrainer:
-    return PeopleTrainer(TINY, as_population(UserConfig()), 0.05, threads=1, seed=4)
+SHIPPED = ("mobl_arms_wrist", "mobl_arms_bimanual")
+"""Bodies with a human motor policy of their own."""
+
+
+def trainer(body: str = "mobl_arms_wrist") -> PeopleTrainer:
+    return PeopleTrainer(TINY, as_population(UserConfig(model=body)), 0.05, threads=1, seed=4)
+
+
+@pytest.mark.parametrize("body", SHIPPED)
+def test_shipped_persons_bring_hands_to_places_and_stay(body: str) -> None:
+    """Six persons, places before the shoulders, m; two hands go at the same time."""
+    user = as_population(UserConfig(model=body))
+    policy, bodies = human_policy_for(user, 0.05), Bodies(user, 6, 0.05, 1)
+    hands, goals = HumanHands(policy, 6), HumanGoals.none(6, len(policy.hands))
+    middle = bodies.body.joint_ranges.mean(1)
+    rngs = [np.random.default_rng(i) for i in range(6)]
+    persons = unseen_persons(bodies.people, 5, 6, 1)
+    bodies.users.reset(np.arange(6), rngs, [middle] * 6, persons)
+    goals.active += 1.0
+    right = torch.tensor([[0.44, -0.2, 1.1], [0.44, -0.4, 1.0], [0.3, -0.2, 0.9]]).repeat(2, 1)
+    both = torch.stack([right, right * torch.tensor([1.0, -1.0, 1.0])], 1)
+    goals.place = both[:, : len(policy.hands)]
+    for _ in range(40):
+        now = hands.motion(bodies.users, policy.persons.of(bodies))  # type: ignore[arg-type]
+        bodies.users.step(hands.act(now, goals)[0])
+    there = np.stack([bodies.users.device_poses(name)[0] for name in policy.hands], 1)
+    off = np.linalg.norm(there - goals.place.numpy(), axis=-1)
+    assert np.median(off) < 0.02 and off.max() < 0.06, off
+
+
+def test_two_arms_learn_from_half_as_many_persons() -> None:
+    """Both arms go to goals of their own, and 12 user steps of 2 persons move 48 arms."""
+    two = trainer("mobl_arms_bimanual")
+    two.step()
+    report = two.step()
+    assert two.finished and report.velocity_mps > 0.0
+    assert [len(part) for part in two._seen] == [24 * 2, 12 * 2]
 
 
 def test_a_training_that_goes_on_ends_in_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -47,7 +47,7 @@ from sim2vr_harness.training.option_q_learning.q_learning import (
     DECIDE_STEPS,
     OptionQLearning,
 )
-from sim2vr_harness.training.option_q_learning.tempo import choose_vigour
+from sim2vr_harness.training.option_q_learning.vigour import choose_vigour
 from sim2vr_harness.users import UserBatch, list_bodies, load_body
 
 pytest.importorskip("sim2vr_harness._app_runtime")
@@ -206,14 +206,14 @@ def small_minibatches(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def learner(
-    layer: MotorPolicy, folder: Path, cores: int = 1, compares: bool = False
+    layer: MotorPolicy, folder: Path, cores: int = 1, for_persons: bool = False
 ) -> OptionQLearning:
     folder.mkdir(exist_ok=True)
     config = env("sample").model_copy(update={"cores": cores})
     simulation = Simulation(config, SMALL.users)
     primitives = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
     file = folder / "pictures.bin"
-    return OptionQLearning(SMALL, simulation, primitives, file, seed=2, compares=compares)
+    return OptionQLearning(SMALL, simulation, primitives, file, seed=2, for_persons=for_persons)
 
 
 def test_q_learning_goes_on_from_a_state_to_the_bit(layer: MotorPolicy, tmp_path: Path) -> None:
@@ -242,7 +242,7 @@ def test_hands_lift_off_where_it_is_rewarded_more(layer: MotorPolicy, tmp_path: 
 
     Of those the last seven count. Penalties do not, nor rewards before.
     """
-    one = learner(layer, tmp_path / "lifts", compares=True)
+    one = learner(layer, tmp_path / "lifts")
     rewards = np.zeros((13, 3), np.float32)
     rewards[:6] = [9.0, 0.0, 9.0]
     rewards[6:] = [1.0, 2.0, 1.0]
@@ -256,14 +256,15 @@ def test_hands_lift_off_where_it_is_rewarded_more(layer: MotorPolicy, tmp_path: 
         assert one.lifts().item() == 1.0  # 6.5 of 7
         rewards[7:9, 1] = 1.0
         assert one.lifts().item() == 0.0  # 7.5 of 7
-    one._compares = False
-    assert one.lifts().item() == 1.0
     one.simulation.close()
+    other = learner(layer, tmp_path / "persons", for_persons=True)
+    assert other.lifts().item() == 1.0 and (one.updates, other.updates) == (1.0, 2.0)
+    other.simulation.close()
 
 
 def with_persons(layer: MotorPolicy, folder: Path, steps: int, since: int = 5) -> OptionQLearning:
     """Return a learner whose persons have played, after the measured body."""
-    one = learner(layer, folder)
+    one = learner(layer, folder, for_persons=True)
     for _ in range(since):
         one.step()
     user = as_population(UserConfig())
@@ -301,7 +302,7 @@ def test_persons_move_as_fast_as_it_pays(layer: MotorPolicy, tmp_path: Path) -> 
     persons, taken, decisions = one.primitives.layer, one.step_count, one._memory.count
     assert isinstance(persons, PersonLayer)
     earned = {1.0: 10.0, 6.0: 20.0, 36.0: 5.0}
-    callbacks = SimpleNamespace(say=said.append)
+    callbacks = SimpleNamespace(say=said.append, doing=lambda what: None)
     with patch.object(one, "earned", side_effect=lambda *_: earned[persons.vigour]):
         choose_vigour(one, callbacks)  # type: ignore[arg-type]
     assert persons.vigour == 6.0

@@ -1,0 +1,132 @@
+"""What each mechanism of a simulated person does: it plays again without one of them.
+
+The persons are those of a run of ``train APP --people``. Their action values stay as they were
+learned; a mechanism is taken away while they play. Persons and seeds are the same in every row.
+
+    python docs/research/scripts/ablations.py RUN --persons 6 --measures points
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import torch
+
+from sim2vr_harness.evaluation.evaluate import Request, evaluate
+from sim2vr_harness.policies.hierarchical import person_policy
+from sim2vr_harness.policies.hierarchical.hand_policy import HandPolicy
+from sim2vr_harness.runs.option_config import PeopleTraining
+from sim2vr_harness.training.motor_control.hand_training import Execution, train_hand_policy
+
+_STEP_S = 0.05
+
+
+@dataclass(frozen=True)
+class Ablation:
+    """What is different.
+
+    Attributes:
+        settings: of the environment.
+        constants: of ``person_policy``, by name.
+        perceives: whether distances are misjudged.
+        time_cost: factor on the cost of time, with which reaching is learned anew.
+    """
+
+    settings: tuple[str, ...] = ()
+    constants: Mapping[str, float] = field(default_factory=dict)
+    perceives: bool = True
+    time_cost: float = 1.0
+
+
+_NOISE = "env.user.noise"
+ABLATIONS = {
+    "all mechanisms": Ablation(),
+    "no visual delay": Ablation(settings=("env.user.people.visual_delay_s=0",)),
+    "no recognition latency": Ablation(constants={"RECOGNITION_S": 0.0}),
+    "no refractory period": Ablation(constants={"REFRACTORY_S": 0.0}),
+    "no motor noise": Ablation(
+        settings=(f"{_NOISE}.signal_dependent=null", f"{_NOISE}.constant=null")
+    ),
+    "no misjudged distance": Ablation(perceives=False),
+    "half the cost of time": Ablation(time_cost=0.5),
+    "twice the cost of time": Ablation(time_cost=2.0),
+}
+
+
+def _reaching(time_cost: float) -> HandPolicy:
+    """A policy in space that was trained with another cost of time."""
+    config = PeopleTraining()
+    torch.manual_seed(1)
+    policy = HandPolicy(config.width)
+    config = dataclasses.replace(config, time_cost=time_cost * config.time_cost)
+    train_hand_policy(policy, config, Execution(), _STEP_S, updates=config.updates, seed=1)
+    return policy
+
+
+@contextmanager
+def _without(ablation: Ablation) -> Iterator[None]:
+    """Take mechanisms away from all persons who begin a round meanwhile."""
+    begin = person_policy.PersonPolicy.reset
+    reaching = None if ablation.time_cost == 1.0 else _reaching(ablation.time_cost)
+
+    def reset(self: Any) -> Any:
+        if reaching is not None:
+            self.human.hand_policy.load_state_dict(reaching.state_dict())
+        if not ablation.perceives:
+            self.human._misjudged = {}
+        return begin(self)
+
+    with ExitStack() as stack:
+        stack.enter_context(mock.patch.object(person_policy.PersonPolicy, "reset", reset))
+        for name, value in ablation.constants.items():
+            stack.enter_context(mock.patch.object(person_policy, name, value))
+        yield
+
+
+def main() -> None:
+    """Print a row of measures for each ablation."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("run", type=Path)
+    parser.add_argument("--persons", type=int, default=6)
+    parser.add_argument("--seed", type=int, default=7, help="of the persons and rounds")
+    parser.add_argument("--condition", help="of the game")
+    parser.add_argument("--measures", nargs="+", required=True)
+    parser.add_argument("--set", nargs="*", default=[], help="settings of all rows")
+    parser.add_argument("--only", nargs="*", choices=list(ABLATIONS), default=list(ABLATIONS))
+    given = parser.parse_args()
+    print("| ablation | " + " | ".join(given.measures) + " |")
+    print("|---" * (1 + len(given.measures)) + "|")
+    for name in given.only:
+        ablation = ABLATIONS[name]
+        with tempfile.TemporaryDirectory() as folder, _without(ablation):
+            request = Request(
+                conditions=[given.condition] if given.condition else None,
+                episodes=1,
+                seed=given.seed,
+                people=given.persons,
+                steps=False,
+                out=Path(folder) / "out",
+                batch=given.persons,
+                overrides=[*given.set, *ablation.settings],
+            )
+            summary = next(iter(evaluate(given.run, request).summaries.values()))
+        cells = [_cell(summary, measure) for measure in given.measures]
+        print(f"| {name} | " + " | ".join(cells) + " |", flush=True)
+
+
+def _cell(summary: Mapping[str, Any], measure: str) -> str:
+    """Mean and standard deviation over persons."""
+    mean, sd = summary[measure], summary.get(f"{measure}_sd")
+    return f"{mean:.3g}" if sd is None else f"{mean:.3g} ± {sd:.2g}"
+
+
+if __name__ == "__main__":
+    main()

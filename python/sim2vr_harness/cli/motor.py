@@ -194,7 +194,8 @@ def measure(
 ) -> None:
     """Measure a motor layer: end points, speeds, effort and Fitts' law.
 
-    With --people, a population reaches at nine indices of difficulty, and pushes.
+    With --people, a population reaches and turns rays at nine indices of difficulty each, and
+    pushes.
 
     Examples:
         sim2vr-harness users motor measure mobl_arms_wrist
@@ -237,6 +238,7 @@ def _measure_people(
     )
     from sim2vr_harness.runs.trust import require_trusted_body
     from sim2vr_harness.training.motor_control.human_benchmark import measure_people
+    from sim2vr_harness.training.motor_control.ray_benchmark import measure_rays
     from sim2vr_harness.training.motor_control.strike_benchmark import measure_strikes
 
     require_trusted_body(body, body, trust=trust_app)
@@ -244,15 +246,22 @@ def _measure_people(
     policy = (
         human_policy_for(user, step_s) if layer is None else load_human_policy(layer, user, step_s)
     )
-    with Share("Measuring movements") as share:
-        measures = measure_people(policy, user, seed=seed, on_progress=share.show)
-    with Share("Measuring pushes") as share:
-        strikes = measure_strikes(policy, user, seed=seed, on_progress=share.show)
-    found = measures.summary() | strikes.summary()
+    kinds: dict[str, Any] = {
+        "reaches": measure_people,
+        "rays": measure_rays,
+        "pushes": measure_strikes,
+    }
+    found: dict[str, float] = {}
+    rows: list[str] = []
+    for kind, measured in kinds.items():
+        with Share(f"Measuring {kind}") as share:
+            measures = measured(policy, user, seed=seed, on_progress=share.show)
+        found |= measures.summary()
+        rows += measures.rows()
     if json:
         print_json(found)
         return
-    for row in measures.rows():
+    for row in rows:
         typer.echo(row)
     for name, value in found.items():
         typer.echo(f"{name:40s} {value:.4g}")

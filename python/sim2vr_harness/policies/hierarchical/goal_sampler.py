@@ -170,6 +170,7 @@ class GoalSampler:
             axis=torch.where(follows[:, None] & pointed, place[:, :3, 0], axis)[:, None],
             active=(kind != _REST).float()[:, None],
             width=torch.full((count, 1), WIDTH_M),
+            rays=torch.zeros(count, 1),
         )
         column = torch.full_like(ids, hand)
         self.goals.put(ids, column, goals)

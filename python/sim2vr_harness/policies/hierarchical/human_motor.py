@@ -22,6 +22,7 @@ from sim2vr_harness.policies.hierarchical.hand_policy import HandPolicy
 from sim2vr_harness.policies.hierarchical.human_goals import GoalPerception, HumanGoals
 from sim2vr_harness.policies.hierarchical.inverse_model import InverseModel, InverseSettings
 from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S
+from sim2vr_harness.policies.hierarchical.ray_turning import Turning
 from sim2vr_harness.users import Body, Physique, UserBatch, held
 from sim2vr_harness.world_models.body_dynamics import BodyModel
 from sim2vr_harness.world_models.effort import volume_shares
@@ -241,10 +242,16 @@ class HumanHands:
         with torch.no_grad():
             believed = self._believed(now)
             place, velocity = policy.inverse.velocities(believed, goals.tip)
-            way, self.velocity = goals.place - place, velocity
+            way, turning = goals.place - place, None
+            if goals.rays.any():
+                at = policy.forward_model.places(believed.angles, now.persons)
+                turning = Turning(goals, at[..., :3, 3], place)
+                way, velocity, goals = turning.seen(way, velocity, goals)
+            self.velocity = velocity
             if self._perception is not None:
                 self._perception.look(way.norm(dim=-1))
-                way = way + self._perception.error()
+                error = self._perception.error()
+                way = way + (error if turning is None else turning.across(error))
             noise = policy.persons.motor_noise(now.persons)
             effort = policy.persons.effort(now.persons)
             assert isinstance(noise, Tensor) and isinstance(effort, Tensor)
@@ -253,8 +260,9 @@ class HumanHands:
             )
             if rule is not None:
                 self.wanted = rule(way, velocity)
+            rows = None if turning is None else turning.rows
             controls = policy.inverse.controls(
-                believed, goals.tip, self.wanted, goals.active, self._bias
+                believed, goals.tip, self.wanted, goals.active, self._bias, rows
             )
             done = policy.drives.actions(believed.drives.numpy(), controls.numpy())
             self._did = torch.from_numpy(done).float()

@@ -82,7 +82,13 @@ class InverseModel:
         return every[:, 0], moved.permute(0, 2, 3, 1)
 
     def controls(
-        self, now: Motion, tip: Tensor, velocity: Tensor, active: Tensor, bias: Tensor
+        self,
+        now: Motion,
+        tip: Tensor,
+        velocity: Tensor,
+        active: Tensor,
+        bias: Tensor,
+        seen: Tensor | None = None,
     ) -> Tensor:
         """(B, A) controls, shares of their ranges, of the user step that begins.
 
@@ -92,11 +98,13 @@ class InverseModel:
             velocity: (B, H, 3) wanted at the end of the user step, m/s.
             active: (B, H) 1 for hands that move, 0 for those that rest.
             bias: (B, J) what the forward model has got wrong of joint speeds lately, rad/s.
+            seen: (B, H, 3, 3) what of the points' velocities is wanted; None: all of it.
         """
         start, costs = now.drives.detach(), self._settings
         after, by_control = self._after(now, start)
         then = Motion(after.angles, after.speeds + bias, start, now.persons)
         _, jacobian = self.jacobian(then, tip)
+        jacobian = jacobian if seen is None else seen @ jacobian
         weight = (active / costs.velocity_mps)[..., None]
         reached = (jacobian @ then.speeds[:, None, :, None])[..., 0]
         back = costs.return_hz * (self._middle - now.angles)

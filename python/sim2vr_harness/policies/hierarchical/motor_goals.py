@@ -36,6 +36,8 @@ class MotorGoals:
         axis: (B, H, 3) where the device's x axis shall point then, a unit vector; 0: anywhere.
         active: (B, H) 1, or 0 for a hand that has nothing to do.
         width: (B, H) diameter of the target, m; plain layers do not know it.
+        rays: (B, H) 1 for a hand of a person that turns its aim ray to the place. Its tip is the
+            point of the ray that is as far away as the place.
     """
 
     tip: Tensor
@@ -45,6 +47,7 @@ class MotorGoals:
     axis: Tensor
     active: Tensor
     width: Tensor
+    rays: Tensor
 
     @staticmethod
     def none(users: int, hands: int) -> MotorGoals:
@@ -53,9 +56,11 @@ class MotorGoals:
         def zeros() -> Tensor:
             return torch.zeros(users, hands, 3)
 
-        plain = torch.zeros(users, hands)
+        def plain() -> Tensor:
+            return torch.zeros(users, hands)
+
         width = torch.full((users, hands), WIDTH_M)
-        return MotorGoals(zeros(), zeros(), zeros(), plain, zeros(), plain.clone(), width)
+        return MotorGoals(zeros(), zeros(), zeros(), plain(), zeros(), plain(), width, plain())
 
     def tensors(self) -> dict[str, Tensor]:
         """Everything, by name."""

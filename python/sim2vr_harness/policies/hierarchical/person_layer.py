@@ -12,7 +12,8 @@ from torch import Tensor
 
 from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
 from sim2vr_harness.policies.hierarchical.human_motor import HumanHands, HumanMotorPolicy
-from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals, tips
+from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
+from sim2vr_harness.policies.hierarchical.ray_turning import far_off
 from sim2vr_harness.users import UserBatch
 from sim2vr_harness.world_models.transitions import Motion
 
@@ -103,11 +104,11 @@ class PersonLayer:
     ) -> NDArray[np.float32]:
         """(N, A) the same, for what :meth:`motion` and :meth:`places` have said already."""
         assert self._now is not None
-        place = goals.place
+        place, wanted = goals.place, human_goals(goals)
         if self._goal is not None:
             moved = (place - self._goal).norm(dim=-1).amax(1) > _ELSEWHERE_M
-            far = (place - tips(placed[0], goals.tip)).norm(dim=-1)
+            far = far_off(wanted, placed[0])
             ids = torch.nonzero(moved).flatten()
             self._moved.aim_anew(ids, far[ids])
         self._goal = place.clone()
-        return self._moved.act(self._now, human_goals(goals))[0]
+        return self._moved.act(self._now, wanted)[0]

@@ -16,7 +16,6 @@ from sim2vr_harness.policies.hierarchical.human_motor import (
     HumanMotorPolicy,
     people_policy,
 )
-from sim2vr_harness.policies.hierarchical.motor_goals import tips
 from sim2vr_harness.policies.hierarchical.option_policy import (
     HierarchicalPolicy,
     Intention,
@@ -24,6 +23,7 @@ from sim2vr_harness.policies.hierarchical.option_policy import (
 )
 from sim2vr_harness.policies.hierarchical.person_layer import human_goals
 from sim2vr_harness.policies.hierarchical.primitives import PERSONS, OptionChoice
+from sim2vr_harness.policies.hierarchical.ray_turning import far_off
 from sim2vr_harness.policies.protocol import Observation, require_observation
 from sim2vr_harness.runs.option_config import PeopleTraining
 from sim2vr_harness.users import FEATURES
@@ -143,11 +143,11 @@ class PersonPolicy(HierarchicalPolicy):
             memory.left -= 1
             memory.decided += 1
             goals = self.primitives.goals(memory.choice, head[:, :3, 3], *placed)
+            wanted = human_goals(goals)
             if memory.goal is None or float((goals.place - memory.goal).norm()) > _SAME_M:
-                far = (goals.place - tips(placed[0], goals.tip)).norm(dim=-1)
-                memory.hands.aim_anew(torch.arange(1), far)
+                memory.hands.aim_anew(torch.arange(1), far_off(wanted, placed[0]))
             memory.goal = goals.place.clone()
-            body = memory.hands.act(now, human_goals(goals))[0][0]
+            body = memory.hands.act(now, wanted)[0][0]
             return self._with_fingers(body, memory.choice, placed[0])
 
     def _look(self, now: Seen, memory: PersonMemory, who: NDArray[np.float64]) -> None:

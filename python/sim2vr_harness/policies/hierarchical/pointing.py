@@ -1,7 +1,8 @@
-"""Aim a controller's ray at a place: goals of a motor layer, corrected while the ray is off.
+"""Aim a controller's ray at a place.
 
-The layer brings a point that lies on the ray, ``_POINT_M`` before the hand, onto the line from the
-hand to the place, as if it were the tip of a tool. What stays wrong is added up and taken off.
+Plain motor layers bring a point that lies on the ray, ``_POINT_M`` before the hand, onto the line
+from the hand to the place, as if it were the tip of a tool. What stays wrong is added up and taken
+off. Persons turn the ray: see :mod:`~.ray_turning`.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ _GAIN, _KEPT = 0.12, 0.98
 _NEAR = 0.2
 """Errors of direction (rad) above this are the way there; they are not added up."""
 _MPS, _SOONEST_S, _LATEST_S = 1.5, 0.1, 1.2
+_LEAST_M = 0.4
+"""Places that are nearer to a person's hand are taken to be that far away."""
 _FORWARD = 0.9
 """Cosine: rays of postures that point this much forward tell where hands that point rest."""
 
@@ -39,6 +42,20 @@ def off_ray(place: Tensor, target: Tensor) -> tuple[Tensor, Tensor]:
     aim = aim_of(place)
     along = (way * aim).sum(-1)
     return (way - along[..., None] * aim).norm(dim=-1), along
+
+
+def turn_rays(goals: MotorGoals, which: Tensor, place: Tensor) -> None:
+    """Let hands turn their rays to ``goals.place`` as persons do.
+
+    Args:
+        goals: changed in place.
+        which: (N, H) the hands that point.
+        place: (N, H, 4, 4) where the devices are.
+    """
+    far = (goals.place - place[..., :3, 3]).norm(dim=-1, keepdim=True).clamp(min=_LEAST_M)
+    point = far * torch.from_numpy(AIM_DIRECTION).float()
+    goals.tip = torch.where(which[..., None], point, goals.tip)
+    goals.rays = which.float()
 
 
 class Pointing:

@@ -27,7 +27,7 @@ from sim2vr_harness.policies.hierarchical.options import (
     SIDEWAYS,
     OptionSet,
 )
-from sim2vr_harness.policies.hierarchical.pointing import Pointing, off_ray
+from sim2vr_harness.policies.hierarchical.pointing import Pointing, off_ray, turn_rays
 
 __all__ = [
     "MOVES",
@@ -69,6 +69,8 @@ class Manner:
         commitment: how much more another option has to be worth than the one that is pursued, as
             a share of a good reward.
         by_width: whether a hand stays before a thing until it is well inside its width.
+        turns_rays: whether hands that point turn their rays, in angles; else the ray's point 80 cm
+            ahead is brought to the line to the place.
     """
 
     push_mps: float = 2.5
@@ -80,10 +82,12 @@ class Manner:
     ready_m: float = 0.0
     commitment: float = 0.0
     by_width: bool = False
+    turns_rays: bool = False
 
 
-_READY_M = 0.15
-"""Where hands wait: people's hold a tool 0.13 m before the next target (docs/concepts/people.md)."""
+_READY_M, _ARM_M = 0.15, 0.9
+"""Where hands wait: people's hold a tool 0.13 m before the next target (docs/concepts/people.md);
+and how far from the head a place is at most that a hand can have been at."""
 MEASURED = Manner(by_width=True, ready_m=_READY_M)
 """How the measured body does, whose values persons take over."""
 PERSONS = Manner(
@@ -95,10 +99,11 @@ PERSONS = Manner(
     by_width=True,
     ready_m=_READY_M,
     commitment=0.1,
+    turns_rays=True,
 )
 """How persons do (docs/concepts/people.md)."""
 _AIMED = 0.6
-"""Share of a thing's width that a hand aims at which comes to it."""
+"""Share of a thing's width that a hand aims at which comes to it, or whose ray does."""
 _ENTERS, _ENTERED, _LIFTED_M, _WELL_BEHIND_M = 0.8, 0.5, 0.02, 0.04
 """Hands that heed widths: from how far beside a thing's middle they go in, and from where deepest,
 as shares of its radius; how far outside the first they are lifted off most; how deep deepest is."""
@@ -120,7 +125,7 @@ _BACK = torch.tensor([-0.3, 0.0, 0.0])
 _PULLED_S = 1.2
 """A hand that pulls opens after so long, also where it has not come so far."""
 _ON_M, _ON_RAD = 0.012, 0.014
-"""A ray has met its place that passes it by less than either of these."""
+"""A ray has met its place that passes it by less than either of these, or well inside its width."""
 _PULL_S, _LET_GO_S, _AGAIN_S = 0.1, 0.1, 0.6
 """How long a trigger is pulled, is let go of at least, and until it is pulled at the same place."""
 _SAME_M = 0.06
@@ -323,8 +328,9 @@ class PrimitiveController:
         goals.place = choice.place + self._depth(choice, away, now, velocity) * away * touches
         back = (choice.move == _PULL) & (choice.closed > 0)
         goals.place = torch.where(back[..., None], choice.closed_at + _BACK, goals.place)
+        pointing = points(choice.move)
         aimed = (_AIMED * choice.width).clamp(*WIDTHS_M)
-        goals.width = torch.where(touches[..., 0], aimed, goals.width)
+        goals.width = torch.where(touches[..., 0] | pointing, aimed, goals.width)
         goals.velocity = directions
         if manner.by_hand:
             now, velocity = _push_by_hand(goals, pushes, away, (place, soon), (now, velocity))
@@ -336,11 +342,13 @@ class PrimitiveController:
         slow = torch.where(lifts, torch.tensor(_TOUCH_MPS), torch.tensor(_STRIKE_MPS))
         goals.left_s = (far / torch.maximum(closing, slow)).clamp(0.05, 1.2)
         goals.active = (choice.move >= 0).float()
-        self._wait(goals, choice, away)
-        pointing = points(choice.move)
+        self._wait(goals, choice, head, away)
         if pointing.any():
             goals.place = torch.where(pointing[..., None], choice.seen, goals.place)
-            self._pointing.aim(goals, choice.correction, pointing, place)
+            if manner.turns_rays:
+                turn_rays(goals, pointing, place)
+            else:
+                self._pointing.aim(goals, choice.correction, pointing, place)
         return goals
 
     def inputs(self, choice: OptionChoice, place: Tensor) -> NDArray[np.float32]:
@@ -396,7 +404,10 @@ class PrimitiveController:
         """(N, H) hands that are where they go for, or whose ray is on it."""
         near = (_at(place, self.tool[:, 0]) - choice.place).norm(dim=-1) < _ARRIVED_M
         beside, along = off_ray(place, choice.seen)
-        met = (along > 0.0) & (beside < (_ON_RAD * along).clamp(min=_ON_M))
+        within = (_ON_RAD * along).clamp(min=_ON_M)
+        if self.manner.by_width:
+            within = torch.maximum(within, 0.5 * _ENTERED * choice.width)
+        met = (along > 0.0) & (beside < within)
         return torch.where(points(choice.move), met, near)
 
     def _depth(self, choice: OptionChoice, away: Tensor, now: Tensor, velocity: Tensor) -> Tensor:
@@ -417,11 +428,12 @@ class PrimitiveController:
         lifted = torch.where(lifted < 1.0, lifted * coming, lifted) * self.lifts
         return _DEEPER_M - lifted * (_DEEPER_M + lift_m)
 
-    def _wait(self, goals: MotorGoals, choice: OptionChoice, away: Tensor) -> None:
-        """Let hands without anything to do wait before the places that they have been at."""
+    def _wait(self, goals: MotorGoals, choice: OptionChoice, head: Tensor, away: Tensor) -> None:
+        """Let hands without anything to do wait before their last places; those of rays relax."""
         if not self.manner.ready_m:
             return
-        waits = (choice.move < 0) & (choice.place != 0.0).any(-1)
+        near = (choice.place - head[:, None]).norm(dim=-1) < _ARM_M
+        waits = (choice.move < 0) & (choice.place != 0.0).any(-1) & near
         ready = choice.place - self.manner.ready_m * away
         goals.place = torch.where(waits[..., None], ready, goals.place)
         goals.active = torch.where(waits, 1.0, goals.active)

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 import torch
@@ -17,14 +19,16 @@ from scipy.signal import find_peaks
 from sim2vr_harness.envs.config import UserConfig
 from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
 from sim2vr_harness.policies.hierarchical.human_motor import HumanHands, HumanMotorPolicy
-from sim2vr_harness.training.motor_control.people_training import Bodies
-from sim2vr_harness.users import Person, Population
-
-FloatArray = NDArray[np.float64]
+from sim2vr_harness.training.motor_control.person_course import (
+    SAMPLE_S,
+    FloatArray,
+    PersonCourse,
+    one_by_one,
+)
 
 DISTANCES_M, WIDTHS_M = (0.1, 0.2, 0.4), (0.02, 0.035, 0.06)
 """Nine indices of difficulty, 1.4 to 4.4 bits."""
-_SETTLE_S, _LONGEST_S, _SAMPLE_S = 0.8, 2.0, 0.01
+_SETTLE_S, _LONGEST_S, _REST_M = 0.8, 2.0, 0.03
 _OF_PEAK = 0.1
 _FRONT_M, _HEIGHTS_M = 0.2, (0.9, 1.5)
 """Places of targets: so far before the body's axis, and so high."""
@@ -163,72 +167,113 @@ def measure_people(
         seed: of persons, places and noise.
         on_progress: receives the proportion that is done.
     """
-    course = _Course(policy, user, persons, repeats, threads, seed)
-    cells = []
-    for distance in DISTANCES_M:
-        for width in WIDTHS_M:
-            cells.append(course.aim(distance, width))
-            on_progress(len(cells) / (len(DISTANCES_M) * len(WIDTHS_M)))
-    return HumanMeasures(tuple(cells))
+    course = _Reaches(policy, user, persons, repeats, threads, seed)
+    cells = [partial(course.aim, d, width) for d in DISTANCES_M for width in WIDTHS_M]
+    return HumanMeasures(tuple(one_by_one(cells, on_progress)))
 
 
-def unseen_persons(people: Population, seed: int, persons: int, repeats: int) -> list[Person]:
-    """Draw persons that no training has had, each as often as it is measured."""
-    return [people.sample(seed + 7919, k) for k in range(persons) for _ in range(repeats)]
+class AimedCourse(PersonCourse):
+    """Persons that are given one target after the other, and end their movements themselves."""
 
+    def __init__(self, *course: Any) -> None:
+        super().__init__(*course)
+        generator = torch.Generator().manual_seed(self._seed + 93)
+        self._seen = self._policy.perception(self._n, generator)
+        self._hands = HumanHands(self._policy, self._n, self._seen)
 
-class _Course:
-    """Persons that are given one target after the other."""
-
-    def __init__(
-        self,
-        policy: HumanMotorPolicy,
-        user: UserConfig,
-        persons: int,
-        repeats: int,
-        threads: int,
-        seed: int,
-    ) -> None:
-        self._policy, self._n = policy, persons * repeats
-        self._rng = np.random.default_rng([seed, 92])
-        self._bodies = Bodies(user, self._n, policy.step_s, threads)
-        self._persons = unseen_persons(self._bodies.people, seed, persons, repeats)
-        self._who = policy.persons
-        generator = torch.Generator().manual_seed(seed + 93)
-        self._seen = policy.perception(self._n, generator)
-        self._hands = HumanHands(policy, self._n, self._seen)
-        self._hand = 0  # the right one of two
-
-    def aim(self, distance_m: float, width_m: float) -> AimedMovements:
-        """Let everyone settle at a place, and aim at another one."""
-        start, goal = self._pairs(distance_m)
+    def _wanted(self, place: FloatArray, width_m: float) -> HumanGoals:
+        """Return the goals of this user step, of targets at places (N, 3)."""
         goals = HumanGoals.none(self._n, len(self._policy.hands))
         goals.active[:, self._hand] = 1.0
-        goals.width[:, self._hand] = 0.03
-        self._go(goals, start)
-        for _ in range(round(_SETTLE_S / self._policy.step_s)):
-            self._step(goals)
         goals.width[:, self._hand] = width_m
-        self._go(goals, goal)
-        path, ended = [self._place()[:, None]], np.full(self._n, -1)
+        goals.place = self._of_hand(place)
+        return goals
+
+    def _at(self, place: FloatArray, sample: int = -1) -> FloatArray:
+        """(N, 3) where hands are from targets, at a sample of the last user step."""
+        return self._poses(sample)[0] - place
+
+    def _settle(self, place: FloatArray, width_m: float, time_s: float) -> None:
+        """Let everyone come to rest at places (N, 3)."""
+        self._look(place)
+        for _ in range(round(time_s / self._policy.step_s)):
+            self._step(place, width_m)
+
+    def _follow(
+        self, place: FloatArray, width_m: float, *, whole: bool = False
+    ) -> tuple[FloatArray, NDArray[np.int64], FloatArray]:
+        """Let everyone move to targets, which appear now.
+
+        Args:
+            place: (N, 3) m.
+            width_m: diameter.
+            whole: whether all of the longest time is measured; else until all have stopped.
+
+        Returns:
+            (N, S, 3) paths from the targets, (N,) user steps until the end or -1, and (N, 3) where
+            it was.
+        """
+        self._look(place)
+        path, ended = [self._at(place)[:, None]], np.full(self._n, -1)
         end = np.full((self._n, 3), np.nan)
-        steps = round(_LONGEST_S / self._policy.step_s)
-        for step in range(steps):
-            over, places = self._step(goals)
+        for step in range(round(_LONGEST_S / self._policy.step_s)):
+            over, places = self._step(place, width_m)
             path.append(places)
             now = (ended < 0) & over
             ended[now] = step + 1
             end[now] = places[now, -1]
-            if step > 4 and (ended >= 0).all() and step - ended.max() >= 4:
+            if not whole and step > 4 and (ended >= 0).all() and step - ended.max() >= 4:
                 break
-        return self._measured(np.concatenate(path, 1), ended, end, start, goal, width_m)
+        return np.concatenate(path, 1), ended, end
 
-    def _go(self, goals: HumanGoals, place: FloatArray) -> None:
-        goals.place = goals.place.clone()
-        goals.place[:, self._hand] = torch.from_numpy(place).float()
-        everyone = torch.arange(self._n)
-        far = np.linalg.norm(place - self._place(), axis=1)
-        self._seen.forget(everyone, torch.from_numpy(far).float()[:, None])
+    def _look(self, place: FloatArray) -> None:
+        """Let places (N, 3) be those of new targets."""
+        far = self._far(place)
+        self._seen.forget(torch.arange(self._n), far[:, None].expand(-1, len(self._policy.hands)))
+
+    def _far(self, place: FloatArray) -> torch.Tensor:
+        """(N,) how far hands are from targets, as the policy in space sees it."""
+        return torch.from_numpy(np.linalg.norm(self._at(place), axis=1)).float()
+
+    def _step(self, place: FloatArray, width_m: float) -> tuple[NDArray[np.bool_], FloatArray]:
+        """Advance by a user step: (N,) who ends the movement, and (N, S, 3) where hands were."""
+        now = self._hands.motion(self._bodies.users, self._who())
+        actions, over = self._hands.act(now, self._wanted(place, width_m))
+        self._bodies.users.step(actions, pose_samples=self._samples)
+        places = np.stack([self._at(place, k) for k in range(self._samples)], 1)
+        ends: NDArray[np.bool_] = over[:, self._hand].numpy() > self._rng.random(self._n)
+        return ends, places
+
+    def _measured(
+        self,
+        followed: tuple[FloatArray, NDArray[np.int64], FloatArray],
+        distance: float,
+        width: float,
+    ) -> AimedMovements:
+        path, ended, end = followed
+        speed = np.linalg.norm(np.diff(path, axis=1), axis=2) / SAMPLE_S
+        time_s, reaction_s = np.full((2, self._n), np.nan)
+        profile, peak = np.full((self._n, 4), np.nan), np.full(self._n, np.nan)
+        for i in range(self._n):
+            last = ended[i] * self._samples if ended[i] > 0 else speed.shape[1]
+            onset, profile[i], peak[i] = _profile(path[i], speed[i], last)
+            reaction_s[i] = onset * SAMPLE_S
+            if ended[i] > 0:
+                time_s[i] = (last - onset) * SAMPLE_S
+        return AimedMovements(distance, width, time_s, reaction_s, end, -path[:, 0], profile, peak)
+
+
+class _Reaches(AimedCourse):
+    """Persons that reach."""
+
+    stream = 92
+
+    def aim(self, distance_m: float, width_m: float) -> AimedMovements:
+        """Let everyone settle at a place, and aim at another one."""
+        start, goal = self._pairs(distance_m)
+        self._settle(start, _REST_M, _SETTLE_S)
+        distance = float(np.round(np.linalg.norm(goal - start, axis=1).mean(), 3))
+        return self._measured(self._follow(goal, width_m), distance, width_m)
 
     def _pairs(self, distance_m: float) -> tuple[FloatArray, FloatArray]:
         """(K, 3) starts, with everyone's posture there, and targets at a distance from them."""
@@ -238,10 +283,9 @@ class _Course:
         angles = 0.5 * (low + high) + 0.5 * spread * (high - low)
         pool = torch.from_numpy(angles).float()
         postures, goal = [], np.empty((n, 3))
-        ids, seeds = np.arange(n), rng.integers(2**31, size=n)
-        rngs = [np.random.default_rng(seed) for seed in seeds]
-        self._bodies.users.reset(ids, rngs, None, self._persons)
-        persons = torch.from_numpy(self._who.of(self._bodies)).float()  # type: ignore[arg-type]
+        seeds = rng.integers(2**31, size=n)
+        self._reset(None, seeds)
+        persons = torch.from_numpy(self._who()).float()
         for i in range(n):
             with torch.no_grad():
                 model = self._policy.forward_model
@@ -256,48 +300,9 @@ class _Course:
             postures.append(angles[first])
             way = places[second] - places[first]
             goal[i] = places[first] + distance_m * way / np.linalg.norm(way)
-        rngs = [np.random.default_rng(seed) for seed in seeds]
-        self._bodies.users.reset(ids, rngs, postures, self._persons)
-        self._hands.forget(ids)
-        return self._place(), goal
-
-    def _place(self) -> FloatArray:
-        name = self._policy.hands[self._hand]
-        return self._bodies.users.device_poses(name)[0]
-
-    def _step(self, goals: HumanGoals) -> tuple[NDArray[np.bool_], FloatArray]:
-        """Advance by a user step: (N,) who ends the movement, and (N, S, 3) where hands were."""
-        users, name = self._bodies.users, self._policy.hands[self._hand]
-        now = self._hands.motion(users, self._who.of(self._bodies))  # type: ignore[arg-type]
-        actions, over = self._hands.act(now, goals)
-        samples = round(self._policy.step_s / _SAMPLE_S)
-        users.step(actions, pose_samples=samples)
-        places = np.stack([users.device_poses(name, k)[0] for k in range(samples)], 1)
-        ends: NDArray[np.bool_] = over[:, self._hand].numpy() > self._rng.random(self._n)
-        return ends, places
-
-    def _measured(
-        self,
-        path: FloatArray,
-        ended: NDArray[np.int64],
-        end: FloatArray,
-        start: FloatArray,
-        goal: FloatArray,
-        width_m: float,
-    ) -> AimedMovements:
-        speed = np.linalg.norm(np.diff(path, axis=1), axis=2) / _SAMPLE_S
-        step = round(self._policy.step_s / _SAMPLE_S)
-        time_s, reaction_s = np.full((2, self._n), np.nan)
-        profile, peak = np.full((self._n, 4), np.nan), np.full(self._n, np.nan)
-        for i in range(self._n):
-            last = ended[i] * step if ended[i] > 0 else speed.shape[1]
-            onset, profile[i], peak[i] = _profile(path[i], speed[i], last)
-            reaction_s[i] = onset * _SAMPLE_S
-            if ended[i] > 0:
-                time_s[i] = (last - onset) * _SAMPLE_S
-        way = goal - path[:, 0]
-        distance = float(np.round(np.linalg.norm(goal - start, axis=1).mean(), 3))
-        return AimedMovements(distance, width_m, time_s, reaction_s, end - goal, way, profile, peak)
+        self._reset(postures, seeds)
+        self._hands.forget(np.arange(n))
+        return self._poses()[0], goal
 
 
 def _profile(path: FloatArray, speed: FloatArray, last: int) -> tuple[int, FloatArray, float]:
@@ -311,7 +316,7 @@ def _profile(path: FloatArray, speed: FloatArray, last: int) -> tuple[int, Float
         return onset, np.full(4, np.nan), peak
     stop = top + int(after[0])
     part = speed[onset:stop]
-    length = part.sum() * _SAMPLE_S
+    length = part.sum() * SAMPLE_S
     straight = np.linalg.norm(path[stop] - path[onset]) / max(length, 1e-9)
     peaks = len(find_peaks(part, prominence=_PROMINENCE * peak)[0])
     lasts = max(stop - onset, 1)

@@ -15,6 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from sim2vr_harness.client.frames import AIM_DIRECTION
 from sim2vr_harness.envs.config import UserConfig, body_of, motor_noise, people_of
 from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
 from sim2vr_harness.policies.hierarchical.human_motor import HumanHands, people_policy
@@ -37,6 +38,8 @@ _EXPLORES = 0.05
 """Noise on the actions to goals, so that the model is fitted to more than is usual."""
 _TOOL_SHARES, _TOOLS_M = 0.5, (0.05, 0.4)
 _REACH_MPS = (0.2, 2.0)
+_RAY_SHARES, _RAYS_M = 0.25, (1.0, 3.0)
+"""Of the hands that turn rays, and how far away their places are."""
 _ARMS = 1024
 """Arms in a minibatch of the forward model: two arms of a body share one model."""
 
@@ -219,6 +222,7 @@ class _Collection:
         self._n, self._hands = self._bodies.n, HumanHands(trainer.policy, self._bodies.n)
         self._tip = torch.zeros(self._n, len(self._policy.hands), 3)
         self._goal, self._mps = torch.zeros_like(self._tip), torch.ones(self._n, 1, 1)
+        self._rays = torch.zeros(self._tip.shape[:2])
         self._rows: list[tuple[Tensor, Tensor, Tensor]] = []
         """Changes of velocity wanted, velocities, and changes that happened, (K, 3)."""
 
@@ -274,6 +278,11 @@ class _Collection:
         length = torch.from_numpy(self._rng.uniform(*_TOOLS_M, shape)).float()
         tool = torch.from_numpy(self._rng.random(shape) > _TOOL_SHARES).float()
         self._tip[ids] = tool * length * ahead
+        rays = torch.from_numpy(self._rng.random(shape) < _RAY_SHARES)
+        far = torch.from_numpy(self._rng.uniform(*_RAYS_M, shape)).float()
+        ray = far * torch.from_numpy(AIM_DIRECTION).float()
+        self._tip[ids] = torch.where(rays, ray, self._tip[ids])
+        self._rays[ids] = rays[..., 0].float()
         self._aim(ids)
 
     def _aim(self, ids: NDArray[np.int64]) -> None:
@@ -297,7 +306,7 @@ class _Collection:
         """(N, A) actions that follow a plain rule in space: nothing is learned of reaching yet."""
         goals = HumanGoals.none(self._n, len(self._policy.hands))
         goals.tip, goals.place = self._tip, self._goal
-        goals.active = torch.ones_like(goals.active)
+        goals.active, goals.rays = torch.ones_like(goals.active), self._rays
         again = np.flatnonzero(self._rng.random(self._n) < 0.08)
         if len(again):
             self._aim(again)
@@ -316,7 +325,9 @@ class _Collection:
         _, reached = self._policy.inverse.velocities(after, self._tip)
         wanted, believed = hands.wanted, hands.velocity
         rows = (wanted - believed, believed, reached - believed)
-        self._rows.append(tuple(values[::2].flatten(0, 1) for values in rows))  # type: ignore[arg-type]
+        reaches = self._rays[::2].flatten() == 0.0
+        kept = (values[::2].flatten(0, 1)[reaches] for values in rows)
+        self._rows.append(tuple(kept))  # type: ignore[arg-type]
 
     @property
     def velocity_mps(self) -> float:

@@ -25,10 +25,12 @@ from sim2vr_harness.policies.hierarchical.primitives import (
     PrimitiveController,
 )
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
-from sim2vr_harness.training.motor_control.human_benchmark import unseen_persons
-from sim2vr_harness.training.motor_control.people_training import Bodies
-
-FloatArray = NDArray[np.float64]
+from sim2vr_harness.training.motor_control.person_course import (
+    SAMPLE_S,
+    FloatArray,
+    PersonCourse,
+    one_by_one,
+)
 
 _TIP_M, _WIDTH_M = (0.1, 0.0, 0.0), 0.05
 """The point that strikes, in the hand's frame, and the diameter of places."""
@@ -36,7 +38,7 @@ _NEED_MPS = 0.8
 """Speed of the hand that a hit needs."""
 _AREA_M = ((0.38, 0.42), (-0.3, 0.0), (-0.25, 0.05))
 """Places from the head: forward, left and up."""
-_SIDE_M, _ROUNDS, _SETTLE_S, _STRIKE_S, _SAMPLE_S = 0.15, 4, 0.8, 1.5, 0.01
+_SIDE_M, _ROUNDS, _SETTLE_S, _STRIKE_S = 0.15, 4, 0.8, 1.5
 _OVER_S = 0.04
 """Time over which a speed is measured."""
 
@@ -60,6 +62,10 @@ class StrikeMeasures:
     beside_m: FloatArray
     hand_mps: FloatArray
     tip_mps: FloatArray
+
+    def rows(self) -> list[str]:
+        """Return a line for people."""
+        return [f"{self.strikes} pushes: tools passed their places {len(self.number)} times"]
 
     def summary(self) -> dict[str, float]:
         """Return the measures by name with unit."""
@@ -93,11 +99,11 @@ def passages(
     away = tip - place[:, None]
     along = (away * direction[:, None]).sum(-1)
     beside = np.linalg.norm(away - along[..., None] * direction[:, None], axis=-1)
-    over = round(_OVER_S / _SAMPLE_S)
+    over = round(_OVER_S / SAMPLE_S)
     passes = (along[:, over - 1 : -1] < 0.0) & (along[:, over:] >= 0.0)
     number, step = np.nonzero(passes)
     step = step + over
-    time_s = _SAMPLE_S * step.astype(np.float64)
+    time_s = SAMPLE_S * step.astype(np.float64)
     speeds = []
     for path in (tip, hand):
         moved = path[number, step] - path[number, step - over]
@@ -127,36 +133,22 @@ def measure_strikes(
         on_progress: receives the proportion that is done.
     """
     course = _Strikes(policy, user, persons, repeats, threads, seed)
-    parts = []
-    for number in range(_ROUNDS):
-        parts.append(course.strike())
-        on_progress((number + 1) / _ROUNDS)
+    parts = one_by_one([course.strike] * _ROUNDS, on_progress)
     tip, hand, place, direction = (np.concatenate(part) for part in zip(*parts, strict=True))
     return passages(tip, hand, place, direction)
 
 
-class _Strikes:
+class _Strikes(PersonCourse):
     """Persons that strike one place after the other."""
 
-    def __init__(
-        self,
-        policy: HumanMotorPolicy,
-        user: UserConfig,
-        persons: int,
-        repeats: int,
-        threads: int,
-        seed: int,
-    ) -> None:
-        self._policy, self._n = policy, persons * repeats
-        self._rng = np.random.default_rng([seed, 94])
-        self._bodies = Bodies(user, self._n, policy.step_s, threads)
-        who = unseen_persons(self._bodies.people, seed, persons, repeats)
-        self._hand = 0  # the right one of two
-        rngs = [np.random.default_rng(int(s)) for s in self._rng.integers(2**31, size=self._n)]
+    stream = 94
+
+    def __init__(self, *course: Any) -> None:
+        super().__init__(*course)
+        policy, seed = self._policy, self._seed
         middle = self._bodies.body.joint_ranges.mean(1)
-        self._bodies.users.reset(np.arange(self._n), rngs, [middle] * self._n, who)
-        bodies: Any = self._bodies
-        self._layer = PersonLayer(policy, self._n, lambda: policy.persons.of(bodies), seed)
+        self._reset([middle] * self._n, self._rng.integers(2**31, size=self._n))
+        self._layer = PersonLayer(policy, self._n, self._who, seed)
         tool = torch.tensor(_TIP_M).expand(len(policy.hands), 2, 3)
         poses = reachable_poses(self._layer, seed)
         self._primitives = PrimitiveController(self._layer, tool, poses, manner=PERSONS)
@@ -178,21 +170,19 @@ class _Strikes:
     def _go(self, move: str, place: FloatArray, time_s: float) -> tuple[FloatArray, FloatArray]:
         """Let everyone take an option at a place: (N, S, 3) each, paths of tips and hands."""
         choice, users, layer = self._choice, self._bodies.users, self._layer
-        name, step_s = layer.hands[self._hand], layer.step_s
-        samples = round(step_s / _SAMPLE_S)
         choice.move[:, self._hand] = MOVES.index(move)
         choice.place[:, self._hand] = torch.from_numpy(place).float()
         choice.seen = choice.place.clone()
         tips, hands = [], []
-        for _ in range(round(time_s / step_s)):
+        for _ in range(round(time_s / layer.step_s)):
             head = torch.from_numpy(users.device_poses("headset")[0]).float()
             with torch.no_grad():
                 motion = layer.motion(users)
                 placed = layer.places(*motion[:2])
                 goals = self._primitives.goals(choice, head, *placed)
-            users.step(layer.decide(motion, placed, goals), pose_samples=samples)
-            for sample in range(samples):
-                at, turned = users.device_poses(name, sample)
+            users.step(layer.decide(motion, placed, goals), pose_samples=self._samples)
+            for sample in range(self._samples):
+                at, turned = self._poses(sample)
                 hands.append(at)
                 tips.append(at + _TIP_M[0] * _forward(turned))
         return np.stack(tips, 1), np.stack(hands, 1)

@@ -23,7 +23,6 @@ from sim2vr_harness.training.motor_control.human_benchmark import (
     AimedMovements,
     HumanMeasures,
     _profile,
-    unseen_persons,
 )
 from sim2vr_harness.training.motor_control.people_training import Bodies, PeopleTrainer
 
@@ -55,7 +54,7 @@ def test_shipped_persons_bring_hands_to_places_and_stay(body: str) -> None:
     hands, goals = HumanHands(policy, 6), HumanGoals.none(6, len(policy.hands))
     middle = bodies.body.joint_ranges.mean(1)
     rngs = [np.random.default_rng(i) for i in range(6)]
-    persons = unseen_persons(bodies.people, 5, 6, 1)
+    persons = [bodies.people.sample(7924, k) for k in range(6)]  # of no training
     bodies.users.reset(np.arange(6), rngs, [middle] * 6, persons)
     goals.active += 1.0
     right = torch.tensor([[0.44, -0.2, 1.1], [0.44, -0.4, 1.0], [0.3, -0.2, 0.9]]).repeat(2, 1)

@@ -137,6 +137,12 @@ class ActionSelector:
         """(N, H) choices that are worth most, see :func:`best_choices`."""
         return best_choices(values, self.something(scene), self.primitives.options)
 
+    def committed(
+        self, values: Tensor, scene: OptionScene, choice: OptionChoice, places: Tensor
+    ) -> Tensor:
+        """(N, H) choices, see :func:`committed`."""
+        return committed(values, self.something(scene), choice, places, self.primitives)
+
     def choose(
         self,
         choice: OptionChoice,

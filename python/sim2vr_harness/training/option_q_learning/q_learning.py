@@ -21,11 +21,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from sim2vr_harness.base.cores import budget
-from sim2vr_harness.policies.hierarchical.action_selection import (
-    ActionSelector,
-    OptionScene,
-    committed,
-)
+from sim2vr_harness.policies.hierarchical.action_selection import ActionSelector, OptionScene
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.frame_history import FrameHistory
 from sim2vr_harness.policies.hierarchical.person_layer import PersonLayer
@@ -124,15 +120,15 @@ class OptionQLearning:
         self.simulation, self.primitives = simulation, primitives
         past = FrameHistory(simulation, self._late_steps)
         self._selector = ActionSelector(simulation, primitives, past)
-        self.begin_rounds(56)
+        self.begin_rounds(self._seed, 56)
         self._trying = np.zeros((self.n, self.hands), np.int64)
         """User steps for which a random try is still seen through."""
         self._tried = np.zeros((self.n, self.hands), np.int64)
         self._exploration = Exploration(self._selector, self.rng)
 
-    def begin_rounds(self, stream: int) -> None:
-        """Let every user's rounds begin anew, with seeds of a random stream."""
-        seeds = np.random.SeedSequence([self._seed, stream]).generate_state(self.n, np.uint32)
+    def begin_rounds(self, *seed: int) -> None:
+        """Let every user's rounds begin anew."""
+        seeds = np.random.SeedSequence(seed).generate_state(self.n, np.uint32)
         self.simulation.reset(seeds=[int(value) for value in seeds])
         self._choice = OptionChoice(self.n, self.hands)
 
@@ -155,8 +151,7 @@ class OptionQLearning:
         places = self._selector.places(scene)
         with torch.inference_mode():
             values = self._selector.values(self.net, scene, places)
-            something, primitives = self._selector.something(scene), self.primitives
-            chosen = committed(values, something, self._choice, places, primitives).numpy()
+            chosen = self._selector.committed(values, scene, self._choice, places).numpy()
         still = self._trying > 0  # the place stays the one that was tried
         changed = ~still
         chosen[still] = self._tried[still]
@@ -295,10 +290,7 @@ class OptionQLearning:
             steps: user steps to play, of each.
             on_progress: called with the share of the steps done, before each of them.
         """
-        simulation = self.simulation
-        seeds = np.random.SeedSequence([self.step_count, 59]).generate_state(self.n, np.uint32)
-        simulation.reset(seeds=[int(value) for value in seeds])
-        self._choice = OptionChoice(self.n, self.hands)
+        self.begin_rounds(self.step_count, 59)
         self._trying[:] = 0
         total = 0.0
         for step in range(steps):
@@ -306,8 +298,7 @@ class OptionQLearning:
             if step % hold == 0:
                 self._selector.choose_best(self.net, self._choice, hold)
             total += float(self.play(1)[0].mean())
-        minutes = steps / simulation.config.action_frequency_hz / 60.0
-        return total / minutes
+        return total * 60.0 * self.simulation.config.action_frequency_hz / steps
 
     def diagnosis(self) -> tuple[float, float]:
         """Share of the decisions that were rewarded, and of what is near that is within reach."""

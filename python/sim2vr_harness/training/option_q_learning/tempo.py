@@ -63,7 +63,7 @@ def choose_vigour(learner: OptionQLearning, callbacks: Callbacks) -> None:
         earned[vigour] = learner.earned(DECIDE_STEPS, steps)
         learner.step_count = taken
     layer.vigour = max(_VIGOURS, key=lambda each: earned[each])
-    learner.begin_rounds(60)
+    learner.begin_rounds(taken, 60)
     found = ", ".join(f"{earned[each]:.2f} for {each:g}" for each in _VIGOURS)
     callbacks.say(
         f"Reward less effort per minute by vigour: {found}. The persons': {layer.vigour:g}."

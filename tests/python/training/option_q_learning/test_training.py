@@ -135,6 +135,9 @@ def test_a_hand_with_nothing_to_do_waits_before_its_last_place(layer: MotorPolic
     goals = primitives.goals(choice, head.expand(2, 3), place, place)
     assert goals.place[0, 0].tolist() == pytest.approx([0.18, 0.0, 1.44])
     assert goals.active[:, 0].tolist() == [1.0, 0.0]  # the other has not been anywhere
+    choice.place[1, 0] = torch.tensor([1.5, 0.0, 1.2])  # a ray was there
+    goals = primitives.goals(choice, head.expand(2, 3), place, place)
+    assert goals.active[:, 0].tolist() == [1.0, 0.0]
     choice.forget(np.array([0]))
     assert not primitives.goals(choice, head.expand(2, 3), place, place).active.any()
 

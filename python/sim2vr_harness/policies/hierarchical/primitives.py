@@ -65,7 +65,6 @@ class Manner:
             so that it touches nothing on the way.
         by_hand: whether the hand has the speed of a push and carries its tool along, to a little
             before the place; else the tip has it, which a turn of the wrist can do.
-        ready_m: how far before its last place a hand waits that has nothing to do; 0: it relaxes.
         commitment: how much more another option has to be worth than the one that is pursued, as
             a share of a good reward.
         by_width: whether a hand stays before a thing until it is well inside its width.
@@ -79,17 +78,12 @@ class Manner:
     slowest: float = 0.55
     lift_m: float = 0.05
     by_hand: bool = False
-    ready_m: float = 0.0
     commitment: float = 0.0
     by_width: bool = False
     turns_rays: bool = False
 
 
-_REACH_M = 1.0
-"""No hand is farther from the head; but what a ray points at may be."""
-_READY_M = 0.15
-"""Where hands wait: people hold a tool 0.13 m before the next target (docs/concepts/people.md)."""
-MEASURED = Manner(by_width=True, ready_m=_READY_M)
+MEASURED = Manner(by_width=True)
 """How the measured body moves that learns before persons do."""
 PERSONS = Manner(
     push_mps=3.0,
@@ -99,7 +93,6 @@ PERSONS = Manner(
     by_hand=True,
     by_width=True,
     turns_rays=True,
-    ready_m=_READY_M,
     commitment=0.1,
 )
 """How persons do (docs/concepts/people.md)."""
@@ -343,7 +336,6 @@ class PrimitiveController:
         slow = torch.where(touches[..., 0], comes, torch.tensor(_STRIKE_MPS))
         goals.left_s = (far / torch.maximum(closing, slow)).clamp(0.05, 1.2)
         goals.active = (choice.move >= 0).float()
-        self._wait(goals, choice, head)
         if pointing.any():
             goals.place = torch.where(pointing[..., None], choice.seen, goals.place)
             if manner.turns_rays:
@@ -428,18 +420,6 @@ class PrimitiveController:
         coming = (closing / _COMING_MPS).clamp(0.0, 1.0)
         lifted = torch.where(lifted < 1.0, lifted * coming, lifted) * self.lifts
         return _DEEPER_M - lifted * (_DEEPER_M + lift_m)
-
-    def _wait(self, goals: MotorGoals, choice: OptionChoice, head: Tensor) -> None:
-        """Let hands without anything to do wait before the places that they have been at."""
-        if not self.manner.ready_m:
-            return
-        away = choice.place - head[:, None]
-        far = away.norm(dim=-1, keepdim=True)
-        been = (choice.place != 0.0).any(-1) & (far[..., 0] < _REACH_M)
-        waits = (choice.move < 0) & been
-        ready = choice.place - self.manner.ready_m * away / far.clamp(min=1e-6)
-        goals.place = torch.where(waits[..., None], ready, goals.place)
-        goals.active = torch.where(waits, 1.0, goals.active)
 
     def _run_up(self, goals: MotorGoals, now: Tensor, velocity: Tensor) -> None:
         """Send hands back that are about to go through their place too slowly.

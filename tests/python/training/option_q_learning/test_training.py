@@ -32,7 +32,6 @@ from sim2vr_harness.policies.hierarchical.person_layer import PersonLayer
 from sim2vr_harness.policies.hierarchical.primitives import (
     MOVES,
     PERSONS,
-    Manner,
     OptionChoice,
     PrimitiveController,
 )
@@ -124,22 +123,6 @@ def test_a_push_that_is_too_slow_begins_again_further_back(layer: MotorPolicy) -
     fast = primitives.goals(choice, head, near, soon)
     assert fast.place[0, 0].tolist() == pytest.approx([0.5, 0.0, 1.2])
     assert fast.velocity[0, 0, 0].item() == pytest.approx(2.5)
-
-
-def test_a_hand_with_nothing_to_do_waits_before_its_last_place(layer: MotorPolicy) -> None:
-    manner, poses = Manner(ready_m=0.2), reachable_poses(layer, 1)
-    primitives = PrimitiveController(layer, torch.zeros(1, 2, 3), poses, manner=manner)
-    choice, head = OptionChoice(2, 1), torch.tensor([[0.0, 0.0, 1.2]])
-    choice.place[0, 0] = torch.tensor([0.3, 0.0, 1.6])  # 0.5 m ahead, 3 up for 4
-    place = torch.eye(4).repeat(2, 1, 1, 1)
-    goals = primitives.goals(choice, head.expand(2, 3), place, place)
-    assert goals.place[0, 0].tolist() == pytest.approx([0.18, 0.0, 1.44])
-    assert goals.active[:, 0].tolist() == [1.0, 0.0]  # the other has not been anywhere
-    choice.place[1, 0] = torch.tensor([1.5, 0.0, 1.2])  # a ray was there
-    goals = primitives.goals(choice, head.expand(2, 3), place, place)
-    assert goals.active[:, 0].tolist() == [1.0, 0.0]
-    choice.forget(np.array([0]))
-    assert not primitives.goals(choice, head.expand(2, 3), place, place).active.any()
 
 
 def test_what_is_far_is_waited_for_at_its_height_and_side(layer: MotorPolicy) -> None:

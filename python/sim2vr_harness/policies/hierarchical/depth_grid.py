@@ -25,6 +25,9 @@ _AROUND_PX = 4
 """How far beyond its cell a thing is followed."""
 _SAME_COLOUR, _SAME_DEPTH = 32, 3
 """Differences, of 255, up to which neighbouring pixels show the same thing."""
+_SAME_HUE, _COLOURED, _SHADED = 0.25, 40, 0.45
+"""Of pixels of one shaded thing: largest difference of hue (sixths of the circle), least colour
+(largest less smallest channel, of 255), and least brightness, as a share of the brighter one."""
 _CLEAR, _ENOUGH_PX = 128, 4
 """Differences of colour, and pixels in a cell, above which a thing does not stand out more."""
 
@@ -170,9 +173,8 @@ def _things(windows: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     colour, depth, which = windows[:, :3], windows[:, 3], torch.arange(len(windows))
     start = (which, *_salient(colour, depth < _NOTHING))
     own = colour.permute(0, 2, 3, 1)[start][:, :, None, None]
-    like = ((colour - own).abs().amax(1) <= _SAME_COLOUR) & (
-        (depth - depth[start][:, None, None]).abs() <= _SAME_DEPTH
-    )
+    same = ((colour - own).abs().amax(1) <= _SAME_COLOUR) | _shaded_alike(colour, own)
+    like = same & ((depth - depth[start][:, None, None]).abs() <= _SAME_DEPTH)
     thing = torch.zeros_like(depth)
     thing[start] = 1.0
     for _ in range(CELL_PX + _AROUND_PX):
@@ -185,6 +187,29 @@ def _things(windows: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     hollow = (thing[at] == 0.0) & (around < 0.5)
     far = torch.where(hollow, depth[start], (depth * thing).sum((1, 2)) / count)
     return torch.where(hollow, start[1], row), torch.where(hollow, start[2], column), far, count
+
+
+def _shaded_alike(colour: Tensor, own: Tensor) -> Tensor:
+    """(K, W, W) whether colours (K, 3, W, W) are shades of others (K, 3, 1, 1): of the same hue."""
+    hues, chromas, values = zip(*(_hue(each) for each in (colour, own)), strict=True)
+    apart = (hues[0] - hues[1]).abs()
+    apart = torch.minimum(apart, 6.0 - apart)
+    darker, brighter = torch.minimum(*values), torch.maximum(*values)
+    coloured = torch.minimum(*chromas) >= _COLOURED
+    return coloured & (apart <= _SAME_HUE) & (darker >= _SHADED * brighter)
+
+
+def _hue(colour: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """(K, W, W) each: hue in sixths of the circle, chroma and value of colours (K, 3, W, W)."""
+    red, green, blue = colour.unbind(1)
+    value = colour.amax(1)
+    chroma = value - colour.amin(1)
+    of = chroma.clamp(min=1.0)
+    hue = torch.where(value == red, (green - blue) / of % 6.0, (blue - red) / of + 2.0)
+    hue = torch.where(
+        (value == blue) & (value > red) & (value > green), (red - green) / of + 4.0, hue
+    )
+    return hue, chroma, value
 
 
 def rotation(quaternion: NDArray[np.float64]) -> Tensor:

@@ -121,6 +121,20 @@ def test_a_thing_is_as_wide_as_a_disc_with_its_pixels(
     assert float(width) == pytest.approx(expected_m, rel=0.06)  # the plate is tilted
 
 
+def test_a_shaded_ball_is_one_thing() -> None:
+    """A column of a lit ball, hue 13 to 19 degrees, as an app draws it; beside it another hue.
+
+    It is followed for 4 pixels beyond its cell: rows 32 to 43.
+    """
+    shades = [(243, 116, 81), (251, 107, 45), (255, 139, 106), (212, 90, 40), (136, 55, 18)]
+    picture = button(range(30, 45), range(60, 65))
+    for number, shade in enumerate(shades):
+        rows = slice(30 + 3 * number, 33 + 3 * number)
+        picture[0, :3, rows, 60:65] = torch.tensor(shade, dtype=torch.uint8)[:, None, None]
+    picture[0, :3, 30:45, 65] = torch.tensor([200, 200, 40], dtype=torch.uint8)[:, None]
+    assert aimed_at(picture, 37, 61) == pytest.approx([38.0, 62.5], abs=0.01)
+
+
 def test_the_middle_of_a_ring_is_not_aimed_at() -> None:
     picture = button(range(36, 43), range(60, 67))
     picture[0, 0, 37:42, 61:66] = 0

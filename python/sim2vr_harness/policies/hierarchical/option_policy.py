@@ -163,6 +163,7 @@ class HierarchicalPolicy(nn.Module):
         values: ActionValueMap,
         tool: Tensor,
         hold: int,
+        *,
         lifts: bool = True,
     ) -> None:
         """Take over what was learned."""

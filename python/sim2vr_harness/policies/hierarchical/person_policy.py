@@ -106,10 +106,13 @@ class PersonPolicy(HierarchicalPolicy):
         values: ActionValueMap,
         tool: Tensor,
         hold: int,
+        *,
+        lifts: bool = True,
         vigour: float = 1.0,
     ) -> None:
         """Take over what was learned."""
         self.vigour.fill_(vigour)
+        self.lifts.fill_(lifts)
         self.human.take(human.weights())
         self.values.load_state_dict(values.state_dict())
         self.tool.copy_(tool)

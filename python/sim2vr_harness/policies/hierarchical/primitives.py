@@ -258,7 +258,7 @@ class PrimitiveController:
     ) -> None:
         self.layer, self.tool, self.options, self.manner = layer, tool, options, manner
         self.lifts = torch.ones(1, 1, 1)
-        """(N or 1, 1, 1) which users stay before surfaces until they are there; 0: go straight."""
+        """(1, 1, 1) 1: hands stay before surfaces until they are there; 0: they go straight."""
         self._pointing = Pointing(poses)
         self._inputs = ControllerInputs(options.inputs, layer.hands)
         self._works = [ROLES.index(FREE[name][0]) for name in options.free]
@@ -414,7 +414,7 @@ class PrimitiveController:
         beside = sideways.norm(dim=-1, keepdim=True)
         lift_m = self.manner.lift_m
         if self.manner.by_width:
-            return _inside(beside, 0.5 * choice.width[..., None], lift_m)
+            return _inside(beside, 0.5 * choice.width[..., None], lift_m * self.lifts)
         lifted = ((beside - _ABOVE_M) / lift_m).clamp(0.0, 1.0)
         closing = -(velocity * sideways).sum(-1, keepdim=True) / beside.clamp(min=1e-6)
         coming = (closing / _COMING_MPS).clamp(0.0, 1.0)
@@ -440,13 +440,13 @@ class PrimitiveController:
         goals.velocity = torch.where(back, torch.zeros(()), goals.velocity)
 
 
-def _inside(beside: Tensor, radius: Tensor, lift_m: float) -> Tensor:
+def _inside(beside: Tensor, radius: Tensor, lift_m: Tensor) -> Tensor:
     """(N, H, 1) how far behind surfaces hands aim that heed widths; before it: negative, m.
 
     Args:
         beside: (N, H, 1) from the middles of things, m.
         radius: (N, H, 1) of the things, m.
-        lift_m: most that hands stay before the surface.
+        lift_m: (1, 1, 1) most that hands stay before the surface.
     """
     share = beside / radius
     behind = _WELL_BEHIND_M * ((_ENTERS - share) / (_ENTERS - _ENTERED)).clamp(max=1.0)

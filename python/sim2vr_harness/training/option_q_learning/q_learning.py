@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from sim2vr_harness.base.cores import budget
 from sim2vr_harness.policies.hierarchical.action_selection import ActionSelector, OptionScene
@@ -40,7 +39,7 @@ from sim2vr_harness.training.replay import ReplayStore
 
 __all__ = ["OptionQLearning", "OptionScene", "QLearningReport"]
 
-STATE_FORMAT = 4
+STATE_FORMAT = 5
 DECIDE_STEPS = 3
 """User steps from one decision to the next: 0.15 s at 20 Hz.
 Users see decisions through for longer where it pays."""
@@ -64,9 +63,7 @@ class OptionQLearning:
         pictures: the file that what is seen goes to; made or reused.
         seed: of everything drawn here.
         late_steps: user steps by which pictures are seen late.
-        for_persons: whether persons will use what is learned. If not, every second user goes
-            straight to what it touches, without lifting off as persons do, until half of the user
-            steps show which of both is rewarded more.
+        for_persons: whether persons will use what is learned.
     """
 
     def __init__(
@@ -81,7 +78,6 @@ class OptionQLearning:
         for_persons: bool = False,
     ) -> None:
         self.config, self._late_steps, self._seed = config, late_steps, seed
-        self._compares = not for_persons and simulation.n > 1
         self.updates = _UPDATES_FOR_PERSONS if for_persons else _UPDATES
         """Updates of the Q-network per decision of all users."""
         self.n: int = simulation.n
@@ -91,6 +87,8 @@ class OptionQLearning:
         self._take_up(simulation, primitives)
         self.persons = False
         """Whether the present users are persons, whose effort counts."""
+        self.manner_chosen = False
+        """Whether the manner of hands has been compared (see ``manner.py``)."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             self.net = ActionValueMap(self._selector.sight, self.hands, primitives.options)
@@ -197,8 +195,6 @@ class OptionQLearning:
         """
         doing("choosing options")
         explore = self.explore
-        if self._compares:
-            self.primitives.lifts = self.lifts()
         scene = self._selector.scene()
         chosen = self._decide(scene, explore)
         seen = {name: getattr(scene, name)[None] for name in SCENE}
@@ -215,23 +211,6 @@ class OptionQLearning:
         step_s = 1.0 / self.simulation.config.action_frequency_hz
         self._rewards.append(float(reward.mean()) * 60.0 / (DECIDE_STEPS * step_s))
         return QLearningReport(self.step_count, float(np.mean(self._rewards)), loss, explore)
-
-    def lifts(self, *, ended: bool = False) -> Tensor:
-        """(N or 1, 1, 1) which users lift off: half of them at first, then all or none.
-
-        At half of the user steps, or when they have ``ended``, rewards of their second quarter
-        decide. Penalties do not count: who never touches has none.
-        """
-        if not self._compares:
-            return torch.ones(1, 1, 1)
-        if not ended and 2 * self.step_count < self.config.user_steps:
-            return 1.0 - torch.arange(self.n)[:, None, None] % 2
-        half = self.config.user_steps // (2 * self.n * DECIDE_STEPS)
-        rows = min(half, self._memory.count)
-        rewards = self._memory.read("reward", np.arange(rows // 2, rows)).clip(min=0.0)
-        lifting, straight = rewards[:, ::2], rewards[:, 1::2]
-        noise = np.sqrt(lifting.var() / lifting.size + straight.var() / straight.size)
-        return torch.full((1, 1, 1), float(lifting.mean() + noise >= straight.mean()))
 
     def _play_and_learn(
         self, updates: int, doing: Callable[[str], None]
@@ -322,6 +301,7 @@ class OptionQLearning:
             owed=self._owed,
             since=self.learner.since,
             persons=self.persons,
+            manner_chosen=self.manner_chosen,
             rewards=list(self._rewards),
             rng=self.rng.bit_generator.state,
         )
@@ -330,6 +310,7 @@ class OptionQLearning:
             "trying": self._trying,
             "tried": self._tried,
             "colours": self._exploration.colours,
+            "lifts": self.primitives.lifts.numpy(),
             "simulation": np.frombuffer(self.simulation.save_state(), np.uint8),
         }
         return {
@@ -356,11 +337,8 @@ class OptionQLearning:
         """
         header = read_header(state, STATE_FORMAT)
         self.step_count, self.learner.scale = header["step"], header["scale"]
-        self._owed, self.learner.since, self.persons = (
-            header["owed"],
-            header["since"],
-            header["persons"],
-        )
+        self.learner.since, self._owed = header["since"], header["owed"]
+        self.persons, self.manner_chosen = header["persons"], header["manner_chosen"]
         self._rewards.extend(header["rewards"])
         self.rng.bit_generator.state = header["rng"]
         self.net.load_state_dict(state["net"])
@@ -372,6 +350,7 @@ class OptionQLearning:
         arrays = {name: values.numpy() for name, values in state["arrays"].items()}
         self._trying, self._tried = arrays["trying"].copy(), arrays["tried"].copy()
         self._exploration.colours = arrays["colours"].copy()
+        self.primitives.lifts = state["arrays"]["lifts"].clone()
         self.simulation.load_state(arrays["simulation"].tobytes())
         if isinstance(self.primitives.layer, PersonLayer):
             self.primitives.layer.recall(state["layer"])

@@ -48,15 +48,15 @@ from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder, append_row, keep_rows
 from sim2vr_harness.training.dagger.option_expert import OptionExpert
 from sim2vr_harness.training.motor_control.stage import MotorStage
-from sim2vr_harness.training.option_q_learning.minibatch import N_STEP
-from sim2vr_harness.training.option_q_learning.pace import Pace
-from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS, OptionQLearning
-from sim2vr_harness.training.option_q_learning.tempo import (
+from sim2vr_harness.training.option_q_learning.manner import (
     best_hold,
-    choose_vigour,
+    choose_manner,
     hold_steps,
     holds,
 )
+from sim2vr_harness.training.option_q_learning.minibatch import N_STEP
+from sim2vr_harness.training.option_q_learning.pace import Pace
+from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS, OptionQLearning
 from sim2vr_harness.training.run.progress import View, duration
 from sim2vr_harness.training.run.stage import Callbacks
 
@@ -69,6 +69,9 @@ _BASELINE_S = 6.0
 _MEASURED_SHARE = 0.75
 """Share of the user steps in which the measured body plays, undelayed but for its pictures, before
 persons do: what an app rewards does not depend on who moves, and persons move slowly."""
+_COMPARED_SHARE = 0.5
+"""Share of the user steps before plain users compare manners of their hands; persons do when they
+begin to play."""
 _HOPELESS = 0.35
 """Share of the stage after which a user should do better than one who does nothing."""
 
@@ -218,12 +221,9 @@ class QLearningStage:
             log = self.folder / _LOG
             keep_rows(log, lambda row: row["step"] <= learner.step_count)
             self._learn(learner, callbacks, log, before, rate)
-        finished, lifts = learner.finished, learner.lifts(ended=True)
-        learner.primitives.lifts = lifts
-        if not self._config.skills.people:
-            way = "lift off before they touch" if lifts.all() else "go straight to what they touch"
-            callbacks.say(f"Hands {way}, which was rewarded more.")
-        learned = {"values": learner.net.state_dict(), "tool": tool, "lifts": lifts}
+        finished = learner.finished
+        learned = {"values": learner.net.state_dict(), "tool": tool}
+        learned["lifts"] = learner.primitives.lifts
         if self._run is not None:
             steps = learner.step_count
             file = self._run.checkpoint_file(self.stop if finished else steps)
@@ -264,14 +264,15 @@ class QLearningStage:
     ) -> HierarchicalPolicy:
         """The user that this stage has made."""
         net, tool = learner.net, learner.primitives.tool
+        lifts = bool(learner.primitives.lifts.all())
         if self._config.skills.people:
             person = PersonPolicy(self._config)
             persons = learner.primitives.layer
             vigour = persons.vigour if isinstance(persons, PersonLayer) else 1.0
-            person.learned_by(self._human(), net, tool, hold, vigour)
+            person.learned_by(self._human(), net, tool, hold, lifts=lifts, vigour=vigour)
             return person
         user = HierarchicalPolicy(self._config)
-        user.learned(layer, net, tool, hold, bool(learner.primitives.lifts.all()))
+        user.learned(layer, net, tool, hold, lifts=lifts)
         return user
 
     def _prepared(
@@ -338,7 +339,8 @@ class QLearningStage:
             if learner.step_count >= self._measured_steps and not learner.persons:
                 callbacks.say("Persons play from now on, with what has been learned.")
                 self._begin_persons(learner)
-                choose_vigour(learner, callbacks)
+            if learner.step_count >= self._compared_steps and not learner.manner_chosen:
+                choose_manner(learner, callbacks)
             report = learner.step(callbacks.doing)
             decisions += 1
             done = learner.step_count
@@ -380,6 +382,13 @@ class QLearningStage:
         """User steps that the measured body plays, before persons do."""
         share = _MEASURED_SHARE if self._config.skills.people else math.inf
         return share * self._config.skills.q_learning.user_steps
+
+    @property
+    def _compared_steps(self) -> float:
+        """User steps before the manner of hands is chosen."""
+        if self._config.skills.people:
+            return self._measured_steps
+        return _COMPARED_SHARE * self._config.skills.q_learning.user_steps
 
     def _remember(self, learner: OptionQLearning) -> None:
         state = learner.state_dict()

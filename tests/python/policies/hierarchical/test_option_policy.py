@@ -26,8 +26,8 @@ from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import TrainingConfig, load_config
 from sim2vr_harness.runs.migration import with_new_tensor_names
+from sim2vr_harness.training.option_q_learning.manner import best_hold
 from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS
-from sim2vr_harness.training.option_q_learning.tempo import best_hold
 from sim2vr_harness.training.ppo.fine_tune import adapting
 from sim2vr_harness.training.run.progress import View
 from sim2vr_harness.training.run.trainer import train

@@ -41,12 +41,12 @@ from sim2vr_harness.runs.option_config import MotorTrainingConfig, QLearningConf
 from sim2vr_harness.training.motor_control import goal_task
 from sim2vr_harness.training.motor_control.goal_task import motor_trainer
 from sim2vr_harness.training.option_q_learning import value_learner
+from sim2vr_harness.training.option_q_learning.manner import choose_manner
 from sim2vr_harness.training.option_q_learning.minibatch import N_STEP
 from sim2vr_harness.training.option_q_learning.q_learning import (
     DECIDE_STEPS,
     OptionQLearning,
 )
-from sim2vr_harness.training.option_q_learning.tempo import choose_vigour
 from sim2vr_harness.users import UserBatch, list_bodies, load_body
 
 pytest.importorskip("sim2vr_harness._app_runtime")
@@ -223,30 +223,6 @@ def test_q_learning_goes_on_from_a_state_to_the_bit(layer: MotorPolicy, tmp_path
         one.simulation.close()
 
 
-def test_hands_lift_off_where_it_is_rewarded_more(layer: MotorPolicy, tmp_path: Path) -> None:
-    """Users 0 and 2 of 3 lift off until half of 240 user steps, which are 13 decisions.
-
-    Of those the last seven count. Penalties count as 0, and rewards before do not.
-    """
-    one = learner(layer, tmp_path / "lifts")
-    rewards = np.zeros((13, 3), np.float32)
-    rewards[:6] = [9.0, 0.0, 9.0]
-    rewards[6:] = [1.0, 1.2, 1.0]
-    while one.step_count < 120:
-        assert one.lifts().flatten().tolist() == [1.0, 0.0, 1.0]
-        one.step()
-    with patch.object(one._memory, "read", lambda name, rows: rewards[rows]):
-        assert one.lifts().item() == 0.0  # 1.2 against 1
-        rewards[12, 1] = -5.0
-        assert one.lifts().item() == 1.0  # 1.03, with a standard error of 0.16
-        rewards[12, 1] = 3.0
-        assert one.lifts().item() == 0.0  # 1.46, with one of 0.24
-    one.simulation.close()
-    other = learner(layer, tmp_path / "persons", for_persons=True)
-    assert other.lifts().item() == 1.0 and (one.updates, other.updates) == (1.0, 2.0)
-    other.simulation.close()
-
-
 def with_persons(layer: MotorPolicy, folder: Path, steps: int, since: int = 5) -> OptionQLearning:
     """Return a learner whose persons have played, after the measured body."""
     one = learner(layer, folder, for_persons=True)
@@ -281,17 +257,24 @@ def test_persons_go_on_from_a_state_to_the_bit(layer: MotorPolicy, tmp_path: Pat
         one.simulation.close()
 
 
-def test_persons_move_as_fast_as_it_pays(layer: MotorPolicy, tmp_path: Path) -> None:
-    """Twice as much is earned with less vigour or more; nothing of it counts as learning."""
+def test_hands_move_as_it_pays(layer: MotorPolicy, tmp_path: Path) -> None:
+    """Straight hands earn 5 more; vigour 6 earns most; nothing of it counts as learning."""
     one, said = with_persons(layer, tmp_path / "own", 0), []
     persons, taken, decisions = one.primitives.layer, one.step_count, one._memory.count
     assert isinstance(persons, PersonLayer)
     earned = {1.0: 10.0, 6.0: 20.0, 36.0: 5.0}
-    callbacks = SimpleNamespace(say=said.append, doing=said.append)
-    with patch.object(one, "earned", side_effect=lambda *_: earned[persons.vigour]):
-        choose_vigour(one, callbacks)  # type: ignore[arg-type]
-    assert persons.vigour == 6.0
-    assert "10.00 for 1, 20.00 for 6, 5.00 for 36. The persons': 6." in said[1]
+    callbacks = SimpleNamespace(say=said.append, doing=lambda part: None)
+
+    def of_now(*_: object) -> float:
+        return earned[persons.vigour] - 5.0 * float(one.primitives.lifts)
+
+    with patch.object(one, "earned", side_effect=of_now):
+        choose_manner(one, callbacks)  # type: ignore[arg-type]
+    assert (persons.vigour, float(one.primitives.lifts)) == (6.0, 0.0)
+    assert said == [
+        "Reward per minute: 15.00 if hands lift off before they touch, 20.00 if not; less effort, "
+        "by vigour: 10.00 for 1, 20.00 for 6, 5.00 for 36. The persons': 6."
+    ]
     assert (one.step_count, one._memory.count) == (taken, decisions)
     fresh = PersonLayer(persons.policy, 2, lambda: np.zeros((2, 1)), 1)
     fresh.recall(persons.memory())

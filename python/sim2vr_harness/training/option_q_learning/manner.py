@@ -1,4 +1,4 @@
-"""Durations of decisions and vigour of persons: those that earn most."""
+"""Durations of decisions and manners of hands: those that earn most."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from sim2vr_harness.training.run.stage import Callbacks
 _HOLDS, _HOLD_S = (1, 3, 5), 128.0
 """Candidate user steps for which a choice is kept, and seconds of play of all users together that
 compare them: 4 to 10 of each."""
-_VIGOURS, _VIGOUR_S = (1.0, 6.0, 36.0), 5.0
-"""What persons' weights of effort may be divided by, and seconds of play that compare them."""
+_VIGOURS, _MANNER_S = (1.0, 6.0, 36.0), 5.0
+"""What persons' weights of effort may be divided by, and seconds of play that compare manners."""
 
 
 def holds() -> list[int]:
@@ -49,25 +49,39 @@ def best_hold(learner: OptionQLearning, callbacks: Callbacks) -> int:
     return best
 
 
-def choose_vigour(learner: OptionQLearning, callbacks: Callbacks) -> None:
-    """Let persons move as fast as it pays.
+def choose_manner(learner: OptionQLearning, callbacks: Callbacks) -> None:
+    """Let hands lift off before they touch if it pays, and persons move as fast as it pays.
 
-    People move faster where rewards come more often (Yoon et al. 2018).
+    People move faster where rewards come more often (Yoon et al. 2018). Nothing of this counts as
+    learning.
     """
-    callbacks.doing("vigour")
-    layer, taken, earned = learner.primitives.layer, learner.step_count, {}
-    assert isinstance(layer, PersonLayer)
-    steps = round(_VIGOUR_S * learner.simulation.config.action_frequency_hz)
-    for vigour in _VIGOURS:
-        layer.vigour = vigour
-        earned[vigour] = learner.earned(DECIDE_STEPS, steps)
+    callbacks.doing("manner of hands")
+    primitives, taken = learner.primitives, learner.step_count
+    steps = round(_MANNER_S * learner.simulation.config.action_frequency_hz)
+
+    def earned() -> float:
+        found = learner.earned(DECIDE_STEPS, steps)
         learner.step_count = taken
-    layer.vigour = max(_VIGOURS, key=lambda each: earned[each])
+        return found
+
+    layer, by_lift, by_vigour = primitives.layer, {}, {}
+    if isinstance(layer, PersonLayer):
+        layer.vigour = _VIGOURS[1]
+    for lifts in (1.0, 0.0):
+        primitives.lifts.fill_(lifts)
+        by_lift[lifts] = earned()
+    primitives.lifts.fill_(max(by_lift, key=lambda each: by_lift[each]))
+    said = f"{by_lift[1.0]:.2f} if hands lift off before they touch, {by_lift[0.0]:.2f} if not"
+    if isinstance(layer, PersonLayer):
+        for vigour in _VIGOURS:
+            layer.vigour = vigour
+            by_vigour[vigour] = earned()
+        layer.vigour = max(by_vigour, key=lambda each: by_vigour[each])
+        found = ", ".join(f"{by_vigour[each]:.2f} for {each:g}" for each in _VIGOURS)
+        said += f"; less effort, by vigour: {found}. The persons': {layer.vigour:g}"
+    callbacks.say(f"Reward per minute: {said}.")
     learner.begin_rounds(taken, 60)
-    found = ", ".join(f"{earned[each]:.2f} for {each:g}" for each in _VIGOURS)
-    callbacks.say(
-        f"Reward less effort per minute by vigour: {found}. The persons': {layer.vigour:g}."
-    )
+    learner.manner_chosen = True
 
 
 def _show_end(callbacks: Callbacks, taken: int, doing: str, share: float, began: float) -> None:

@@ -169,10 +169,9 @@ def _of_people(settings: TrainingConfig) -> TrainingConfig:
         got = f"it with recipe {settings.recipe!r} and skills.user {settings.skills.user!r}"
         raise InputError("--people", got, "recipe 'skills' with skills.user 'hierarchical'")
     env = settings.env
-    senses = [*env.senses]
-    if all(sense.sense != "person" for sense in senses):
-        senses.append(SenseConfig(sense="person"))
-    update = {"user": as_population(env.user), "senses": tuple(senses)}
+    known = {sense.sense for sense in env.senses}
+    more = [SenseConfig(sense=name) for name in ("headset", "person") if name not in known]
+    update = {"user": as_population(env.user), "senses": (*env.senses, *more)}
     skills = settings.skills.model_copy(update={"user": "person"})
     changed = settings.model_copy(update={"env": env.model_copy(update=update), "skills": skills})
     return type(settings).model_validate(changed.model_dump())

@@ -124,6 +124,14 @@ def test_persons_look_from_where_their_eyes_were() -> None:
         assert memory.recognised[1][0, :3, 3].numpy() == pytest.approx(true[-5][user], abs=1e-5)
 
 
+@pytest.mark.parametrize("recipe", ["skills", "webxr", "sample_sac"])
+def test_persons_of_games_and_pages_say_how_they_hold_their_heads(recipe: str) -> None:
+    """Also where a recipe leaves the sense out, as this one of another recipe does."""
+    given = load_config(recipe, ["recipe=skills", "skills.user=hierarchical"])
+    senses = {sense.sense for sense in _of_people(given).env.senses}
+    assert {"headset", "person"} <= senses
+
+
 def test_people_need_decisions_by_themselves() -> None:
     with pytest.raises(InputError, match="--people"):
         _of_people(load_config("skills", ["skills.user=student"]))

@@ -85,7 +85,7 @@ class QLearningConfig(Settings):
 
     users: int = Field(default=32, ge=1, le=MOST_USERS)
     """Environments in which users play at the same time."""
-    user_steps: int = Field(default=80_000, ge=1, le=MOST_STEPS)
+    user_steps: int = Field(default=64_000, ge=1, le=MOST_STEPS)
     """User steps of the Q-learning, of all users together."""
     try_steps: int = Field(default=8_000, ge=0, le=MOST_STEPS)
     """User steps at the start in which all is tried at random."""

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import torch
 from torch import Tensor
 
 from sim2vr_harness.policies.hierarchical.motor_goals import (
     MOMENT_S,
-    WIDTH_M,
     MotorGoals,
     describe,
     tips,
@@ -162,15 +162,14 @@ class GoalSampler:
         waves, begin = self._paths(count)
         pointed = self._rand(count, 1) < 0.25
         axis = torch.where(pointed, pose[:, :3, 0], torch.zeros(()))
-        goals = MotorGoals(
+        goals = replace(
+            MotorGoals.none(count, 1),
             tip=tip[:, None],
             place=there[:, None],
             velocity=velocity[:, None],
             left_s=left[:, None],
             axis=torch.where(follows[:, None] & pointed, place[:, :3, 0], axis)[:, None],
             active=(kind != _REST).float()[:, None],
-            width=torch.full((count, 1), WIDTH_M),
-            rays=torch.zeros(count, 1),
         )
         column = torch.full_like(ids, hand)
         self.goals.put(ids, column, goals)

@@ -43,7 +43,7 @@ STATE_FORMAT = 5
 DECIDE_STEPS = 3
 """User steps from one decision to the next: 0.15 s at 20 Hz.
 Users see decisions through for longer where it pays."""
-_UPDATES, _UPDATES_FOR_PERSONS = 1.0, 2.0
+_UPDATES, _UPDATES_FOR_PERSONS = 1, 2
 """Updates of the Q-network per decision of all users; persons take longer to decide and to move."""
 _EXPLORE_FIRST = 0.9
 _SETTLE_SHARE = 0.5
@@ -110,7 +110,6 @@ class OptionQLearning:
         inputs = OptionChoice.KEPT_INPUTS if primitives.options.inputs else ()
         self._kept = (*OptionChoice.KEPT, *inputs)
         self._rewards: deque[float] = deque(maxlen=200)
-        self._owed = 0.0
         self.learner = ValueLearner(self.net, self._selector, self._memory, self.rng, self.n)
 
     def _take_up(self, simulation: Any, primitives: PrimitiveController) -> None:
@@ -203,9 +202,7 @@ class OptionQLearning:
         updates = 0
         if self.step_count >= self.config.try_steps:
             self.learner.settle_scale()
-            self._owed += self.updates
-            updates = int(self._owed)
-            self._owed -= updates
+            updates = self.updates
         reward, over, loss = self._play_and_learn(updates, doing)
         self._memory.amend({"reward": reward[None], "over": over[None]})
         step_s = 1.0 / self.simulation.config.action_frequency_hz
@@ -298,7 +295,6 @@ class OptionQLearning:
             STATE_FORMAT,
             step=self.step_count,
             scale=self.learner.scale,
-            owed=self._owed,
             since=self.learner.since,
             persons=self.persons,
             manner_chosen=self.manner_chosen,
@@ -337,7 +333,7 @@ class OptionQLearning:
         """
         header = read_header(state, STATE_FORMAT)
         self.step_count, self.learner.scale = header["step"], header["scale"]
-        self.learner.since, self._owed = header["since"], header["owed"]
+        self.learner.since = header["since"]
         self.persons, self.manner_chosen = header["persons"], header["manner_chosen"]
         self._rewards.extend(header["rewards"])
         self.rng.bit_generator.state = header["rng"]

@@ -141,6 +141,19 @@ def test_people_need_decisions_by_themselves() -> None:
     assert torch.is_tensor(PersonPolicy(config).hold)
 
 
+def test_persons_that_learned_the_same_are_equal_in_every_weight() -> None:
+    """Whatever numbers torch drew when they were made, as equal seeds write equal checkpoints."""
+    config = _of_people(load_config("skills", []))
+    made = []
+    source = PersonPolicy(config)
+    for seed in (1, 2):
+        torch.manual_seed(seed)
+        made.append(PersonPolicy(config))
+        made[-1].learned_by(source.human, source.values, source.tool, 1)
+    first, second = (each.state_dict() for each in made)
+    assert [name for name in first if not torch.equal(first[name], second[name])] == []
+
+
 @pytest.mark.parametrize(
     ("width_m", "beside_m", "depth_m"),
     [

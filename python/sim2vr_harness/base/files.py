@@ -319,7 +319,7 @@ def parse_tensors(
             found = torch.load(io.BytesIO(content), map_location=device, weights_only=True)
         if not isinstance(found, Mapping) or not all(isinstance(key, str) for key in found):
             raise ValueError(f"a {type(found).__name__} in it")
-        # A tensor can repeat a few stored numbers over any shape, and every copy has them all.
+        # A tensor can spread a few stored numbers over any shape, and every copy has them all.
         unpacked, known, parts = 0, set[int](), list[Any](found.values())
         while parts:
             part = parts.pop()
@@ -327,8 +327,6 @@ def parse_tensors(
                 continue
             known.add(id(part))
             if isinstance(part, torch.Tensor):
-                if part.layout is not torch.strided or part.is_nested:
-                    raise ValueError("a tensor that is not dense")
                 unpacked += part.numel() * part.element_size()
             elif isinstance(part, Mapping):
                 parts.extend(part.values())

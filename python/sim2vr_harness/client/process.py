@@ -223,7 +223,7 @@ class AppProcess:
                 f"executable: got {self.command[0]!r}, which cannot be started "
                 f"({self.log_tail(3)}), expected a program for this machine"
             )
-        return AppDied(f"{self} {_end_words(status)} {when}{self.log_words()}")
+        return AppDied(f"{self} {end_words(status)} {when}{self.log_words()}")
 
     def log_tail(self, lines: int = _TAIL_LINES) -> str:
         """The last lines of what the app wrote."""
@@ -289,7 +289,8 @@ def _check_executable(path: str) -> None:
         )
 
 
-def _end_words(status: int | None) -> str:
+def end_words(status: int | None) -> str:
+    """Return how a process ended: by itself or by a signal; None: it only fell silent."""
     if status is None:
         return "closed its connection"
     if status < 0:

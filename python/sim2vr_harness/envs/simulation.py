@@ -379,6 +379,8 @@ class Simulation:
             warned = {name: int(counts[i]) for name, counts in warnings.items() if counts[i]}
             if warned:
                 ends[i]["warnings"] = warned
+            if i in self._group.left and ends[i]["termination"] == "finished":
+                ends[i] |= {"termination": "app_left", "app_left": self._group.left[i]}
             if i in self._group.failed:
                 ends[i] |= {"termination": "app_failed", "app_error": self._group.failed[i]}
         return ends

@@ -13,6 +13,8 @@ from PIL import Image
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import naming
+from sim2vr_harness.base.notices import notice_once
+from sim2vr_harness.client import AppDied
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, VisionConfig
 from sim2vr_harness.envs.games import game_facts, with_condition, with_game, without_training
 from sim2vr_harness.evaluation.environment import evaluation_env, make_simulation
@@ -160,6 +162,10 @@ def _play(
         total += float(outcome.reward[0])
         log = outcome.infos[0].get("log", log)
         if outcome.terminated[0] or outcome.truncated[0]:
+            if "app_error" in outcome.infos[0]:
+                raise AppDied(outcome.infos[0]["app_error"])
+            if "app_left" in outcome.infos[0]:
+                notice_once(outcome.infos[0]["app_left"])
             break
     return log, total, moves
 

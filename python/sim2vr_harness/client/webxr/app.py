@@ -54,7 +54,6 @@ class WebXRApp(UnsavedApp):
         self._files = PageFiles(place.page, place.map)
         self._wanted = wanted
         self._options: dict[str, OptionValue] = dict(wanted.options)
-        self._playing = False
         self._last_ns = 0
         self._awaited: int | None = None
         self._valued = False
@@ -133,15 +132,18 @@ class WebXRApp(UnsavedApp):
         self._options = wished
         self._playing, self._last_ns = True, 0
         self._awaited = self._page.start_step(frames, bool(self._wanted.values))
-        return self.finish_step()
+        reply = self.finish_step()
+        if reply.finished:
+            raise AppRefused(f"{self._left}, expected a page that stays in VR")
+        return reply
 
     def start_step(
         self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False
     ) -> None:
         """See :class:`AppClient`; sends the frames."""
-        self._require_open()
-        if not self._playing or self._awaited is not None:
-            raise AppError("step: no round was started; call reset first")
+        self._require_round()
+        if self._awaited is not None:
+            raise AppError("step: the last one goes on; call finish_step first")
         times = later_times(times_ns, self._last_ns)
         frames = self._frames(times, poses, range(len(times))[drawn])
         self._last_ns = int(times[-1])
@@ -156,6 +158,7 @@ class WebXRApp(UnsavedApp):
         if reply.picture is not None:
             self._take_picture(reply.picture)
         self._playing = not reply.ended
+        self._left = self._end_words() if reply.ended else ""
         for name, why in reply.lacking.items():
             raise self._without_value(name, why)
         self._valued = True
@@ -166,7 +169,12 @@ class WebXRApp(UnsavedApp):
             log={},
             haptics=reply.haptics,
             values=reply.values,
+            left=self._left,
         )
+
+    def _end_words(self) -> str:
+        when = f"after {self._last_ns * 1e-9:.1f} s" if self._last_ns else "in its first frame"
+        return f"{self._files.name}: the page ended its session (XRSession.end) {when}"
 
     def _frames(self, times: Int64Array, poses: DevicePoses, drawn: int) -> list[Any]:
         """The frames of a step as ``steps.js`` takes them.

@@ -256,6 +256,17 @@ def test_rounds_say_that_their_program_left(
         assert ("App left VR by itself" in said.out) == (end == "app_left")
 
 
+def test_a_snapshot_of_a_program_that_left_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = r"fake: the program ended its session \(xrRequestExitSession\) after 0\.9 s, .*status"
+    for status, exits, start in ((0, "0", "^"), (3, "[12]", "^error: ")):
+        file = leaving(tmp_path, 20, f"sys.exit({status})")
+        with pytest.raises(SystemExit, match=exits):
+            main(["render", "snapshot", "--openxr", str(file), "--out", str(tmp_path / "out")])
+        assert re.search(f"(?m){start}{words} {status}", capsys.readouterr().err)
+
+
 def test_a_killed_program_is_started_again(tmp_path: Path) -> None:
     with open_program(program(tmp_path)) as app:
         app.reset(1, hands())

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.client import Task, TaskedApp
-from sim2vr_harness.client.devices import INPUT_NAMES, input_named
 from sim2vr_harness.policies.protocol import Observation
 from sim2vr_harness.policies.scripted.hand import By, Hand
 from sim2vr_harness.policies.scripted.outcomes import StepOutcome
@@ -52,15 +51,6 @@ def inputs_of(step: Step, task: Task | None, hand: str) -> tuple[str, ...]:
         usual = ("trigger",) if step.kind == "press" else ("trigger", "squeeze")
         names = tuple(named[:1]) or usual
     return tuple(f"{hand}.{name}" for name in names)
-
-
-def resting_action(simulation: Any) -> NDArray[np.float32]:
-    """Return the action of a user that changes nothing, (A,): fingers press no input."""
-    action = np.zeros(simulation.action_space.shape[0], np.float32)
-    for k, name in enumerate(simulation.actions.names):
-        if name in INPUT_NAMES and input_named(name).low == 0.0:
-            action[k] = -1.0
-    return action
 
 
 class ScriptedPolicy:
@@ -154,7 +144,7 @@ class Episode:
     def act(self) -> NDArray[np.float32]:
         """Return the action of the next user step, (A,)."""
         next(self._run)
-        action = resting_action(self._simulation)
+        action = self._simulation.resting_action
         body = self._hand.action()
         if body is not None:
             action[: len(body)] = body

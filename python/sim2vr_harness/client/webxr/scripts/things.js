@@ -109,14 +109,19 @@
     return found;
   };
 
+  // A cursor on the scene itself is the mouse: it carries nothing.
+  const carriedBy = (element) => {
+    const carrier = element.closest(CARRIED);
+    return carrier !== null && !carrier.isScene;
+  };
   const ofElements = (rows) => {
     const rays = [...document.querySelectorAll('[raycaster]')].map((one) => one.components?.raycaster?.data.objects);
-    const aims = [...document.querySelectorAll('[raycaster], [cursor]')];
+    const aims = [...document.querySelectorAll('[raycaster], [cursor]')].filter((one) => !one.isScene);
     const gaze = aims.length > 0 && aims.every((one) => one.closest('[camera], a-camera'));
     const selector = rays.filter((one) => one).join(', ');
     for (const element of document.querySelectorAll('a-scene *')) {
       const object = element.object3D;
-      if (!object || element.closest(CARRIED) || element.querySelector(CARRIED)) continue;
+      if (!object || carriedBy(element) || element.querySelector(CARRIED)) continue;
       const types = new Set([...heard.get(element) ?? [], ...attributes(element)]);
       const chosen = selector && element.matches(selector);
       const listens = types.size || chosen || element.matches(ABLE);
@@ -152,7 +157,7 @@
     }
   };
   const ofBabylon = (found, user) => {
-    for (const scene of window.BABYLON?.EngineStore?.Instances?.flatMap((one) => one.scenes) ?? []) {
+    for (const scene of sim.babylonScenes()) {
       for (const mesh of scene.meshes) {
         if (!mesh.isEnabled() || !mesh.isVisible || !mesh.getTotalVertices()) continue;
         const actions = mesh.actionManager?.actions ?? [];

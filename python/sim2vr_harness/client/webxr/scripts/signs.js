@@ -37,7 +37,7 @@
   const visit = (object, found) => {
     if (carried(object) || found.length >= MOST) return;
     push(found, [numberOf(object), sim.hash(JSON.stringify(sim.looks(object)))]);
-    forEach(object.children, (child) => visit(child, found));
+    forEach(object.children ?? [], (child) => visit(child, found));
   };
   // Numbers of objects and of how they look, sounds so far, a number that changes with the document's
   // text, and the rays of the last frame that tested any: origin and direction, the app's frame.

@@ -84,7 +84,7 @@
     return true;
   };
   const looks = (part) => {
-    const state = [part.visible, part.text, part.children.length];
+    const state = [part.visible, part.text, part.children?.length];
     for (const material of [part.material].flat()) {
       const { color, emissive, opacity, map: image, wireframe, uniforms } = material ?? {};
       push(state, color?.getHex?.(), emissive?.getHex?.(), opacity, wireframe, image?.uuid, image?.version);
@@ -94,7 +94,7 @@
     }
     const places = part.geometry?.attributes?.position;
     push(state, part.geometry?.uuid, places?.count, places?.version);
-    forEach([...part.matrix.elements], (value) => push(state, Math.round(value * 1e3)));
+    forEach([...part.matrix?.elements ?? []], (value) => push(state, Math.round(value * 1e3)));
     return state;
   };
   // What of an object people may notice: where it is, and how it looks.
@@ -150,7 +150,7 @@
           const how = listens || tested.has(object) ? 'point' : 'unknown';
           push(rows, [object, object.name || object.type, how, counts.get(object) ?? 0]);
         }
-        forEach(object.children, visit);
+        forEach(object.children ?? [], visit);
       };
       const scene = reference.deref();
       if (scene) visit(scene);

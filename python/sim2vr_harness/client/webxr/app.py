@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from sim2vr_harness.client.unsaved import (
 )
 from sim2vr_harness.client.webxr.browser import Browser, find_browser
 from sim2vr_harness.client.webxr.files import PageFiles
+from sim2vr_harness.client.webxr.hands import Ray, find_rays
 from sim2vr_harness.client.webxr.page import PROFILES, SCRIPT_ERRORS, Page
 from sim2vr_harness.client.webxr.renderers import RENDERERS
 from sim2vr_harness.client.webxr.replies import PageReport, Signs, Thing
@@ -59,6 +61,7 @@ class WebXRApp(UnsavedApp):
         self._valued = False
         self._head = np.zeros(3)
         self._renderer: str | None = None
+        self._rays: tuple[dict[str, OptionValue], dict[str, Ray]] | None = None
         self._browser = Browser(
             find_browser(place.browser), place.start_timeout_s, options["renderer"]
         )
@@ -231,6 +234,21 @@ class WebXRApp(UnsavedApp):
         """See :class:`AppClient`; meshes of three.js, A-Frame and Babylon.js, as boxes."""
         self._require_open()
         return scene_of(self._page.boxes(), self._head)
+
+    def pointing_rays(self) -> Mapping[str, Ray]:
+        """Return the rays by which the page points: ``right``, ``left`` or ``head``, if it does.
+
+        Origin (m) and direction in the device's own axes, app frame. An engine may turn its ray
+        away from WebXR's target ray, for example if it has no model of the controller. They are
+        found in a browser of their own, in which the controllers sway; this round stays as it is.
+
+        Raises:
+            AppRefused, AppError: the page does not play.
+        """
+        if self._rays is None or self._rays[0] != self._options:
+            with WebXRApp(replace(self._wanted, options=self._options, values={})) as other:
+                self._rays = dict(self._options), find_rays(other)
+        return self._rays[1]
 
     def report(self) -> PageReport:
         """Return what the page is made of and requested so far; also after a reset failed."""

@@ -14,6 +14,7 @@ from sim2vr_harness.policies.scripted.hand import By, Hand
 from sim2vr_harness.policies.scripted.outcomes import StepOutcome
 from sim2vr_harness.policies.scripted.places import Places
 from sim2vr_harness.policies.scripted.steps import Place, Step
+from sim2vr_harness.users.kinematics.posture_controller import AIM_RAY
 
 FloatArray = NDArray[np.float64]
 
@@ -210,6 +211,9 @@ class Episode:
                 self._hand.hold_tool(self._tool(step))
                 if step.by is None:
                     outcome.by = "ray" if self._hand.beyond_m(where) else "touch"
+                if outcome.by == "ray":
+                    self._hand.ray = self._places.ray(outcome.hand)
+                    outcome.ray_off_deg = _angle_deg(self._hand.ray.direction, AIM_RAY.direction)
                 return ""
             yield
         name = str(step.place)
@@ -318,6 +322,10 @@ class Episode:
 
     def _user_steps(self, seconds: float) -> int:
         return max(1, round(seconds * self._hz))
+
+
+def _angle_deg(first: FloatArray, second: FloatArray) -> float:
+    return float(np.degrees(np.arccos(np.clip(first @ second, -1.0, 1.0))))
 
 
 def _distance(first: FloatArray, second: FloatArray) -> float:

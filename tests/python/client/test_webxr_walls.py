@@ -266,7 +266,8 @@ const frame = document.createElement('iframe');
 frame.sandbox = 'allow-scripts allow-popups allow-forms';
 frame.srcdoc = `<script>
 const found = [typeof SharedWorker, typeof navigator.gpu];
-found.push(new Promise((resolve) => { new WebSocket('wss://127.0.0.1:9').onclose = ({ code }) => resolve(code); }));
+const socket = new WebSocket('wss://127.0.0.1:9');
+found.push(new Promise((resolve) => { socket.onclose = ({ code }) => resolve(code); }));
 found.push(open('about:blank') === null ? 'null' : 'made', navigator.hardwareConcurrency);
 Promise.all(found).then((told) => parent.postMessage(told.join(' '), '*'));
 <\\/script>`;

@@ -20,7 +20,7 @@ from webxr_pages import NEEDS_BROWSER, PAGES, hands, open_page, page_with
 
 pytestmark = NEEDS_BROWSER
 
-# Interface -> (what it inherits, attributes, methods with the arguments that they require, handlers).
+# Interface -> (what it inherits, attributes, methods with required arguments, handlers).
 COVERED: dict[str, tuple[str, str, str, str]] = {
     "XRSystem": (
         "EventTarget",
@@ -85,7 +85,8 @@ NOT_COVERED = {
     "XRSession.requestHitTestSourceForTransientInput XRFrame.getHitTestResultsForTransientInput",
     "AR": "XRAnchor XRAnchorSet XRPlane XRPlaneSet XRMesh XRMeshSet XRLightProbe XRLightEstimate "
     "XRDepthInformation XRCPUDepthInformation XRWebGLDepthInformation XRCamera XRDOMOverlayState "
-    "XRSession.requestLightProbe XRSession.domOverlayState XRSession.depthUsage XRFrame.createAnchor "
+    "XRSession.requestLightProbe XRSession.domOverlayState XRSession.depthUsage "
+    "XRFrame.createAnchor "
     "XRFrame.getDepthInformation XRFrame.getLightEstimate XRFrame.detectedPlanes "
     "XRFrame.trackedAnchors XRView.camera XRView.isFirstPersonObserver",
     "tracked sources": "XRSession.trackedSources",
@@ -144,9 +145,11 @@ ERRORS = {
         plain); new XRWebGLLayer(session, lost); lost.makeXRCompatible(); new XRWebGLLayer(gone,
         gl); gone.end(); gone.updateRenderState(); gone.requestReferenceSpace('viewer');
         other.updateTargetFrameRate(60)""",
-    "NotSupportedError": """navigator.xr.requestSession('inline', { requiredFeatures: ['hand-tracking'] });
+    "NotSupportedError": """
+        navigator.xr.requestSession('inline', { requiredFeatures: ['hand-tracking'] });
         navigator.xr.requestSession('inline', { requiredFeatures: ['no-such-feature'] });
-        session.requestReferenceSpace('unbounded'); session.updateRenderState({ layers: [layer] })""",
+        session.requestReferenceSpace('unbounded');
+        session.updateRenderState({ layers: [layer] })""",
 }  # fmt: skip
 
 # What holds in a frame of a session.
@@ -222,7 +225,8 @@ LISTED = """(() => {
     const members = [];
     for (const [key, member] of Object.entries(Object.getOwnPropertyDescriptors(prototype))) {
       if (key === 'constructor') continue;
-      members.push(`${member.get ? 'get' : member.value.length} ${key} ${member.enumerable} ${Boolean(member.set)}`);
+      const kind = member.get ? 'get' : member.value.length;
+      members.push(`${kind} ${key} ${member.enumerable} ${Boolean(member.set)}`);
     }
     found[name] = [parent === Object.prototype ? '' : parent.constructor.name, members];
   }
@@ -273,7 +277,8 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
                 "return member ? member in window[owner].prototype : owner in window; })"
             ),
             "gamepad": evaluate(
-                f"Object.entries({json.dumps(GAMEPAD)}).flatMap(([name, members]) => members.split(' ')"
+                f"Object.entries({json.dumps(GAMEPAD)}).flatMap(([name, members]) => "
+                "members.split(' ')"
                 ".filter((one) => !(one in window[name].prototype)))"
             ),
         }

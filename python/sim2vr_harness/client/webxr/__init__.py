@@ -34,7 +34,7 @@ WEBXR = Transport(
         "enter": "CSS selector of what to click to enter VR; found out by default",
         "script_errors": "ignore (default: a note) or fail at errors that the page does not catch",
         "renderer": "swiftshader (default: the browser's own) or mesa (the system's llvmpipe)",
-        "window_frames": "window.requestAnimationFrame in VR: stop (default: as on a headset) or run",
+        "window_frames": "frames of the window in VR: stop (default: as on a headset) or run",
     },
     text_options=frozenset({"profile", "enter", "script_errors", "renderer", "window_frames"}),
     users_per_connection=1,

@@ -343,3 +343,23 @@ def test_the_window_has_no_frames_in_vr_unless_they_are_chosen(
 def test_a_choice_of_window_frames_that_is_none_is_refused() -> None:
     with pytest.raises(AppRefused, match=r"window_frames: got 'on', expected one of stop, run"):
         open_page(PAGES / "touch.html", options={"window_frames": "on"})
+
+
+def test_a_page_that_ended_its_session_enters_again(tmp_path: Path) -> None:
+    script = """import { Boxes, button } from './boxes.js';
+    const boxes = new Boxes();
+    const app = window.app = { entered: 0, ended: 0, after: 0 };
+    const enter = async () => {
+      await boxes.enter(() => { if (app.ended) app.after += 1; });
+      app.entered += 1;
+      boxes.session.onend = () => { app.ended += 1; };
+      if (app.entered === 1) setTimeout(() => boxes.session.end().then(enter), 500);
+    };
+    button('Enter VR', enter);"""
+    values = {name: f"app.{name}" for name in ("entered", "ended", "after")}
+    with open_page(page_with(tmp_path, script), values=values) as app:
+        app.reset(1, hands(0))
+        for step in range(1, 21):
+            reply = app.step(frame_time_ns(step, 20), hands(step))
+    assert (reply.values["entered"], reply.values["ended"], reply.finished) == (2, 1, False)
+    assert reply.values["after"] > 5

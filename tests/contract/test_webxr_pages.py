@@ -247,7 +247,7 @@ def test_two_eyes_see_from_two_places() -> None:
 
 def test_controllers_that_come_and_go(touch: WebXRApp) -> None:
     touch.reset(7, hands(0))
-    names = "__sim2vr.session.inputSources.map((one) => one.handedness).join()"
+    names = "[...__sim2vr.session.inputSources].map((one) => one.handedness).join()"
     assert touch._page._evaluate(names) == "left,right"
     touch.step(frame_time_ns(1, 20), DevicePoses(HEAD, hands(1).right_controller))
     assert touch._page._evaluate(names) == "right"

@@ -489,10 +489,11 @@ def test_what_comes_between_frames_is_the_same_beside_a_busy_processor(tmp_path:
     page = page_with(tmp_path, plays(OBSERVED))
     names = ("digest", "resizes", "width", "border", "seen", "chain", "changed")
     values = {name: f"app.{name}" for name in names}
-    first = played(page, steps=20, values=values)
+    changes: dict[str, Any] = {"values": values, "options": {"window_frames": "run"}}
+    first = played(page, steps=20, **changes)
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(3)]
     try:
-        assert played(page, steps=20, values=values) == first
+        assert played(page, steps=20, **changes) == first
     finally:
         for process in busy:
             process.kill()

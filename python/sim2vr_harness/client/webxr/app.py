@@ -24,7 +24,7 @@ from sim2vr_harness.client.unsaved import (
 from sim2vr_harness.client.webxr.browser import Browser, find_browser
 from sim2vr_harness.client.webxr.files import PageFiles
 from sim2vr_harness.client.webxr.hands import Ray, find_rays
-from sim2vr_harness.client.webxr.page import PROFILES, SCRIPT_ERRORS, Page
+from sim2vr_harness.client.webxr.page import PROFILES, SCRIPT_ERRORS, WINDOW_FRAMES, Page
 from sim2vr_harness.client.webxr.renderers import RENDERERS
 from sim2vr_harness.client.webxr.replies import PageReport, Signs, Thing
 from sim2vr_harness.client.webxr.shown import scene_of
@@ -51,7 +51,12 @@ class WebXRApp(UnsavedApp):
         place = wanted.place
         if place.page is None:
             raise AppRefused("app.page: got none, expected a page in HTML, a folder or an address")
-        choices = {"profile": PROFILES, "script_errors": SCRIPT_ERRORS, "renderer": RENDERERS}
+        choices = {
+            "profile": PROFILES,
+            "script_errors": SCRIPT_ERRORS,
+            "renderer": RENDERERS,
+            "window_frames": WINDOW_FRAMES,
+        }
         options = {"enter": ""} | checked_options(place.options, choices)
         self._files = PageFiles(place.page, place.map)
         self._wanted = wanted
@@ -79,6 +84,7 @@ class WebXRApp(UnsavedApp):
                     "farthest_m": FARTHEST_M,
                     "frame_rate_hz": FRAME_RATE_HZ,
                     "profile": options["profile"],
+                    "window_frames": options["window_frames"] == "run",
                     "start": None if wanted.page_start is None else vars(wanted.page_start),
                 },
                 values=wanted.values,

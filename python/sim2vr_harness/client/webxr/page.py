@@ -37,6 +37,7 @@ T = TypeVar("T")
 
 PROFILES = ("oculus-touch", "generic-trigger")
 SCRIPT_ERRORS = ("ignore", "fail")
+WINDOW_FRAMES = ("stop", "run")
 
 _played: set[str] = set()
 """Pages that have entered VR in this process."""

@@ -75,7 +75,7 @@
     if (!sim.viewed) return UNMOVED;
     const rig = rigOf();
     rig?.updateWorldMatrix(true, false);
-    const base = [...sim.classes.XRRigidTransform._of(sim.viewed.base).matrix];
+    const base = [...sim.spaces.transformOf(sim.viewed.base).matrix];
     const found = rig ? product(base, inverted(rig.matrixWorld.elements)) : base;
     return every(found, Number.isFinite) ? found : UNMOVED;
   };

@@ -238,7 +238,7 @@ def _compared(
     """Measure people and users, those of studies last; users play first if they must."""
     from sim2vr_harness.games.registry import behaviour_of
     from sim2vr_harness.human_comparison.report import ComparisonReport
-    from sim2vr_harness.human_comparison.sources import read_people, read_user
+    from sim2vr_harness.human_comparison.sources import check_user, read_people, read_user
 
     behaviour = behaviour_of(game)
     if not people:
@@ -246,6 +246,9 @@ def _compared(
     sources: dict[str, list[Source]] = {}
     with Share("Comparing") as share:
         measured_people = read_people(people, behaviour, unconstrained=unconstrained)
+        for user in users:
+            if not _is_study(user):
+                check_user(user, behaviour, plays, measured_people)
         for user in users:
             show = progress_of_part(share.show, len(sources), len(users))
             if not _is_study(user):
@@ -394,10 +397,13 @@ def _compare_aimed(
         read_aimed_people,
         read_aimed_user,
     )
+    from sim2vr_harness.human_comparison.sources import trained_user
     from sim2vr_harness.runs.run_folder import write_atomically
 
     with Share("Comparing") as share:
         recorded = read_aimed_people(people)
+        for user in users:
+            trained_user(user, game)
         found: list[AimedUser] = []
         for user in users:
             show = progress_of_part(share.show, len(found), len(users))

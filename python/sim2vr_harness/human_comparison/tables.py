@@ -55,7 +55,7 @@ def report_tables(report: ComparisonReport, *, every: bool = False) -> Renderabl
 
 
 def missing_values(report: ComparisonReport) -> Iterator[str]:
-    """Say which measures are not of all persons, and of whom they are missing."""
+    """Say which measures are not of all persons, and which persons lack them."""
     for name, cells, rows in [
         (compared.name, compared.persons, compared.rows) for compared in report.compared
     ]:

@@ -59,7 +59,7 @@ def dropout_sentences(source: ReportSource) -> Iterator[Sentence]:
         ]
         if told:
             text = some_of([f"in {label} {note}" for label, note in told])
-            yield Sentence(f"{measure.label} is not of everybody: {text}.", "")
+            yield Sentence(f"{measure.label} rests on few values: {text}.", "")
 
 
 def warnings_of(source: ReportSource) -> Iterator[str]:

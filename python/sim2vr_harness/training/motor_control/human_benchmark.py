@@ -25,6 +25,7 @@ from scipy.signal import find_peaks
 from sim2vr_harness.envs.config import UserConfig
 from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
 from sim2vr_harness.policies.hierarchical.human_motor import HumanHands, HumanMotorPolicy
+from sim2vr_harness.training.motor_control.benchmark import effective_bits
 from sim2vr_harness.training.motor_control.person_course import (
     SAMPLE_S,
     FloatArray,
@@ -76,6 +77,12 @@ class AimedMovements:
     def difficulty(self) -> float:
         """Index of difficulty, bits."""
         return float(np.log2(self.distance_m / self.width_m + 1.0))
+
+    @property
+    def throughput(self) -> float:
+        """Effective index of difficulty over mean movement time, bits/s; NaN without a spread."""
+        ended = ~np.isnan(self.time_s)
+        return effective_bits(self.way[ended], self.end[ended]) / float(np.nanmean(self.time_s))
 
     @property
     def missed(self) -> NDArray[np.bool_]:
@@ -130,7 +137,7 @@ class HumanMeasures:
             "fitts_r2": float(1.0 - left.var() / time_s.var()),
             "error_rate": float(np.mean([cell.missed.mean() for cell in cells])),
             "unended_rate": float(np.mean([cell.unended.mean() for cell in cells])),
-            "throughput_bits_per_s": float((difficulty / time_s).mean()),
+            "throughput_bits_per_s": float(np.mean([cell.throughput for cell in cells])),
             **dict(zip(names, np.nanmean(profiles, 0).tolist(), strict=True)),
             **{f"peak_speed_{d:g}m_mps": value for d, value in by_distance.items()},
             "spread_fast_m": fast,

@@ -154,17 +154,31 @@ def test_a_hand_that_is_already_on_its_way_has_no_onset() -> None:
     assert np.isnan(profile).all()
 
 
+def test_throughput_is_that_of_the_effective_index() -> None:
+    """End points +- .01 / 4.133 m along the way and a mean of .31 m: log2(32) = 5 bits in .5 s.
+
+    The nominal index, of targets 4 cm wide, is log2(8.75) = 3.1 bits.
+    """
+    way, end = np.tile([0.31, 0.0, 0.0], (10, 1)), np.zeros((10, 3))
+    end[:, 0] = 0.01 / 4.133 * np.tile([1.0, -1.0], 5)
+    end[:, 2] = 0.03  # beside the way: no part of the spread along it
+    profile, ones = np.tile([1.9, 0.4, 0.9, 1.0], (10, 1)), np.ones(10)
+    cell = AimedMovements(0.31, 0.04, 0.5 * ones, ones, end, way, profile, ones)
+    assert cell.throughput == pytest.approx(10.0)
+
+
 def test_fitts_law_is_found_in_movements_that_follow_it() -> None:
     """.1 + .2 s/bit at 1, 2 and 3 bits; a fifth ends 2 cm beside targets of 1 cm."""
     cells = []
     for bits in (1.0, 2.0, 3.0):
         end = np.zeros((10, 3))
         end[::5, 1] = 0.02
+        way = np.tile([0.01 * (2**bits - 1), 0.0, 0.0], (10, 1))
         profile, ones = np.tile([1.9, 0.4, 0.9, 1.0], (10, 1)), np.ones(10)
         times = 0.1 + 0.2 * bits + 0.0 * ones
         times[0] -= 1e-6
         cells.append(
-            AimedMovements(0.01 * (2**bits - 1), 0.01, times, ones, end, end, profile, ones)
+            AimedMovements(0.01 * (2**bits - 1), 0.01, times, ones, end, way, profile, ones)
         )
     found = HumanMeasures(tuple(cells)).summary()
     assert found["fitts_slope_s_per_bit"] == pytest.approx(0.2, abs=1e-4)

@@ -61,8 +61,8 @@ class Population:
     Args:
         settings: who they are.
         physique: of all of them in what they do not differ.
-        cut: standard deviations from the mean beyond which nothing is drawn; infinite in audits, which
-            count the shortest and tallest persons that a design excludes.
+        cut: standard deviations from the mean beyond which nothing is drawn; infinite in audits,
+            which count the shortest and tallest persons that a design excludes.
 
     Raises:
         ValueError: the physique sets something that they differ in.

@@ -13,11 +13,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.audit.hands import HEAD_M, HZ, PageHands, SessionEnded
 from sim2vr_harness.audit.operating import BUTTONS, MOVED_M, Operator, Way
 from sim2vr_harness.audit.targets import AuditTarget, How, TargetSettings
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import APP_FAILURES, AppDied, AppRefused, WebXRApp
+from sim2vr_harness.client.webxr.hands import HEAD_M, HZ, PageHands, SessionEnded
 from sim2vr_harness.client.webxr.replies import Thing
 from sim2vr_harness.envs.apps import apps_wanted
 from sim2vr_harness.envs.config import EnvConfig
@@ -36,7 +36,7 @@ _LARGEST_M = 2.0
 _CARRIED_M = 0.02
 _SILENT = "no reaction to touch, ray or gaze with any button"
 LEAVES = "leaves the page"
-_LEFT = ("left its document", "went to another address")
+_LEFT = ("left its document", "went to another address", "loaded itself again")
 
 
 @dataclass

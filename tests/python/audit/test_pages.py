@@ -44,6 +44,15 @@ def test_an_object_is_located() -> None:
     assert target.place_m.tolist() == pytest.approx([0.12, 1.25, 0.42])
 
 
+@NEEDS_BROWSER
+@NEEDS_ENGINES
+def test_a_mouse_on_the_scene_hides_nothing() -> None:
+    file = ROOT / "tests" / "data" / "webxr" / "laser.html"
+    env = EnvConfig(app=AppConfig(transport="webxr", page=str(file), map={CDN: str(ENGINES)}))
+    (target,) = find_things(env, 2.0)
+    assert (target.name, target.how, target.reacts) == ("target", "point", True)
+
+
 @pytest.mark.parametrize(
     ("answer", "message"),
     [

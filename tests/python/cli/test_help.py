@@ -176,18 +176,22 @@ def test_shared_options_are_the_same_everywhere() -> None:
 
 
 def test_a_snapshot_takes_user_and_set(tmp_path: Path, capsys: Any) -> None:
-    """With --set the images have another size; a baseline acts otherwise than the default."""
+    """With --set the images have another size; without --user the idle baseline plays."""
     sizes = {}
     for name, more in (
         ("plain", ()),
         ("small", ("--set", "env.vision.width=60", "--set", "env.vision.height=40")),
         ("still", ("--user", "still")),
+        ("random", ("--user", "random")),
     ):
         out = ("--out", str(tmp_path / name))
         command = ("render", "snapshot", "--seconds", "0.2", "--size", "64x48")
         assert call(capsys, *command, *out, *more)[0] == 0
         with Image.open(tmp_path / name / "observation.png") as image:
             sizes[name] = image.size
-    assert sizes == {"plain": (240, 80), "small": (120, 40), "still": (240, 80)}
-    bodies = [(tmp_path / name / "body.png").read_bytes() for name in ("plain", "still")]
-    assert bodies[0] != bodies[1]
+    large = (240, 80)
+    assert sizes == {"plain": large, "small": (120, 40), "still": large, "random": large}
+    plain, still, random = (
+        (tmp_path / name / "body.png").read_bytes() for name in ("plain", "still", "random")
+    )
+    assert plain == still != random

@@ -207,3 +207,28 @@ def test_the_drawer_of_the_example_is_opened() -> None:
     assert summary["opened"] == 1.0
     assert step.arrived_s is not None
     assert step.arrived_s < summary["opening_time"] < 4.0
+
+
+@NEEDS_BROWSER
+@NEEDS_ENGINES
+def test_a_ray_is_the_pages_own() -> None:
+    """Without its model of the controller, A-Frame's laser lies along the grip's axis.
+
+    WebXR's target ray is 60 degrees below that.
+    """
+    app = AppConfig(
+        transport="webxr",
+        page=str(PAGES / "laser.html"),
+        map={CDN: str(ENGINES)},
+        task={
+            "seconds": 6.0,
+            "reward": {"expression": "app.clicks"},
+            "values": {"clicks": "app.clicks"},
+        },
+    )
+    found = evaluate_baseline(with_task(EnvConfig(app=app)), "press target by ray", episodes=1)
+    ((step,),) = found.steps
+    assert step.done
+    assert step.ray_off_deg == pytest.approx(60.0, abs=1.0)
+    assert "the page's own ray, 60 degrees from WebXR's" in step.words
+    assert step.changed == {"clicks": (0.0, 1.0)}

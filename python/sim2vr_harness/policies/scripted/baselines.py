@@ -15,7 +15,6 @@ from sim2vr_harness.policies.scripted.player import (
     ScriptedPolicy,
     hand_of,
     inputs_of,
-    resting_action,
 )
 from sim2vr_harness.policies.scripted.steps import FORMS, is_script, read_steps
 
@@ -27,8 +26,9 @@ def scripted_policy(user: str, simulation: Any) -> Policy:
     """Return the policy of a user without training.
 
     Args:
-        user: One of :data:`USERS`: ``still`` keeps all activations as they are; ``random`` changes
-            them at random, as a policy before its training; others follow a script.
+        user: One of :data:`USERS`: ``still`` relaxes all muscles, so that the arms hang;
+            ``random`` changes activations at random, as a policy before its training; others follow
+            a script.
         simulation: Of the users; of one for a script.
 
     Raises:
@@ -42,7 +42,7 @@ def scripted_policy(user: str, simulation: Any) -> Policy:
 
     def act(observation: Observation, rng: np.random.Generator | None) -> Any:
         if user == "still" or rng is None:
-            return resting_action(simulation)
+            return simulation.resting_action
         return np.clip(rng.standard_normal(actions), -1.0, 1.0).astype(np.float32)
 
     return FunctionPolicy(act)

@@ -21,7 +21,6 @@ from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.envs.people_preset import with_measured_body
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
-from sim2vr_harness.policies.hierarchical.controller_inputs import with_inputs_at_rest
 from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
 from sim2vr_harness.policies.hierarchical.human_motor import HumanMotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer, MotorPolicy
@@ -431,8 +430,7 @@ def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> 
     n, rng = simulation.n, np.random.default_rng([config.seed, 57])
     simulation.reset(seeds=[int(rng.integers(2**31)) for _ in range(n)])
     size = simulation.action_space.shape[0]
-    inputs = simulation.config.user.inputs
-    still = with_inputs_at_rest(np.zeros((n, size - len(inputs)), np.float32), inputs)
+    still = np.tile(simulation.resting_action, (n, 1))
     total = 0.0
     for _ in range(steps):
         action = np.clip(rng.standard_normal((n, size)), -1.0, 1.0) if moving else still

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.client import AppRefused, DevicePoses, WebXRApp
-from sim2vr_harness.client.devices import INPUT_COUNT, input_named
+from sim2vr_harness.client.devices import INPUT_COUNT, DevicePoses, input_named
+from sim2vr_harness.client.errors import AppRefused
 from sim2vr_harness.client.frames import AIM_DIRECTION, position_to_app
 from sim2vr_harness.client.runtime import frame_time_ns
+
+if TYPE_CHECKING:
+    from sim2vr_harness.client.webxr.app import WebXRApp
 
 FloatArray = NDArray[np.float64]
 Ray = tuple[FloatArray, FloatArray]
@@ -24,6 +28,8 @@ _SAME_M, _SAME = 0.01, 0.01
 """So much may a ray differ, seen from a device, and still be the device's: origin and direction."""
 _SEEN = 3
 """In so many postures a ray must have been the device's."""
+_SWAYS, _LEARN_EVERY = 48, 4
+"""User steps in which a page shows its rays, and between postures that are compared."""
 _TURNS = 4
 """Aiming with a ray that begins beside the hand is repeated so often."""
 
@@ -143,6 +149,19 @@ class PageHands:
         rows = {side: np.r_[self.place[side], self._turn[side]] for side in _REST_M}
         head = np.r_[HEAD_M, self._turn["head"]]
         return DevicePoses(head, rows["right"], rows["left"], inputs["right"], inputs["left"])
+
+
+def find_rays(app: WebXRApp) -> dict[str, Ray]:
+    """Begin a round; return the rays by which the page points, see :attr:`PageHands.rays`."""
+    hands = PageHands(app)
+    for step in range(_SWAYS):
+        if step % _LEARN_EVERY == 0:
+            app.things()  # whose tests against rays are watched from then on
+            hands.learn_rays()
+        hands.sway(step)
+        # A page that tests rays when a trigger is pulled shows them then.
+        hands.step(1, *(["right.trigger", "left.trigger"] if step % 16 in (8, 9) else []))
+    return hands.rays
 
 
 _RAY = position_to_app(AIM_DIRECTION)

@@ -143,13 +143,14 @@ class _Clock:
     def __init__(self, say: Callable[[str], None], most_s: float) -> None:
         self._say, self._most_s = say, most_s
         self._began = self._said = time.monotonic()
+        self._doing = "opening the page"
 
-    def over(self, doing: str) -> bool:
-        """Say every few seconds what is done; return whether the time is up."""
-        now = time.monotonic()
+    def over(self, doing: str | None = None) -> bool:
+        """Say every few seconds what is done, the same as before if None; return if time is up."""
+        now, self._doing = time.monotonic(), doing or self._doing
         if now - self._said >= _PROGRESS_S:
             self._said = now
-            self._say(f"{doing}, {now - self._began:.0f} of at most {self._most_s:.0f} s ...")
+            self._say(f"{self._doing}, {now - self._began:.0f} of at most {self._most_s:.0f} s ...")
         return now - self._began >= self._most_s
 
 
@@ -172,6 +173,7 @@ class _Search:
         app = self._stack.enter_context(page_app(self._env))
         rays = None if self._hands is None else self._hands.rays
         hands = PageHands(app, rays=rays)
+        hands.on_step = self._clock.over
         watched = _watched(app, hands, seconds, self._clock)
         names = frozenset(track.name for track in watched.tracks if track.changes)
         restless = frozenset(watched.restless) | names

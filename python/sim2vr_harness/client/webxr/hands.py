@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,6 +49,7 @@ class PageHands:
     Attributes:
         place: Of each controller, m.
         pulses: Vibrations so far.
+        on_step: Is called after every user step, for example to show progress.
         rays: By which the page points with each device, in the device's frame: origin and
             direction; without one, the one of WebXR.
     """
@@ -59,6 +60,7 @@ class PageHands:
         self._turn = {side: np.array([0.0, 0.0, 0.0, 1.0]) for side in (*_REST_M, "head")}
         self._held: tuple[str, ...] = ()
         self.pulses = 0
+        self.on_step: Callable[[], object] = lambda: None
         self.rays: dict[str, Ray] = {} if rays is None else rays
         self._seen: dict[str, list[tuple[FloatArray, FloatArray, int, int]]] = {}
         self._postures = 0
@@ -75,6 +77,7 @@ class PageHands:
             self._step += 1
             reply = self._app.step(frame_time_ns(self._step, HZ), self._poses())
             self.pulses += len(reply.haptics)
+            self.on_step()
             if reply.finished:
                 raise SessionEnded("the page ended its session")
 

@@ -22,20 +22,22 @@ namespace {
 
 constexpr const char* kVariable = "SIM2VR_OPENXR_RECORD";
 
+void sayLost(const char* cause) {
+  static std::atomic<bool> said{false};
+  if (!said.exchange(true)) say("a part of the recording is lost: ", cause);
+}
+
 /// What `work` returns, or `fallback` where it throws: the program's call goes on as without us.
 template <class T, class Work>
 T guardedLayer(T fallback, Work&& work) {
-  static std::atomic<bool> said{false};
-  const char* cause = "unknown";
   try {
     return work();
   } catch (const abi::__forced_unwind&) {
     throw;  // the program cancels this thread
   } catch (const std::exception& error) {
-    cause = error.what();
-    if (!said.exchange(true)) say("a part of the recording is lost: ", cause);
+    sayLost(error.what());
   } catch (...) {
-    if (!said.exchange(true)) say("a part of the recording is lost: ", cause);
+    sayLost("unknown");
   }
   return fallback;
 }

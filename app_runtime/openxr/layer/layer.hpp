@@ -136,7 +136,7 @@ class Recording {
   void write(const EndedFrame& frame);
   void writeLost(XrTime time);
   /// False: it could not be written, nor can anything after it.
-  bool line(std::string text);
+  bool write(std::string_view text);
 
   int file_;
   int error_ = 0;  // of the first write that failed

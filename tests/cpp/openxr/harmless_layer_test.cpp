@@ -303,7 +303,7 @@ TEST_F(HarmlessLayer, CallsAreAsWithoutItWhereverMemoryRunsOut) {
     if (::testing::Test::HasFailure()) return;
     ++after;
   }
-  EXPECT_GT(after, 50);           // all of the layer's allocations failed once
+  EXPECT_GT(after, 10);           // each of its allocations failed once
   EXPECT_EQ(lines().size(), 7U);  // with enough of it: a header, frames, vibrations
 }
 

@@ -60,7 +60,11 @@ struct Recorded : ::testing::Test {
         XR_SUCCESS);
     ASSERT_EQ(program.begin(), XR_SUCCESS);
   }
-  void TearDown() override { ::unsetenv("SIM2VR_OPENXR_RECORD"); }
+  void TearDown() override {
+    EXPECT_EQ(above<PFN_xrDestroyInstance>("xrDestroyInstance")(program.instance), XR_SUCCESS);
+    program.instance = XR_NULL_HANDLE;
+    ::unsetenv("SIM2VR_OPENXR_RECORD");
+  }
   /// Suggests one binding of the program's own, and attaches.
   void attachActions() {
     XrActionSetCreateInfo set_info{};

@@ -334,7 +334,7 @@ def sent_session(case: Case) -> None:
         (json.dumps(header | {"__class__": name}).encode() + b"\n" + frame, False),
         (json.dumps(header).encode() + b"\n" + frame, True),
     ):
-        server = RecordingServer(case.folder / "page.html", 1)
+        server = RecordingServer(case.folder / "page.html", 1, out)
         address = f"http://127.0.0.1:{server.port}/{server.gate.token}/__sim2vr/part"
         with closing(server), server.running():
             request = urllib.request.Request(

@@ -90,9 +90,12 @@ def check_session(session: Session) -> None:
 
 
 @pytest.fixture
-def recording() -> Iterator[RecordingServer]:
+def recording(tmp_path: Path) -> Iterator[RecordingServer]:
     """A server of the page with a headset of its own."""
-    with closing(RecordingServer(PAGES / "recorded.html", SEED)) as made, made.running():
+    with (
+        closing(RecordingServer(PAGES / "recorded.html", SEED, tmp_path / "out.jsonl")) as made,
+        made.running(),
+    ):
         yield made
 
 
@@ -225,7 +228,7 @@ def test_files_outside_the_folder_and_hidden_ones_are_not_served(tmp_path: Path)
     (folder / ".env").write_text("secret")
     (tmp_path / "outside.txt").write_text("secret")
     (folder / "link.txt").symlink_to(tmp_path / "outside.txt")
-    with closing(RecordingServer(folder, 1)) as made, made.running():
+    with closing(RecordingServer(folder, 1, tmp_path / "out.jsonl")) as made, made.running():
         token = f"/{made.gate.token}"
         assert "recorder.js" in ask(made, "GET", f"{token}/")[1]
         for path in ("/.env", "/%2eenv", "/../outside.txt", "/..%2foutside.txt", "/link.txt"):
@@ -258,9 +261,12 @@ def test_sizes_and_rates_are_bounded(
     assert found[-1] == 429
 
 
-def test_many_connections_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_many_connections_are_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(server, "MAX_CONNECTIONS", 2)
-    with closing(RecordingServer(PAGES / "recorded.html", 1)) as made, made.running():
+    with (
+        closing(RecordingServer(PAGES / "recorded.html", 1, tmp_path / "out.jsonl")) as made,
+        made.running(),
+    ):
         held = [socket.create_connection(("127.0.0.1", made.port)) for _ in range(2)]
         with pytest.raises((http.client.HTTPException, OSError)):
             for _ in range(3):  # the two above are accepted at some time
@@ -269,8 +275,8 @@ def test_many_connections_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
             each.close()
 
 
-def test_parts_come_in_any_order_and_twice() -> None:
-    kept = Parts()
+def test_parts_come_in_any_order_and_twice(tmp_path: Path) -> None:
+    kept = Parts(tmp_path / "out.jsonl")
     lines = [HEADER, FRAME, FRAME.replace('"t":0', '"t":5')]
     for number in (2, 0, 0):
         kept.take(f"session={ONE}&part={number}&last={int(number == 2)}", lines[number].encode())
@@ -287,8 +293,8 @@ def test_parts_come_in_any_order_and_twice() -> None:
     kept.close()
 
 
-def test_what_is_no_session_is_refused_in_one_sentence() -> None:
-    kept = Parts()
+def test_what_is_no_session_is_refused_in_one_sentence(tmp_path: Path) -> None:
+    kept = Parts(tmp_path / "out.jsonl")
     kept.take(f"session={ONE}&part=0&last=1", json.dumps({"format": "other"}).encode())
     with pytest.raises(InputError, match=r"session\.jsonl"):
         kept.session()
@@ -296,9 +302,16 @@ def test_what_is_no_session_is_refused_in_one_sentence() -> None:
 
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl")
-def test_the_local_network_is_served_over_https(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_local_network_is_served_over_https(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr(server, "local_address", lambda: "127.0.0.2")
-    with closing(RecordingServer(PAGES / "recorded.html", 1, lan=True)) as made, made.running():
+    with (
+        closing(
+            RecordingServer(PAGES / "recorded.html", 1, tmp_path / "out.jsonl", lan=True)
+        ) as made,
+        made.running(),
+    ):
         at = urlsplit(made.address)
         assert (at.scheme, at.hostname) == ("https", "127.0.0.2")
         context = ssl.create_default_context()
@@ -339,9 +352,9 @@ def test_the_recorder_comes_first(document: bytes, before: bytes) -> None:
     assert with_script(document, "/a.js") == before + b'<script src="/a.js"></script>' + rest
 
 
-def test_a_port_that_is_taken_is_named(recording: RecordingServer) -> None:
+def test_a_port_that_is_taken_is_named(recording: RecordingServer, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=f"--port.*{recording.port}"):
-        RecordingServer(PAGES / "recorded.html", 1, port=recording.port)
+        RecordingServer(PAGES / "recorded.html", 1, tmp_path / "b.jsonl", port=recording.port)
 
 
 # --- an emulated headset -------------------------------------------------------------------------
@@ -399,7 +412,7 @@ def test_a_page_that_moves_before_vr_replays_the_same(tmp_path: Path) -> None:
     (tmp_path / "index.html").write_text(text)
     button = "document.querySelector('.babylonVRicon')"
     with (
-        closing(RecordingServer(tmp_path / "index.html", SEED)) as made,
+        closing(RecordingServer(tmp_path / "index.html", SEED, tmp_path / "out.jsonl")) as made,
         made.running(),
         Page(60.0, served=True) as page,
     ):
@@ -435,7 +448,7 @@ def test_a_round_in_an_emulated_headset_replays_the_same(tmp_path: Path) -> None
     scripts = '<script src="iwer.js"></script><script src="drive.js"></script>'
     (tmp_path / "touch.html").write_text(text.replace("<title>", f"{scripts}<title>"))
     with (
-        closing(RecordingServer(tmp_path / "touch.html", SEED)) as made,
+        closing(RecordingServer(tmp_path / "touch.html", SEED, tmp_path / "out.jsonl")) as made,
         made.running(),
         Page(60.0, served=True) as page,
     ):

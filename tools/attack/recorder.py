@@ -89,7 +89,7 @@ class Recorder:
             lines.insert(0, '{"format":"sim2vr-session","version":1,"app":{"kind":"page"}}')
         connection = http.client.HTTPConnection("127.0.0.1", self.address.port, timeout=30.0)
         query = f"session={SESSION}&part={part}&last={int(last)}"
-        origin = f"http://localhost:{self.address.port}"
+        origin = f"http://127.0.0.1:{self.address.port}"
         body = "".join(f"{line}\n" for line in lines)
         try:
             connection.request("POST", f"/{token}/__sim2vr/part?{query}", body, {"Origin": origin})

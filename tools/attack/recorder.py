@@ -56,11 +56,10 @@ class Recorder:
 
     def __init__(self, folder: Path, out: str, most_bytes: int | None = None) -> None:
         (folder / "page.html").write_text("<p>")
-        limit = (most_bytes, resource.RLIM_INFINITY)
 
         def restrict() -> None:
             if most_bytes is not None:
-                resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+                resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, resource.RLIM_INFINITY))
 
         command = [sys.executable, "-m", "sim2vr_harness.cli.main", "session", "record"]
         command += ["--page", "page.html", "--out", out, "--port", "0"]

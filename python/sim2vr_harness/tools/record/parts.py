@@ -14,6 +14,7 @@ from pathlib import Path
 
 from sim2vr_harness.base.errors import InputError, counted, reason
 from sim2vr_harness.base.file_lock import sole_training, temporary_of
+from sim2vr_harness.base.files import naming
 from sim2vr_harness.base.notices import notice_once
 from sim2vr_harness.sessions import Session, read_session, write_session
 
@@ -170,13 +171,14 @@ class Parts:
             raise InputError(error.field, error.got, expected) from error
         if session is not None:
             made = self.folder / self.out.name
-            write_session(session, made)
-            self._publish(made, self.out)
+            with naming(self.out):
+                write_session(session, made)
+                self._publish(made, self.out)
         return session
 
     def _join(self) -> Path:
         whole = self.folder / "session.jsonl"
-        with self._lock, whole.open("wb") as written:
+        with naming(self.out), self._lock, whole.open("wb") as written:
             for number in sorted(self._kept):
                 written.write((self.folder / f"{number:05}.part").read_bytes())
         return whole

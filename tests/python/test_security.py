@@ -327,6 +327,8 @@ def sent_session(case: Case) -> None:
     header["app"] = {"kind": "page", "name": name, "options": {name: name}}
     frame = b'{"t":0,"head":[0,1.5,0,0,0,0,1]}\n'
     (case.folder / "page.html").write_text("<p>")
+    sent = case.folder / "sent"
+    sent.mkdir()
     before = set(case.folder.rglob("*"))
     for content, taken in (
         (evil, False),
@@ -334,7 +336,7 @@ def sent_session(case: Case) -> None:
         (json.dumps(header | {"__class__": name}).encode() + b"\n" + frame, False),
         (json.dumps(header).encode() + b"\n" + frame, True),
     ):
-        server = RecordingServer(case.folder / "page.html", 1)
+        server = RecordingServer(case.folder / "page.html", 1, sent / f"{case.reads}.jsonl")
         address = f"http://127.0.0.1:{server.port}/{server.gate.token}/__sim2vr/part"
         with closing(server), server.running():
             request = urllib.request.Request(
@@ -351,7 +353,8 @@ def sent_session(case: Case) -> None:
                     server.session()
         assert not case.marker.exists()
         case.reads += 1
-    assert set(case.folder.rglob("*")) == before
+    shutil.rmtree(sent)
+    assert set(case.folder.rglob("*")) == before - {sent}
 
 
 def beats_map(case: Case) -> None:

@@ -139,7 +139,6 @@ def training_configuration(case: Case) -> None:
     shutil.copy(case.trained / "config.yaml", file)
     case.change(file, app={"transport": "protocol1", "executable": str(case.program())})
     case.refused("train", file, "--out", case.folder / "out")
-    case.refused("bench", file)
     study = yaml.safe_load(case.study().read_text())
     study["fixed"] = {"config": str(file)}
     case.asked(lambda: run_study(study, case.folder / "out"))

@@ -25,7 +25,6 @@ from sim2vr_harness.base.cores import settle_torch
 from sim2vr_harness.base.notices import set_notice
 from sim2vr_harness.cli import (
     audit,
-    bench,
     chart,
     compare,
     curves,
@@ -174,7 +173,6 @@ app.add("games", games.games, KNOW)
 app.add_typer(page.app, name="page", rich_help_panel=KNOW)
 app.add_typer(users.app, name="users", rich_help_panel=KNOW)
 app.add("doctor", doctor, KNOW)
-app.add("bench", bench.bench, KNOW)
 add_old_names(app)
 
 

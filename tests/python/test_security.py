@@ -115,7 +115,6 @@ def run_folder(case: Case) -> None:
     case.refused("render", "film", run, "--out", case.folder / "out.mp4")
     case.refused("users", "pack", run, "name", *out)
     case.refused("reach", run, *out)
-    case.refused("rewards", run)
     case.refused("track", "nowhere", "--user", run, *out)
     case.refused("study", case.study(user=str(run)), *out)
     case.asked(lambda: UserPolicy(run))

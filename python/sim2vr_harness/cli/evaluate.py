@@ -26,7 +26,7 @@ from sim2vr_harness.cli.options import (
     who_plays,
     writable_folder,
 )
-from sim2vr_harness.cli.progress import Share
+from sim2vr_harness.cli.progress import Share, say
 
 if TYPE_CHECKING:
     from sim2vr_harness.evaluation.evaluate import Evaluation, Request
@@ -144,7 +144,13 @@ def evaluate(
     if run is None:
         raise InputError("RUN", "nothing", "a run's folder, or --user still or random")
     with Share("Playing") as share:
-        found = evaluate_run(run, request, on_progress=share.show, on_plan=checked.prepare)
+        found = evaluate_run(
+            run,
+            request,
+            on_progress=share.show,
+            on_plan=checked.prepare,
+            on_note=lambda note: say(f"note: {note}"),
+        )
     return _print(found, request, json, checked)
 
 

@@ -36,7 +36,6 @@ from sim2vr_harness.cli import (
     page,
     reach,
     replay,
-    rewards,
     session,
     snapshot,
     study,
@@ -160,7 +159,6 @@ app.add("compare", compare.compare, STUDY)
 app.add("track", track.track, ANALYSE)
 app.add("audit", audit.audit, ANALYSE)
 app.add("reach", reach.reach, ANALYSE)
-app.add("rewards", rewards.rewards, ANALYSE)
 app.add("export", export.export, ANALYSE)
 plot.add("curves", curves.curves)
 plot.add("level", level.level)

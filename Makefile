@@ -11,7 +11,7 @@ PLAYER    ?= whacamole_constrained
 CONDITION ?= medium
 RUN       ?= runs/$(basename $(notdir $(CONFIG)))
 ROWS      ?= build/bench/performance.jsonl
-BENCH      = $(VENV)/bin/sim2vr-harness bench --output $(ROWS)
+BENCH      = $(VENV)/bin/python tools/bench/bench.py --output $(ROWS)
 
 CPP_FILES = $(shell find app_runtime tests/cpp tests/fuzz tools -name '*.[ch]pp')
 

@@ -198,14 +198,17 @@ def test_the_readme_is_short() -> None:
         ("```\nsim2vr-harness users show\n```", "got nothing"),
         ("`sim2vr-harness users lst`", "no command users lst"),
         ("`--set ppo.n_env=4`", "ppo.n_env: got an unknown key"),
-        ("`bench --set ppo.n_envs=four`", "ppo.n_envs: got 'four'"),
+        ("`train sample --set ppo.n_envs=four`", "ppo.n_envs: got 'four'"),
         (
             "`users motor train B --out F.pt --set cycle=3`",
             "skills.motor_training.cycle: got an unknown",
         ),
         ("`plot level generated --set boxes=3`", "boxes"),
         ("`level generated --out x.png`", "the old name of plot level"),
-        ("```sh\nfor w in x 1; do\nsim2vr-harness bench --set ppo.n_envs=$w; done\n```", "'x'"),
+        (
+            "```sh\nfor w in x 1; do\nsim2vr-harness train sample --set ppo.n_envs=$w; done\n```",
+            "'x'",
+        ),
     ],
 )
 def test_problems_of_commands_are_found(code: str, message: str, tmp_path: Path) -> None:

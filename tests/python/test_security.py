@@ -115,7 +115,6 @@ def run_folder(case: Case) -> None:
     case.refused("render", "film", run, "--out", case.folder / "out.mp4")
     case.refused("users", "pack", run, "name", *out)
     case.refused("reach", run, *out)
-    case.refused("rewards", run)
     case.refused("track", "nowhere", "--user", run, *out)
     case.refused("study", case.study(user=str(run)), *out)
     case.asked(lambda: UserPolicy(run))
@@ -139,7 +138,6 @@ def training_configuration(case: Case) -> None:
     shutil.copy(case.trained / "config.yaml", file)
     case.change(file, app={"transport": "protocol1", "executable": str(case.program())})
     case.refused("train", file, "--out", case.folder / "out")
-    case.refused("bench", file)
     study = yaml.safe_load(case.study().read_text())
     study["fixed"] = {"config": str(file)}
     case.asked(lambda: run_study(study, case.folder / "out"))

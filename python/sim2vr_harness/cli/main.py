@@ -25,7 +25,6 @@ from sim2vr_harness.base.cores import settle_torch
 from sim2vr_harness.base.notices import set_notice
 from sim2vr_harness.cli import (
     audit,
-    bench,
     chart,
     compare,
     curves,
@@ -37,7 +36,6 @@ from sim2vr_harness.cli import (
     page,
     reach,
     replay,
-    rewards,
     session,
     snapshot,
     study,
@@ -161,7 +159,6 @@ app.add("compare", compare.compare, STUDY)
 app.add("track", track.track, ANALYSE)
 app.add("audit", audit.audit, ANALYSE)
 app.add("reach", reach.reach, ANALYSE)
-app.add("rewards", rewards.rewards, ANALYSE)
 app.add("export", export.export, ANALYSE)
 plot.add("curves", curves.curves)
 plot.add("level", level.level)
@@ -174,7 +171,6 @@ app.add("games", games.games, KNOW)
 app.add_typer(page.app, name="page", rich_help_panel=KNOW)
 app.add_typer(users.app, name="users", rich_help_panel=KNOW)
 app.add("doctor", doctor, KNOW)
-app.add("bench", bench.bench, KNOW)
 add_old_names(app)
 
 

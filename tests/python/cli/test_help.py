@@ -160,7 +160,7 @@ def test_shared_options_are_the_same_everywhere() -> None:
             for option in ("--page", "--map", "--task", "--browser", "--user", "--set"):
                 own = (words, option) in {("track", "--user"), ("study", "--user")}
                 own |= (words, option) == ("plot level", "--set")
-                own |= option == "--set" and words in ("train", "bench", "users motor train")
+                own |= option == "--set" and words in ("train", "users motor train")
                 own |= (words, option) == ("session record", "--page")
                 if option in each.opts:
                     owners.setdefault(option, set()).add(words)

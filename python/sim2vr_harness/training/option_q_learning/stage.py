@@ -42,6 +42,7 @@ from sim2vr_harness.policies.hierarchical.primitives import (
 )
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools, straight_tool
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
+from sim2vr_harness.policies.scripted.baselines import BASELINE_S, baseline_reward
 from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors, write_user
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder, append_row, keep_rows
@@ -63,8 +64,6 @@ _STATE, _LOG, _PICTURES, _VALUES = "state.pt", "cycles.jsonl", "pictures.bin", "
 _STUDENT_RATE, _PPO_RATE = 0.8, 1.4
 """User steps a second of the stages, relative to those of users who do nothing but step."""
 _SAVE_DECISIONS, _REPORT_DECISIONS, _PACE_DECISIONS = 100, 20, 10
-_BASELINE_S = 6.0
-"""How long users sit still, and then move at random, to compare with: a few targets of a game."""
 _MEASURED_SHARE = 0.75
 """Share of the user steps in which the measured body plays, undelayed but for its pictures, before
 persons do: what an app rewards does not depend on who moves, and persons move slowly."""
@@ -297,10 +296,10 @@ class QLearningStage:
             callbacks.say(f"In the hand of {hand}: {held.why}.")
         began = time.monotonic()
         earned = {
-            "still": _earned(simulation, self._config, moving=False),
-            "random": _earned(simulation, self._config, moving=True),
+            user: baseline_reward(simulation, user, self._config.seed)[0]
+            for user in ("still", "random")
         }
-        steps = 2.0 * _BASELINE_S * self._config.env.action_frequency_hz * simulation.n
+        steps = 2.0 * BASELINE_S * self._config.env.action_frequency_hz * simulation.n
         rate = steps / (time.monotonic() - began)
         callbacks.say(
             f"Reward of the app per minute: {earned['still']:.2f} of the idle baseline, "
@@ -424,22 +423,6 @@ def _seeing(env: EnvConfig) -> EnvConfig:
     return env.model_copy(update={"vision": vision})
 
 
-def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> float:
-    """Reward of the app per minute for users who have not learned anything."""
-    steps = round(_BASELINE_S * config.env.action_frequency_hz)
-    n, rng = simulation.n, np.random.default_rng([config.seed, 57])
-    simulation.reset(seeds=[int(rng.integers(2**31)) for _ in range(n)])
-    size = simulation.action_space.shape[0]
-    still = np.tile(simulation.resting_action, (n, 1))
-    total = 0.0
-    for _ in range(steps):
-        action = np.clip(rng.standard_normal((n, size)), -1.0, 1.0) if moving else still
-        result = simulation.step(action.astype(np.float32))
-        total += float(result.game_reward.mean())
-        simulation.renew(result)
-    return total * 60.0 / _BASELINE_S
-
-
 def _expected(config: TrainingConfig, pace: Pace, done: int, rate: float) -> str:
     """One line: how long a run will take.
 
@@ -473,6 +456,5 @@ def _warn(
         f"Nothing is being learned yet: {reward:.2f} per minute, {best:.2f} without learning. "
         f"{100 * earned:.1f} % of the decisions were rewarded and {100 * within:.0f} % of what is "
         "seen near is within reach. Check where the app puts things (sim2vr-harness render "
-        "snapshot, reach), that they are seen against their background, and what the reward is for "
-        "(sim2vr-harness rewards)."
+        "snapshot, reach), that they are seen against their background, and what the reward is for."
     )

@@ -9,7 +9,6 @@ from typing import cast
 
 from torch import Tensor, nn
 
-from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.protocols import SimulationLike
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.runs.config import TrainingConfig
@@ -25,7 +24,6 @@ from sim2vr_harness.training.ppo.fine_tune import user_to_adapt
 from sim2vr_harness.training.ppo.stage import PPOStage
 from sim2vr_harness.training.run.loggers import make_logger
 from sim2vr_harness.training.run.stage import Stage
-from sim2vr_harness.training.sac.stage import SACStage
 from sim2vr_harness.training.teacher.stage import TeacherStage
 
 MakeSimulation = Callable[[TrainingConfig], SimulationLike]
@@ -130,9 +128,6 @@ def _adapt(run: Run) -> list[Stage]:
     if run.resumed and run.folder.checkpoints():
         return [_from_pixels(run, title)]
     user = user_to_adapt(run.config)
-    if user.config.policy_kind == "sac":
-        got = f"{user.config.name!r}, which SAC has trained"
-        raise InputError("from_user", got, "a user whose network PPO can train")
     noise = run.config.policy.log_std_init
 
     def begin(policy: nn.Module) -> None:
@@ -143,14 +138,8 @@ def _adapt(run: Run) -> list[Stage]:
     return [_from_pixels(run, title, begin)]
 
 
-def _sac(run: Run) -> list[Stage]:
-    config = run.config
-    return [SACStage(config, run.folder, run.stop, lambda: run.make_simulation(config))]
-
-
 RECIPES: dict[str, Callable[[Run], list[Stage]]] = {
     "ppo": _ppo,
-    "sac": _sac,
     "distill": _distill,
     "skills": _skills,
     "adapt": _adapt,

@@ -124,7 +124,7 @@ def test_persons_look_from_where_their_eyes_were() -> None:
         assert memory.recognised[1][0, :3, 3].numpy() == pytest.approx(true[-5][user], abs=1e-5)
 
 
-@pytest.mark.parametrize("recipe", ["skills", "webxr", "sample_sac"])
+@pytest.mark.parametrize("recipe", ["skills", "webxr"])
 def test_persons_of_games_and_pages_say_how_they_hold_their_heads(recipe: str) -> None:
     """Also where a recipe leaves the sense out, as this one of another recipe does."""
     given = load_config(recipe, ["recipe=skills", "skills.user=hierarchical"])

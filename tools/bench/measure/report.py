@@ -8,14 +8,14 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from sim2vr_harness.bench.scene import IN_PROCESS
+from measure.scene import IN_PROCESS
 
 
 def print_rows(rows: Sequence[Mapping[str, Any]], console: Console) -> None:
     """Prints the rows of one run.
 
     Args:
-        rows: as JSON objects, see :class:`~sim2vr_harness.bench.rows.Row`.
+        rows: as JSON objects, see :class:`~measure.rows.Row`.
         console: where to.
     """
     console.print(_table(rows))

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.bench.turns import TURNS, Turn, timed_turn
+from measure.turns import TURNS, Turn, timed_turn
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.runs.config import TrainingConfig
@@ -39,7 +39,7 @@ once in 1,200 user steps, also in a measurement too short for a whole round."""
 
 @dataclass(frozen=True)
 class Spec:
-    """One scene to measure; see :class:`~sim2vr_harness.bench.rows.Row` for the fields."""
+    """One scene to measure; see :class:`~measure.rows.Row` for the fields."""
 
     scene: str
     config: TrainingConfig

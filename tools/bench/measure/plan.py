@@ -6,10 +6,10 @@ import math
 import os
 from collections.abc import Sequence
 
+from measure.bodies import body_variants
+from measure.scene import IN_PROCESS, Spec
+from measure.senses import sense_variants
 from sim2vr_harness.base.errors import InputError, unknown_name
-from sim2vr_harness.bench.bodies import body_variants
-from sim2vr_harness.bench.scene import IN_PROCESS, Spec
-from sim2vr_harness.bench.senses import sense_variants
 from sim2vr_harness.client import list_transports, transport_named
 from sim2vr_harness.runs.config import TrainingConfig
 

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from sim2vr_harness.bench.memory import memory_rows
-from sim2vr_harness.bench.plan import BenchPlan, specs
-from sim2vr_harness.bench.processes import peak_memory_mb
-from sim2vr_harness.bench.rows import BenchRow, circumstances
-from sim2vr_harness.bench.scene import IN_PROCESS, BenchScene, Spec
-from sim2vr_harness.bench.scenes import open_scene
-from sim2vr_harness.bench.turns import Turn, in_turns, paired_ratio
+from measure.memory import memory_rows
+from measure.plan import BenchPlan, specs
+from measure.processes import peak_memory_mb
+from measure.rows import BenchRow, circumstances
+from measure.scene import IN_PROCESS, BenchScene, Spec
+from measure.scenes import open_scene
+from measure.turns import Turn, in_turns, paired_ratio
 
 MEMORY_N = (16, 144)
 

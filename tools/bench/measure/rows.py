@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from measure.turns import spread
 from sim2vr_harness import __version__
 from sim2vr_harness.base.files import naming
-from sim2vr_harness.bench.turns import spread
 from sim2vr_harness.client import gl_renderer
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import git_commit, versions

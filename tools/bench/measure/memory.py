@@ -6,13 +6,14 @@ Run as a program it is such a process: settings come in as JSON, the peak goes o
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
 
-from sim2vr_harness.bench.processes import peak_memory_mb
-from sim2vr_harness.bench.rows import BenchRow
-from sim2vr_harness.bench.scene import IN_PROCESS
+from measure.processes import peak_memory_mb
+from measure.rows import BenchRow
+from measure.scene import IN_PROCESS
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.runs.config import TrainingConfig
 
@@ -59,7 +60,8 @@ def memory_rows(
 def _peak_in_fresh_process(config: EnvConfig, n: int, threads: int) -> float:
     settings = {"env": config.model_dump(mode="json"), "n": n, "threads": threads}
     done = subprocess.run(
-        [sys.executable, "-m", "sim2vr_harness.bench.memory"],
+        [sys.executable, "-m", "measure.memory"],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
         input=json.dumps(settings),
         capture_output=True,
         text=True,

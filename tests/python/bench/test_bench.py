@@ -101,9 +101,9 @@ def test_memory_is_compared_but_never_fails(tmp_path: Path, capsys: Any) -> None
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("not json\n", "line 1: got 'not json', expected a JSON row of sim2vr-harness bench"),
+        ("not json\n", "line 1: got 'not json', expected a JSON row of tools/bench/bench.py"),
         ('{"scene": "env"}\n', "line 1: got"),
-        ("", "got no rows, expected those of sim2vr-harness bench --output"),
+        ("", "got no rows, expected those of tools/bench/bench.py --output"),
         (json.dumps(row("game", 1.0)), "got no scene that both have measured, expected one"),
     ],
 )
@@ -224,5 +224,27 @@ def test_rows_that_no_table_can_be_made_of(tmp_path: Path, capsys: Any) -> None:
     assert capsys.readouterr().err.startswith(error)
     (tmp_path / "other").write_text('{"scene": "env"}\n')
     assert tables.main([str(tmp_path / "other"), str(page)]) == 2
-    assert "expected rows of sim2vr-harness bench" in capsys.readouterr().err
+    assert "expected rows of tools/bench/bench.py" in capsys.readouterr().err
     assert page.read_text().splitlines()[1] == "x"
+
+
+def test_rows_of_scenes_have_hashes_that_threads_do_not_change(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(TOOLS))
+    bench = tool("bench")
+    sizes = ["--set", "env.vision.width=32", "--set", "env.vision.height=24"]
+    amounts = ["--n", "1,2", "--threads", "1,2", "--seconds", "0.05"]
+    monkeypatch.setattr("measure.scene.WARM_UP_STEPS", 5)
+    assert bench.main(["--scene", "physics,render,env", *sizes, *amounts, "--json"]) == 0
+    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert len(rows) == 3 * 2 * 2
+    hashes: dict[tuple[str, int], set[str]] = {}
+    for each in rows:
+        assert each["rate_per_s"] > 0.0
+        assert len(each["state_hash"]) == 16
+        hashes.setdefault((each["scene"], each["n"]), set()).add(each["state_hash"])
+    assert {len(found) for found in hashes.values()} == {1}
+    assert len(set.union(*hashes.values())) == 6
+    assert bench.main(["--scene", "physic"]) == 2
+    assert "--scene: got 'physic', expected one of all, physics," in capsys.readouterr().err

@@ -9,10 +9,10 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from sim2vr_harness.bench import scene as shared
-from sim2vr_harness.bench.processes import cpu_seconds
-from sim2vr_harness.bench.scene import BenchScene, Spec, actions, digest
-from sim2vr_harness.bench.turns import Turn
+from measure import scene as shared
+from measure.processes import cpu_seconds
+from measure.scene import BenchScene, Spec, actions, digest
+from measure.turns import Turn
 from sim2vr_harness.client import AppClient, DevicePoses, frame_time_ns
 from sim2vr_harness.envs.app_group import app_group
 from sim2vr_harness.envs.simulation import Simulation

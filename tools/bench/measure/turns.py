@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from sim2vr_harness.bench.processes import cpu_seconds
+from measure.processes import cpu_seconds
 
 TURNS = 5
 

@@ -45,7 +45,6 @@ ALONE = {
     "ray": {"studies"},
     "plotly": {"figures", "studies", "tools"},
     "viser": {"tools"},
-    "rerun": {"tools"},
 }
 """Packages that only these rooms import (``bench`` asks training for what it needs of them)."""
 

@@ -168,8 +168,7 @@ class TrainingConfig(Settings):
         """Kind of the trained policy; a key of ``policies.registry.NETWORKS``."""
         if self.recipe == "sac":
             return "sac"
-        hierarchical = self.recipe == "skills" and self.skills.user != "student"
-        return "hierarchical" if hierarchical else "visual"
+        return "hierarchical" if self.recipe == "skills" else "visual"
 
     @property
     def last_stage_steps(self) -> int:

@@ -360,7 +360,10 @@ def test_what_is_said(tracked: Tracked) -> None:
     said = "\n".join(facts_of(tracked))
     assert "reach: 2.0 s, followed by mobl_arms_wrist" in said
     assert "a head at 1.20 m, sitting, tells no stature" in said
-    assert "motor layer alone: median" in said
+    assert ", 1 go\n" in said and "motor layer alone" not in said
+    two = replace(tracked.followed, passes=2 * tracked.followed.passes)
+    said = "\n".join(facts_of(replace(tracked, followed=two)))
+    assert ", 2 goes\n" in said and "motor layer alone: median" in said
     head, row = hand_rows(tracked)
     assert len(head) == len(row) and row[0] == "right" and row[3] == "0.0 %"
     assert outcome_rows(tracked)[1:] == []

@@ -44,7 +44,6 @@ ALONE = {
     "ray": {"studies"},
     "plotly": {"figures", "studies", "tools"},
     "viser": {"tools"},
-    "rerun": {"tools"},
 }
 """Packages that only these rooms import."""
 

@@ -25,14 +25,12 @@ from sim2vr_harness.base.cores import settle_torch
 from sim2vr_harness.base.notices import set_notice
 from sim2vr_harness.cli import (
     audit,
-    chart,
     compare,
     curves,
     evaluate,
     export,
     film,
     games,
-    level,
     page,
     reach,
     replay,
@@ -65,11 +63,11 @@ app = CommandGroup(
 )
 
 plot = CommandGroup(
-    """Draw learning curves, levels or measures as PNG files.
+    """Draw learning curves as PNG files.
 
     Examples:
         sim2vr-harness plot curves runs/sample
-        sim2vr-harness plot level generated --out level.png
+        sim2vr-harness plot curves runs/sample runs/other --out curves.png
     """
 )
 
@@ -161,8 +159,6 @@ app.add("audit", audit.audit, ANALYSE)
 app.add("reach", reach.reach, ANALYSE)
 app.add("export", export.export, ANALYSE)
 plot.add("curves", curves.curves)
-plot.add("level", level.level)
-plot.add("measures", chart.chart)
 app.add_typer(plot, name="plot", rich_help_panel=LOOK)
 render.add("snapshot", snapshot.snapshot)
 render.add("film", film.film)

@@ -168,15 +168,14 @@ def _of_people(settings: TrainingConfig) -> TrainingConfig:
     """Return the settings with users who are persons.
 
     Raises:
-        InputError: another recipe than ``skills``, or a student.
+        InputError: another recipe than ``skills``.
     """
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.envs.people_preset import as_population
     from sim2vr_harness.perception.registry import SenseConfig
 
-    if settings.recipe != "skills" or settings.policy_kind != "hierarchical":
-        got = f"it with recipe {settings.recipe!r} and skills.user {settings.skills.user!r}"
-        raise InputError("--people", got, "recipe 'skills' with skills.user 'hierarchical'")
+    if settings.recipe != "skills":
+        raise InputError("--people", f"it with recipe {settings.recipe!r}", "recipe 'skills'")
     env = settings.env
     known = {sense.sense for sense in env.senses}
     more = [SenseConfig(sense=name) for name in ("headset", "person") if name not in known]

@@ -161,8 +161,7 @@ class TrainingConfig(Settings):
     @property
     def policy_kind(self) -> str:
         """Kind of the trained policy; a key of ``policies.registry.NETWORKS``."""
-        hierarchical = self.recipe == "skills" and self.skills.user != "student"
-        return "hierarchical" if hierarchical else "visual"
+        return "hierarchical" if self.recipe == "skills" else "visual"
 
     @property
     def last_stage_steps(self) -> int:

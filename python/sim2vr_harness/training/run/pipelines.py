@@ -99,21 +99,11 @@ def _distill(run: Run) -> list[Stage]:
 
 
 def _skills(run: Run) -> list[Stage]:
-    """Hands that know how to come to places, what is worth doing there, a student, PPO.
-
-    With ``skills.user: hierarchical`` the high-level policy is the user.
-    """
+    """Hands that know how to come to places, then what is worth doing there."""
     config, path = run.config, run.folder.path
     motor = MotorStage(config, path / MotorStage.name) if needs_motor_policy(config) else None
-    if config.policy_kind == "hierarchical":
-        values = QLearningStage(config, _of_values(path), motor, run.folder, stop=run.stop)
-        return [values] if motor is None else [motor, values]
-    values = QLearningStage(config, _of_values(path), motor)
-    student = StudentStage(config, path / StudentStage.name, values.guide)
-    title = "the student goes on by itself: PPO from what the user senses."
-    last = _from_pixels(run, title, begin=_with(student.weights))
-    stages: list[Stage] = [values, student, last]
-    return stages if motor is None else [motor, *stages]
+    values = QLearningStage(config, _of_values(path), motor, run.folder, stop=run.stop)
+    return [values] if motor is None else [motor, values]
 
 
 def _of_values(path: Path) -> Path:

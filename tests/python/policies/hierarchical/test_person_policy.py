@@ -133,8 +133,8 @@ def test_persons_of_games_and_pages_say_how_they_hold_their_heads(recipe: str) -
 
 
 def test_people_need_decisions_by_themselves() -> None:
-    with pytest.raises(InputError, match="--people"):
-        _of_people(load_config("skills", ["skills.user=student"]))
+    with pytest.raises(InputError, match="--people: got it with recipe 'distill'"):
+        _of_people(load_config("pointing"))
     config = _of_people(load_config("skills", []))
     assert config.skills.people and config.env.user.people is not None
     assert [sense.sense for sense in config.env.senses].count("person") == 1

@@ -340,9 +340,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             wrong = differences(stored(name), found, bits=chosen.bits)
         failed += bool(wrong)
         state = "updated" if chosen.what == "update" else "differs" if wrong else "same"
-        print(f"{name}: {state} ({time.perf_counter() - start:.1f} s)", flush=True)
-        for line in wrong:
-            print(f"  {line}")
+        lines = [f"{name}: {state} ({time.perf_counter() - start:.1f} s)", *wrong]
+        sys.stdout.write("\n  ".join(lines) + "\n")
+        sys.stdout.flush()
     return 1 if failed else 0
 
 

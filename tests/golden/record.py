@@ -1,7 +1,8 @@
 """Record tests/data/whacamole_reaches: reaches with the timing of a person, made by this script.
 
 About once a second a hand waits for its reaction time, moves to the plane of the targets along a
-minimum-jerk path, and withdraws. It does not aim at the targets that are there, so it hits few. Whac-A-Mole's log of that round is the recording.
+minimum-jerk path, and withdraws. It does not aim at the targets that are there, so it hits few.
+The recordings are Whac-A-Mole's logs of those rounds.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The commands do what the golden files keep, within the tolerance of ``tests/golden/golden.py``."""
+"""The commands do what the golden files keep, within the tolerance that golden.py states."""
 
 from __future__ import annotations
 

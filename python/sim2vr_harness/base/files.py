@@ -31,6 +31,9 @@ MOST_LINE = 2**20
 MOST_BINARY = 2**36
 """Bytes of a file of tensors or arrays, packed or not."""
 
+_MOST_DIGITS = 300
+"""Of an integer in JSON; from 309 on no float is as large."""
+
 Path_ = str | os.PathLike[str]
 T = TypeVar("T")
 
@@ -178,7 +181,7 @@ def parse_json(text: str | bytes, source: str, expected: str) -> dict[str, Any]:
     if not text.strip():
         raise InputError(source, "an empty file", expected)
     try:
-        content = json.loads(text, object_pairs_hook=_each_key_once)
+        content = json.loads(text, object_pairs_hook=_each_key_once, parse_int=_whole_number)
     except json.JSONDecodeError as error:
         got = f"text that is not JSON ({error.msg})"
         raise InputError(f"{source}, line {error.lineno}", got, expected) from error
@@ -188,6 +191,11 @@ def parse_json(text: str | bytes, source: str, expected: str) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise InputError(source, f"JSON of {shown(content, 40)}", expected)
     return content
+
+
+def _whole_number(digits: str) -> int | float:
+    """Return an integer; infinity where no float is as large, so that readers refuse it."""
+    return int(digits) if len(digits) <= _MOST_DIGITS else float(digits)
 
 
 def _each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -303,3 +303,17 @@ def test_the_command_ends_with_status_2_and_one_line(capsys: Any, tmp_path: Path
         printed, err = capsys.readouterr()
         assert (exit_.value.code, printed, err.count("\n")) == (2, "", 1)
     assert [file.name for file in tmp_path.iterdir()] == ["a.jsonl"]
+
+
+def test_numbers_and_texts_of_a_file_do_no_harm(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "round.jsonl"
+    for line, path in ((0, ("rate_hz",)), (1, ("head", 0)), (1, ("t",))):
+        file.write_bytes(put(line, *path, value=10**309)())
+        with pytest.raises(InputError, match=r"round\.jsonl"):
+            read_session(file)
+    file.write_bytes(put(0, "headset", value="\x1b]0;owned\x07\x1b[2J")())
+    with pytest.raises(SystemExit):
+        main(["session", "show", str(file)])
+    assert "\x1b" not in capsys.readouterr().out

@@ -151,7 +151,10 @@ class PageFiles:
 def _content(place: Path, rest: str) -> tuple[Path, bytes] | None:
     """Return a file and its bytes; None where the address means none that can be read."""
     try:
-        file = _below(place, rest) if place.is_dir() else (None if rest else place)
+        if place.is_dir():
+            file = file_inside(place, rest) or file_inside(place, f"{rest}/index.html")
+        else:
+            file = None if rest else place
         if file is None or file.stat().st_size > MOST_BYTES:
             return None
         return file, file.read_bytes()
@@ -159,14 +162,13 @@ def _content(place: Path, rest: str) -> tuple[Path, bytes] | None:
         return None
 
 
-def _below(folder: Path, path: str) -> Path | None:
+def file_inside(folder: Path, path: str) -> Path | None:
     """Return the file at a path within a folder, links followed; None outside or without one."""
     if "\0" in path:
         return None
     file = Path(os.path.realpath(folder / path.lstrip("/")))
-    if file.is_dir():
-        file = Path(os.path.realpath(file / "index.html"))
-    return file if file.is_relative_to(folder) and file.is_file() else None
+    inside = file.is_relative_to(os.path.realpath(folder))
+    return file if inside and file.is_file() else None
 
 
 def _checked_prefix(prefix: str) -> str:

@@ -164,13 +164,13 @@ def read_yaml(path: Path_, expected: str) -> Any:
     return tree
 
 
-def read_json(path: Path_, expected: str) -> dict[str, Any]:
+def read_json(path: Path_, expected: str, *, most: int = MOST_TEXT) -> dict[str, Any]:
     """Return the object that a JSON file holds.
 
     Raises:
         InputError: as :func:`read_text` and :func:`parse_json`.
     """
-    return parse_json(read_text(path, expected), file_name(path), expected)
+    return parse_json(read_text(path, expected, most=most), file_name(path), expected)
 
 
 def parse_json(text: str | bytes, source: str, expected: str) -> dict[str, Any]:

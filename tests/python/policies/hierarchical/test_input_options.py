@@ -21,7 +21,7 @@ from sim2vr_harness.policies.hierarchical.motor_goals import WIDTH_M
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
 from sim2vr_harness.policies.hierarchical.options import MOVES, PLACED, PLAIN, option_set
-from sim2vr_harness.policies.hierarchical.pointing import aim_of, off_ray
+from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS, aim_of, off_ray
 from sim2vr_harness.policies.hierarchical.primitives import (
     PERSONS,
     OptionChoice,
@@ -33,6 +33,9 @@ from sim2vr_harness.users import UserBatch, load_body
 
 STEP_S = 0.05
 RAY = np.array([0.5, 0.0, -np.sqrt(0.75)])
+AHEAD = np.array([1.0, 0.0, 0.0])
+ALONG_GRIP = torch.tensor([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]])
+"""The laser of an A-Frame page without its model of the controller."""
 
 
 @pytest.fixture(scope="module")
@@ -40,9 +43,14 @@ def layer() -> MotorPolicy:
     return motor_layer_for(load_body("mobl_arms_wrist"), STEP_S)
 
 
-def controller(layer: MotorPolicy, *inputs: str, wanted: tuple[str, ...] | None = None):
-    options = option_set(inputs, wanted)
-    return PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1), options)
+def controller(
+    layer: MotorPolicy,
+    *inputs: str,
+    wanted: tuple[str, ...] | None = None,
+    rays: torch.Tensor = AIM_RAYS,
+):
+    options, poses = option_set(inputs, wanted), reachable_poses(layer, 1)
+    return PrimitiveController(layer, torch.zeros(1, 2, 3), poses, options, rays=rays)
 
 
 def test_options_follow_from_the_inputs() -> None:
@@ -230,10 +238,13 @@ def test_the_aim_ray_is_the_page_s_and_the_runtime_s() -> None:
     assert float(along) == pytest.approx(2.0, abs=1e-6)
 
 
-def test_a_ray_comes_to_a_place_within_a_degree_and_stays(layer: MotorPolicy) -> None:
+@pytest.mark.parametrize("rays", [AIM_RAYS, ALONG_GRIP], ids=["WebXR", "page"])
+def test_a_ray_comes_to_a_place_within_a_degree_and_stays(
+    layer: MotorPolicy, rays: torch.Tensor
+) -> None:
     """A key of 6 cm at 1.5 m is 1.1 degrees to each side; rays were within 0.8 after 1 s."""
     body, n = layer.body, 6
-    primitives = controller(layer, "right.trigger")
+    primitives = controller(layer, "right.trigger", rays=rays)
     bodies = UserBatch(body, n, threads=1, effort="zero")
     bodies.reset(range(n), [np.random.default_rng(i) for i in range(n)])
     choice = OptionChoice(n, 1)
@@ -246,7 +257,7 @@ def test_a_ray_comes_to_a_place_within_a_degree_and_stays(layer: MotorPolicy) ->
         placed = layer.places(*motion[:2])
         head = torch.from_numpy(bodies.device_poses("headset")[0]).float()
         goals = primitives.goals(choice, head, *placed)
-        beside, along = off_ray(placed[0], choice.seen)
+        beside, along = off_ray(placed[0], choice.seen, rays)
         wrong.append(torch.rad2deg(torch.atan2(beside, along)).flatten())
         on = primitives.inputs(choice, placed[0])[:, 0] > 0.0
         started = on & (pulled == 0.0)
@@ -259,18 +270,21 @@ def test_a_ray_comes_to_a_place_within_a_degree_and_stays(layer: MotorPolicy) ->
 
 
 @pytest.mark.parametrize(
-    ("length_m", "way", "pointed", "is_tool"),
+    ("length_m", "way", "ray", "pointed", "is_tool"),
     [
-        (0.3, RAY, True, True),
-        (0.9, RAY, True, False),
-        (0.9, RAY, False, True),
-        (0.9, np.array([1.0, 0.0, 0.0]), True, True),
-        (1.3, np.array([1.0, 0.0, 0.0]), False, False),
+        (0.3, RAY, RAY, True, True),
+        (0.9, RAY, RAY, True, False),
+        (0.9, RAY, RAY, False, True),
+        (0.9, AHEAD, RAY, True, True),
+        (0.9, AHEAD, AHEAD, True, False),
+        (1.3, AHEAD, RAY, False, False),
     ],
 )
-def test_a_ray_is_no_tool(length_m: float, way: np.ndarray, pointed: bool, is_tool: bool) -> None:
+def test_a_ray_is_no_tool(
+    length_m: float, way: np.ndarray, ray: np.ndarray, pointed: bool, is_tool: bool
+) -> None:
     found = Tool(np.outer(np.linspace(0.05, length_m, 40), way))
-    judged = _judged(found, pointed=pointed)
+    judged = _judged(found, np.array([np.zeros(3), ray]), pointed=pointed)
     assert bool(judged.tip.any()) == is_tool
     assert ("a tool of" in judged.why) == is_tool
     assert is_tool or f"{100 * length_m:.0f} cm" in judged.why

@@ -38,6 +38,9 @@ _TYPES = {
     ".htm": "text/html; charset=utf-8",
 }
 
+_SOURCES = (".ts", ".tsx", ".jsx", ".vue", ".svelte")
+"""Ends of files that a build makes scripts of; no browser runs them."""
+
 
 @dataclass(frozen=True)
 class Answer:
@@ -76,6 +79,8 @@ class PageFiles:
         """Addresses below a mapped one, without a file."""
         self.refused = Kept()
         """Addresses that are mapped nowhere."""
+        self.sources = Kept()
+        """Addresses of source code that has to be built."""
         self.asked: dict[str, int] = {}
         """Status of each address of this round; of so many at most that a page cannot fill."""
         self.outside: str | None = None
@@ -120,6 +125,8 @@ class PageFiles:
             return Answer(404, b"no such file")
         file, content = found
         self._note(plain, 200)
+        if file.suffix.lower() in _SOURCES and b"\0" not in content[:1000]:  # .ts may be a video
+            self.sources.add(plain)
         mime = _TYPES.get(file.suffix.lower()) or mimetypes.guess_type(file.name)[0]
         return Answer(200, content, mime or "application/octet-stream")
 
@@ -127,6 +134,7 @@ class PageFiles:
         """Forget what was requested."""
         self.missing.clear()
         self.refused.clear()
+        self.sources.clear()
         self.asked.clear()
 
     def _note(self, address: str, status: int) -> None:

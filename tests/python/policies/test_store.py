@@ -38,7 +38,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder.create(CONFIG)
     folder.checkpoint_file(7).write_bytes(b"")
     folder.note(
-        stage_seconds={"teacher": 600.0, "student": 90.0},
+        stage_seconds={"teacher": 600.0, "student": 90.0, "ppo": 180.0},
         sessions=[
             {"started": "2026-01-01T10:00:00+00:00", "cores": 2, "device": "cpu"},
             {

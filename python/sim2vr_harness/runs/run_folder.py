@@ -43,7 +43,7 @@ from sim2vr_harness.runs.config import (
 )
 from sim2vr_harness.runs.migration import renamed
 
-STAGE_FOLDERS = ("imagined", "teacher", "student")
+STAGE_FOLDERS = ("imagined", "student")
 """What stages call their folders in a run's; the last stage works in the run's own."""
 
 _PACKAGES = ("mujoco", "stable-baselines3", "torch", "gymnasium", "numpy", "scipy")

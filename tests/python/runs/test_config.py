@@ -208,13 +208,6 @@ def test_recorded_configurations_are_read_with_today_s_keys() -> None:
         "teacher": {
             "coarse_physics_s": 0.005,
             "imagination": {"cycles": 12, "stuck_cost": 0.5},
-            "ppo": {
-                "critic_first_iterations": 10,
-                "reward_scale": 0.3,
-                "net_arch": [16],
-                "learning_rate": 3e-4,
-                "mean_penalty": 1e-3,
-            },
             "aids": {
                 "near_starts": {"start": 0.5, "end": 0.3, "from_step": 0, "to_step": 9},
                 "near_start_m": 0.1,
@@ -229,8 +222,6 @@ def test_recorded_configurations_are_read_with_today_s_keys() -> None:
     assert config.ppo.critic_first_updates == 3
     teacher = config.teacher
     assert (teacher.imagined.cycles, teacher.imagined.game["dwell_cost"]) == (12, 0.5)
-    assert teacher.reward_scale == 0.3
-    assert teacher.ppo.complete().learning_rate.initial == 3e-4
     assert teacher.curriculum.near_starts == 0.3
     assert changed_constant(recorded) == ("teacher.curriculum.near_start_m", 0.1, 0.08)
     assert renamed(recorded["env"]) == {"threads": 2}, "only where the key is"
@@ -402,7 +393,7 @@ def test_wrong_shapes_with_old_names_are_refused_in_a_sentence(wrong: dict[str, 
 
 def test_keys_that_became_constants() -> None:
     """Recorded ones load; user-written ones are taken with the constant's value only."""
-    teacher = {"imagined": {"lam": 0.8}, "start": None, "policy": {"action_scale": 0.5}}
+    teacher = {"imagined": {"lam": 0.8}, "start": None}
     recorded = {"teacher": teacher}
     assert parse_config(renamed(recorded)) == parse_config({})
     assert changed_constant(recorded) == ("teacher.imagined.lam", 0.8, 0.9)
@@ -483,11 +474,3 @@ def test_shaping_stands_for_keys_of_before() -> None:
         parse_config(mixed)
     with pytest.raises(InputError, match=r"look_cost: got 0.0, .* 20.0 with shaping: whole_levels"):
         parse_config(beats(shaping="whole_levels", look_cost=0.0))
-
-
-def test_a_constant_learning_rate_may_be_a_number() -> None:
-    assert parse_config({"teacher": {"ppo": {"learning_rate": 3e-4}}}) == parse_config({})
-    with pytest.raises(
-        InputError, match=r"^teacher.ppo.learning_rate: got 0.001, expected it left"
-    ):
-        parse_config({"teacher": {"ppo": {"learning_rate": 1e-3}}})

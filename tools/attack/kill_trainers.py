@@ -31,21 +31,20 @@ import torch
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.runs.config import TrainingConfig, load_config
-from sim2vr_harness.runs.teacher_config import ImaginedConfig, TeacherPPOConfig
+from sim2vr_harness.runs.teacher_config import ImaginedConfig
 from sim2vr_harness.training.dagger import dagger
 from sim2vr_harness.training.dagger import stage as student_stage
 from sim2vr_harness.training.motor_control import goal_task
 from sim2vr_harness.training.option_q_learning import q_learning
 from sim2vr_harness.training.option_q_learning import stage as q_learning_stage
 from sim2vr_harness.training.run import trainer
-from sim2vr_harness.training.teacher import stage as teacher_stage
 
 SHARED = (
     *("device=cpu", "env.cores=1", "env.app.options.round_seconds=2.0", "ppo.n_envs=2"),
     *("ppo.n_steps=10", "ppo.batch_size=10", "ppo.n_epochs=1", "total_timesteps=60"),
     *("checkpoint.every_steps=20", "policy.net_arch=[16]"),
 )
-IMAGINED = ("cycles=3", "first_play_steps=30", "body_width=16", "users=8")
+IMAGINED = ("cycles=3", "n_envs=4", "first_play_steps=30", "body_width=16", "users=8")
 STUDENT = (
     *("policy.scale_proprioception=true", "ppo.critic_first_updates=1"),
     *("student.n_envs=2", "student.frames=96"),
@@ -54,7 +53,6 @@ STUDENT = (
 DISTILL = (
     *("recipe=distill", *STUDENT),
     *(f"teacher.imagined.{setting}" for setting in IMAGINED),
-    *("teacher.total_timesteps=96", "teacher.ppo.n_envs=4", "teacher.ppo.batch_size=16"),
     "teacher.curriculum.near_starts=0.0",
 )
 PRACTICE = ("cycles=3", "bodies=4", "width=16")
@@ -75,8 +73,6 @@ DECIDER = (
 CONSTANTS: list[tuple[Any, dict[str, object]]] = [  # of the algorithms, as small
     (ImaginedConfig, {"play_steps": 10, "first_fit_minibatches": 20, "fit_minibatches": 20}),
     (ImaginedConfig, {"updates": 2, "critic_first_updates": 0}),
-    (TeacherPPOConfig, {"n_steps": 8, "n_epochs": 1, "critic_first_updates": 1}),
-    (teacher_stage, {"_EVALUATE_ROUNDS": 1}),
     (dagger, {"_ROLLOUT_STEPS": 8}),
     (student_stage, {"CHECKPOINT_ROUNDS": 2}),
     (goal_task, {"_FIRST_PLAY_STEPS": 12, "_BODY_WIDTH": 16, "_USERS": 8, "_WINDOW_STEPS": 4}),

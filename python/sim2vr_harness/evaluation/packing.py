@@ -185,10 +185,9 @@ def _of_the_run(user: TrainedUser) -> dict[str, Any]:
         "stage_minutes": {stage: round(minutes, 1) for stage, minutes in stages.items()},
     }
     if config.recipe == "distill":
-        teacher, imagined = config.teacher, config.teacher.imagined
+        imagined = config.teacher.imagined
         plays = imagined.first_play_steps + (imagined.cycles - 1) * imagined.play_steps
-        collected = plays * teacher.ppo.n_envs if imagined.cycles else 0
-        details["teacher_steps"] = collected + teacher.total_timesteps
+        details["teacher_steps"] = plays * imagined.n_envs
         details["student_frames"] = config.student.frames
     if sessions:
         details["machine"] = (

@@ -18,6 +18,7 @@ import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.distributions import Distribution
+from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
 from torch.nn import functional
@@ -25,7 +26,7 @@ from torch.nn import functional
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.policies.attention_crops import AttentionCrops
 from sim2vr_harness.policies.conv import cast, centred, channels_last, convolutions, convolved
-from sim2vr_harness.policies.sb3_base import StagePolicy
+from sim2vr_harness.policies.protocol import shapes_in_words
 from sim2vr_harness.policies.sharding import in_shards
 from sim2vr_harness.runs.config import PolicyConfig
 
@@ -202,7 +203,7 @@ def _hidden_layers(inputs: int, widths: Sequence[int]) -> nn.Sequential:
     return nn.Sequential(*layers)
 
 
-class VisualActorCritic(StagePolicy):
+class VisualActorCritic(ActorCriticPolicy):
     """Actor and critic of a simulated user; see the module's description.
 
     Args:
@@ -235,6 +236,15 @@ class VisualActorCritic(StagePolicy):
         self.workers = torch.get_num_threads()
         """Threads that share a batch of images on the CPU; the results do not depend on it."""
         super().__init__(observation_space, action_space, lr_schedule, **kwargs)
+
+    def __repr__(self) -> str:
+        """Return what it observes, and the sizes of its action and its network."""
+        observed = self.observation_space
+        boxes = observed.spaces if isinstance(observed, spaces.Dict) else {"": observed}
+        shapes = shapes_in_words({key: box.shape or () for key, box in boxes.items()})
+        size = sum(each.numel() for each in self.parameters())
+        actions = f"{self.action_space.shape} actions"
+        return f"{type(self).__name__}({shapes}; {actions}; {size:,} weights)"
 
     def _build(self, lr_schedule: Callable[[float], float]) -> None:
         # The last bits of orthogonal weights depend on the number of threads.

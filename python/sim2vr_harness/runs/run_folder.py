@@ -42,7 +42,7 @@ from sim2vr_harness.runs.config import (
     to_yaml,
 )
 
-STAGE_FOLDERS = ("imagined", "teacher", "student")
+STAGE_FOLDERS = ("imagined", "student")
 """What stages call their folders in a run's; the last stage works in the run's own."""
 
 _PACKAGES = ("mujoco", "stable-baselines3", "torch", "gymnasium", "numpy", "scipy")

@@ -1,10 +1,10 @@
-"""Settings of the teacher: imagined rollouts, then PPO on privileged observations."""
+"""Settings of the teacher, who observes privileged numbers and learns from imagined rollouts."""
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from sim2vr_harness.base.settings import (
     MOST_STEPS,
@@ -15,22 +15,23 @@ from sim2vr_harness.base.settings import (
     Settings,
     Weight,
     Width,
-    check_whole_minibatches,
 )
 from sim2vr_harness.client.base import OptionValue
-from sim2vr_harness.runs.ppo_config import MOST_BATCH, MOST_USERS, LearningRateConfig, PPOConfig
+from sim2vr_harness.runs.ppo_config import MOST_USERS
 
 
 class ImaginedConfig(Settings):
-    """Imagined rollouts: model-based learning before the teacher plays the true game.
+    """Imagined rollouts: the model-based learning of the teacher.
 
-    A cycle: users of the true game play (``teacher.ppo.n_envs`` of them), a differentiable model of
+    A cycle: users of the true game play (``n_envs`` of them), a differentiable model of
     the body is fitted to what they did, and the policy learns from rollouts of that model in the
     game's differentiable model.
     """
 
-    cycles: int = Field(default=22, ge=0, le=100_000)
-    """Cycles of imagined rollouts; 0: none, the teacher begins with nothing."""
+    cycles: int = Field(default=22, ge=1, le=100_000)
+    """Cycles of imagined rollouts, in which the teacher learns all that it knows."""
+    n_envs: int = Field(default=128, ge=1, le=MOST_USERS)
+    """Users who play the true game at the same time."""
     first_play_steps: int = Field(default=600, ge=1, le=1_000_000)
     """User steps of every user in the first cycle, in which they move about at random."""
     play_steps: ClassVar[int] = 100
@@ -127,58 +128,9 @@ class CurriculumConfig(Settings):
     """Share of episodes that start near a good start of an action, instead of the true start."""
 
 
-class TeacherPolicyConfig(Settings):
-    """The teacher's network: actor and critic on normalised numbers."""
-
-    log_std_init: float = Field(default=-2.1, ge=-20.0, le=5.0)
-    """Logarithm of the actions' standard deviation at the start."""
-    log_std_min: float = Field(default=-3.0, ge=-20.0, le=5.0)
-    """Smallest logarithm of the actions' standard deviation."""
-
-
-class TeacherPPOConfig(Settings):
-    """How many users PPO collects from at a time; its other settings are constants."""
-
-    n_envs: int = Field(default=128, ge=1, le=MOST_USERS)
-    """Environments that run at the same time."""
-    batch_size: int = Field(default=1024, ge=2, le=MOST_BATCH)
-    """User steps per minibatch; divides ``n_envs * 32``, the user steps of an iteration."""
-    n_steps: ClassVar[int] = 32
-    """User steps per environment and iteration: few, as updates on numbers are cheap."""
-    n_epochs: ClassVar[int] = 6
-    critic_first_updates: ClassVar[int] = 10
-    """The critic of the imagined rollouts does not know the true game."""
-
-    def complete(self) -> PPOConfig:
-        """Return the settings of PPO, those of all shipped teachers.
-
-        Updates end early (``target_kl``), so that they keep what imagined rollouts have taught.
-        """
-        rate = LearningRateConfig(initial=3.0e-4, final=3.0e-4, constant_fraction=0.0)
-        return PPOConfig(
-            n_envs=self.n_envs,
-            n_steps=self.n_steps,
-            batch_size=self.batch_size,
-            n_epochs=self.n_epochs,
-            gamma=0.96,
-            gae_lambda=0.93,
-            max_grad_norm=1.0,
-            target_kl=0.05,
-            critic_first_updates=self.critic_first_updates,
-            learning_rate=rate,
-        )
-
-    @model_validator(mode="after")
-    def _whole_minibatches(self) -> Self:
-        check_whole_minibatches(self.n_envs * self.n_steps, self.batch_size)
-        return self
-
-
 class TeacherConfig(Settings):
-    """The first two stages of a distilled training: a policy on privileged numbers, no pictures."""
+    """The first stage of a distilled training: a policy on privileged numbers, no pictures."""
 
-    total_timesteps: int = Field(default=3_000_000, ge=1, le=MOST_STEPS)
-    """User steps of PPO, after the imagined rollouts."""
     conditions: tuple[str, ...] | None = None
     """The game's conditions, in turn; None takes those that its differentiable model names."""
     hidden_fields: tuple[str, ...] | None = None
@@ -188,12 +140,6 @@ class TeacherConfig(Settings):
     """User steps from an object's first image to the teacher's first observation of it. At first
     an object covers a pixel or two; a student cannot recognise it and imitate a reaction to it."""
     imagined: ImaginedConfig = ImaginedConfig()
-    """Imagined rollouts, in which the teacher is trained first."""
+    """Imagined rollouts, in which the teacher is trained."""
     curriculum: CurriculumConfig = CurriculumConfig()
-    """Where episodes of PPO start, and which targets come up."""
-    reward_scale: Factor = 0.2
-    """Factor on the environment's reward in PPO."""
-    policy: TeacherPolicyConfig = TeacherPolicyConfig()
-    """The teacher's network."""
-    ppo: TeacherPPOConfig = TeacherPPOConfig()
-    """PPO with the teacher, after the imagined rollouts."""
+    """Where rounds in the true game start, and which targets come up."""

@@ -17,7 +17,7 @@ from sim2vr_harness.envs.config import AppConfig, EffortConfig, EnvConfig, UserC
 from sim2vr_harness.envs.privileged import OBSERVATION
 from sim2vr_harness.games.beats.game_model import EVENTS, FIELDS
 from sim2vr_harness.games.beats.settings import Relaxation
-from sim2vr_harness.policies.state_actor_critic import new_teacher
+from sim2vr_harness.policies.teacher import new_teacher
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.training.model_based.game_task import GameTrainer, game_trainer
@@ -25,8 +25,7 @@ from sim2vr_harness.training.teacher.env import TeacherSimulation
 
 USERS, STEPS = 12, 199
 SMALL = (
-    *(f"ppo.n_envs={USERS}", "ppo.batch_size=24"),
-    *("total_timesteps=120", "imagined.reward_scale=0.05"),
+    *(f"imagined.n_envs={USERS}", "imagined.reward_scale=0.05"),
     *("imagined.cycles=2", "imagined.first_play_steps=30", "imagined.users=8"),
     *("imagined.body_width=16", "imagined.critic_width=16", "imagined.gradient_limit=2.0"),
 )
@@ -78,7 +77,7 @@ def rollouts(options: Mapping[str, OptionValue], *, torso: bool = False) -> Game
     settings = TeacherConfig.model_validate(apply_overrides({}, SMALL))
     simulation = TeacherSimulation(env, settings, seed=4)
     spaces = simulation.observation_space, simulation.action_space
-    policy = new_teacher(*spaces, settings.policy, seed=1)
+    policy = new_teacher(*spaces, seed=1)
     return game_trainer(settings.imagined, policy, simulation, seed=4)
 
 

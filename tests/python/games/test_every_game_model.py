@@ -62,7 +62,7 @@ def short_teacher() -> Iterator[None]:
 
 
 def users_of(game: str) -> TeacherSimulation:
-    settings = [f"ppo.n_envs={N}", f"ppo.batch_size={4 * N}"]
+    settings = [f"imagined.n_envs={N}"]
     config = TeacherConfig.model_validate(apply_overrides({}, settings))
     user = UserConfig(
         model=BODIES.get(game, "mobl_arms_wrist"), effort=EffortConfig(model="zero", weight=0.0)
@@ -118,7 +118,7 @@ def play(name: str) -> Both:
         with torch.no_grad():
             imagined.append(model.observe(place).numpy())
         true.append(sim.senses.values()[:, told])
-        game_reward = result.reward / sim.teacher.reward_scale + result.effort_cost
+        game_reward = result.reward + result.effort_cost
         rewards.append([game_reward, paid.detach().numpy()])
     outcomes = sum(sim.game.outcomes(log) for log in sim.simulation.logs)
     sim.close()

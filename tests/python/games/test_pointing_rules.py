@@ -44,7 +44,7 @@ def short_teacher() -> Iterator[None]:
 
 def users_of(options: dict[str, Any], n: int = N) -> TeacherSimulation:
     settings = [
-        *(f"ppo.n_envs={n}", f"ppo.batch_size={4 * n}"),
+        f"imagined.n_envs={n}",
         *("curriculum.near_starts=1.0", "conditions=[near]"),
     ]
     config = TeacherConfig.model_validate(apply_overrides({}, settings))
@@ -79,7 +79,7 @@ def played() -> dict[str, Any]:
         imagined.append(game.observe(place).numpy())
         true.append(sim.senses.values()[:, told])
         scores.append(game.score.numpy())
-        rewards.append(result.reward / sim.teacher.reward_scale + result.effort_cost)
+        rewards.append(result.reward + result.effort_cost)
     logs = [dict(log) for log in sim.simulation.logs]
     sim.close()
     return {

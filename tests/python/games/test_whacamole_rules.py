@@ -37,8 +37,7 @@ def played() -> dict[str, np.ndarray]:
         apply_overrides(
             {},
             [
-                f"ppo.n_envs={N}",
-                "ppo.batch_size=96",
+                f"imagined.n_envs={N}",
                 "curriculum.near_starts=1.0",
             ],
         )

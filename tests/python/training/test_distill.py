@@ -26,8 +26,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("distill") / "run"
     result, text = train(folder, report=REPORTS.append)
     assert not result.interrupted
-    for stage in (1, 2, 3, 4):
-        assert f"Stage {stage} of 4" in text
+    for stage in (1, 2, 3):
+        assert f"Stage {stage} of 3" in text
     assert "easier than the game" not in " ".join(text.split())
     return folder
 
@@ -35,7 +35,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_all_stages_leave_their_traces(whole: Path) -> None:
     run = RunFolder.open(whole)
     assert run.latest_checkpoint().stem == "step_000000040"
-    assert list(run.metadata()["stage_seconds"]) == ["imagined", "teacher", "student", "ppo"]
+    assert list(run.metadata()["stage_seconds"]) == ["imagined", "student", "ppo"]
     assert [session["status"] for session in run.metadata()["sessions"]] == ["finished"]
     rows = [
         json.loads(row) for row in (whole / "student" / "metrics.jsonl").read_text().splitlines()
@@ -46,24 +46,22 @@ def test_all_stages_leave_their_traces(whole: Path) -> None:
     assert left == ["metrics.jsonl", "policy.pt"]
     left = sorted(file.name for file in (whole / "imagined").iterdir())
     assert left == ["cycles.jsonl", "policy.pt"]
-    assert list((whole / "teacher" / "checkpoints").glob("*.zip"))
+    assert not (whole / "teacher").exists()
 
 
 def test_every_row_of_every_stage_is_reported(whole: Path) -> None:
     stages = {report.stage: report.number for report in REPORTS}
-    assert stages == {"imagined": 1, "teacher": 2, "student": 3, "ppo": 4}
-    assert {report.stages for report in REPORTS} == {4}
+    assert stages == {"imagined": 1, "student": 2, "ppo": 3}
+    assert {report.stages for report in REPORTS} == {3}
     done = {name: [r.done for r in REPORTS if r.stage == name] for name in stages}
     assert done == {
         "imagined": [1, 2],
-        "teacher": [32, 64],
         "student": [16, 32, 48, 64, 80, 96],
         "ppo": [20, 40],
     }
     last = {report.stage: report for report in REPORTS}
     assert [(r.total, r.unit) for r in last.values()] == [
         (2, "cycles"),
-        (64, "user steps"),
         (96, "frames"),
         (40, "user steps"),
     ]
@@ -97,7 +95,7 @@ def test_a_student_may_have_game_options_of_its_own(
         return state_dict(self)
 
     monkeypatch.setattr(Student, "state_dict", noting)
-    settings = ("teacher.imagined.cycles=0", f"student.app_options={json.dumps(options)}")
+    settings = ("teacher.imagined.cycles=1", f"student.app_options={json.dumps(options)}")
     train(tmp_path / "run", *settings)
     assert seen[-1].max() == most
 
@@ -113,9 +111,9 @@ def test_a_guide_says_what_muscles_shall_do_and_which_cells_have_targets(whole: 
     from sim2vr_harness.envs.simulation import Simulation
 
     settings = config()
-    checkpoint = RunFolder(whole / "teacher").latest_checkpoint()
+    learned = whole / "imagined" / "policy.pt"
     with_pictures = Simulation(settings.env, 2)
-    guide = TeacherExpert(checkpoint, settings.teacher, with_pictures)
+    guide = TeacherExpert(learned, settings.teacher, with_pictures)
     with_pictures.reset(seeds=[1, 2])
     seen = set()
     for _ in range(30):

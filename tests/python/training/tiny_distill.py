@@ -22,14 +22,12 @@ SETTINGS = [
     "env.cores=1",
     "env.app.options.round_seconds=2.0",
     "policy.scale_proprioception=true",
-    "teacher.total_timesteps=64",
     "teacher.imagined.cycles=2",
     "teacher.imagined.average_updates=2",
     "teacher.imagined.first_play_steps=30",
     "teacher.imagined.body_width=16",
     "teacher.imagined.users=8",
-    "teacher.ppo.n_envs=4",
-    "teacher.ppo.batch_size=16",
+    "teacher.imagined.n_envs=4",
     "teacher.curriculum.near_starts=0.0",
     "student.n_envs=2",
     "student.frames=96",
@@ -46,14 +44,13 @@ SETTINGS = [
 
 
 def config(*settings: str) -> TrainingConfig:
-    with short_cycles(n_steps=8):
-        return load_config("whacamole_constrained", [*SETTINGS, *settings])
+    return load_config("whacamole_constrained", [*SETTINGS, *settings])
 
 
 def train(folder: Path, *settings: str, **how: Any) -> tuple[trainer.TrainResult, str]:
     text = io.StringIO()
     console = Console(file=text, width=200)
-    with patch.object(dagger, "_ROLLOUT_STEPS", 8), short_cycles(n_steps=8):
+    with patch.object(dagger, "_ROLLOUT_STEPS", 8), short_cycles():
         return trainer.train(config(*settings), folder, console=console, **how), text.getvalue()
 
 

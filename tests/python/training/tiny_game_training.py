@@ -9,7 +9,7 @@ from unittest.mock import patch
 from short_cycles import short_cycles
 
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
-from sim2vr_harness.policies.state_actor_critic import new_teacher
+from sim2vr_harness.policies.teacher import new_teacher
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.training.model_based.game_task import GameTrainer, game_trainer
@@ -18,8 +18,12 @@ from sim2vr_harness.training.teacher.env import TeacherSimulation
 
 ENV = EnvConfig(app=AppConfig(options={"condition": "random"}), cores=1)
 SMALL = (
-    *("ppo.n_envs=16", "ppo.batch_size=20", "total_timesteps=160"),
-    *("imagined.cycles=3", "imagined.first_play_steps=30", "imagined.users=12"),
+    *(
+        "imagined.n_envs=16",
+        "imagined.cycles=3",
+        "imagined.first_play_steps=30",
+        "imagined.users=12",
+    ),
     *("imagined.body_width=16", "imagined.critic_width=16"),
 )
 
@@ -35,7 +39,5 @@ def short_teacher(updates: int = 3) -> Iterator[None]:
 def new_rollouts(*overrides: str, env: EnvConfig = ENV, device: str = "cpu") -> GameTrainer:
     settings = TeacherConfig.model_validate(apply_overrides({}, [*SMALL, *overrides]))
     simulation = TeacherSimulation(env, settings, seed=4)
-    policy = new_teacher(
-        simulation.observation_space, simulation.action_space, settings.policy, seed=1
-    )
+    policy = new_teacher(simulation.observation_space, simulation.action_space, seed=1)
     return game_trainer(settings.imagined, policy, simulation, seed=4, device=device)

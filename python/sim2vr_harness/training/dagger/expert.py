@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.envs.privileged import OBSERVATION
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.policies.state_actor_critic import load_teacher
+from sim2vr_harness.policies.teacher import load_teacher
 from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher.env import game_of, privileged_senses
 
@@ -30,7 +30,7 @@ class TeacherExpert:
     """See :class:`~sim2vr_harness.training.dagger.dagger.Guide`.
 
     Args:
-        file: the teacher's checkpoint.
+        file: the teacher's weights.
         config: the teacher's.
         simulation: the student's users, in this process.
     """
@@ -38,9 +38,7 @@ class TeacherExpert:
     def __init__(self, file: Path, config: TeacherConfig, simulation: Simulation) -> None:
         game = game_of(simulation.config)
         self._senses = privileged_senses(simulation, config, game, simulation.config)
-        self._policy = load_teacher(
-            file, self._senses.space, simulation.action_space, config.policy
-        )
+        self._policy = load_teacher(file, self._senses.space, simulation.action_space)
         known = {f"felt {name}" for name in self._senses.names} | set(self._senses.names)
         self._game = [i for i, name in enumerate(self._senses.observed_names) if name in known]
         self._attention_targets = game.attention_targets
@@ -53,7 +51,7 @@ class TeacherExpert:
 
     def actions(self, simulation: Any) -> NDArray[np.float32]:
         """See the protocol."""
-        return self._policy.act({OBSERVATION: self._senses.observe()}, None)
+        return self._policy.act({OBSERVATION: self._senses.observe()})
 
     def facts(self, simulation: Any) -> NDArray[np.float32]:
         """See the protocol: which places have a target."""

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.privileged import OBSERVATION
-from sim2vr_harness.policies.state_actor_critic import TeacherPolicy
+from sim2vr_harness.policies.teacher import TeacherPolicy
 from sim2vr_harness.runs.teacher_config import ImaginedConfig
 from sim2vr_harness.training.model_based.task import Task
 from sim2vr_harness.training.model_based.trainer import ModelBasedTrainer, value_function
@@ -84,10 +84,7 @@ class GameTask(Task):
         seed: int,
     ) -> None:
         self.config, self.policy, self.simulation = config, policy, simulation
-        self.actor = [
-            *policy.mlp_extractor.policy_net.parameters(),
-            *policy.action_net.parameters(),
-        ]
+        self.actor = [*policy.hidden.parameters(), *policy.action_net.parameters()]
         self.batch = simulation.simulation.users
         self.rng = np.random.default_rng([seed, 91])
         self._seed = seed
@@ -152,7 +149,7 @@ class GameTask(Task):
             raise InputError(
                 "teacher.hidden_fields",
                 f"patterns that leave {error.args[0]!r} to be observed",
-                "only what the game model has, or teacher.imagined.cycles: 0",
+                "patterns that also hide it, as the game model does not have it",
             ) from None
 
     # --- simulated users ---------------------------------------------------------------------
@@ -171,7 +168,7 @@ class GameTask(Task):
 
     def policy_actions(self) -> NDArray[Any]:
         """See :class:`Task`."""
-        return self.policy.act(self.simulation.observation(), None)
+        return self.policy.act(self.simulation.observation())
 
     def simulate(
         self, actions: NDArray[Any]
@@ -290,7 +287,6 @@ class GameTask(Task):
         normaliser.mean.copy_(observations.mean(0))
         spread = self.senses.spread(observations.std(0).clamp(min=0.05))
         normaliser.variance.copy_(spread.square())
-        normaliser.count.fill_(float(len(observations) * 100))
 
     def action_mean(self, observation: Tensor) -> Tensor:
         """See :class:`Task`."""

@@ -11,11 +11,10 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from stable_baselines3.common.utils import get_device
-from torch import Tensor
 
 from sim2vr_harness.base.finite import require_finite
-from sim2vr_harness.policies.state_actor_critic import new_teacher
-from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors
+from sim2vr_harness.policies.teacher import new_teacher
+from sim2vr_harness.runs.checkpoint import take_in, write_tensors
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import append_row, keep_rows
 from sim2vr_harness.training.model_based.game_task import CycleReport, game_trainer
@@ -177,16 +176,11 @@ class ImaginedStage(CycleStage):
         super().__init__(config, folder, config.teacher.imagined.cycles)
         self._simulation: TeacherSimulation | None = None
 
-    def weights(self) -> dict[str, Tensor]:
-        """Return the policy's weights after the last cycle."""
-        return read_tensors(self.folder / self.result, "the weights of imagined rollouts")
-
     def open(self) -> None:
         """See the protocol."""
         config = self._config
         sim = self._simulation = TeacherSimulation(config.env, config.teacher, config.seed)
-        spaces = sim.observation_space, sim.action_space
-        policy = new_teacher(*spaces, config.teacher.policy, seed=config.seed)
+        policy = new_teacher(sim.observation_space, sim.action_space, seed=config.seed)
         device = get_device(config.device) if sim.game.on_gpu else "cpu"
         imagined, seed = config.teacher.imagined, config.seed
         self._trainer = game_trainer(imagined, policy, sim, seed=seed, device=device)
@@ -194,7 +188,7 @@ class ImaginedStage(CycleStage):
     def run(self, callbacks: Callbacks) -> None:
         """See the protocol."""
         imagined = self._config.teacher.imagined
-        if 0 < imagined.cycles <= imagined.easier_cycles:
+        if imagined.cycles <= imagined.easier_cycles:
             callbacks.say(
                 f"All of the {imagined.cycles} cycles are easier than the game: senses as late, "
                 f"muscles as noisy and ways as dear as they will be after {imagined.easier_cycles}."

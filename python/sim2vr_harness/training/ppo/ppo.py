@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -12,10 +12,9 @@ import torch
 
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.client import GameFacts
-from sim2vr_harness.policies.sb3_base import StagePolicy
 from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic, policy_arguments
 from sim2vr_harness.runs.config import TrainingConfig
-from sim2vr_harness.runs.ppo_config import LearningRateConfig, PPOConfig
+from sim2vr_harness.runs.ppo_config import LearningRateConfig
 from sim2vr_harness.training.ppo.rollout_buffer import FrameRolloutBuffer
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
 from sim2vr_harness.training.run.episode_stats import episode_means
@@ -75,7 +74,7 @@ class PPO(stable_baselines3.PPO):
 
     def critic_apart(self, factor: float) -> None:
         """Give the weights that only the values depend on a learning rate of their own."""
-        critic = self.stage_policy.critic_parameters()
+        critic = self.user_policy.critic_parameters()
         known = {id(weight) for weight in critic}
         both = self.policy.optimizer.param_groups[0]
         both["params"] = [weight for weight in both["params"] if id(weight) not in known]
@@ -89,9 +88,9 @@ class PPO(stable_baselines3.PPO):
         return episode_means(list(self.ep_info_buffer or []), facts)
 
     @property
-    def stage_policy(self) -> StagePolicy:
+    def user_policy(self) -> VisualActorCritic:
         """The policy, with what is asked of it beyond Stable-Baselines3."""
-        assert isinstance(self.policy, StagePolicy)
+        assert isinstance(self.policy, VisualActorCritic)
         return self.policy
 
     def dump_logs(self, iteration: int = 0) -> None:
@@ -102,13 +101,11 @@ class PPO(stable_baselines3.PPO):
 
     def train(self) -> None:
         """Update the networks, then write the iteration's log row."""
-        policy = self.stage_policy
+        policy = self.user_policy
         # Shards have their own threads; those of torch's operations would only wait for each other.
         threads = 1 if policy.in_shards else torch.get_num_threads()
         with torch_threads(threads), self._critic_first():
             super().train()
-        observations: Any = self.rollout_buffer.observations
-        policy.end_update(observations)
         self._write_row()
 
     @contextmanager
@@ -118,7 +115,7 @@ class PPO(stable_baselines3.PPO):
         if update > self.critic_first_updates:
             yield
             return
-        critic = {id(weight) for weight in self.stage_policy.critic_parameters()}
+        critic = {id(weight) for weight in self.user_policy.critic_parameters()}
         kept = [weight for weight in self.policy.parameters() if id(weight) not in critic]
         asked = [weight.requires_grad for weight in kept]
         for weight in kept:
@@ -143,61 +140,30 @@ class PPO(stable_baselines3.PPO):
             self.on_row(self.num_timesteps, row)
 
 
-def new_learner(
-    config: PPOConfig,
-    env: SimulationVecEnv,
-    policy: type[StagePolicy],
-    policy_arguments: Mapping[str, Any],
-    *,
-    total_timesteps: int,
-    seed: int,
-    device: str = "cpu",
-) -> PPO:
-    """Return a fresh learner, its networks initialised from ``seed``.
-
-    Args:
-        config: of the learner.
-        env: what it plays in.
-        policy: the class of its network.
-        policy_arguments: of that class.
-        total_timesteps: user steps that the learning rate's schedule runs over.
-        seed: of networks, users and games.
-        device: torch device, or ``auto``.
-    """
-    model = PPO(
-        policy,
-        env,
-        learning_rate=LearningRate(config.learning_rate),
-        n_steps=config.n_steps,
-        batch_size=config.batch_size,
-        n_epochs=config.n_epochs,
-        gamma=config.gamma,
-        gae_lambda=config.gae_lambda,
-        clip_range=config.clip_range,
-        ent_coef=config.ent_coef,
-        vf_coef=config.vf_coef,
-        max_grad_norm=config.max_grad_norm,
-        target_kl=config.target_kl,
-        rollout_buffer_class=FrameRolloutBuffer,
-        policy_kwargs=dict(policy_arguments),
-        seed=seed,
-        device=device,
-    )
-    model.schedule_timesteps = total_timesteps
-    model.critic_first_updates = config.critic_first_updates
-    if config.critic_learning_rate_factor != 1.0:
-        model.critic_apart(config.critic_learning_rate_factor)
-    return model
-
-
 def build(config: TrainingConfig, env: SimulationVecEnv) -> PPO:
     """Return a fresh learner of a user who sees, networks initialised from the seed."""
-    return new_learner(
-        config.ppo,
-        env,
+    learner = config.ppo
+    model = PPO(
         VisualActorCritic,
-        policy_arguments(config.policy),
-        total_timesteps=config.total_timesteps,
+        env,
+        learning_rate=LearningRate(learner.learning_rate),
+        n_steps=learner.n_steps,
+        batch_size=learner.batch_size,
+        n_epochs=learner.n_epochs,
+        gamma=learner.gamma,
+        gae_lambda=learner.gae_lambda,
+        clip_range=learner.clip_range,
+        ent_coef=learner.ent_coef,
+        vf_coef=learner.vf_coef,
+        max_grad_norm=learner.max_grad_norm,
+        target_kl=learner.target_kl,
+        rollout_buffer_class=FrameRolloutBuffer,
+        policy_kwargs=policy_arguments(config.policy),
         seed=config.seed,
         device=config.device,
     )
+    model.schedule_timesteps = config.total_timesteps
+    model.critic_first_updates = learner.critic_first_updates
+    if learner.critic_learning_rate_factor != 1.0:
+        model.critic_apart(learner.critic_learning_rate_factor)
+    return model

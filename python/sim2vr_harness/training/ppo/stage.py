@@ -7,18 +7,17 @@ from typing import Any
 
 import torch
 from gymnasium import spaces
-from stable_baselines3.common.logger import Logger
 from torch import nn
 
 from sim2vr_harness.base.finite import NotFinite
 from sim2vr_harness.envs.protocols import SimulationLike
-from sim2vr_harness.runs.config import CheckpointConfig
-from sim2vr_harness.runs.ppo_config import PPOConfig
+from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.training.ppo import checkpoint, ppo
 from sim2vr_harness.training.ppo.rollout_buffer import buffer_bytes
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
 from sim2vr_harness.training.run.callbacks import CheckpointCallback, ProgressCallback
+from sim2vr_harness.training.run.loggers import make_logger
 from sim2vr_harness.training.run.progress import TrainingProgress
 from sim2vr_harness.training.run.stage import Callbacks
 
@@ -28,42 +27,33 @@ NOT_EXACT = "--resume starts new rounds, since this app cannot save its state."
 class PPOStage:
     """See :class:`~sim2vr_harness.training.run.stage.Stage`.
 
+    Its checkpoints are the trained users; it works in the run's own folder.
+
     Args:
-        name: of the stage.
-        title: one sentence for people.
+        config: of the run.
         folder: of the run.
-        config: of the learner.
+        title: one sentence for people.
         make_simulation: makes the users.
-        build: makes the learner that plays with them.
-        make_logger: makes the logger of a session that begins at this step.
         begin: puts the weights to begin with into the policy, when the stage begins.
         stop: user steps after which the stage ends, rounded up to whole iterations.
-        checkpoints: how often, and how many are kept.
     """
 
-    unit = "user steps"
+    name, unit = "ppo", "user steps"
 
     def __init__(
         self,
-        name: str,
-        title: str,
+        config: TrainingConfig,
         folder: RunFolder,
-        config: PPOConfig,
-        make_simulation: Callable[[], SimulationLike],
-        build: Callable[[SimulationVecEnv], ppo.PPO],
-        make_logger: Callable[[int], Logger],
-        *,
-        begin: Callable[[nn.Module], object] = lambda policy: None,
+        title: str,
+        make_simulation: Callable[[TrainingConfig], SimulationLike],
+        begin: Callable[[nn.Module], object],
         stop: int,
-        checkpoints: CheckpointConfig,
     ) -> None:
-        self.name, self.title, self.folder, self.config = name, title, folder, config
-        size = config.steps_per_iteration
+        self.config, self.folder, self.title = config, folder, title
+        size = config.ppo.steps_per_iteration
         self.stop = -(-stop // size) * size
         self.total = float(self.stop)
-        self._make_simulation, self._build = make_simulation, build
-        self._make_logger, self._begin = make_logger, begin
-        self._checkpoint_config = checkpoints
+        self._make_simulation, self._begin = make_simulation, begin
         self._env: SimulationVecEnv | None = None
         self._model: ppo.PPO | None = None
         self._checkpoints: CheckpointCallback | None = None
@@ -87,8 +77,8 @@ class PPOStage:
 
     def open(self) -> None:
         """See the protocol."""
-        self._env = SimulationVecEnv(self._make_simulation())
-        self._model = self._build(self._env)
+        self._env = SimulationVecEnv(self._make_simulation(self.config))
+        self._model = ppo.build(self.config, self._env)
 
     def run(self, callbacks: Callbacks) -> None:
         """See the protocol."""
@@ -96,18 +86,18 @@ class PPOStage:
         assert model is not None
         assert env is not None
         start = self._restore(model)
-        logger = self._make_logger(start)
+        logger = make_logger(self.config, self.folder, start)
         model.set_logger(logger)
-        size = self.config.steps_per_iteration
+        learner, kept = self.config.ppo, self.config.checkpoint
+        size = learner.steps_per_iteration
         progress = TrainingProgress(
             step=start,
             start_step=start,
             stop_step=self.stop,
             iteration_steps=size,
-            minibatches=size // self.config.batch_size * self.config.n_epochs,
+            minibatches=size // learner.batch_size * learner.n_epochs,
             game=env.facts,
         )
-        kept = self._checkpoint_config
         self._checkpoints = CheckpointCallback(
             self.folder, kept.every_steps, kept.keep, lambda file, step: _note(progress, file)
         )
@@ -120,7 +110,6 @@ class PPOStage:
                 reset_num_timesteps=start == 0,
             )
             self._checkpoints.remember()
-            self._finish(model, callbacks)
         except NotFinite:
             raise
         except Exception:
@@ -133,9 +122,6 @@ class PPOStage:
             logger.close()
             if tracker.failures:
                 callbacks.note(app_failures=tracker.failures)
-
-    def _finish(self, model: ppo.PPO, callbacks: Callbacks) -> None:
-        """Judge what was learned, once the stage has reached its end."""
 
     def _restore(self, model: ppo.PPO) -> int:
         if self.begun:
@@ -169,7 +155,7 @@ class PPOStage:
         assert env is not None
         space = model.rollout_buffer.observation_space
         assert isinstance(space, spaces.Dict)
-        steps = self.config.steps_per_iteration
+        steps = self.config.ppo.steps_per_iteration
         memory = buffer_bytes(space, steps) / 2**20
         exact = getattr(env.simulation, "exact_states", True)
         renderer = getattr(env.simulation, "renderer_description", None)

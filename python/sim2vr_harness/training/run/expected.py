@@ -28,7 +28,6 @@ _UPDATE_S, _UPDATE_GPU_S = 0.25, 0.06
 """An update of imagined rollouts with 256 users and windows of 16 user steps."""
 _CORES_OF_UPDATES = 1.4
 """Cores that imagined rollouts can use: half of their time is starting operations."""
-_COLLECTING_USERS = 128
 
 
 def slowness() -> float:
@@ -68,15 +67,13 @@ def expected_seconds(stage: str, config: TrainingConfig, cores: float, slow: flo
         imagined = config.teacher.imagined
         later = imagined.cycles - 1
         users = (imagined.users / 256) * (imagined.window_steps / 16)
-        steps = (imagined.first_play_steps + later * imagined.play_steps) * _COLLECTING_USERS
+        steps = (imagined.first_play_steps + later * imagined.play_steps) * imagined.n_envs
         fits = imagined.first_fit_minibatches + later * imagined.fit_minibatches
         updates = imagined.cycles * imagined.updates
         few = min(cores, _CORES_OF_UPDATES)
         fit_s = _FIT_GPU_S if gpu else _FIT_S * slow / few
         update_s = _UPDATE_GPU_S if gpu else _UPDATE_S * users * slow / few
         return steps * _USER_STEP_S * slow / cores + fits * fit_s + updates * update_s
-    if stage == "teacher":
-        return config.teacher.total_timesteps * 2.0 * _USER_STEP_S * slow / cores
     if stage == "student":
         student = config.student
         return student.frames * (seen_s + student.samples_per_frame * sample_s)

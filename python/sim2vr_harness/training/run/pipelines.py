@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import cast
 
-from torch import Tensor, nn
+from torch import nn
 
 from sim2vr_harness.envs.protocols import SimulationLike
 from sim2vr_harness.envs.simulation import Simulation
@@ -18,12 +18,9 @@ from sim2vr_harness.training.dagger.stage import StudentStage
 from sim2vr_harness.training.model_based.stage import ImaginedStage
 from sim2vr_harness.training.motor_control.stage import MotorStage, needs_motor_policy
 from sim2vr_harness.training.option_q_learning.stage import QLearningStage
-from sim2vr_harness.training.ppo import ppo
 from sim2vr_harness.training.ppo.fine_tune import user_to_adapt
 from sim2vr_harness.training.ppo.stage import PPOStage
-from sim2vr_harness.training.run.loggers import make_logger
 from sim2vr_harness.training.run.stage import Stage
-from sim2vr_harness.training.teacher.stage import TeacherStage
 
 MakeSimulation = Callable[[TrainingConfig], SimulationLike]
 """Makes the users to train with: ``config.ppo.n_envs`` of them."""
@@ -52,24 +49,7 @@ class Run:
 def _from_pixels(
     run: Run, title: str, begin: Callable[[nn.Module], object] = lambda policy: None
 ) -> PPOStage:
-    """The stage whose checkpoints are the trained users; it works in the run's own folder."""
-    config = run.config
-    return PPOStage(
-        "ppo",
-        title,
-        run.folder,
-        config.ppo,
-        lambda: run.make_simulation(config),
-        lambda env: ppo.build(config, env),
-        lambda start: make_logger(config, run.folder, start),
-        begin=begin,
-        stop=run.stop,
-        checkpoints=config.checkpoint,
-    )
-
-
-def _with(weights: Callable[[], Mapping[str, Tensor]]) -> Callable[[nn.Module], object]:
-    return lambda policy: policy.load_state_dict(weights())
+    return PPOStage(run.config, run.folder, title, run.make_simulation, begin, run.stop)
 
 
 def _ppo(run: Run) -> list[Stage]:
@@ -82,19 +62,18 @@ def _distill(run: Run) -> list[Stage]:
     The result is a policy that is best for its own senses and its own effort.
     """
     config, path = run.config, run.folder.path
-    imagined = ImaginedStage(config, path / ImaginedStage.name)
-    trained = config.teacher.imagined.cycles > 0
-    begin = _with(imagined.weights) if trained else lambda policy: None
-    teacher = TeacherStage(config, path / "teacher", begin)
+    teacher = ImaginedStage(config, path / ImaginedStage.name)
 
     def guide(simulation: Simulation) -> Expert:
-        return TeacherExpert(teacher.folder.latest_checkpoint(), config.teacher, simulation)
+        return TeacherExpert(teacher.folder / teacher.result, config.teacher, simulation)
 
     student = StudentStage(config, path / StudentStage.name, guide)
+
+    def begin(policy: nn.Module) -> None:
+        policy.load_state_dict(student.weights())
+
     title = "the student goes on by itself: PPO from what the user senses."
-    last = _from_pixels(run, title, begin=_with(student.weights))
-    stages: list[Stage] = [teacher, student, last]
-    return [imagined, *stages] if trained else stages
+    return [teacher, student, _from_pixels(run, title, begin)]
 
 
 def _skills(run: Run) -> list[Stage]:

@@ -87,15 +87,14 @@ def blind_env(env: EnvConfig) -> EnvConfig:
 class TeacherSimulation:
     """N users as a teacher's vector environment wants them (``SimulationLike``).
 
-    Rules and rewards are the true ones, the latter times ``reward_scale``; ``infos`` hold the
-    task's own. Which targets come up and where rounds start is the curriculum's. Episodes are cut
-    after a while (truncated), the first ones at different times.
+    Rules and rewards are the true ones. Which targets come up and where rounds start is the
+    curriculum's. Episodes are cut after a while (truncated), the first ones at different times.
 
     Args:
         env: the true environment; pictures are switched off here.
         config: of the teacher.
         seed: of conditions, starts and episodes' lengths.
-        n: number of users; None takes ``config.ppo.n_envs``.
+        n: number of users; None takes ``config.imagined.n_envs``.
 
     Raises:
         InputError: the game has no differentiable model.
@@ -105,7 +104,7 @@ class TeacherSimulation:
         self, env: EnvConfig, config: TeacherConfig, seed: int, *, n: int | None = None
     ) -> None:
         self.config, self.teacher = env, config
-        self.n = n or config.ppo.n_envs
+        self.n = n or config.imagined.n_envs
         self.step_count = 0
         """User steps of all users so far."""
         self.game = game_of(env)
@@ -217,8 +216,7 @@ class TeacherSimulation:
         truncated = result.truncated | (~result.terminated & (self._length >= self._limit))
         for i in map(int, np.flatnonzero(truncated | result.terminated)):
             self._remember_failures(i, result.logs[i])
-        reward = result.reward * self.teacher.reward_scale
-        return dataclasses.replace(result, reward=reward, truncated=truncated)
+        return dataclasses.replace(result, truncated=truncated)
 
     def _remember_failures(self, i: int, log: Any) -> None:
         rates = self.fail_rates[self._condition[i]]

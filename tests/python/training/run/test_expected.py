@@ -11,7 +11,7 @@ from sim2vr_harness.base import cores
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.training.run import expected
 
-NAMES = ("imagined", "teacher", "student", "ppo")
+NAMES = ("imagined", "student", "ppo")
 STAGES: list[Any] = [SimpleNamespace(name=name) for name in NAMES]
 
 
@@ -31,7 +31,6 @@ def test_devices_are_those_that_the_stages_ask_for(monkeypatch: pytest.MonkeyPat
     whacamole = load_config("whacamole_constrained_distill", [])
     assert [expected.device_of(name, whacamole) for name in NAMES] == [
         "cuda",
-        "cpu",
         "cuda",
         "cuda",
     ]
@@ -39,7 +38,6 @@ def test_devices_are_those_that_the_stages_ask_for(monkeypatch: pytest.MonkeyPat
     assert expected.device_of("imagined", pointing) == "cpu"  # its game model reads values
     lines = expected.plan_lines(STAGES, whacamole)
     assert "imagined on the GPU, about" in lines[-2]
-    assert "teacher on the processor, about" in lines[-2]
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,6 @@ pytest.importorskip("sim2vr_harness._app_runtime")
 # When a stage is stopped, in calls of its callbacks, and what it has saved then.
 CUTS = {
     "imagined": (70, "cycle 1 of 2"),
-    "teacher": (16, "step 32 of 64"),
     "student": (50, "64 of 96 frames"),
     "ppo": (16, "step 20 of 40"),
 }
@@ -57,7 +56,6 @@ def cut(folder: Path, stage: str, how: int | None, monkeypatch: pytest.MonkeyPat
     ("stage", "how"),
     [
         ("imagined", signal.SIGTERM),
-        ("teacher", signal.SIGINT),
         ("student", signal.SIGTERM),
         ("student", None),
         ("ppo", signal.SIGINT),
@@ -100,7 +98,7 @@ def test_the_command_says_what_is_saved_and_how_to_go_on(
         check(self)
 
     run, settings = tmp_path / "run", [part for s in SETTINGS for part in ("--set", s)]
-    with monkeypatch.context() as patch, short_cycles(n_steps=8):
+    with monkeypatch.context() as patch, short_cycles():
         patch.setattr(Callbacks, "check", counting)
         with pytest.raises(SystemExit) as ended:
             main(["train", "whacamole_constrained", *settings, "--out", str(run)])

@@ -16,7 +16,7 @@ from short_cycles import short_cycles
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.envs.privileged import OBSERVATION, Lag, PrivilegedSenses
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.policies.state_actor_critic import new_teacher
+from sim2vr_harness.policies.teacher import new_teacher
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.training.model_based.game_task import GameTrainer, game_trainer
@@ -37,8 +37,7 @@ WHO_REMEMBERS = (
     {"sense": "actions", "stack_s": 0.1},
 )
 SMALL = (
-    *("ppo.n_envs=6", "ppo.batch_size=20"),
-    *("curriculum.near_starts=0", "total_timesteps=60"),
+    *("imagined.n_envs=6", "curriculum.near_starts=0"),
     *("imagined.cycles=2", "imagined.first_play_steps=30", "imagined.users=8"),
     *("imagined.body_width=16", "imagined.critic_width=16", "imagined.near_starts=0"),
 )
@@ -69,9 +68,7 @@ def teachers(n: int = 3, *overrides: str, **user: object) -> TeacherSimulation:
 
 def rollouts(*overrides: str, **user: object) -> GameTrainer:
     simulation = teachers(6, *overrides, **user)
-    policy = new_teacher(
-        simulation.observation_space, simulation.action_space, simulation.teacher.policy, seed=1
-    )
+    policy = new_teacher(simulation.observation_space, simulation.action_space, seed=1)
     return game_trainer(simulation.teacher.imagined, policy, simulation, seed=4)
 
 

@@ -1,9 +1,7 @@
-"""The teacher: what it senses, its curriculum, its stage of PPO, and how it is judged."""
+"""The teacher: what it senses, its curriculum, and how it acts."""
 
 from __future__ import annotations
 
-import io
-import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,32 +10,27 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 import torch
-from rich.console import Console
-from short_cycles import short_cycles
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.envs.privileged import OBSERVATION
-from sim2vr_harness.policies.state_actor_critic import load_teacher, new_teacher
-from sim2vr_harness.runs.config import TrainingConfig, apply_overrides
-from sim2vr_harness.runs.run_folder import RunFolder, read_rows
-from sim2vr_harness.runs.teacher_config import TeacherConfig, TeacherPolicyConfig
-from sim2vr_harness.training.run.stage import run_stages
+from sim2vr_harness.policies.teacher import load_teacher, new_teacher
+from sim2vr_harness.runs.checkpoint import write_tensors
+from sim2vr_harness.runs.config import apply_overrides, load_config
+from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher import env as teacher_env
 from sim2vr_harness.training.teacher.env import TeacherSimulation, blind_env
-from sim2vr_harness.training.teacher.evaluation import _score, describe, evaluate_teacher
 from sim2vr_harness.training.teacher.initial_states import InitialStates
-from sim2vr_harness.training.teacher.stage import TeacherStage
 
 pytest.importorskip("sim2vr_harness._app_runtime")
 
 ENV = EnvConfig(app=AppConfig(options={"condition": "random"}), cores=1)
-SMALL = (*("ppo.n_envs=4", "ppo.batch_size=20", "total_timesteps=160"),)
+SMALL = ("imagined.n_envs=4",)
 
 
 @pytest.fixture(autouse=True, scope="module")
 def short_teacher() -> Iterator[None]:
-    with short_cycles(n_epochs=2), patch.multiple(teacher_env, _STARTS_PER_CELL=1, _EPISODE_S=0.4):
+    with patch.multiple(teacher_env, _STARTS_PER_CELL=1, _EPISODE_S=0.4):
         yield
 
 
@@ -179,125 +172,63 @@ def test_the_true_rules_of_a_condition_are_known() -> None:
     users.close()
 
 
-def test_the_normaliser_knows_mean_and_variance_of_all_batches() -> None:
+def test_numbers_are_normalised_and_cut() -> None:
     users = simulation()
-    policy = new_teacher(users.observation_space, users.action_space, TeacherPolicyConfig(), seed=1)
+    policy = new_teacher(users.observation_space, users.action_space, seed=1)
     users.close()
-    rng = np.random.default_rng(1)
-    size = policy.normaliser.features_dim
-    parts = [rng.normal(3.0, 2.0, (n, size)).astype(np.float32) for n in (5, 100, 37)]
-    for part in parts:
-        policy.normaliser.update(torch.from_numpy(part))
-    whole = np.concatenate(parts).astype(np.float64)
-    np.testing.assert_allclose(policy.normaliser.mean, whole.mean(0), rtol=1e-6)
-    np.testing.assert_allclose(policy.normaliser.variance, whole.var(0), rtol=1e-6)
-    far = policy.normaliser({OBSERVATION: torch.full((1, size), 1e6)})
-    assert (far == 8.0).all()
+    policy.normaliser.mean.fill_(3.0)
+    policy.normaliser.variance.fill_(4.0)
+    size = len(policy.normaliser.mean)
+    told = torch.tensor([3.0, 4.0, -1e6])[:, None].expand(3, size)
+    with torch.no_grad():
+        normal = policy.normaliser({OBSERVATION: told})
+    np.testing.assert_allclose(normal[:, 0], [0.0, 0.5, -8.0], atol=1e-6)
 
 
 def test_the_policy_acts_within_the_student_s_range() -> None:
     users = simulation()
-    policy = new_teacher(users.observation_space, users.action_space, TeacherPolicyConfig(), seed=1)
+    policy = new_teacher(users.observation_space, users.action_space, seed=1)
     users.reset(seeds=[1, 2, 3, 4])
     seen = users.observation()
     users.close()
     with torch.no_grad():
         policy.action_net.bias.fill_(5.0)  # a mean of 2.5
-    assert (policy.act(seen, None) == 1.0).all()
+    assert (policy.act(seen) == 1.0).all()
     with torch.no_grad():
-        policy.action_net.bias.fill_(0.0)
-    mean = policy.act(seen, None)
-    drawn = np.stack([policy.act(seen, np.random.default_rng(k)) for k in range(200)])
-    assert np.abs(drawn).max() <= 1.0
-    np.testing.assert_allclose(drawn.std(0).mean(), np.exp(-2.1), rtol=0.1)
-    np.testing.assert_allclose(drawn.mean(0), mean, atol=0.1)
-
-
-def stage(folder: Path, *overrides: str) -> TeacherStage:
-    settings = config(*overrides)
-    run = TrainingConfig(env=ENV, teacher=settings, seed=5, checkpoint={"every_steps": 40})
-    return TeacherStage(run, folder, lambda policy: None)
-
-
-def train(folder: Path, *overrides: str) -> dict[str, torch.Tensor]:
-    made = stage(folder, *overrides)
-    run_stages([made], RunFolder(folder.parent), Console(file=io.StringIO()))
-    return weights(made.folder.latest_checkpoint())
-
-
-def weights(path: Path) -> dict[str, torch.Tensor]:
-    with zipfile.ZipFile(path) as archive:
-        return torch.load(io.BytesIO(archive.read("policy.pth")), weights_only=True)
-
-
-def test_the_critic_learns_first(tmp_path: Path) -> None:
-    with short_cycles(n_epochs=2, ppo_critic_first=3):
-        train(tmp_path / "run")
-    files = RunFolder(tmp_path / "run").checkpoints()
-    assert [file.stem for file in files] == [f"step_{k:09d}" for k in (40, 80, 120, 160)]
-    first, _, third, fourth = map(weights, files)
-    moved = {key for key in first if not torch.equal(first[key], third[key])}
-    actor = {key for key in first if "policy_net" in key or key.startswith(("action_net", "log"))}
-    assert any("value_net" in key for key in moved)
-    assert not moved & actor
-    assert not torch.equal(fourth["action_net.weight"], third["action_net.weight"])
+        policy.action_net.bias.fill_(0.5)
+    assert policy.act(seen).mean() == pytest.approx(0.25, abs=0.05)
 
 
 def test_a_loaded_teacher_acts_as_it_was_saved(tmp_path: Path) -> None:
-    saved = train(tmp_path / "run", "total_timesteps=80")
     users = simulation()
-    file = RunFolder(tmp_path / "run").latest_checkpoint()
-    policy = load_teacher(file, users.observation_space, users.action_space, config().policy)
+    spaces = users.observation_space, users.action_space
+    saved, file = new_teacher(*spaces, seed=1), tmp_path / "policy.pt"
+    users.reset(seeds=[1, 2, 3, 4])
+    seen = users.observation()
     users.close()
-    assert all(torch.equal(value, saved[key]) for key, value in policy.state_dict().items())
-    assert policy.normaliser.count == 80
+    saved.normaliser.mean.fill_(0.5)
+    write_tensors(file, saved.state_dict())
+    np.testing.assert_array_equal(load_teacher(file, *spaces).act(seen), saved.act(seen))
+    weights = saved.state_dict()
+    del weights["action_net.bias"]
+    write_tensors(file, weights)
+    with pytest.raises(InputError, match=r"policy.pt.*expected the weights of imagined rollouts"):
+        load_teacher(file, *spaces)
 
 
-def test_the_score_counts_whole_rounds_by_the_true_rules() -> None:
-    quick = EnvConfig(app=AppConfig(options={"condition": "random", "round_seconds": 3.0}), cores=1)
+def test_rewards_are_the_task_s() -> None:
     users = simulation()
-    policy = new_teacher(users.observation_space, users.action_space, config().policy, seed=1)
-    users.close()
-    scores = evaluate_teacher(policy, quick, config(), rounds=2)
-    assert [score.condition for score in scores] == ["low-medium", "medium", "high-medium"]
-    for score in scores:
-        assert score.rounds == 2
-        assert len(score.cell_rates) == 9
-        assert 0.0 <= score.success_rate <= 1.0
-        assert score.effort > 0.0
-    again = evaluate_teacher(policy, quick, config(), rounds=2)
-    assert [score.game_return for score in again] == [score.game_return for score in scores]
-    assert "worst cell" in describe(scores)
-
-
-def test_what_a_score_counts_by_hand() -> None:
-    outcomes = np.zeros((2, 2, 3))
-    outcomes[0, :, 0] = [3, 1]  # first round, first cell: 3 hit, 1 missed
-    outcomes[1, :, 2] = [0, 2]
-    score = _score("medium", list(outcomes), effort=0.1, game_return=2.0)
-    assert (score.rounds, score.successes, score.success_rate) == (2, 1.5, 0.5)
-    assert score.cell_rates[0] == 0.75
-    assert np.isnan(score.cell_rates[1])
-    assert (score.cell_rates[2], score.worst_cell) == (0.0, 0.0)
-
-
-def test_the_score_of_a_stage_is_written_down(tmp_path: Path) -> None:
-    settings = ("total_timesteps=40", "conditions=[easy]")
-    text = io.StringIO()
-    with short_cycles(judged_rounds=1):
-        made = stage(tmp_path / "run", *settings)
-        run_stages([made], RunFolder(tmp_path), Console(file=text, width=200))
-    (row,) = read_rows(tmp_path / "run" / "scores.jsonl")
-    assert row["step"] == 40
-    assert row["scores"][0]["condition"] == "easy"
-    assert "Teacher: easy" in text.getvalue()
-
-
-def test_rewards_are_the_task_s_scaled() -> None:
-    users = simulation("reward_scale=0.5")
     users.reset(seeds=[1, 2, 3, 4])
     result = users.step(np.full((4, 32), 0.1, np.float32))
     task = [info["game_reward"] - info["effort_cost"] for info in result.infos]
-    np.testing.assert_allclose(result.reward, 0.5 * np.array(task), atol=1e-12)
+    np.testing.assert_allclose(result.reward, task, atol=1e-12)
     assert max(info["effort_cost"] for info in result.infos) > 0.0
     users.close()
+
+
+def test_a_teacher_without_imagined_rollouts_is_refused() -> None:
+    with pytest.raises(InputError) as refused:
+        load_config("whacamole_constrained_distill", ["teacher.imagined.cycles=0"])
+    assert str(refused.value) == (
+        "teacher.imagined.cycles: got 0, expected greater than or equal to 1"
+    )

@@ -1,4 +1,4 @@
-"""Run the shell commands of the README, the guides and the tutorials, in the order in which they stand.
+"""Run the shell commands of README, guides and tutorials, in the order in which they stand.
 
     .venv/bin/python tools/docs/run_guides.py [PAGE ...] [--folder out/guides] [--limit 60]
 
@@ -79,6 +79,7 @@ CHANGES = (
     ("page vendor game.html", "page vendor game.html --yes"),
     ("--people 500", "--people 30"),
     ("--operate 30", "--people 30 --operate 2"),
+    ("--out runs/sample", "--out runs/sample --overwrite"),  # the README made it, too
     ("--people 12 #", "--people 12 --condition medium #"),
     ("--people 12 --episodes", "--people 12 --condition medium --episodes"),
     ("--people 12", f"--people 2 {ROUND}"),

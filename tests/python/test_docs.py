@@ -16,7 +16,7 @@ from sim2vr_harness.base.paths import config_path
 from sim2vr_harness.cli.errors import _ClickException as ClickError
 from sim2vr_harness.cli.errors import _usage
 from sim2vr_harness.cli.main import app
-from sim2vr_harness.client import describe_game, list_games
+from sim2vr_harness.client import describe_game, list_games, list_options
 from sim2vr_harness.policies.store import list_cards
 from sim2vr_harness.runs.config import apply_overrides, defaults, load_config, parse_config
 
@@ -82,7 +82,11 @@ CONDITIONS = {one.name for game in list_games() for one in describe_game(game).c
 
 def _calls(page: Path) -> list[tuple[list[str], bool]]:
     """Words of every command line of a page, and whether it is a whole one, to be typed so."""
-    text = page.read_text(encoding="utf-8")
+    sections = re.split(r"^## ", page.read_text(encoding="utf-8"), flags=re.M)
+    return [call for section in sections for call in _calls_of(section)]
+
+
+def _calls_of(text: str) -> list[tuple[list[str], bool]]:
     found = []
     for block in BLOCK.findall(text):
         first = dict(re.findall(r"\bfor (\w+) in (\S+)", block))
@@ -92,11 +96,14 @@ def _calls(page: Path) -> list[tuple[list[str], bool]]:
                 call = call.replace(f"${name}", value)
             call = re.sub(r"{(\w+),[\w,]+}", r"\1", call)
             found.append((shlex.split(call, comments=True), True))
+    # Settings below one `train GAME` are meant for it.
+    trained = {words[1] for words, _ in found if words[0] == "train"}
+    game = list(trained & set(list_games())) if len(trained) == 1 else []
     for code in re.findall(r"`([^`]+)`", BLOCK.sub("", text)):
         words = " ".join(code.split()).removeprefix(".venv/bin/")
         named = words.partition(" ")[0] in COMMANDS.commands and " --" in words
         if words.startswith("--set ") and words != "--set KEY=VALUE":
-            found.append((["train", *shlex.split(words)], False))
+            found.append((["train", *game, *shlex.split(words)], False))
         elif words.startswith("sim2vr-harness ") or named:
             said = shlex.split(words.removeprefix("sim2vr-harness "))
             found.append((said, not named and any(word[0] == "-" for word in said)))
@@ -140,6 +147,13 @@ def _refused(names: list[str], rest: list[str], changes: list[str]) -> str | Non
         parse_config(apply_overrides(first.model_dump(), [below + change for change in changes]))
     except ValueError as error:
         return str(error)
+    if names == ["train"] and rest[0] in list_games():
+        known = {option.name for option in list_options(rest[0])}
+        for change in changes:
+            key = change.partition("=")[0]
+            option = key.removeprefix("env.app.options.")
+            if option != key and option not in known:
+                return f"{rest[0]} has no option {option}"
     return None
 
 
@@ -197,6 +211,10 @@ def test_the_readme_is_short() -> None:
             "skills.motor_training.cycle: got an unknown",
         ),
         ("`snapshot --game sample --out x.png`", "no command snapshot"),
+        (
+            "```sh\nsim2vr-harness train sample\n```\n`--set env.app.options.condition=hard`",
+            "sample has no option condition",
+        ),
         (
             "```sh\nfor w in x 1; do\nsim2vr-harness train sample --set ppo.n_envs=$w; done\n```",
             "'x'",

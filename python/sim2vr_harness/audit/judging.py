@@ -249,6 +249,8 @@ def _paced(
 ) -> dict[str, FloatArray]:
     """Minutes until exhaustion at a pace, (N, T) by model; NaN: not reached."""
     person, column = np.nonzero(~np.isnan(numbers[3]))
+    if not len(person):  # all targets are looked at, or beyond everyone's reach
+        return {model: np.full(numbers[0].shape, np.nan) for model in MODELS}
     raised = np.array([each.hold_s + 2.0 * REACH_S for each in targets])[column]
     factors = np.array([float(np.asarray(each.strength.factor)) for each in crowd.subjects])
     men = np.array([each.man for each in crowd.subjects], dtype=bool)

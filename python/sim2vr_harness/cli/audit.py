@@ -280,5 +280,6 @@ def _of_game(
     env = environment_of(MODEL, condition=condition, overrides=chosen)
     if "controller_left" in game_facts(env.app).needs("right"):
         env = environment_of(_TWO_HANDED, condition=condition, overrides=chosen)
+    say(f"targets of {game}{f', condition {condition}' if condition else ''} ...")
     found = found_targets(env, objects=objects, seconds=seconds, how=how)
     return [replace(each, name=f"{condition or ''} {each.name}".strip()) for each in found]

@@ -148,6 +148,15 @@ def test_still_things_of_games_are_found(game: str, condition: str | None, names
     assert len(found) == (12 if game == "panel" else 3), "a ball in each of three rounds"
 
 
+def test_targets_that_nobody_reaches_or_only_looks_at_are_judged(crowd: Crowd) -> None:
+    sign = target("sign", 0.0, 1.6, 4.0, how="look")
+    shelf = target("shelf", 0.0, 1.6, 4.0)
+    looked, beyond = (judge(crowd, [each], NONE, 10.0) for each in (sign, shelf))
+    assert looked.seen.any() and not beyond.reached.any()
+    for found in (looked, beyond):
+        assert all(np.isnan(minutes).all() for minutes in found.paced.values())
+
+
 def test_a_target_of_the_head_moves_with_it(crowd: Crowd) -> None:
     persons = np.arange(6)
     places = places_of(crowd, target("near", 0.0, -0.2, 0.4, from_head=True), persons)

@@ -96,8 +96,8 @@ def _in_outcomes(
     problems = []
     if not any(outcome.reward for outcome in outcomes):
         problems.append(
-            f"reward: got 0 in all of the {len(outcomes)} steps, expected some that are rewarded "
-            "(or a longer or better played recording)"
+            f"reward: got 0 in all of the {len(outcomes)} steps, expected some that are rewarded; "
+            "check the task's reward, or play longer or better"
         )
     known = {key for moment in moments for key in (*moment.values, *moment.log)}
     known |= {key for outcome in outcomes for key in outcome.log}

@@ -277,7 +277,7 @@ def test_the_cycle_that_played_best_is_kept(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_only_what_the_game_model_knows_may_be_observed() -> None:
-    with pytest.raises(InputError, match=r"teacher.hidden_fields.*qacc.*imagined.cycles: 0"):
+    with pytest.raises(InputError, match=r"teacher.hidden_fields.*qacc.*that also hide it"):
         new_rollouts('hidden_fields=["aid.*"]')
 
 

@@ -11,11 +11,11 @@ PLAYER    ?= whacamole_constrained
 CONDITION ?= medium
 RUN       ?= runs/$(basename $(notdir $(CONFIG)))
 ROWS      ?= build/bench/performance.jsonl
-BENCH      = $(VENV)/bin/sim2vr-harness bench --output $(ROWS)
+BENCH      = $(VENV)/bin/python tools/bench/bench.py --output $(ROWS)
 
 CPP_FILES = $(shell find app_runtime tests/cpp tests/fuzz tools -name '*.[ch]pp')
 
-.PHONY: help setup train play docs test test-all check lint types format stubs lock reference wheel bench clean distclean
+.PHONY: help setup train play docs test test-all check lint types format stubs lock reference wheel bench golden clean distclean
 
 help:  ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -76,6 +76,9 @@ bench: setup  ## Measure this machine and write the tables of docs/research/perf
 	$(BENCH) --scene render,env --transport all --n 1,8 --seconds 3
 	$(BENCH) --scene senses --seconds 3
 	$(VENV)/bin/python tools/bench/tables.py $(ROWS) docs/research/performance.md
+
+golden: setup  ## Compare what the commands do with tests/golden, to the bit (NAMES=)
+	$(VENV)/bin/python tests/golden/golden.py compare --bits $(NAMES)
 
 clean:  ## Remove build outputs
 	rm -rf build dist python/sim2vr_harness/_app_runtime*.so .pytest_cache .mypy_cache .ruff_cache

@@ -19,10 +19,14 @@ install(TARGETS sim2vr_openxr_runtime sim2vr_openxr_layer sim2vr_clock sim2vr_vi
   LIBRARY DESTINATION ${sim2vr_lib_dir})
 install(FILES app_runtime/openxr/sim2vr_openxr.json
   app_runtime/openxr/layer/sim2vr_openxr_layer.json DESTINATION ${sim2vr_lib_dir})
+# All that is installed, which is what `make setup` builds.
+add_custom_target(sim2vr_installed DEPENDS
+  sim2vr-app sim2vr_openxr_runtime sim2vr_openxr_layer sim2vr_clock sim2vr_vidmode)
 install(DIRECTORY shaders configs DESTINATION ${sim2vr_share_dir})
 install(FILES packages.txt THIRD_PARTY_LICENSES.md DESTINATION ${sim2vr_share_dir})
 
 if(TARGET _app_runtime)
+  add_dependencies(sim2vr_installed _app_runtime)
   if(SIM2VR_INPLACE)
     set_target_properties(_app_runtime PROPERTIES
       LIBRARY_OUTPUT_DIRECTORY "${PROJECT_SOURCE_DIR}/python/sim2vr_harness")

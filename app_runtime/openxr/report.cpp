@@ -71,8 +71,14 @@ void report(const std::string& line) {
 
 XrResult failed(const char* call, XrResult result, std::string_view cause) {
   const char* name = resultName(result);
-  report(fmt::format("sim2vr OpenXR: {}: {}: {}", call, name == nullptr ? "?" : name, cause));
-  if (!forked) tellMessengers(call, std::string(cause));
+  if (name == nullptr) name = "?";
+  try {
+    report(fmt::format("sim2vr OpenXR: {}: {}: {}", call, name, cause));
+    if (!forked) tellMessengers(call, std::string(cause));
+  } catch (const std::exception&) {
+    std::fprintf(stderr, "sim2vr OpenXR: %s: %s: %.*s\n", call, name,
+                 static_cast<int>(cause.size()), cause.data());
+  }
   return result;
 }
 

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <memory>
 #include <mutex>
+#include <new>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -67,7 +68,8 @@ World& world();
 
 const char* resultName(XrResult result);
 /// Writes "sim2vr OpenXR: CALL: RESULT: cause" to standard error, each line once, and hands it to
-/// the program's debug messengers. Not under the lock.
+/// the program's debug messengers. Not under the lock. Throws nothing: without memory the line is
+/// written as it is, and messengers hear nothing.
 XrResult failed(const char* call, XrResult result, std::string_view cause);
 /// One line to standard error, each once.
 void report(const std::string& line);
@@ -79,21 +81,17 @@ void watchForks(int socket);
 
 template <class Work>
 XrResult guarded(const char* call, Work&& work) {
-  XrResult result = XR_ERROR_RUNTIME_FAILURE;
-  std::string cause;
+  // Where no memory is left, the way out must not need any.
   try {
     Lock lock = enter();
     return work(lock);
   } catch (const Failure& failure) {
-    result = failure.result();
-    cause = failure.what();
+    return failed(call, failure.result(), failure.what());
   } catch (const std::bad_alloc&) {
-    result = XR_ERROR_OUT_OF_MEMORY;
-    cause = "no memory is left";
+    return failed(call, XR_ERROR_OUT_OF_MEMORY, "no memory is left");
   } catch (const std::exception& error) {
-    cause = error.what();
+    return failed(call, XR_ERROR_RUNTIME_FAILURE, error.what());
   }
-  return failed(call, result, cause);
 }
 
 template <class Handle>

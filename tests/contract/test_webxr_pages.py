@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,17 @@ from sim2vr_harness.client import (
     frame_time_ns,
     input_named,
 )
-from webxr_pages import HEAD, NEEDS_BROWSER, NEEDS_ENGINES, PAGES, hands, open_page
+from webxr_pages import (
+    CDN,
+    ENGINES,
+    HEAD,
+    NEEDS_BROWSER,
+    NEEDS_ENGINES,
+    PAGES,
+    ROOT,
+    hands,
+    open_page,
+)
 
 pytestmark = NEEDS_BROWSER
 STEPS = 12
@@ -147,6 +158,26 @@ def test_engines_show_boxes(page: str, name: str, place: Any, size: Any) -> None
         assert box.scale == pytest.approx(size, abs=1e-3)
 
 
+@NEEDS_ENGINES
+def test_a_bundled_engine_is_known(tmp_path: Path) -> None:
+    """Babylon.js as a bundle has it: no global, as its module is the script's own."""
+    page = (ROOT / "docs" / "examples" / "webxr" / "balls" / "index.html").read_text()
+    engine = '<script src="https://cdn.jsdelivr.net/npm/babylonjs@9.34.0/babylon.js"></script>'
+    assert engine in page
+    before = "<script>var exports = {}, module = { exports };</script>"
+    after = "<script>delete window.BABYLON; const BABYLON = exports;</script>"
+    bundled = page.replace(engine, before + engine + after)
+    (tmp_path / "index.html").write_text(bundled)
+    values = {"global": "+('BABYLON' in window)"}
+    with open_page(tmp_path, map={CDN: str(ENGINES)}, values=values) as app:
+        assert app.reset(7, DevicePoses(HEAD)).values == {"global": 0.0}
+        assert app.locate("wall") == pytest.approx((0.0, 1.2, 2.0), abs=1e-6)
+        (wall, *_) = app.scene().named("wall")
+        assert wall.scale == pytest.approx((3.0, 2.0, 0.1), abs=1e-3)
+        assert {"ball", "wall"} <= {thing.name for thing in app.things()}
+        assert app.report().engines == ("Babylon.js 9.34.0",)
+
+
 def test_time_is_the_harness_s(touch: WebXRApp) -> None:
     first = touch.reset(7, hands(0)).values
     later = [touch.step(frame_time_ns(step, 20), hands(0)).values for step in range(1, 21)]
@@ -216,7 +247,7 @@ def test_two_eyes_see_from_two_places() -> None:
 
 def test_controllers_that_come_and_go(touch: WebXRApp) -> None:
     touch.reset(7, hands(0))
-    names = "__sim2vr.session.inputSources.map((one) => one.handedness).join()"
+    names = "[...__sim2vr.session.inputSources].map((one) => one.handedness).join()"
     assert touch._page._evaluate(names) == "left,right"
     touch.step(frame_time_ns(1, 20), DevicePoses(HEAD, hands(1).right_controller))
     assert touch._page._evaluate(names) == "right"

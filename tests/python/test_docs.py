@@ -15,9 +15,8 @@ import typer.main
 from sim2vr_harness.base.paths import config_path
 from sim2vr_harness.cli.errors import _ClickException as ClickError
 from sim2vr_harness.cli.errors import _usage
-from sim2vr_harness.cli.level import _read_option
 from sim2vr_harness.cli.main import app
-from sim2vr_harness.client import InProcessBatch, describe_game, list_games
+from sim2vr_harness.client import describe_game, list_games
 from sim2vr_harness.policies.store import list_cards
 from sim2vr_harness.runs.config import apply_overrides, defaults, load_config, parse_config
 
@@ -134,10 +133,6 @@ def _problem(words: list[str], whole: bool) -> str | None:
 def _refused(names: list[str], rest: list[str], changes: list[str]) -> str | None:
     """What is wrong with the values of ``--set``."""
     try:
-        if names == ["plot", "level"]:
-            options = {"level": "generated"} | dict(map(_read_option, changes))
-            InProcessBatch(1, "beats", options, renderer="null", width=8, height=8)
-            return None
         below = "skills.motor_training." if names[:2] == ["users", "motor"] else ""
         first = defaults()
         with suppress(FileNotFoundError):  # of the reader's own
@@ -198,14 +193,16 @@ def test_the_readme_is_short() -> None:
         ("```\nsim2vr-harness users show\n```", "got nothing"),
         ("`sim2vr-harness users lst`", "no command users lst"),
         ("`--set ppo.n_env=4`", "ppo.n_env: got an unknown key"),
-        ("`bench --set ppo.n_envs=four`", "ppo.n_envs: got 'four'"),
+        ("`train sample --set ppo.n_envs=four`", "ppo.n_envs: got 'four'"),
         (
             "`users motor train B --out F.pt --set cycle=3`",
             "skills.motor_training.cycle: got an unknown",
         ),
-        ("`plot level generated --set boxes=3`", "boxes"),
-        ("`level generated --out x.png`", "the old name of plot level"),
-        ("```sh\nfor w in x 1; do\nsim2vr-harness bench --set ppo.n_envs=$w; done\n```", "'x'"),
+        ("`snapshot --game sample --out x.png`", "the old name of render snapshot"),
+        (
+            "```sh\nfor w in x 1; do\nsim2vr-harness train sample --set ppo.n_envs=$w; done\n```",
+            "'x'",
+        ),
     ],
 )
 def test_problems_of_commands_are_found(code: str, message: str, tmp_path: Path) -> None:
@@ -220,8 +217,8 @@ def test_commands_without_problems(tmp_path: Path) -> None:
     page.write_text(
         "`sim2vr-harness users list`, `--set env.app.transport_options.enter='#go' --set "
         "env.app.transport=webxr --set env.app.page=PAGE`\n"
-        "```sh\nsim2vr-harness plot level generated --seed 7 --set boxes_per_second=1.5 "
-        "--out x.png\n```"
+        "```sh\nsim2vr-harness train sample --seed 7 --set env.app.options.round_seconds=5 "
+        "--out x\n```"
     )
     assert len(_calls(page)) == 3
     assert _problems(page) == []

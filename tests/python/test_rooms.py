@@ -35,7 +35,6 @@ BELOW: dict[str, tuple[str, ...]] = {
     "studies": _TOP,
     "tools": _TOP,
     "audit": (*_TOP, "tools"),
-    "bench": (*_POLICIES, "training"),
 }
 """What each room may import beside itself; ``cli`` may import all, and nothing imports it."""
 
@@ -45,9 +44,8 @@ ALONE = {
     "ray": {"studies"},
     "plotly": {"figures", "studies", "tools"},
     "viser": {"tools"},
-    "rerun": {"tools"},
 }
-"""Packages that only these rooms import (``bench`` asks training for what it needs of them)."""
+"""Packages that only these rooms import."""
 
 
 def imports(file: Path) -> Iterator[tuple[int, str]]:

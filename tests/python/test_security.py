@@ -115,7 +115,6 @@ def run_folder(case: Case) -> None:
     case.refused("render", "film", run, "--out", case.folder / "out.mp4")
     case.refused("users", "pack", run, "name", *out)
     case.refused("reach", run, *out)
-    case.refused("rewards", run)
     case.refused("track", "nowhere", "--user", run, *out)
     case.refused("study", case.study(user=str(run)), *out)
     case.asked(lambda: UserPolicy(run))
@@ -139,7 +138,6 @@ def training_configuration(case: Case) -> None:
     shutil.copy(case.trained / "config.yaml", file)
     case.change(file, app={"transport": "protocol1", "executable": str(case.program())})
     case.refused("train", file, "--out", case.folder / "out")
-    case.refused("bench", file)
     study = yaml.safe_load(case.study().read_text())
     study["fixed"] = {"config": str(file)}
     case.asked(lambda: run_study(study, case.folder / "out"))
@@ -327,6 +325,8 @@ def sent_session(case: Case) -> None:
     header["app"] = {"kind": "page", "name": name, "options": {name: name}}
     frame = b'{"t":0,"head":[0,1.5,0,0,0,0,1]}\n'
     (case.folder / "page.html").write_text("<p>")
+    sent = case.folder / "sent"
+    sent.mkdir()
     before = set(case.folder.rglob("*"))
     for content, taken in (
         (evil, False),
@@ -334,7 +334,7 @@ def sent_session(case: Case) -> None:
         (json.dumps(header | {"__class__": name}).encode() + b"\n" + frame, False),
         (json.dumps(header).encode() + b"\n" + frame, True),
     ):
-        server = RecordingServer(case.folder / "page.html", 1)
+        server = RecordingServer(case.folder / "page.html", 1, sent / f"{case.reads}.jsonl")
         address = f"http://127.0.0.1:{server.port}/{server.gate.token}/__sim2vr/part"
         with closing(server), server.running():
             request = urllib.request.Request(
@@ -351,7 +351,8 @@ def sent_session(case: Case) -> None:
                     server.session()
         assert not case.marker.exists()
         case.reads += 1
-    assert set(case.folder.rglob("*")) == before
+    shutil.rmtree(sent)
+    assert set(case.folder.rglob("*")) == before - {sent}
 
 
 def beats_map(case: Case) -> None:

@@ -202,8 +202,6 @@ class Targets:
     def _arguments(self, content: bytes) -> None:
         words = [word.replace("PLACE", str(self._place)) for word in _text(content).split("\x1f")]
         words = [word.replace("\x00", "") for word in words]
-        if words[:1] == ["bench"]:
-            words += ["--n", "0"]  # without a configuration it would measure for a minute
         out, err = io.StringIO(), io.StringIO()
         silent = contextlib.redirect_stdout(out), contextlib.redirect_stderr(err)
         with silent[0], silent[1], contextlib.chdir(self._place):
@@ -258,7 +256,6 @@ def _commands() -> list[bytes]:
         "replay PLACE/none --fixed-step 0.002 --size 640x480 --fps 30",
         "plot curves PLACE/none --out PLACE/curves.png",
         "render snapshot --game none --size 8x8 --seconds 1 --seed 1 --out PLACE/out",
-        "bench PLACE/none --n 0 --scene none --threads 0",
         "users show nobody",
         "users pack PLACE/none name --out PLACE/out --details PLACE/none.json",
         "users export nobody PLACE/body.xml --stature-m 1.8 --segment upper_arm=0.3",

@@ -1,4 +1,4 @@
-"""Prints two runs of ``sim2vr-harness bench`` side by side.
+"""Prints two runs of ``tools/bench/bench.py`` side by side.
 
 Rows of the same scene, transport, number of users and of threads are put next to each other; where
 a file holds several runs, the last row of each kind counts. The ratio is B / A, so that above 1 is
@@ -81,14 +81,14 @@ def read_rows(path: Path) -> dict[Key, Row]:
             key = tuple(row[name] for name in KEY)
             row["rate_per_s"], row["state_hash"]
         except (ValueError, TypeError, KeyError) as error:
-            expected = "a JSON row of sim2vr-harness bench"
+            expected = "a JSON row of tools/bench/bench.py"
             raise BadFile(
                 f"{path}, line {number}: got {line[:40]!r}, expected {expected}"
             ) from error
         rows.pop(key, None)
         rows[key] = row
     if not rows:
-        raise BadFile(f"{path}: got no rows, expected those of sim2vr-harness bench --output")
+        raise BadFile(f"{path}: got no rows, expected those of tools/bench/bench.py --output")
     return rows
 
 
@@ -175,7 +175,7 @@ def _print(found: Sequence[Pair], before: Mapping[Key, Row], after: Mapping[Key,
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the program; returns its exit status."""
-    parser = argparse.ArgumentParser(description="Compare two runs of sim2vr-harness bench.")
+    parser = argparse.ArgumentParser(description="Compare two runs of tools/bench/bench.py.")
     parser.add_argument("a", type=Path, metavar="A.jsonl", help="the run before")
     parser.add_argument("b", type=Path, metavar="B.jsonl", help="the run after")
     parser.add_argument(

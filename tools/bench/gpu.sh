@@ -48,9 +48,9 @@ part() {
 part 60 doctor "$PYTHON" "${cli[@]}" doctor
 part 90 tests "$PYTHON" -m pytest -p no:cacheprovider -m gpu tests/python/training
 part 60 bits "$PYTHON" -m pytest -p no:cacheprovider tests/python/envs/test_simulation.py
-part 100 bench "$PYTHON" "${cli[@]}" bench --scene physics,env --n 64 --threads "$threads" \
+part 100 bench "$PYTHON" tools/bench/bench.py --scene physics,env --n 64 --threads "$threads" \
   --seconds 2 --output "$folder/bench.jsonl"
-part 60 render "$PYTHON" "${cli[@]}" bench --scene render --n 64 --threads "$cores" --seconds 2
+part 60 render "$PYTHON" tools/bench/bench.py --scene render --n 64 --threads "$cores" --seconds 2
 part 60 overlap "$PYTHON" tools/bench/overlap.py --threads "$cores" --seconds 2
 part 480 recipe tools/bench/recipe.sh "$config" "$run"
 part 300 suite "$PYTHON" -m pytest -p no:cacheprovider -n "$cores" tests/python/training tests/python/policies

@@ -13,9 +13,9 @@ from contextlib import ExitStack
 
 import numpy as np
 
-from sim2vr_harness.bench.scene import BenchScene, Spec
-from sim2vr_harness.bench.scenes import EnvScene, PhysicsScene
-from sim2vr_harness.bench.turns import in_turns, paired_ratio
+from measure.scene import BenchScene, Spec
+from measure.scenes import EnvScene, PhysicsScene
+from measure.turns import in_turns, paired_ratio
 from sim2vr_harness.runs.config import defaults
 
 SHARES = {

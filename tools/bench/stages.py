@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 
-from sim2vr_harness.bench.profile import stage_lines
+from measure.profile import stage_lines
 from sim2vr_harness.runs.run_folder import RunFolder
 
 

@@ -1,4 +1,4 @@
-"""Writes the tables of docs/research/performance.md from rows of ``sim2vr-harness bench``.
+"""Writes the tables of docs/research/performance.md from rows of ``tools/bench/bench.py``.
 
 A table stands between the comments ``<!-- table NAME -->`` and ``<!-- end -->`` and is replaced as
 a whole; one whose scenes no run has measured stays as it is. Where the file holds several runs, the
@@ -170,7 +170,7 @@ def read_runs(path: Path) -> list[Run]:
     for line in path.read_text(encoding="utf-8").splitlines():
         row = json.loads(line)
         if not isinstance(row, dict) or "run" not in row or "scene" not in row:
-            raise ValueError(f"{path}: got {line[:40]!r}, expected rows of sim2vr-harness bench")
+            raise ValueError(f"{path}: got {line[:40]!r}, expected rows of tools/bench/bench.py")
         runs.setdefault(row["run"], []).append(row)
     return list(runs.values())
 

@@ -156,9 +156,9 @@ if [[ -n $configured_for && $configured_for != "$root" ]]; then rm -rf build/rel
 logged "$log_dir/cmake.log" cmake --preset release -DPython_EXECUTABLE="$root/$py" -DSIM2VR_BUILD_BINDINGS=ON \
   || fail "C++ configure" "read build/log/cmake.log; after mending: make setup (or make clean setup)" "$log_dir/cmake.log"
 [[ -x build/release/app_runtime/sim2vr-app ]] || say "C++ build: compiling with $jobs jobs (some minutes the first time)"
-logged "$log_dir/build.log" cmake --build --preset release --parallel "$jobs" --target sim2vr-app _app_runtime \
+logged "$log_dir/build.log" cmake --build --preset release --parallel "$jobs" --target sim2vr_installed \
   || fail "C++ build" "mend the errors above (a compiler killed for lack of memory: SIM2VR_JOBS=1), then: make setup" "$log_dir/build.log"
-say "C++ build: build/release/app_runtime/sim2vr-app is up to date"
+say "C++ build: build/release/app_runtime is up to date (sim2vr-app, the OpenXR runtime, its layer, the virtual clock)"
 
 # ---------------------------------------------------------------- 5 the package itself
 step

@@ -1,38 +1,60 @@
 // What the recording layer shares: the next functions of the chain, and the recording of a session.
+// It runs inside other people's programs while a person wears the headset: nothing here may end
+// such a program, change what its calls return, or keep its frames waiting.
 #pragma once
 
 #include <openxr/openxr.h>
 
 #include <array>
-#include <cstdio>
+#include <condition_variable>
+#include <cstdint>
+#include <mutex>
 #include <string>
+#include <string_view>
+#include <thread>
 #include <vector>
 
 #include "sim2vr/xr/device.hpp"
 
 namespace sim2vr::openxr::layer {
 
-/// The functions below us.
-class Next {
- public:
-  Next() = default;
-  Next(XrInstance instance, PFN_xrGetInstanceProcAddr entry) : instance_(instance), get_(entry) {}
-  XrInstance instance() const { return instance_; }
-  PFN_xrGetInstanceProcAddr get() const { return get_; }
-  /// nullptr: there is none.
-  template <class F>
-  F function(const char* name) const {
-    PFN_xrVoidFunction found = nullptr;
-    get_(instance_, name, &found);
-    return reinterpret_cast<F>(found);
-  }
-  XrPath path(const std::string& text) const;
+/// One line to standard error, without allocating; `detail` may be empty.
+void say(const char* what, const char* detail = "");
 
- private:
-  XrInstance instance_ = XR_NULL_HANDLE;
-  PFN_xrGetInstanceProcAddr get_ = nullptr;
+/// Every function that the layer calls: those that it intercepts, and those that it reads with.
+#define SIM2VR_LAYER_FUNCTIONS(X)        \
+  X(xrDestroyInstance)                   \
+  X(xrCreateSession)                     \
+  X(xrDestroySession)                    \
+  X(xrSuggestInteractionProfileBindings) \
+  X(xrAttachSessionActionSets)           \
+  X(xrSyncActions)                       \
+  X(xrWaitFrame)                         \
+  X(xrEndFrame)                          \
+  X(xrApplyHapticFeedback)               \
+  X(xrStringToPath)                      \
+  X(xrPathToString)                      \
+  X(xrCreateActionSet)                   \
+  X(xrCreateAction)                      \
+  X(xrCreateActionSpace)                 \
+  X(xrCreateReferenceSpace)              \
+  X(xrLocateSpace)                       \
+  X(xrGetActionStateBoolean)             \
+  X(xrGetActionStateFloat)               \
+  X(xrGetActionStateVector2f)            \
+  X(xrEnumerateBoundSourcesForAction)
+
+/// The functions below us in the chain of one instance.
+struct Next {
+  XrInstance instance = XR_NULL_HANDLE;
+  PFN_xrGetInstanceProcAddr get = nullptr;
+#define SIM2VR_MEMBER(name) PFN_##name name = nullptr;
+  SIM2VR_LAYER_FUNCTIONS(SIM2VR_MEMBER)
+#undef SIM2VR_MEMBER
+  /// False: one is missing, so that none may be called.
+  bool fill();
+  XrPath path(const std::string& text) const;
 };
-#define SIM2VR_NEXT(next, name) ((next).function<PFN_##name>(#name))
 
 /// Actions of our own beside the program's, which read both controllers.
 class OwnActions {
@@ -47,6 +69,8 @@ class OwnActions {
   bool attached() const { return attached_; }
   /// Spaces of grips and aims, once the set is attached.
   void attach(const Next& next, XrSession session);
+  /// The session is over; the set stays for the instance's next one.
+  void detach() { attached_ = false; }
   /// As of the latest xrSyncActions, with poses in `base`.
   xr::ControllerState read(const Next& next, XrSession session, xr::Hand hand, XrSpace base,
                            XrTime time) const;
@@ -62,26 +86,73 @@ class OwnActions {
   bool attached_ = false;
 };
 
-/// The file of a session, one JSON object a line (docs/reference/sessions.md).
+/// What a recording lacks.
+struct Lost {
+  std::uint64_t frames = 0;
+  std::uint64_t vibrations = 0;
+};
+
+struct Vibration {
+  xr::Hand hand;
+  float amplitude;
+  float frequency_hz;
+  XrDuration duration_ns;  // or XR_MIN_HAPTIC_DURATION
+};
+struct Vibrations {
+  std::array<Vibration, 16> each;
+  std::size_t count = 0;
+};
+
+/// A frame that ended. What the program reads until it waits for the next frame, it reads of this
+/// one: only then its inputs are known.
+struct EndedFrame {
+  XrTime time = 0;  // 0: none
+  XrPosef head = xr::kIdentityPose;
+  std::array<xr::ControllerState, 2> hands;
+  Vibrations vibrations;  // since the frame before ended
+  Lost lost;              // before this one
+};
+
+/// The file of a session, one JSON object a line (docs/reference/sessions.md). A thread of its own
+/// makes and writes the lines; the program's threads only copy frames into a queue of fixed size.
 class Recording {
  public:
-  /// `path`: with %p for the process's number. Writes the header.
-  Recording(std::string path, const std::string& application);
+  /// Frames that wait to be written; of 90 Hz, more than 5 s.
+  static constexpr std::size_t kWaiting = 512;
+
+  /// `file`: a descriptor, which the recording closes.
+  Recording(int file, const std::string& application);
+  /// Writes what waits.
   ~Recording();
   Recording(const Recording&) = delete;
   Recording& operator=(const Recording&) = delete;
-  bool isOpen() const { return file_ != nullptr; }
 
-  void frame(XrTime time, const XrPosef& head, const std::array<xr::ControllerState, 2>& hands);
-  /// duration: ns, or XR_MIN_HAPTIC_DURATION.
-  void haptic(const char* hand, const XrHapticVibration& vibration);
+  /// Neither allocates nor waits for the file.
+  void add(const EndedFrame& frame);
+  void lose(const Lost& lost);
 
  private:
-  void line(const std::string& text);
+  void work();
+  void write(const EndedFrame& frame);
+  void writeLost(XrTime time);
+  /// False: it could not be written, nor can anything after it.
+  bool write(std::string_view text);
 
-  std::FILE* file_ = nullptr;
+  int file_;
+  int error_ = 0;  // of the first write that failed
   XrTime first_ = 0;
   XrTime latest_ = 0;  // since the first frame
+  Lost unwritten_;     // not yet told in the file
+  Lost all_;
+
+  std::mutex mutex_;
+  std::condition_variable more_;
+  std::vector<EndedFrame> waiting_;  // a ring
+  std::size_t oldest_ = 0;
+  std::size_t count_ = 0;
+  Lost lost_;  // since the latest frame that found room
+  bool closing_ = false;
+  std::thread writer_;
 };
 
 }  // namespace sim2vr::openxr::layer

@@ -1,4 +1,5 @@
 #include <cmath>
+#include <cstdio>
 #include <cstring>
 #include <optional>
 
@@ -8,8 +9,6 @@
 namespace sim2vr::openxr::layer {
 namespace {
 
-constexpr XrPosef kIdentity{{0.0F, 0.0F, 0.0F, 1.0F}, {0.0F, 0.0F, 0.0F}};
-
 bool tracked(XrSpaceLocationFlags flags) {
   constexpr XrSpaceLocationFlags kValid =
       XR_SPACE_LOCATION_ORIENTATION_VALID_BIT | XR_SPACE_LOCATION_POSITION_VALID_BIT;
@@ -18,23 +17,35 @@ bool tracked(XrSpaceLocationFlags flags) {
 
 }  // namespace
 
+bool Next::fill() {
+  bool all = get != nullptr;
+  const auto find = [&](const char* name) {
+    PFN_xrVoidFunction found = nullptr;
+    all = all && get(instance, name, &found) == XR_SUCCESS && found != nullptr;
+    return found;
+  };
+#define SIM2VR_FIND(name) name = reinterpret_cast<PFN_##name>(find(#name));
+  SIM2VR_LAYER_FUNCTIONS(SIM2VR_FIND)
+#undef SIM2VR_FIND
+  return all;
+}
+
 XrPath Next::path(const std::string& text) const {
   XrPath path = XR_NULL_PATH;
-  SIM2VR_NEXT(*this, xrStringToPath)(instance_, text.c_str(), &path);
+  xrStringToPath(instance, text.c_str(), &path);
   return path;
 }
 
 XrAction OwnActions::make(const Next& next, const char* name, XrActionType type) const {
   XrActionCreateInfo info{};
   info.type = XR_TYPE_ACTION_CREATE_INFO;
-  std::strcpy(info.actionName, name);
-  std::strcpy(info.localizedActionName, (std::string("Recorded ") + name).c_str());
+  std::snprintf(info.actionName, sizeof info.actionName, "%s", name);
+  std::snprintf(info.localizedActionName, sizeof info.localizedActionName, "Recorded %s", name);
   info.actionType = type;
   info.countSubactionPaths = 2;
   info.subactionPaths = hands_.data();
   XrAction action = XR_NULL_HANDLE;
-  SIM2VR_NEXT(next, xrCreateAction)(set_, &info, &action);
-  return action;
+  return next.xrCreateAction(set_, &info, &action) == XR_SUCCESS ? action : XR_NULL_HANDLE;
 }
 
 bool OwnActions::create(const Next& next) {
@@ -44,7 +55,7 @@ bool OwnActions::create(const Next& next) {
   info.type = XR_TYPE_ACTION_SET_CREATE_INFO;
   std::strcpy(info.actionSetName, "sim2vr_recording");
   std::strcpy(info.localizedActionSetName, "SIM2VR recording");
-  if (SIM2VR_NEXT(next, xrCreateActionSet)(next.instance(), &info, &set_) != XR_SUCCESS) {
+  if (next.xrCreateActionSet(next.instance, &info, &set_) != XR_SUCCESS) {
     set_ = XR_NULL_HANDLE;
     return false;
   }
@@ -66,8 +77,7 @@ std::vector<XrActionSuggestedBinding> OwnActions::withOurs(
       suggested.suggestedBindings, suggested.suggestedBindings + suggested.countSuggestedBindings);
   char text[XR_MAX_PATH_LENGTH]{};
   std::uint32_t count = 0;
-  SIM2VR_NEXT(next, xrPathToString)
-  (next.instance(), suggested.interactionProfile, sizeof text, &count, text);
+  next.xrPathToString(next.instance, suggested.interactionProfile, sizeof text, &count, text);
   const Profile* profile = findProfile(text);
   if (profile == nullptr) return bindings;
   const auto kindOf = [](Input input) -> std::optional<Kind> {
@@ -98,6 +108,7 @@ std::vector<XrActionSuggestedBinding> OwnActions::withOurs(
     const auto kind = kindOf(component.input);
     // Of 1.1 only.
     if (!kind || component.path.ends_with("/grip_surface/pose")) continue;
+    if (actions_[*kind] == XR_NULL_HANDLE) continue;
     bindings.push_back({actions_[*kind], next.path(component.path)});
   }
   return bindings;
@@ -105,11 +116,12 @@ std::vector<XrActionSuggestedBinding> OwnActions::withOurs(
 
 void OwnActions::attach(const Next& next, XrSession session) {
   attached_ = true;
+  spaces_ = {};
   for (std::size_t kind = 0; kind < 2; ++kind) {
     for (std::size_t hand = 0; hand < 2; ++hand) {
       const XrActionSpaceCreateInfo info{XR_TYPE_ACTION_SPACE_CREATE_INFO, nullptr, actions_[kind],
-                                         hands_[hand], kIdentity};
-      SIM2VR_NEXT(next, xrCreateActionSpace)(session, &info, &spaces_[kind][hand]);
+                                         hands_[hand], xr::kIdentityPose};
+      next.xrCreateActionSpace(session, &info, &spaces_[kind][hand]);
     }
   }
 }
@@ -119,9 +131,8 @@ xr::ControllerState OwnActions::read(const Next& next, XrSession session, xr::Ha
   const auto hand = static_cast<std::size_t>(which);
   xr::ControllerState state;
   const auto locate = [&](Kind kind, XrPosef& pose) {
-    XrSpaceLocation location{XR_TYPE_SPACE_LOCATION, nullptr, 0, kIdentity};
-    if (SIM2VR_NEXT(next, xrLocateSpace)(spaces_[kind][hand], base, time, &location) !=
-        XR_SUCCESS) {
+    XrSpaceLocation location{XR_TYPE_SPACE_LOCATION, nullptr, 0, xr::kIdentityPose};
+    if (next.xrLocateSpace(spaces_[kind][hand], base, time, &location) != XR_SUCCESS) {
       return false;
     }
     pose = location.pose;
@@ -134,14 +145,14 @@ xr::ControllerState OwnActions::read(const Next& next, XrSession session, xr::Ha
     const XrActionStateGetInfo info{XR_TYPE_ACTION_STATE_GET_INFO, nullptr, actions_[kind],
                                     hands_[hand]};
     XrActionStateFloat value{XR_TYPE_ACTION_STATE_FLOAT, nullptr, 0.0F, 0, 0, 0};
-    SIM2VR_NEXT(next, xrGetActionStateFloat)(session, &info, &value);
+    next.xrGetActionStateFloat(session, &info, &value);
     return std::isfinite(value.currentState) ? value.currentState : 0.0F;
   };
   const auto pressed = [&](Kind kind) {
     const XrActionStateGetInfo info{XR_TYPE_ACTION_STATE_GET_INFO, nullptr, actions_[kind],
                                     hands_[hand]};
     XrActionStateBoolean value{XR_TYPE_ACTION_STATE_BOOLEAN, nullptr, 0, 0, 0, 0};
-    SIM2VR_NEXT(next, xrGetActionStateBoolean)(session, &info, &value);
+    next.xrGetActionStateBoolean(session, &info, &value);
     return value.currentState == XR_TRUE;
   };
   state.trigger = number(trigger);
@@ -149,7 +160,7 @@ xr::ControllerState OwnActions::read(const Next& next, XrSession session, xr::Ha
   const XrActionStateGetInfo info{XR_TYPE_ACTION_STATE_GET_INFO, nullptr, actions_[stick],
                                   hands_[hand]};
   XrActionStateVector2f vector{XR_TYPE_ACTION_STATE_VECTOR2F, nullptr, {0, 0}, 0, 0, 0};
-  SIM2VR_NEXT(next, xrGetActionStateVector2f)(session, &info, &vector);
+  next.xrGetActionStateVector2f(session, &info, &vector);
   state.thumbstick = vector.currentState;
   state.thumbstick_click = pressed(stick_click);
   (which == xr::Hand::left ? state.x : state.a) = pressed(lower);

@@ -14,7 +14,7 @@ SOURCE = (
     "assumed; endurance: Frey-Law and Avin 2010, second-hand"
 )
 _GRAVITY = 9.81
-_KG = {"male": 51.0, "female": 31.0}
+_KG_MEN, _KG_WOMEN = 51.0, 31.0
 """Median grip strength."""
 _FRICTION, _MARGIN = 0.5, 1.4
 _ENDURANCE_S, _ENDURANCE_POWER = 33.55, 1.61
@@ -28,7 +28,8 @@ def grip_share(subject: Subject, target: AuditTarget, limitation: Limitation) ->
     """
     held_n = _MARGIN * target.load_kg * _GRAVITY / (2.0 * _FRICTION)
     factor = float(np.asarray(subject.strength.factor)) * limitation.strength
-    return (held_n + target.grip_n) / (_GRAVITY * _KG[subject.strength.sex] * factor)
+    median_kg = _KG_MEN if subject.strength.man else _KG_WOMEN
+    return (held_n + target.grip_n) / (_GRAVITY * median_kg * factor)
 
 
 def grip_time(share: ArrayLike) -> FloatArray:

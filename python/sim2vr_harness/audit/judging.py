@@ -251,13 +251,13 @@ def _paced(
     person, column = np.nonzero(~np.isnan(numbers[3]))
     raised = np.array([each.hold_s + 2.0 * REACH_S for each in targets])[column]
     factors = np.array([float(np.asarray(each.strength.factor)) for each in crowd.subjects])
+    men = np.array([each.man for each in crowd.subjects], dtype=bool)
     arms = Paced(
         numbers[0][person, column],
         numbers[3, person, column],
         numbers[4, person, column],
         numbers[5, person, column],
-        (factors * limitation.strength)[person],
-        np.array([each.man for each in crowd.subjects], dtype=bool)[person],
+        Strength(men[person], (factors * limitation.strength)[person]),
         raised,
         np.maximum(60.0 / pace, raised),
     )
@@ -361,7 +361,7 @@ def can_hold(
         load = subject.holder.load(angles, target.load_kg)
         elbow = load.shoulder_deg, load.elbow_deg
         maximum = strength.shoulder_torque(*elbow)
-        needed = load.torque + nicer_correction(*elbow, strength.sex)
+        needed = load.torque + nicer_correction(*elbow, strength.man)
         if load.torque <= maximum and endurance_time(needed / maximum) >= target.hold_s:
             return True
     return False
@@ -369,7 +369,7 @@ def can_hold(
 
 def _strength(subject: Subject, limitation: Limitation) -> Strength:
     factor = np.asarray(subject.strength.factor) * limitation.strength
-    return Strength(subject.strength.sex, factor)
+    return Strength(subject.strength.man, factor)
 
 
 def hold(

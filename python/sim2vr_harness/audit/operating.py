@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.audit.hands import HEAD_M, PageHands
 from sim2vr_harness.audit.targets import How
 from sim2vr_harness.client import WebXRApp
+from sim2vr_harness.client.webxr.hands import HEAD_M, PageHands
 from sim2vr_harness.client.webxr.replies import Signs, Thing
 
 FloatArray = NDArray[np.float64]

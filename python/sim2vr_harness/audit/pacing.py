@@ -40,8 +40,7 @@ class Paced:
         share: (B,) activation of the shoulder's muscles while raised.
         torque: (B,) at the shoulder while raised, Nm.
         shoulder_deg, elbow_deg: (B,) posture while raised.
-        strength: Factor on published strength, (B,).
-        man: (B,) whose published constants count.
+        strength: Of the shoulders, (B,).
         raised_s: (B,) how long the arm is raised each time.
         cycle_s: (B,) from one use to the next.
     """
@@ -50,8 +49,7 @@ class Paced:
     torque: FloatArray
     shoulder_deg: FloatArray
     elbow_deg: FloatArray
-    strength: FloatArray
-    man: NDArray[np.bool_]
+    strength: Strength
     raised_s: FloatArray
     cycle_s: FloatArray
 
@@ -97,24 +95,18 @@ def _three_compartments(arms: Paced) -> FloatArray:
 
 def _meters(arms: Paced) -> dict[str, FloatArray]:
     found = {name: np.full(len(arms.share), np.inf) for name in ("NICER", "Consumed Endurance")}
-    for sex in ("male", "female"):
-        rows = np.flatnonzero(arms.man == (sex == "male"))
-        if not len(rows):
-            continue
-        strength = Strength("male" if sex == "male" else "female", arms.strength[rows])
-        nicer = NicerMeter(len(rows), strength)
-        consumed = ConsumedEnduranceMeter(len(rows), strength)
-        for step in _steps():
-            raised = _raised(arms, step)[rows]
-            torque = np.where(raised, arms.torque[rows], 0.0)
-            shoulder = np.where(raised, arms.shoulder_deg[rows], _HANGING_DEG[0])
-            elbow = np.where(raised, arms.elbow_deg[rows], _HANGING_DEG[1])
-            nicer.update(torque, shoulder, elbow, _STEP_S)
-            consumed.update(torque, _STEP_S)
-            for name, value in (("NICER", nicer.value), ("Consumed Endurance", consumed.value)):
-                own = found[name]
-                spent = rows[(value >= 100.0) & ~np.isfinite(own[rows])]
-                own[spent] = (step + 1) * _STEP_S / 60.0
+    nicer = NicerMeter(len(arms.share), arms.strength)
+    consumed = ConsumedEnduranceMeter(len(arms.share), arms.strength)
+    for step in _steps():
+        raised = _raised(arms, step)
+        torque = np.where(raised, arms.torque, 0.0)
+        shoulder = np.where(raised, arms.shoulder_deg, _HANGING_DEG[0])
+        elbow = np.where(raised, arms.elbow_deg, _HANGING_DEG[1])
+        nicer.update(torque, shoulder, elbow, _STEP_S)
+        consumed.update(torque, _STEP_S)
+        for name, value in (("NICER", nicer.value), ("Consumed Endurance", consumed.value)):
+            spent = (value >= 100.0) & ~np.isfinite(found[name])
+            found[name][spent] = (step + 1) * _STEP_S / 60.0
     return found
 
 
@@ -134,7 +126,7 @@ def path_loads(
     body, arm = subject.body, arms_of(subject.body)[0]
     dynamics = ArmDynamics(body.physics_model, arm)
     factor = np.asarray(subject.strength.factor) * limitation.strength
-    strength = Strength(subject.strength.sex, factor)
+    strength = Strength(subject.strength.man, factor)
     t = np.linspace(0.0, 1.0, _POINTS)
     place = 10.0 * t**3 - 15.0 * t**4 + 6.0 * t**5
     found = []

@@ -5,25 +5,29 @@ The devices move without a body: what the page does with a controller counts, no
 
 from __future__ import annotations
 
+import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.audit.hands import HEAD_M, HZ, PageHands, SessionEnded
 from sim2vr_harness.audit.operating import BUTTONS, MOVED_M, Operator, Way
 from sim2vr_harness.audit.targets import AuditTarget, How, TargetSettings
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import APP_FAILURES, AppDied, AppRefused, WebXRApp
+from sim2vr_harness.client.webxr.hands import HEAD_M, HZ, PageHands, SessionEnded
 from sim2vr_harness.client.webxr.replies import Thing
 from sim2vr_harness.envs.apps import apps_wanted
 from sim2vr_harness.envs.config import EnvConfig
 
 FloatArray = NDArray[np.float64]
 
+MOST_SEARCH_S = 300.0
+"""How long a page's things are watched and operated at most; docs/guide/audit.md states it."""
+_PROGRESS_S = 5.0
 _MOST_TRIED = 160
 _MOST_ROUNDS = 24
 """A page that was left or died is opened again so often."""
@@ -35,8 +39,9 @@ _LARGEST_M = 2.0
 """Half of the size, from which a thing is a room or a ground."""
 _CARRIED_M = 0.02
 _SILENT = "no reaction to touch, ray or gaze with any button"
+NOT_OPERATED = "not operated"
 LEAVES = "leaves the page"
-_LEFT = ("left its document", "went to another address")
+_LEFT = ("left its document", "went to another address", "loaded itself again")
 
 
 @dataclass
@@ -65,7 +70,7 @@ class FoundThing:
     signs: tuple[str, ...] = ()
     after: str | None = None
     way: Way | None = None
-    obstacle: str = "not operated"
+    obstacle: str = NOT_OPERATED
 
     @property
     def reacts(self) -> bool:
@@ -94,7 +99,14 @@ def page_app(env: EnvConfig) -> Iterator[WebXRApp]:
         yield app
 
 
-def find_things(env: EnvConfig, seconds: float = 4.0, *, probe: bool = True) -> list[FoundThing]:
+def find_things(
+    env: EnvConfig,
+    seconds: float = 4.0,
+    *,
+    probe: bool = True,
+    say: Callable[[str], None] = lambda text: None,
+    most_s: float = MOST_SEARCH_S,
+) -> list[FoundThing]:
     """Find the interactive things of a page, and operate them.
 
     First nothing happens for some time, so that what moves by itself is known. Then a controller
@@ -104,23 +116,49 @@ def find_things(env: EnvConfig, seconds: float = 4.0, *, probe: bool = True) -> 
         env: Names the page.
         seconds: How long nothing happens.
         probe: Whether to operate the things; otherwise those are found that the page listens to.
+        say: Receives a line of progress every few seconds, and what was left out.
+        most_s: After so long no further thing is operated.
 
     Raises:
         AppRefused, AppError: The page does not play.
     """
     with ExitStack() as stack:
-        search = _Search(env, stack, seconds)
+        search = _Search(env, stack, seconds, _Clock(say, most_s))
         if probe:
             search.operate_all()
             search.carry_all()
+        left = sum(each.obstacle == NOT_OPERATED for each in search.found.values())
+        if probe and left:
+            say(
+                f"note: {left} of {len(search.found)} things were not operated: at most "
+                f"{_MOST_TRIED} attempts are made, in {most_s:.0f} s. List targets with --targets "
+                "to audit others."
+            )
     return [thing for thing in search.found.values() if thing.listens or thing.reacts]
+
+
+class _Clock:
+    """The time that a search takes: says how far it is, and when it is over."""
+
+    def __init__(self, say: Callable[[str], None], most_s: float) -> None:
+        self._say, self._most_s = say, most_s
+        self._began = self._said = time.monotonic()
+        self._doing = "opening the page"
+
+    def over(self, doing: str | None = None) -> bool:
+        """Say every few seconds what is done, the same as before if None; return if time is up."""
+        now, self._doing = time.monotonic(), doing or self._doing
+        if now - self._said >= _PROGRESS_S:
+            self._said = now
+            self._say(f"{self._doing}, {now - self._began:.0f} of at most {self._most_s:.0f} s ...")
+        return now - self._began >= self._most_s
 
 
 class _Search:
     """Operates what there is in a page, in as many rounds as it takes."""
 
-    def __init__(self, env: EnvConfig, stack: ExitStack, seconds: float) -> None:
-        self._env, self._stack = env, stack
+    def __init__(self, env: EnvConfig, stack: ExitStack, seconds: float, clock: _Clock) -> None:
+        self._env, self._stack, self._clock = env, stack, clock
         self._rounds = 0
         self._hands: PageHands | None = None
         self._looks: dict[str, int | None] = {}
@@ -135,7 +173,8 @@ class _Search:
         app = self._stack.enter_context(page_app(self._env))
         rays = None if self._hands is None else self._hands.rays
         hands = PageHands(app, rays=rays)
-        watched = _watched(app, hands, seconds)
+        hands.on_step = self._clock.over
+        watched = _watched(app, hands, seconds, self._clock)
         names = frozenset(track.name for track in watched.tracks if track.changes)
         restless = frozenset(watched.restless) | names
         self._app, self._hands = app, hands
@@ -150,8 +189,9 @@ class _Search:
         """
         first = sorted(self.found.values(), key=lambda thing: not thing.listens)
         queue = deque((thing.name, "right") for thing in first)
-        for _ in range(_MOST_TRIED):
-            if not queue or self._rounds > _MOST_ROUNDS:
+        for tried in range(_MOST_TRIED):
+            doing = f"operated {tried} times, {len(queue)} of {len(self.found)} things are left"
+            if not queue or self._rounds > _MOST_ROUNDS or self._clock.over(doing):
                 return
             name, side = queue.popleft()
             thing = self.found[name]
@@ -197,6 +237,8 @@ class _Search:
         there = _named(self._app.things(), thing.name) is not None
         thing.obstacle = _SILENT if there else "gone before it was operated"
         for way in [thing.way] if thing.way is not None else self._ways(thing, side):
+            if self._clock.over(f"operating {thing.name}"):
+                return
             if signs := self._reaction(thing.name, way):
                 thing.how, thing.way = way.how, way
                 thing.signs = tuple(sorted({*thing.signs, *signs}))
@@ -235,6 +277,8 @@ class _Search:
             if thing.reacts or not thing.listens or self._rounds > _MOST_ROUNDS:
                 continue
             for carrier, way in carriers:
+                if self._clock.over(f"carrying {carrier} to {thing.name}"):
+                    return
                 try:
                     signs = self._operator.carried_to(carrier, way, thing.name)
                 except (*APP_FAILURES, SessionEnded):
@@ -310,7 +354,7 @@ class _Watched:
     text_rests: bool = True
 
 
-def _watched(app: WebXRApp, hands: PageHands, seconds: float) -> _Watched:
+def _watched(app: WebXRApp, hands: PageHands, seconds: float, clock: _Clock) -> _Watched:
     """Return what there is while nothing happens but head and hands that move.
 
     Objects that move with a hand or surround the head are left out.
@@ -319,7 +363,10 @@ def _watched(app: WebXRApp, hands: PageHands, seconds: float) -> _Watched:
     watched = _Watched()
     hands.rest()
     last = app.signs()
-    for step in range(max(8, round(seconds * HZ))):
+    steps = max(8, round(seconds * HZ))
+    for step in range(steps):
+        if clock.over(f"watched {len(tracks)} things for {step / HZ:.1f} of {steps / HZ:.1f} s"):
+            break
         if step % 4 == 0:
             for thing in app.things():
                 if thing.name not in tracks:

@@ -126,7 +126,7 @@ def draw(people: int, seed: int) -> list[Subject]:
     settings = PeopleSettings(
         seed=seed, count=people, left_handed=LEFT_HANDED, strength=STRENGTH, vary=_varied()
     )
-    population = Population(settings)
+    population = Population(settings, cut=np.inf)
     return [_subject(population, index) for index in range(people)]
 
 
@@ -138,12 +138,10 @@ def _varied() -> tuple[Literal["stature_m", "upper_arm_factor", "forearm_factor"
 def _subject(population: Population, index: int) -> Subject:
     person, man = population.number(index), population.is_man(index)
     user = UserConfig(model=MODEL, torso=True, person=population.physique(person))
-    stature, strength = (next(t for t in TRAITS if t.name == n) for n in ("stature_m", "strength"))
+    stature = next(trait for trait in TRAITS if trait.name == "stature_m")
     sign = 1.0 if man else -1.0
     z = (person.stature_m - stature.mean - sign * stature.sex_offset) / stature.sd
-    median = strength.value(0.0, sign, 1.0, STRENGTH)
-    factor = person.strength / median
-    own = Strength("male" if man else "female", factor)
+    own = population.shoulder(person)
     return Subject(person, man, float(100.0 * ndtr(z)), user, body_of(user), own)
 
 

@@ -10,7 +10,9 @@ from __future__ import annotations
 import gzip
 import io
 import json
+import math
 import os
+import pickletools
 import stat
 import warnings
 import zipfile
@@ -30,6 +32,10 @@ MOST_LINE = 2**20
 """Bytes of a line of a file that is read line by line."""
 MOST_BINARY = 2**36
 """Bytes of a file of tensors or arrays, packed or not."""
+MOST_UNPACKED = 2**28
+"""Bytes beyond a file's own that its arrays, tensors or members may need when they are unpacked.
+
+What the project writes is stored unpacked where it is large, so this is for small packed parts."""
 
 Path_ = str | os.PathLike[str]
 T = TypeVar("T")
@@ -207,17 +213,42 @@ def read_members(path: Path_, names: Sequence[str], expected: str) -> dict[str, 
     """
     content = read_bytes(path, expected)
 
-    def unpack() -> dict[str, bytes]:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            members = {info.filename: info for info in archive.infolist()}
-            for name in names:
-                if name not in members:
-                    raise ValueError(f"an archive without {name}")
-                if members[name].file_size > MOST_BINARY:
-                    raise ValueError(f"{name} of more than {MOST_BINARY:,} bytes")
-            return {name: archive.read(name) for name in names}
+    name = file_name(path)
 
-    return _decoded(file_name(path), "no zip archive, or a damaged one", expected, unpack)
+    def unpack() -> dict[str, bytes]:
+        with _archive(content, name, expected) as archive:
+            there = set(archive.namelist())
+            for member in names:
+                if member not in there:
+                    raise ValueError(f"an archive without {member}")
+            return {member: archive.read(member) for member in names}
+
+    return _decoded(name, "no zip archive, or a damaged one", expected, unpack)
+
+
+def _archive(content: bytes, source: str, expected: str) -> zipfile.ZipFile:
+    """Open a zip archive whose headers declare that it unpacks to a modest size.
+
+    Readers never unpack more of a member than its header declares.
+
+    Raises:
+        InputError: The members need too much memory.
+        ValueError, zipfile.BadZipFile: It is no archive.
+    """
+    if content[:4] != b"PK\x03\x04":  # torch reads other files in ways that trust their sizes
+        raise ValueError("no zip archive")
+    archive = zipfile.ZipFile(io.BytesIO(content))
+    unpacked = sum(info.file_size for info in archive.infolist())
+    _require_modest(unpacked, len(content), source, expected)
+    return archive
+
+
+def _require_modest(unpacked: int, packed: int, source: str, expected: str) -> None:
+    """Refuse what needs far more memory than its file has bytes."""
+    most = packed + MOST_UNPACKED
+    if unpacked > most:
+        got = f"{packed:,} bytes that unpack to {unpacked:,}"
+        raise InputError(source, got, f"{expected}, which unpacks to at most {most:,} bytes")
 
 
 def read_arrays(path: Path_, expected: str) -> dict[str, Any]:
@@ -238,6 +269,17 @@ def parse_arrays(content: bytes, source: str, expected: str) -> dict[str, Any]:
     import numpy as np
 
     def load() -> dict[str, Any]:
+        # NumPy makes an array as large as its header says before it reads the first number.
+        with _archive(content, source, expected) as archive:
+            for info in archive.infolist():
+                with archive.open(info) as member:
+                    version = np.lib.format.read_magic(member)
+                    old = version == (1, 0)
+                    read = np.lib.format.read_array_header_1_0
+                    shape, _, dtype = (read if old else np.lib.format.read_array_header_2_0)(member)
+                if math.prod(shape) * max(dtype.itemsize, 1) > info.file_size:
+                    got = f"shape {shape} of {dtype} in {info.file_size:,} bytes"
+                    raise ValueError(f"{shown(info.filename, 60)} declares {got}")
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
 
@@ -264,11 +306,33 @@ def parse_tensors(
     import torch
 
     def load() -> dict[str, Any]:
+        with _archive(content, source, expected) as archive:
+            for info in archive.infolist():
+                # An instruction of a few bytes makes a bytearray of any length; tensors need none.
+                if info.filename.endswith("/data.pkl") and any(
+                    operation.name == "GLOBAL" and str(name).endswith(" bytearray")
+                    for operation, name, _ in pickletools.genops(archive.read(info))
+                ):
+                    raise ValueError("a bytearray in it")
         with warnings.catch_warnings():  # of damaged files, on lines of their own
             warnings.simplefilter("ignore")
             found = torch.load(io.BytesIO(content), map_location=device, weights_only=True)
         if not isinstance(found, Mapping) or not all(isinstance(key, str) for key in found):
             raise ValueError(f"a {type(found).__name__} in it")
+        # A tensor can spread a few stored numbers over any shape, and every copy has them all.
+        unpacked, known, parts = 0, set[int](), list[Any](found.values())
+        while parts:
+            part = parts.pop()
+            if id(part) in known:
+                continue
+            known.add(id(part))
+            if isinstance(part, torch.Tensor):
+                unpacked += part.numel() * part.element_size()
+            elif isinstance(part, Mapping):
+                parts.extend(part.values())
+            elif isinstance(part, list | tuple | set):
+                parts.extend(part)
+        _require_modest(unpacked, len(content), source, expected)
         return dict(found)
 
     return _decoded(source, "no tensors of torch, or damaged ones", expected, load)
@@ -278,6 +342,8 @@ def _decoded(source: str, problem: str, expected: str, decode: Callable[[], T]) 
     """Run a decoder of someone else's, whose errors on wrong bytes can be of any type."""
     try:
         return decode()
+    except InputError:
+        raise
     except Exception as error:
         # Torch's own text is a page about pickles.
         detail = "" if len(str(error)) > 200 else f" ({reason(error)})"

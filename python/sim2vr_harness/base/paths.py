@@ -33,6 +33,13 @@ def checkout_dir() -> Path | None:
     return root if (root / "CMakeLists.txt").is_file() and (root / "app_runtime").is_dir() else None
 
 
+def rebuild_command() -> str:
+    """Return the command that brings back every part of the package that is built."""
+    if checkout_dir() is not None:
+        return "make setup"
+    return "pip install --force-reinstall --no-deps sim2vr-harness"
+
+
 def share_dir() -> Path:
     """Return the folder that holds ``shaders/`` and ``configs/``.
 
@@ -46,8 +53,7 @@ def share_dir() -> Path:
         if (package / "share").is_dir():
             return package / "share"
     raise FileNotFoundError(
-        f"sim2vr-harness is incomplete: no 'share' folder in {_PACKAGE}. "
-        "Install it again: pip install --force-reinstall --no-deps sim2vr-harness"
+        f"sim2vr-harness is incomplete: no 'share' folder in {_PACKAGE}. Run: {rebuild_command()}"
     )
 
 
@@ -104,8 +110,9 @@ def app_executable() -> Path:
         if os.access(candidate, os.X_OK):
             return candidate
     looked = ", ".join(str(path) for path in dict.fromkeys(candidates))
-    build = "make setup" if root is not None else "pip install --force-reinstall sim2vr-harness"
-    raise FileNotFoundError(f"the sim2vr-app executable was not found in: {looked}. Run: {build}")
+    raise FileNotFoundError(
+        f"the sim2vr-app executable was not found in: {looked}. Run: {rebuild_command()}"
+    )
 
 
 def exec_app() -> NoReturn:

@@ -12,13 +12,18 @@ from typing import Any
 
 
 @contextmanager
-def sigterm_interrupts() -> Iterator[None]:
-    """Let SIGTERM stop a training as Ctrl-C does, so that batch systems lose nothing."""
+def sigterm_interrupts(*more: signal.Signals) -> Iterator[None]:
+    """Let SIGTERM stop a training as Ctrl-C does, so that batch systems lose nothing.
+
+    Args:
+        more: Signals that do so, too, unless they are ignored.
+    """
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
-    with _handled((signal.SIGTERM,), interrupt):
+    heard = [number for number in more if signal.getsignal(number) is not signal.SIG_IGN]
+    with _handled((signal.SIGTERM, *heard), interrupt):
         yield
 
 

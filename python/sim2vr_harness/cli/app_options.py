@@ -5,11 +5,13 @@ from __future__ import annotations
 import functools
 import inspect
 import json as jsonlib
+import math
 import shlex
 import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
+from urllib.parse import parse_qsl
 
 import typer
 
@@ -40,7 +42,9 @@ ProtocolOption = Annotated[
 PageOption = Annotated[
     str | None,
     typer.Option(
-        "--page", metavar="FILE", help="Play a WebXR page: a file, a folder, or a mapped address."
+        "--page",
+        metavar="FILE",
+        help="Play a WebXR page: a file, a folder, or a mapped address; ?NAME=VALUE sets options.",
     ),
 ]
 MapOption = Annotated[
@@ -190,13 +194,45 @@ def _require_one(*given: tuple[str, Any]) -> None:
 def _page_settings(page: str, mapped: list[str], browser: str | None) -> dict[str, Any]:
     from sim2vr_harness.envs.config import page_name
 
+    place, options = page_and_options(page)
     return {
         "transport": "webxr",
-        "game": page_name(page),
-        "page": page if "://" in page else _absolute(page),
+        "game": page_name(place),
+        "page": place,
         "map": mapped_places(mapped),
         "browser": browser,
+        **({"options": options} if options else {}),
     }
+
+
+def page_and_options(page: str) -> tuple[str, dict[str, Any]]:
+    """Return a page's whole path, or its address, and the options in its query.
+
+    A number that is written as Python writes it is a number, as with ``--set``.
+
+    Raises:
+        InputError: the query is no NAME=VALUE&NAME=VALUE, or has a name twice.
+    """
+    place, mark, query = page.partition("?")
+    if mark and Path(page).expanduser().exists():
+        return _absolute(page), {}
+    try:
+        pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query))
+    except ValueError:
+        pairs = []
+    if mark and (not pairs or len(dict(pairs)) < len(pairs)):
+        raise InputError("--page", repr(page), "PAGE?NAME=VALUE&NAME=VALUE, each name once")
+    return place if "://" in place else _absolute(place), {k: _plain(v) for k, v in pairs}
+
+
+def _plain(text: str) -> int | float | str:
+    for kind in (int, float):
+        try:
+            if str(kind(text)) == text and math.isfinite(kind(text)):
+                return kind(text)
+        except (ValueError, OverflowError):
+            continue
+    return text
 
 
 def _program_settings(
@@ -260,7 +296,9 @@ def _absolute_task(task: str) -> str:
 
 def as_overrides(settings: dict[str, Any]) -> list[str]:
     """Return settings of ``env.app`` as ``--set`` takes them; options add to those set before."""
-    flat = {key: value for key, value in settings.items() if key != "transport_options"}
-    for name, value in settings.get("transport_options", {}).items():
-        flat[f"transport_options.{name}"] = value
+    mappings = ("options", "transport_options")
+    flat = {key: value for key, value in settings.items() if key not in mappings}
+    for key in mappings:
+        for name, value in settings.get(key, {}).items():
+            flat[f"{key}.{name}"] = value
     return [f"env.app.{key}={jsonlib.dumps(value)}" for key, value in flat.items()]

@@ -12,6 +12,7 @@ from sim2vr_harness.cli.app_options import with_page_options
 from sim2vr_harness.cli.options import (
     CheckedRun,
     ConditionsOption,
+    EnvSetOption,
     ExpectOption,
     JunitOption,
     finite,
@@ -96,6 +97,7 @@ def audit(
     out: _Out = Path("audit"),
     expect: ExpectOption = None,
     junit: JunitOption = None,
+    overrides: EnvSetOption = None,
     remote: Mapping[str, Any] | None = None,
 ) -> int:
     """Say who can see, reach and hold an app's targets.
@@ -110,16 +112,18 @@ def audit(
 
     _check_use(pace, operate, people)
     numbers = seconds, people, seed
-    _check(game, condition, objects, targets or session, remote, how, numbers, stance)
+    _check(game, condition, objects, targets or session, remote, overrides, how, numbers, stance)
     checked = CheckedRun(_with_group(expect), None, junit, "audit")
-    listed = _listed(targets, remote, seconds) if targets is not None or remote else []
+    listed = (
+        _listed(targets, remote, overrides or [], seconds) if targets is not None or remote else []
+    )
     listed += [] if session is None else pressed_places(session)
     if checked.asked:
         checked.prepare(_planned(cast("Stance", stance)))
     if game is not None:
         names: list[str | None] = [*condition] if condition else [None]
         for name in names:
-            listed += _of_game(game, name, objects, seconds, cast("How", how))
+            listed += _of_game(game, name, overrides or [], objects, seconds, cast("How", how))
     title = game or _title(remote or {}, targets or session)
     # fmt: off
     done = run(
@@ -173,6 +177,7 @@ def _check(
     objects: str | None,
     targets: Path | None,
     remote: Mapping[str, Any] | None,
+    overrides: list[str] | None,
     how: str,
     numbers: tuple[float, int, int],
     stance: str,
@@ -189,6 +194,8 @@ def _check(
         raise InputError("--game, --page, --targets or --session", got, "one of them")
     if game is not None and remote:
         raise InputError("--page or --openxr", "it together with --game", "one of them")
+    if overrides and game is None and not remote:
+        raise InputError("--set", "it without an app", "it with --game or --page")
     if game is None and (condition or objects is not None):
         raise InputError("--condition or --objects", "it without --game", "it with --game")
     for option, got, known in (
@@ -227,21 +234,25 @@ def _planned(stance: Stance) -> Planned:
 
 
 def _listed(
-    targets: Path | None, remote: Mapping[str, Any] | None, seconds: float
+    targets: Path | None,
+    remote: Mapping[str, Any] | None,
+    overrides: list[str],
+    seconds: float,
 ) -> list[AuditTarget]:
     """Return the targets of a file, those of objects located in the page, or the page's things."""
     from sim2vr_harness.audit.pages import find_things, located, things_as_targets
     from sim2vr_harness.audit.targets import read_targets
     from sim2vr_harness.base.errors import InputError
-    from sim2vr_harness.envs.config import AppConfig, EnvConfig
+    from sim2vr_harness.evaluation.environment import evaluation_env
+    from sim2vr_harness.runs.config import TrainingConfig
 
-    env = EnvConfig(app=AppConfig(**remote)) if remote else None
+    env = evaluation_env(TrainingConfig(), remote, overrides, source="--set") if remote else None
     if targets is not None:
         return located(read_targets(targets), env)
     if env is None:
         return []
     say(f"things of {env.app.page} ...")
-    found = things_as_targets(find_things(env, seconds))
+    found = things_as_targets(find_things(env, seconds, say=say))
     if not found:
         expected = "objects that listen or react to a controller, or --targets FILE.yaml"
         raise InputError("--page", f"{env.app.page}, in which nothing is found", expected)
@@ -249,7 +260,12 @@ def _listed(
 
 
 def _of_game(
-    game: str, condition: str | None, objects: str | None, seconds: float, how: How
+    game: str,
+    condition: str | None,
+    overrides: list[str],
+    objects: str | None,
+    seconds: float,
+    how: How,
 ) -> list[AuditTarget]:
     from dataclasses import replace
 
@@ -258,8 +274,9 @@ def _of_game(
     from sim2vr_harness.envs.games import game_facts
     from sim2vr_harness.tools.users import environment_of
 
-    env = environment_of(MODEL, game=game, condition=condition)
+    chosen = [f"env.app.game={game}", *overrides]  # before the options, which are the game's
+    env = environment_of(MODEL, condition=condition, overrides=chosen)
     if "controller_left" in game_facts(env.app).needs("right"):
-        env = environment_of(_TWO_HANDED, game=game, condition=condition)
+        env = environment_of(_TWO_HANDED, condition=condition, overrides=chosen)
     found = found_targets(env, objects=objects, seconds=seconds, how=how)
     return [replace(each, name=f"{condition or ''} {each.name}".strip()) for each in found]

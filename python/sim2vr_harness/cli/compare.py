@@ -137,7 +137,7 @@ def compare(
     users, told = _told_names(users)
     played = partial(_plays, out, seed, overrides, batch, persons, trust_app)
     shown = {"figures": figures, "every": every, "json": json}
-    if remote or _are_sessions(people or []):
+    if remote or _are_sessions(people or [], game):
         how = played(episodes or 2, condition)
         _write(_beside_sessions(users, told, people or [], how, remote), out, **shown)
         return
@@ -190,12 +190,20 @@ def _plays(
     # fmt: on
 
 
-def _are_sessions(people: Sequence[Path]) -> bool:
-    """Whether people's rounds are sessions in files, not logs or packed rounds."""
+def _are_sessions(people: Sequence[Path], game: str | None) -> bool:
+    """Whether people's rounds are sessions in files, or logs of a game without measures of its own.
+
+    Logs of the other games, and packed rounds, have more in them than sessions.
+    """
+    from sim2vr_harness.games.registry import aimed_games, behaviours
     from sim2vr_harness.human_comparison.session_sources import find_sessions
+    from sim2vr_harness.sessions import read_session
 
     found = [each for path in people if path.exists() for each in find_sessions(path)]
-    return bool(found) and all(each.is_file() for each in found)
+    files = all(each.is_file() for each in found)
+    if found and not files and game is None:
+        game = read_session(next(each for each in found if each.is_dir())).app.name
+    return bool(found) and (files or game not in (*behaviours(), *aimed_games()))
 
 
 def _beside_sessions(
@@ -230,7 +238,7 @@ def _compared(
     """Measure people and users, those of studies last; users play first if they must."""
     from sim2vr_harness.games.registry import behaviour_of
     from sim2vr_harness.human_comparison.report import ComparisonReport
-    from sim2vr_harness.human_comparison.sources import read_people, read_user
+    from sim2vr_harness.human_comparison.sources import check_user, read_people, read_user
 
     behaviour = behaviour_of(game)
     if not people:
@@ -238,6 +246,9 @@ def _compared(
     sources: dict[str, list[Source]] = {}
     with Share("Comparing") as share:
         measured_people = read_people(people, behaviour, unconstrained=unconstrained)
+        for user in users:
+            if not _is_study(user):
+                check_user(user, behaviour, plays, measured_people)
         for user in users:
             show = progress_of_part(share.show, len(sources), len(users))
             if not _is_study(user):
@@ -261,11 +272,12 @@ def _write(report: ComparisonReport, out: Path, *, figures: bool, every: bool, j
     """Write the comparison's files, and print its tables or JSON."""
     from sim2vr_harness.human_comparison.figures import draw
     from sim2vr_harness.human_comparison.files import as_json, write_csv, write_json, write_page
-    from sim2vr_harness.human_comparison.tables import report_tables
+    from sim2vr_harness.human_comparison.tables import SETTLING, missing_values, report_tables
 
     files = [write_json(report, out / "comparison.json"), *write_csv(report, out)]
     drawn = draw(report, out) if figures else []
-    files += [*drawn, write_page(report, drawn, out / "comparison.html")]
+    notes = (SETTLING, *missing_values(report))
+    files += [*drawn, write_page(report, drawn, out / "comparison.html", notes)]
     if json:
         print_json(as_json(report))
         return
@@ -385,10 +397,13 @@ def _compare_aimed(
         read_aimed_people,
         read_aimed_user,
     )
+    from sim2vr_harness.human_comparison.sources import trained_user
     from sim2vr_harness.runs.run_folder import write_atomically
 
     with Share("Comparing") as share:
         recorded = read_aimed_people(people)
+        for user in users:
+            trained_user(user, game)
         found: list[AimedUser] = []
         for user in users:
             show = progress_of_part(share.show, len(found), len(users))

@@ -76,12 +76,6 @@ def _probe(code: str, **environment: str) -> tuple[bool, str]:
     return done.returncode == 0, lines[-1] if lines else ""
 
 
-def _rebuild_command() -> str:
-    if paths.checkout_dir() is not None:
-        return "make setup"
-    return "pip install --force-reinstall --no-deps sim2vr-harness"
-
-
 def _install_command(package: str) -> str:
     if paths.checkout_dir() is not None:
         return "make setup"
@@ -110,10 +104,10 @@ def _app_checks() -> Iterator[Check]:
         f"import {module} as m; print(getattr(m, '__version__', 'no version'), m.__file__)"
     )
     if not imported:
-        yield Check("app runtime (in process)", "missing", answer, _rebuild_command())
+        yield Check("app runtime (in process)", "missing", answer, paths.rebuild_command())
     elif answer.split()[0] != __version__:
         found = f"version {answer.split()[0]}, but the Python side is {__version__}"
-        yield Check("app runtime (in process)", "warning", found, _rebuild_command())
+        yield Check("app runtime (in process)", "warning", found, paths.rebuild_command())
     else:
         yield Check("app runtime (in process)", "ok", answer)
 
@@ -121,7 +115,7 @@ def _app_checks() -> Iterator[Check]:
         executable = paths.app_executable()
     except FileNotFoundError as error:
         found = str(error).partition(" Run: ")[0]
-        yield Check("app runtime (executable)", "missing", found, _rebuild_command())
+        yield Check("app runtime (executable)", "missing", found, paths.rebuild_command())
     else:
         yield Check("app runtime (executable)", "ok", str(executable))
 
@@ -179,11 +173,13 @@ def _browser_check() -> Iterator[Check]:
 
 
 def _openxr_check() -> Iterator[Check]:
-    """Look for the OpenXR runtime, what programs may draw with, and what they preload."""
+    """Look for the OpenXR runtime, what programs may draw with, its layer, and the clock."""
     from sim2vr_harness.client.errors import AppRefused
     from sim2vr_harness.client.openxr.describe import GRAPHICS
     from sim2vr_harness.client.openxr.runtime_files import (
         CLOCK_LIBRARY,
+        LAYER_LIBRARY,
+        MODES_LIBRARY,
         find_library,
         find_runtime,
     )
@@ -192,24 +188,31 @@ def _openxr_check() -> Iterator[Check]:
     try:
         manifest = find_runtime()
     except AppRefused as error:
-        yield Check(name, "info", f"{error}; needed by OpenXR programs (docs/reference/openxr.md)")
-        return
-    works, answer = _probe(
-        "from pathlib import Path\n"
-        "from sim2vr_harness.client.openxr.describe import graphics_of\n"
-        f"print(graphics_of(Path({str(manifest)!r})))"
-    )
-    without = [words for words in GRAPHICS.values() if words not in answer] if works else []
-    lacking = [f"built without {', '.join(without)}"] if without else []
-    if find_library(CLOCK_LIBRARY) is None:
-        lacking.append("no --virtual-clock")
-    if shutil.which("Xvfb") is None:
-        lacking.append("no Xvfb for --xvfb")
-    found = "; ".join([f"{manifest}: {answer}", *lacking])
-    usable = works and answer != "nothing"
-    packages = "libgl-dev libegl-dev libvulkan-dev libx11-dev libopenxr-dev"
-    mend = "" if usable else f"{_apt(packages)}, then {_rebuild_command()}"
-    yield Check(name, "ok" if usable else "warning", found, mend)
+        yield Check(name, "missing", str(error).partition("; run: ")[0], paths.rebuild_command())
+    else:
+        works, answer = _probe(
+            "from pathlib import Path\n"
+            "from sim2vr_harness.client.openxr.describe import graphics_of\n"
+            f"print(graphics_of(Path({str(manifest)!r})))"
+        )
+        usable = works and answer != "nothing"
+        without = [words for words in GRAPHICS.values() if words not in answer] if usable else []
+        found = f"{manifest}: {answer}" + (f"; without {', '.join(without)}" if without else "")
+        packages = "libgl-dev libegl-dev libvulkan-dev libx11-dev libopenxr-dev"
+        mend = "" if usable else f"{_apt(packages)}, then {paths.rebuild_command()}"
+        yield Check(name, "ok" if usable else "missing", found, mend)
+    for library, use in (
+        (LAYER_LIBRARY, "OpenXR recording layer"),
+        (CLOCK_LIBRARY, "virtual clock of programs"),
+        (MODES_LIBRARY, "display of programs (--xvfb)"),
+    ):
+        file = find_library(library)
+        if file is None:
+            yield Check(use, "missing", f"no {library}", paths.rebuild_command())
+        elif library == MODES_LIBRARY and shutil.which("Xvfb") is None:
+            yield Check(use, "info", f"no Xvfb: {_apt('xvfb')}")
+        else:
+            yield Check(use, "ok", str(file))
 
 
 def _looking_checks() -> Iterator[Check]:
@@ -284,7 +287,7 @@ def _debian_checks() -> Iterator[Check]:
     try:
         lines = (paths.share_dir() / "packages.txt").read_text(encoding="utf-8").splitlines()
     except FileNotFoundError as error:
-        yield Check("Debian packages", "warning", str(error), _rebuild_command())
+        yield Check("Debian packages", "warning", str(error), paths.rebuild_command())
         return
     rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
     installed = _installed_debian_packages([package for _, package in rows])

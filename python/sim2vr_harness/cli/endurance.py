@@ -50,7 +50,7 @@ def endurance(
     from sim2vr_harness.tools.users import environment_of
 
     environment = environment_of(user, overrides=set_ or (), trust_app=trust_app)
-    held = [hold(who, pose, load) for who in who_hold(environment.user, people)]
+    held = [hold(who, pose, load, own) for who, own in who_hold(environment.user, people)]
     if json:
         persons = [[_plain(asdict(arm)) for arm in person] for person in held]
         print_json({"user": user, "pose": pose, "load_kg": load, "persons": persons})

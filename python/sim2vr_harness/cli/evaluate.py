@@ -26,7 +26,7 @@ from sim2vr_harness.cli.options import (
     who_plays,
     writable_folder,
 )
-from sim2vr_harness.cli.progress import Share
+from sim2vr_harness.cli.progress import Share, say
 
 if TYPE_CHECKING:
     from sim2vr_harness.evaluation.evaluate import Evaluation, Request
@@ -127,13 +127,12 @@ def evaluate(
         sim2vr-harness evaluate runs/sample --episodes 20 --record
     """
     from sim2vr_harness.base.errors import InputError
-    from sim2vr_harness.evaluation.evaluate import Request
-    from sim2vr_harness.evaluation.evaluate import evaluate as evaluate_run
+    from sim2vr_harness.evaluation import evaluate as evaluation
 
     checked = CheckedRun(expect, against, junit, "evaluate")
     run, baseline = who_plays(run, user)
     # fmt: off
-    request = Request(
+    request = evaluation.Request(
         conditions=condition, episodes=episodes, seed=seed, people=people,
         deterministic=deterministic, record=record, log=log, steps=steps, out=out, batch=batch,
         overwrite=overwrite, app=remote, overrides=overrides or (), trust_app=trust_app,
@@ -143,8 +142,9 @@ def evaluate(
         return _evaluate_baseline(baseline, request, json, checked)
     if run is None:
         raise InputError("RUN", "nothing", "a run's folder, or --user still or random")
+    asked: Any = {"on_plan": checked.prepare, "on_note": lambda note: say(f"note: {note}")}
     with Share("Playing") as share:
-        found = evaluate_run(run, request, on_progress=share.show, on_plan=checked.prepare)
+        found = evaluation.evaluate(run, request, on_progress=share.show, **asked)
     return _print(found, request, json, checked)
 
 

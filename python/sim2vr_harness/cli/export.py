@@ -28,31 +28,44 @@ def export(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Folder for the files.", show_default="opensim or iwer", callback=writable_folder
+            help="Folder for the files.",
+            show_default="opensim, csv or iwer",
+            callback=writable_folder,
         ),
     ] = None,
+    csv: Annotated[
+        bool, typer.Option("--csv", help="Write the tables as CSV files instead.")
+    ] = False,
     iwer: Annotated[
         bool, typer.Option("--iwer", help="Write recordings for IWER's ActionPlayer instead.")
     ] = False,
 ) -> None:
-    """Write rounds for OpenSim, or for tests of WebXR pages.
+    """Write rounds for OpenSim, as CSV, or for tests of WebXR pages.
 
     Angles go to .mot files, activations and forces to .sto files. Of a study, every cell has a
-    folder of its name. With --iwer, head, controllers and inputs of a round go to one .json file.
+    folder of its name. With --csv, every table goes to a .csv file. With --iwer, head,
+    controllers and inputs of a round go to one .json file.
 
     Examples:
         sim2vr-harness export evaluation/sample --out opensim/sample
         sim2vr-harness export evaluation/buttons --iwer --out tests/fixtures
     """
-    from sim2vr_harness.evaluation.data import export_opensim, read_data
+    from sim2vr_harness.evaluation.data import EvaluationData, export_opensim, read_data
     from sim2vr_harness.studies.data import STUDY_FILE, read_study
 
+    if csv and iwer:
+        raise InputError("--csv", "it together with --iwer", "one of them")
     if iwer:
-        files = _iwer_files(folder, out or Path("iwer"), episode or [])
-    elif (folder / STUDY_FILE).is_file():
-        files = read_study(folder).export_opensim(out or Path("opensim"), episode or ())
+        print_written(_iwer_files(folder, out or Path("iwer"), episode or []))
+        return
+    write = EvaluationData.export_csv if csv else export_opensim
+    out = out or Path("csv" if csv else "opensim")
+    if (folder / STUDY_FILE).is_file():
+        files = read_study(folder).export(write, out, episode or ())
+        if csv:  # the study's own tables, beside the folders of its cells
+            files = read_data(folder).export_csv(out) + files
     else:
-        files = export_opensim(read_data(folder), out or Path("opensim"), episode or ())
+        files = write(read_data(folder), out, episode or ())
     print_written(files)
 
 

@@ -25,19 +25,15 @@ from sim2vr_harness.base.cores import settle_torch
 from sim2vr_harness.base.notices import set_notice
 from sim2vr_harness.cli import (
     audit,
-    bench,
-    chart,
     compare,
     curves,
     evaluate,
     export,
     film,
     games,
-    level,
     page,
     reach,
     replay,
-    rewards,
     session,
     snapshot,
     study,
@@ -67,11 +63,11 @@ app = CommandGroup(
 )
 
 plot = CommandGroup(
-    """Draw learning curves, levels or measures as PNG files.
+    """Draw learning curves as PNG files.
 
     Examples:
         sim2vr-harness plot curves runs/sample
-        sim2vr-harness plot level generated --out level.png
+        sim2vr-harness plot curves runs/sample runs/other --out curves.png
     """
 )
 
@@ -161,11 +157,8 @@ app.add("compare", compare.compare, STUDY)
 app.add("track", track.track, ANALYSE)
 app.add("audit", audit.audit, ANALYSE)
 app.add("reach", reach.reach, ANALYSE)
-app.add("rewards", rewards.rewards, ANALYSE)
 app.add("export", export.export, ANALYSE)
 plot.add("curves", curves.curves)
-plot.add("level", level.level)
-plot.add("measures", chart.chart)
 app.add_typer(plot, name="plot", rich_help_panel=LOOK)
 render.add("snapshot", snapshot.snapshot)
 render.add("film", film.film)
@@ -174,7 +167,6 @@ app.add("games", games.games, KNOW)
 app.add_typer(page.app, name="page", rich_help_panel=KNOW)
 app.add_typer(users.app, name="users", rich_help_panel=KNOW)
 app.add("doctor", doctor, KNOW)
-app.add("bench", bench.bench, KNOW)
 add_old_names(app)
 
 

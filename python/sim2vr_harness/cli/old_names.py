@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from sim2vr_harness.cli import chart, curves, endurance, film, level, motor, snapshot
+from sim2vr_harness.cli import curves, endurance, film, motor, snapshot
 from sim2vr_harness.cli.command import CommandGroup
 
 
 def add_old_names(app: CommandGroup) -> None:
     """Add the hidden old commands to the command line."""
     app.add_old("curves", curves.curves, "plot curves")
-    app.add_old("level", level.level, "plot level")
-    app.add_old("chart", chart.chart, "plot measures")
     app.add_old("snapshot", snapshot.snapshot, "render snapshot")
     app.add_old("endurance", endurance.endurance, "users endurance")
     app.add_old("film", film.film, "render film")

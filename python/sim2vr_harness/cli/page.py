@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sim2vr_harness.cli.app_options import BrowserOption, MapOption, mapped_places
+from sim2vr_harness.cli.app_options import (
+    BrowserOption,
+    MapOption,
+    mapped_places,
+    page_and_options,
+)
 from sim2vr_harness.cli.command import CommandGroup
 from sim2vr_harness.cli.options import JsonOption, finite, print_json, writable_folder
 
@@ -42,7 +47,8 @@ def check(
     """
     from sim2vr_harness.client.webxr.check import check_page
 
-    found = check_page(_local(page), mapped_places(mapped or []), browser, seconds=seconds)
+    place, options = page_and_options(page)
+    found = check_page(place, mapped_places(mapped or []), browser, options, seconds=seconds)
     if json:
         print_json({**asdict(found), "missing": found.missing, "plays": found.failure is None})
     else:
@@ -73,10 +79,11 @@ def vendor(
     from sim2vr_harness.client.webxr.vendor import vendor as fetch
 
     places, file = mapped_places(mapped or []), out / MAP_FILE
+    place, options = page_and_options(page)
     tried: set[str] = set()
     for _ in range(MOST_ROUNDS):
         known = {**places, **(read_map(file) if file.exists() else {})}
-        found = check_page(_local(page), known, browser, seconds=0.5)
+        found = check_page(place, known, browser, options, seconds=0.5)
         packages, without = packages_behind(
             address for address in found.missing if address not in tried
         )
@@ -98,10 +105,6 @@ def vendor(
     option = f" --map {file}" if file.exists() else ""
     typer.echo(f"It plays: sim2vr-harness render snapshot --page {page}{option}")
     return 0
-
-
-def _local(page: str) -> str:
-    return page if "://" in page else str(Path(page).expanduser().absolute())
 
 
 def _lines(found: PageCheck) -> list[str]:

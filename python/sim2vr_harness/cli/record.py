@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import secrets
+import signal
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -94,8 +96,9 @@ def _serve(given: str, out: Path | None, port: int, seed: int, *, lan: bool) -> 
     from contextlib import closing
 
     from sim2vr_harness.base.errors import InputError
+    from sim2vr_harness.base.signals import sigterm_interrupts
     from sim2vr_harness.sessions.formats import require_name
-    from sim2vr_harness.tools.record import RecordingServer
+    from sim2vr_harness.tools.record import RecordingServer, recover
 
     page = Path(given).expanduser()
     if "://" in given:
@@ -103,45 +106,56 @@ def _serve(given: str, out: Path | None, port: int, seed: int, *, lan: bool) -> 
         raise InputError("--page", f"the address {given!r}", expected)
     if not (page / "index.html" if page.is_dir() else page).is_file():
         raise InputError("--page", f"{given!r}", "a page in HTML, or a folder with index.html")
-    if out is not None and out.exists():
-        raise InputError("--out", f"{str(out)!r}, which is there already", "a new file")
     if out is None:
         name = page.absolute().name if page.is_dir() else page.stem
         out = Path(f"{name}_{time.strftime('%Y%m%d_%H%M%S')}.jsonl")
     require_name(out)
-    with closing(RecordingServer(page, seed, port=port, lan=lan)) as server, server.running():
-        typer.echo(f"Open in the headset's browser: {server.address}")
-        if server.fingerprint:
-            typer.echo(
-                "The browser warns of the self-signed certificate; its SHA-256 fingerprint is\n"
-                f"{server.fingerprint}"
-            )
-        typer.echo(f"Seed: {seed}. The recording ends with the VR session, or with Ctrl-C.")
+    for line in recover(out.absolute().parent):
+        typer.echo(line, err=True)
+    with (
+        sigterm_interrupts(signal.SIGHUP, signal.SIGQUIT),
+        closing(RecordingServer(page, seed, out, port=port, lan=lan)) as server,
+    ):
         try:
-            server.wait()
-        except KeyboardInterrupt:
+            with server.running():
+                _wait(server, seed)
+            _write(server)
+        except BaseException:
+            if len(server.parts):
+                kept = (
+                    f"Kept: {server.parts.folder}; the next recording into its folder recovers it"
+                )
+                with suppress(OSError):
+                    typer.echo(kept, err=True)
+            raise
+
+
+def _wait(server: RecordingServer, seed: int) -> None:
+    """Say where the page is, and wait for the end of its session."""
+    typer.echo(f"Open in the headset's browser: {server.address}")
+    if server.fingerprint:
+        typer.echo(
+            "The browser warns of the self-signed certificate; its SHA-256 fingerprint is\n"
+            f"{server.fingerprint}"
+        )
+    typer.echo(f"Seed: {seed}. The recording ends with the VR session, or with Ctrl-C.")
+    try:
+        server.wait()
+    except KeyboardInterrupt:
+        with suppress(OSError):  # the terminal may have gone
             typer.echo("", err=True)
-        _write(server, out)
 
 
-def _write(server: RecordingServer, out: Path) -> None:
-    """Write the session; one that cannot be read is kept as it came."""
+def _write(server: RecordingServer) -> None:
+    """Write the session, and say what is in it."""
     from sim2vr_harness.base.errors import InputError
-    from sim2vr_harness.sessions import write_session
     from sim2vr_harness.sessions.privacy import personal_content
 
-    try:
-        session = server.session()
-    except InputError:
-        raw = out.with_name(f"{out.name}.damaged")
-        server.parts.write(raw)
-        typer.echo(f"Kept as it came: {raw}", err=True)
-        raise
+    session = server.parts.finish()
     if session is None:
         raise InputError("session record", "no frame of a VR session", "a page that enters VR")
-    write_session(session, out)
     for note in session.notes:
         typer.echo(f"note: {note}", err=True)
-    typer.echo(f"Written: {out} ({len(session):,} frames, {session.duration_s:.1f} s)")
+    typer.echo(f"Written: {server.parts.out} ({len(session):,} frames, {session.duration_s:.1f} s)")
     for line in personal_content(session):
         typer.echo(f"personal: {line}")

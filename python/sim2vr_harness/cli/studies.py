@@ -59,8 +59,8 @@ def comparison_table(data: StudyData) -> Iterator[RenderableType]:
         yield from _results_table(
             found["results"], _digits(found["summaries"], data.about["measures"])
         )
-        for note in dict.fromkeys(_notes(found["results"])):
-            yield Text(f"note: {note}")
+    for note in dict.fromkeys(_notes(found["summaries"], found["results"])):
+        yield Text(f"note: {note}")
 
 
 def plan_tables(
@@ -146,7 +146,7 @@ def _summary_table(summaries: list[dict[str, Any]], measures: Sequence[Mapping[s
         rows.append([
             *map(_foldable, row["levels"].values()),
             _foldable(row["measure"]),
-            str(row["n"]),
+            _of(str(row["n"]), row),
             _plain(row["mean"], decimals),
             _plain(row["sd"], decimals),
             _interval(row, decimals),
@@ -188,11 +188,17 @@ def _row(row: dict[str, Any], digits: Mapping[str, int]) -> list[str]:
     return [
         _foldable(row["measure"]),
         "\n".join([levels, *map(_foldable, within)]),
-        str(n),
+        _of(str(n), row),
         _with_interval(difference, decimals),
         "refused" if row["refused"] else _p(p),
         _plain(row.get("effect"), 2),
     ]
+
+
+def _of(n: str, row: Mapping[str, Any]) -> str:
+    """n, and of how many where some have no value."""
+    units = row.get("units")
+    return n if units is None or n == str(units) or "+" in n else f"{n} of {units}"
 
 
 def _table(title: str, names: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
@@ -257,8 +263,16 @@ def _p(p: float) -> str:
     return f"< {_CONVINCING}" if p < _CONVINCING else f"{p:.3f}"
 
 
-def _notes(results: list[dict[str, Any]]) -> Iterator[str]:
+def _notes(
+    summaries: Sequence[Mapping[str, Any]], results: Sequence[Mapping[str, Any]]
+) -> Iterator[str]:
+    for row in summaries:
+        place = ", ".join(map(str, row["levels"].values()))
+        for text in row.get("notes", ()):
+            yield f"{place}: {text}" if place else text
+    told = [f"{note}" for row in summaries for note in row.get("notes", ())]
     for row in results:
-        for text in (row["refused"], row["note"]):
-            if text:
+        for text in (row["refused"], *str(row["note"] or "").split("; ")):
+            # What the table of conditions has said already is not said again.
+            if text and not any(text in note or note in text for note in told):
                 yield text

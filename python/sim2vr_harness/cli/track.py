@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 __all__ = ["track"]
 
 _SHOWN_MUSCLES = 8
-_MOST_PASSES = 50
 
 
 _Recordings = Annotated[
@@ -76,12 +75,6 @@ _Frame = Annotated[
         help="Of CSV files: app (Unity: left-handed, z ahead) or openxr (right-handed, z back)."
     ),
 ]
-_Passes = Annotated[
-    int,
-    typer.Option(
-        help="Goes at the recording, each corrected by the one before; 1: the layer alone."
-    ),
-]
 _Refine = Annotated[
     bool,
     typer.Option(
@@ -108,7 +101,6 @@ def track(
     scale: _Scale = 1.0,
     offset: _Offset = "0,0,0",
     frame: _Frame = "app",
-    passes: _Passes = 8,
     refine: _Refine = True,
     pointed: _Pointed = False,
     play: _Play = True,
@@ -132,7 +124,7 @@ def track(
     right, up, ahead = _three("--offset", offset)
     # fmt: off
     settings = TrackingSettings(
-        passes=_between("--passes", passes, 1, _MOST_PASSES), refined=refine, yaw=_yaw(yaw),
+        refined=refine, yaw=_yaw(yaw),
         scale=_between("--scale", scale, 0.2, 5.0), offset_m=(ahead, -right, up),
         stature_m=None if stature is None else _between("--stature", stature, 1.0, 2.5),
         mass_kg=None if mass is None else _between("--mass", mass, 20.0, 300.0),

@@ -19,7 +19,7 @@ from sim2vr_harness.cli.options import (
     known_users,
     writable_folder,
 )
-from sim2vr_harness.cli.progress import Share
+from sim2vr_harness.cli.progress import Share, say
 
 if TYPE_CHECKING:
     from sim2vr_harness.runs.config import TrainingConfig
@@ -117,6 +117,7 @@ def train(
     if not resume:
         settings = settings.model_copy(update={"env": with_task(settings.env)})
     settings = _of_people(settings) if people else settings
+    _note_idle_reward(settings, resume=resume)
     how: dict[str, Any] = {"resume": resume, "overwrite": overwrite, "set_aside": set_aside}
     result = trainer.train(settings, folder, timesteps=timesteps, **how)
     if not result.interrupted and settings.evaluation.episodes_after_training:
@@ -124,6 +125,14 @@ def train(
     goes_on = result.step < settings.last_stage_steps
     _print_where_next(result, resumable=result.interrupted or goes_on)
     return INTERRUPTED if result.interrupted else 0
+
+
+def _note_idle_reward(settings: TrainingConfig, *, resume: bool) -> None:
+    """Say so if a new run's app pays a user that does nothing."""
+    from sim2vr_harness.policies.scripted.baselines import doing_nothing_pays
+
+    if not resume and (note := doing_nothing_pays(settings.env)):
+        say(f"note: {note}")
 
 
 def _short(values: Mapping[str, Any]) -> list[str]:
@@ -159,15 +168,14 @@ def _of_people(settings: TrainingConfig) -> TrainingConfig:
     """Return the settings with users who are persons.
 
     Raises:
-        InputError: another recipe than ``skills``, or a student.
+        InputError: another recipe than ``skills``.
     """
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.envs.people_preset import as_population
     from sim2vr_harness.perception.registry import SenseConfig
 
-    if settings.recipe != "skills" or settings.policy_kind != "hierarchical":
-        got = f"it with recipe {settings.recipe!r} and skills.user {settings.skills.user!r}"
-        raise InputError("--people", got, "recipe 'skills' with skills.user 'hierarchical'")
+    if settings.recipe != "skills":
+        raise InputError("--people", f"it with recipe {settings.recipe!r}", "recipe 'skills'")
     env = settings.env
     known = {sense.sense for sense in env.senses}
     more = [SenseConfig(sense=name) for name in ("headset", "person") if name not in known]

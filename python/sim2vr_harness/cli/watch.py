@@ -1,4 +1,4 @@
-"""``sim2vr-harness watch``: a look at play, in the browser or as a file for Rerun."""
+"""``sim2vr-harness watch``: a look at play, in the browser."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from sim2vr_harness.cli.options import (
     game_option,
     known_users,
     who_plays,
-    writable_file,
 )
 
 if TYPE_CHECKING:
@@ -50,14 +49,6 @@ _Seed = Annotated[
         min=0, max=2**31 - 1, help="Seed of the round.", show_default="1, or the session's"
     ),
 ]
-_Rerun = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="OUT.rrd",
-        help="Write a recording for Rerun's viewer instead.",
-        callback=writable_file,
-    ),
-]
 _Shared = Annotated[
     bool,
     typer.Option(
@@ -77,7 +68,6 @@ def watch(
     seed: _Seed = None,
     beside: _Beside = None,
     deterministic: DeterministicOption = None,
-    rerun: _Rerun = None,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page.")] = 8080,
     shared: _Shared = False,
@@ -97,9 +87,9 @@ def watch(
     """
     from sim2vr_harness.base.optional import needed
 
-    _check(rerun, try_, beside, shared=shared, host=host)
+    _check(try_, beside, shared=shared, host=host)
     run, baseline = who_plays(run, user)
-    needed(*(("rerun", "rerun", "--rerun") if rerun is not None else ("viser", "watch", "watch")))
+    needed("viser", "watch", "watch")
     _require_user(run, try_, remote)
     # fmt: off
     show = _chosen(
@@ -108,24 +98,17 @@ def watch(
         overrides=overrides or (),
     )
     # fmt: on
-    if rerun is not None:
-        _record(show, rerun)
-    else:
-        _serve(show, host, port, shared)
+    _serve(show, host, port, shared)
 
 
-def _check(rerun: Path | None, try_: bool, beside: Path | None, *, shared: bool, host: str) -> None:
+def _check(try_: bool, beside: Path | None, *, shared: bool, host: str) -> None:
     """Refuse options that do not go together."""
     from sim2vr_harness.base.errors import InputError
 
-    if rerun is not None and rerun.suffix.lower() != ".rrd":
-        raise InputError("--rerun", repr(str(rerun)), "a file name that ends in .rrd")
-    if rerun is not None and try_:
-        raise InputError("--rerun", "it together with --try", "one of them")
     if beside is not None and try_:
         raise InputError("--beside", "it together with --try", "one of them")
-    if shared and (rerun is not None or host != "127.0.0.1"):
-        raise InputError("--share", "it together with --rerun or --host", "one of them")
+    if shared and host != "127.0.0.1":
+        raise InputError("--share", "it together with --host", "one of them")
 
 
 def _require_user(run: str | None, try_: bool, remote: dict[str, Any]) -> None:
@@ -165,16 +148,6 @@ def _chosen(
     if session is None or beside is None:
         return show
     return shown_beside(show, session_show(session, beside.name, game=game, app=remote))
-
-
-def _record(show: Playlist, file: Path) -> None:
-    """Write a Rerun recording."""
-    from sim2vr_harness.cli.progress import Share
-    from sim2vr_harness.tools.watch.rerun_file import write_rerun
-
-    with Share("Recording") as share:
-        write_rerun(show, file, on_progress=lambda time_s: share.show(min(time_s / 60.0, 1.0)))
-    typer.echo(f"Written: {file}")
 
 
 def _serve(show: Playlist, host: str, port: int, shared: bool) -> None:

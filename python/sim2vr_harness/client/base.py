@@ -74,6 +74,9 @@ class AppReply:
     """Sounds that began in them, in order."""
     values: Mapping[str, AppValue] = field(default_factory=dict)
     """What the app answers for the expressions of :attr:`AppsWanted.values`, after the step."""
+    left: str = ""
+    """How the app left VR by itself, which ended the round: its name and what it did; "": it
+    did not."""
 
 
 def plain_options(options: Mapping[str, OptionValue] | None) -> dict[str, OptionValue]:

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.client.errors import AppDied, AppRefused, AppTimeout
-from sim2vr_harness.client.temporary import GROUP_FILE, TemporaryFolder
+from sim2vr_harness.client.temporary import FOLDER_VARIABLE, GROUP_FILE, TemporaryFolder
 
 BAD_USAGE = 2
 """Exit status by which sim2vr-app says that its arguments cannot be used."""
@@ -36,6 +36,7 @@ _MOVED_PIPES = " 3<&0 4>&1 0</dev/null 1>&2"
 
 _POLL_S = 0.01
 _KILL_S = 10.0
+_MOST_SWEEPS = 20
 _TAIL_BYTES = 4000
 _TAIL_LINES = 12
 
@@ -60,10 +61,10 @@ def log_folder() -> Path:
 class AppProcess:
     """An executable in a process group of its own, its output in a file.
 
-    It is ended, with everything it started, by :meth:`stop` or :meth:`kill`, when this object is
-    forgotten, and when this process ends: in an orderly way by ``atexit``, after SIGKILL by a
-    watcher (:mod:`~.temporary`), itself also by the kernel (PR_SET_PDEATHSIG). Ctrl-C in the
-    terminal does not reach it.
+    It is ended, with everything it started, in whatever session or group, by :meth:`stop` or
+    :meth:`kill`, when this object is forgotten, and when this process ends: in an orderly way by
+    ``atexit``, after SIGKILL by a watcher (:mod:`~.temporary`), itself also by the kernel
+    (PR_SET_PDEATHSIG). Ctrl-C in the terminal does not reach it.
 
     The output files are deleted after a clean end and kept in :func:`log_folder` after a failure,
     for people to read.
@@ -116,7 +117,11 @@ class AppProcess:
                     stdin=read_from if pipes is None else pipes[0],
                     stdout=log if pipes is None else pipes[1],
                     stderr=log,
-                    env={**os.environ, **(environment or {})},
+                    env={
+                        **os.environ,
+                        **(environment or {}),
+                        FOLDER_VARIABLE: str(self._folder.path),
+                    },
                     cwd=None if home is None else home.path,
                     start_new_session=True,
                     pass_fds=tuple(inherited),
@@ -127,7 +132,9 @@ class AppProcess:
                 f"executable: got {self.command[0]!r}, which cannot be started "
                 f"({error.strerror}), expected a program for this machine"
             ) from error
-        self._finalizer = weakref.finalize(self, _end_group, self._popen, os.getpid())
+        self._finalizer = weakref.finalize(
+            self, _end_all, self._popen, self._folder.path, os.getpid()
+        )
 
     @property
     def pid(self) -> int:
@@ -216,7 +223,7 @@ class AppProcess:
                 f"executable: got {self.command[0]!r}, which cannot be started "
                 f"({self.log_tail(3)}), expected a program for this machine"
             )
-        return AppDied(f"{self} {_end_words(status)} {when}{self.log_words()}")
+        return AppDied(f"{self} {end_words(status)} {when}{self.log_words()}")
 
     def log_tail(self, lines: int = _TAIL_LINES) -> str:
         """The last lines of what the app wrote."""
@@ -282,7 +289,8 @@ def _check_executable(path: str) -> None:
         )
 
 
-def _end_words(status: int | None) -> str:
+def end_words(status: int | None) -> str:
+    """Return how a process ended: by itself or by a signal; None: it only fell silent."""
     if status is None:
         return "closed its connection"
     if status < 0:
@@ -302,8 +310,8 @@ def _tail(file: Path, lines: int) -> str:
     return "\n".join(text.rstrip().splitlines()[-lines:])
 
 
-def _end_group(popen: subprocess.Popen[bytes], owner: int) -> None:
-    """Kills the process group and takes the process's status."""
+def _end_all(popen: subprocess.Popen[bytes], folder: Path, owner: int) -> None:
+    """Kills the process group and what left it, and takes the process's status."""
     if os.getpid() != owner:  # A fork of the owner; the child is not its own.
         return
     if popen.returncode is None:
@@ -311,6 +319,31 @@ def _end_group(popen: subprocess.Popen[bytes], owner: int) -> None:
             os.killpg(popen.pid, signal.SIGKILL)
         with suppress(subprocess.TimeoutExpired):  # stuck in the kernel: gone when that lets go
             popen.wait(_KILL_S)
+    entry = b"\0" + os.fsencode(f"{FOLDER_VARIABLE}={folder}") + b"\0"
+    for _ in range(_MOST_SWEEPS):  # again, for those that were forked meanwhile
+        if not _kill_marked(entry):
+            return
+
+
+def _kill_marked(entry: bytes) -> bool:
+    """Kills the processes whose environment has an entry; returns whether there were any."""
+    found = False
+    for process in Path("/proc").iterdir():
+        if not process.name.isdigit():
+            continue
+        with suppress(OSError):  # another user's, or gone
+            if entry not in b"\0" + (process / "environ").read_bytes():
+                continue
+            number = int(process.name)
+            descriptor = os.pidfd_open(number)
+            try:
+                # The number may be another's by now; the descriptor's process has the entry.
+                if entry in b"\0" + (process / "environ").read_bytes():
+                    signal.pidfd_send_signal(descriptor, signal.SIGKILL)
+                    found = True
+            finally:
+                os.close(descriptor)
+    return found
 
 
 def _dying_with_parent() -> list[str]:

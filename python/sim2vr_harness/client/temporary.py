@@ -2,7 +2,8 @@
 
 All apps of a process have their folders in one, ``sim2vr-PID-XXXXXXXX`` in the temporary folder.
 A shell waits at a pipe that ends when this process ends, however that is; then it kills the
-process groups that the folders name, stopped ones too, and deletes the folders. Where the watcher
+process groups that the folders name, stopped ones too, and whatever the apps started in other
+groups, and deletes the folders. Where the watcher
 was killed as well, the next process that starts an app deletes them.
 """
 
@@ -20,6 +21,9 @@ import time
 import weakref
 from contextlib import suppress
 from pathlib import Path
+
+FOLDER_VARIABLE = "SIM2VR_APP_FOLDER"
+"""Environment variable of an app and all it starts, with the app's folder: they are found by it."""
 
 GROUP_FILE = "group"
 """In an app's folder: the number of its process group, and the end of the line."""
@@ -43,6 +47,11 @@ exec 3<&0 </dev/null
     read -r _ <&3
     for file in "$0"/*/{GROUP_FILE}; do
         read -r group <"$file" && [ "$group" -gt 1 ] && kill -s KILL -- "-$group"
+    done
+    for _ in 1 2 3; do
+        grep -lszF "{FOLDER_VARIABLE}=$0/" /proc/[0-9]*/environ | while IFS=/ read -r _ _ id _; do
+            kill -s KILL "$id"
+        done
     done
     for file in "$0"/*/{OUTSIDE_FILE}; do
         while read -r inode made; do

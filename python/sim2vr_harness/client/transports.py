@@ -1,4 +1,4 @@
-"""The ways to an app: one table, by which configurations, command line, bench and tests go.
+"""The ways to an app: one table, by which configurations, command line and tests go.
 
 A new one is a file with a :class:`Transport` and a line here; one from outside the package is
 registered with :func:`register_transport` before a configuration names it.

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from sim2vr_harness.client.base import OptionValue, ThirdPersonView, UInt8Array
-from sim2vr_harness.client.errors import AppUnsupported
+from sim2vr_harness.client.errors import AppError, AppUnsupported
 from sim2vr_harness.client.scene import AppScene
 from sim2vr_harness.client.split_step import SplitStep
 
@@ -29,7 +29,8 @@ class UnsavedApp(SplitStep):
 
     def __init__(self, kind: str, width: int, height: int, eyes: int) -> None:
         self._kind = kind
-        self._closed = False
+        self._closed = self._playing = False
+        self._left = ""
         shape = (height, width, 4)
         self._image: UInt8Array = np.zeros((2, *shape) if eyes == 2 else shape, np.uint8)
 
@@ -78,6 +79,12 @@ class UnsavedApp(SplitStep):
     def _require_open(self) -> None:
         if self._closed:
             raise RuntimeError("the app is closed; make a new one")
+
+    def _require_round(self) -> None:
+        """Refuse a step without a round, or while another one is under way."""
+        self._require_open()
+        if not self._playing:
+            raise AppError(f"step: {self._left or 'no round was started'}; call reset first")
 
     def close(self) -> None:
         """See :class:`AppClient`."""

@@ -68,6 +68,8 @@ class AppGroup(Protocol):
     apps: list[AppClient]
     failed: dict[int, str]
     """Users whose app has failed, and why; their next reset starts another one."""
+    left: dict[int, str]
+    """Users whose app has left VR by itself, which ended their round, and how."""
     failures: list[AppFailure]
     """Every app that failed so far, the oldest first."""
     drawn_by_gpu: bool
@@ -200,6 +202,7 @@ class BatchGroup:
     def __init__(self, batch: InProcessBatch, n: int) -> None:
         self.apps: list[AppClient] = [batch.app(i) for i in range(n)]
         self.failed: dict[int, str] = {}
+        self.left: dict[int, str] = {}
         self.failures: list[AppFailure] = []
         self._batch = batch
         self.drawn_by_gpu = batch.drawn_by_gpu
@@ -316,6 +319,7 @@ class ClientGroup:
     ) -> None:
         self.apps: list[AppClient] = []
         self.failed: dict[int, str] = {}
+        self.left: dict[int, str] = {}
         self.failures: list[AppFailure] = []
         self.drawn_by_gpu = False
         self._config, self._log_dir, self._channels = config, log_dir, _channels(config)
@@ -414,7 +418,8 @@ class ClientGroup:
         if self._channels:
             self.pictures[i] = pick_channels(self.apps[i].image, self._channels)
         self._logs[i] = reply.log
-        for events, new in ((self.haptics, reply.haptics), (self.sounds, reply.sounds)):
+        left = (self.left, reply.left)
+        for events, new in (left, (self.haptics, reply.haptics), (self.sounds, reply.sounds)):
             events.pop(i, None)
             if new:
                 events[i] = new  # type: ignore[assignment]

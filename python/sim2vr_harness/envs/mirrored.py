@@ -44,6 +44,7 @@ class MirroredGroup:
         self.pictures: NDArray[np.uint8] = group.pictures.copy()
         # Lists, dictionaries and arrays that the group changes in place.
         self.apps, self.failed, self.failures = group.apps, group.failed, group.failures
+        self.left = group.left
         self.reward, self.finished = group.reward, group.finished
         self.time_feature = group.time_feature
         self._haptics: dict[int, tuple[HapticPulse, ...]] = {}

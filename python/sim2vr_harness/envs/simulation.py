@@ -16,6 +16,7 @@ from sim2vr_harness.client import (
     OptionValue,
     require_capability,
 )
+from sim2vr_harness.client.devices import input_named
 from sim2vr_harness.envs.app_group import AppFailure, AppGroup, Logs, app_group
 from sim2vr_harness.envs.app_steps import AppSteps
 from sim2vr_harness.envs.apps import AppFactory
@@ -133,6 +134,17 @@ class Simulation:
             cut=self.body_for,
             head=user.head,
         )
+
+    @property
+    def resting_action(self) -> NDArray[np.float32]:
+        """(A,) of a user that does nothing: muscles relax, fingers press no input."""
+        body, names = self.users.resting_action, self.config.user.inputs
+        action = np.zeros(self.action_space.shape[0], np.float32)
+        action[: len(body)] = body
+        for k, name in enumerate(names, start=len(body)):
+            if input_named(name).low == 0.0:
+                action[k] = -1.0
+        return action
 
     @property
     def apps(self) -> list[AppClient]:
@@ -379,6 +391,8 @@ class Simulation:
             warned = {name: int(counts[i]) for name, counts in warnings.items() if counts[i]}
             if warned:
                 ends[i]["warnings"] = warned
+            if i in self._group.left and ends[i]["termination"] == "finished":
+                ends[i] |= {"termination": "app_left", "app_left": self._group.left[i]}
             if i in self._group.failed:
                 ends[i] |= {"termination": "app_failed", "app_error": self._group.failed[i]}
         return ends

@@ -26,9 +26,10 @@ class StepBatch:
             diverged, nor one that failed.
         logs: the games' named numbers, ``logs[i]`` of user i.
         ends: users whose episode ended here -> ``termination`` (``finished``, ``diverged``,
-            ``max_steps_reached`` or ``app_failed``) and ``max_fatigued``; after ``app_failed`` also
-            ``app_error``, what happened; where MuJoCo warned in the episode, ``warnings``, how
-            often by kind (see :attr:`UserBatch.warnings`).
+            ``max_steps_reached``, ``app_left`` or ``app_failed``) and ``max_fatigued``; after
+            ``app_left`` also ``app_left``, how the app ended its session by itself; after
+            ``app_failed`` also ``app_error``, what happened; where MuJoCo warned in the episode,
+            ``warnings``, how often by kind (see :attr:`UserBatch.warnings`).
     """
 
     reward: NDArray[np.float64]

@@ -50,7 +50,8 @@ def evaluation_env(
         if not override.lstrip().startswith("env."):
             raise InputError("--set", repr(override), "env.KEY=VALUE: an evaluation trains nothing")
     tree = config.model_dump()
-    tree["env"]["app"] |= app or {}
+    options = {**tree["env"]["app"]["options"], **(app or {}).get("options", {})}
+    tree["env"]["app"] |= {**(app or {}), "options": options}
     named = named_app(overrides, app) if typed else ()
     final = parse_config(apply_overrides(tree, overrides)).env
     require_trust(final, source, named=named, trust=trust_app)

@@ -35,6 +35,7 @@ from sim2vr_harness.evaluation.training_distribution import met, unpractised
 from sim2vr_harness.evaluation.video import RoundFilmer
 from sim2vr_harness.policies.protocol import Policy
 from sim2vr_harness.policies.registry import load_policy
+from sim2vr_harness.policies.scripted.baselines import doing_nothing_pays
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.users import PeopleSettings, effort_weight
@@ -154,6 +155,7 @@ def evaluate(
     on_progress: Callable[[float], None] = lambda share: None,
     simulation: SimulationFactory = make_simulation,
     on_plan: Callable[[Planned], None] | None = None,
+    on_note: Callable[[str], None] | None = None,
 ) -> Evaluation:
     """Let a trained user play and measure it.
 
@@ -163,6 +165,8 @@ def evaluate(
         on_progress: Called with the share of the work done, from 0 to 1.
         simulation: How to make the users.
         on_plan: Called with conditions and measures before anything is played.
+        on_note: Called with a sentence if doing nothing pays, before anything is played; None:
+            this is not measured.
 
     Raises:
         InputError: The run, a number, a condition or the place for the results cannot be used.
@@ -170,6 +174,8 @@ def evaluate(
     plan = _Plan.of(run, request or Request())
     if on_plan is not None:
         on_plan(Planned.of_evaluation(plan.facts, plan.conditions, plan.env.user))
+    if on_note is not None and (note := doing_nothing_pays(plan.env)):
+        on_note(note)
     rounds, recorder, files = _recorded(plan, simulation, on_progress)
     summaries = plan.summaries(rounds)
     results = plan.results.add(summaries, overwrite=plan.request.overwrite)

@@ -28,7 +28,8 @@ class ExertionRecorder:
     """Follows the arms of N users through their rounds.
 
     Torques are those of inverse dynamics at the end of a user step, with the mean acceleration of
-    the step. The published strength is multiplied by the person's strength.
+    the step. The published strength is that of the person's sex, times the person's strength
+    relative to the median of that sex.
 
     Args:
         simulation: whose rounds have begun. Stand-ins without a
@@ -41,8 +42,12 @@ class ExertionRecorder:
         if self._users is None:
             return
         users, n = self._users, self._users.n
-        usual = 1.0 if users.who.people is not None else simulation.config.user.person.strength
-        strength = Strength(factor=[usual * person.strength for person in users.persons])
+        people = users.who.people
+        if people is None:
+            own = [Strength(factor=simulation.config.user.person.strength)] * n
+        else:
+            own = [people.shoulder(person) for person in users.persons]
+        strength = Strength([each.man for each in own], [each.factor for each in own])
         self._arms = arms_of(users.body)
         models = [users.who.body(i).physics_model for i in range(n)]
         # One for all users of a model: its memory stays in the caches.

@@ -22,7 +22,7 @@ from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.evaluation.muscle_groups import fatigue_names
 from sim2vr_harness.statistics.intervals import Moments, welch_interval_of_moments
 
-ENDS = ("diverged", "app_failed")
+ENDS = ("diverged", "app_left", "app_failed")
 """Counts of rounds in the results of an evaluation."""
 
 _SYNTAX = re.compile(

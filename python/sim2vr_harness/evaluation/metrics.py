@@ -135,7 +135,7 @@ class RoundResult:
         seed: Its seed, of body, policy and game.
         game_seed: The game's own, drawn from ``seed``: the "random seed" of the game's logs.
         steps: User steps.
-        ended: ``finished``, ``max_steps_reached``, ``diverged`` or ``app_failed``.
+        ended: ``finished``, ``max_steps_reached``, ``diverged``, ``app_left`` or ``app_failed``.
         values: The numbers of :func:`measures_of` and of fatigue; None where a round has none.
         log: The game's last log.
         log_folder: Where the game's CSV logs of the round are, relative to the results; None
@@ -276,7 +276,7 @@ def summarise(rounds: Sequence[RoundResult], facts: GameFacts) -> dict[str, Any]
     for measure in facts.grids:
         counted = any(key.startswith(measure.log_key) for log in logs for key in log)
         summary[measure.name] = measure.values(logs) if counted else []
-    for end in ("diverged", "app_failed"):
+    for end in ("diverged", "app_left", "app_failed"):
         summary[end] = sum(result.ended == end for result in rounds)
     return summary
 

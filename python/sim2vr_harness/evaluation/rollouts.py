@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.notices import notice_once
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.client import Condition, GameFacts, OptionValue
 from sim2vr_harness.envs.protocols import SimulationLike
@@ -219,6 +220,8 @@ class _Wave:
                 **self._fatigued(i),
             )
             self._results[i] = result
+            if words := info.get("app_error") or info.get("app_left"):
+                notice_once(f"{job.condition}, round {job.episode}: {words}")
             for watcher in self._watchers:
                 watcher.ended(i, result)
 

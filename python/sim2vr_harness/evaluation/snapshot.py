@@ -13,6 +13,8 @@ from PIL import Image
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import naming
+from sim2vr_harness.base.notices import notice_once
+from sim2vr_harness.client import AppDied
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, VisionConfig
 from sim2vr_harness.envs.games import game_facts, with_condition, with_game, without_training
 from sim2vr_harness.evaluation.environment import evaluation_env, make_simulation
@@ -63,7 +65,7 @@ def snapshot(
         size: (width, height) of the pictures, pixels.
         seconds: How long to play first.
         game: The game; None takes the run's, or that of a default environment.
-        run: A trained user to play; None lets the user act at random, gently.
+        run: A trained user to play; None leaves the user idle.
         baseline: The untrained user that plays, as of :func:`.scripted_policy`.
         app: Settings that replace those of ``env.app``, for example a page.
         overrides: ``env.KEY=VALUE``, what else is different.
@@ -123,21 +125,15 @@ def _played(
 
 
 def _act_of(user: TrainedUser | None, baseline: str | None, users: Any) -> Callable[..., Any]:
-    """Return the policy of a baseline or a trained user, or noise.
+    """Return the policy of a trained user, or of a baseline: the idle one, if none is named.
 
     A trained user's is its mean if its configuration says so.
     """
-    if baseline is not None:
-        return episode_of(scripted_policy(baseline, users))
-    if user is None:
-        return partial(_gentle, users.action_space.shape[0])
+    if user is None or baseline is not None:
+        return episode_of(scripted_policy(baseline or "still", users))
     policy, _ = load_policy(user, users.observation_space, users.action_space)
     act = episode_of(policy)
     return partial(_mean, act) if user.config.evaluation.deterministic else act
-
-
-def _gentle(actions: int, observation: Mapping[str, Any], rng: np.random.Generator) -> Any:
-    return 0.2 * rng.standard_normal(actions).clip(-1.0, 1.0)
 
 
 def _mean(act: Act, observation: dict[str, Any], rng: np.random.Generator) -> Any:
@@ -160,6 +156,10 @@ def _play(
         total += float(outcome.reward[0])
         log = outcome.infos[0].get("log", log)
         if outcome.terminated[0] or outcome.truncated[0]:
+            if "app_error" in outcome.infos[0]:
+                raise AppDied(outcome.infos[0]["app_error"])
+            if "app_left" in outcome.infos[0]:
+                notice_once(outcome.infos[0]["app_left"])
             break
     return log, total, moves
 

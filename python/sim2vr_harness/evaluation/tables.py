@@ -91,7 +91,11 @@ def _table(summaries: Mapping[str, Mapping[str, Any]], facts: GameFacts) -> Tabl
                 for summary in summaries.values()
             ]
             table.add_row(f"{measure.label}, worst", *worst)
-    for key, heading in (("diverged", "Diverged"), ("app_failed", "App failed (not counted)")):
+    for key, heading in (
+        ("diverged", "Diverged"),
+        ("app_left", "App left VR by itself"),
+        ("app_failed", "App failed (not counted)"),
+    ):
         counts = [summary.get(key, 0) for summary in summaries.values()]
         if any(counts):
             table.add_row(heading, *map(str, counts))

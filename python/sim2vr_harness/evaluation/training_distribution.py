@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.client import list_options
+from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.games import imagined_game
 from sim2vr_harness.runs.config import TrainingConfig
@@ -44,6 +45,9 @@ def unpractised(config: TrainingConfig, env: EnvConfig, conditions: Sequence[str
     }
     new = []
     trained, now = _settings(config.env), _settings(env)
+    for settings, app in ((trained, config.env.app), (now, env.app)):
+        for key, value in _defaults(app).items():
+            settings.setdefault(f"app.options.{key}", value)
     for key in sorted({*trained, *now}):
         plays = key.startswith(_FELT) or "." not in key
         if _switched(key, trained, now):
@@ -80,6 +84,21 @@ def words_of_change(key: str, value: Any) -> str:
     for prefix in ("env.", "user.", "app.options.", "senses."):
         key = key.removeprefix(prefix)
     return f"{key} = {_plain(value)}"
+
+
+def _defaults(app: AppConfig) -> dict[str, Any]:
+    """What options are that a round does not set: those of the game, as far as it states them.
+
+    An option that a condition sets has the value of the condition instead, which is compared by
+    its name.
+    """
+    if app.transport != "in_process" or app.page is not None:
+        return {}
+    try:
+        options = list_options(app.game)
+    except ValueError:
+        return {}
+    return {option.name: option.default for option in options if option.default != []}
 
 
 def _trained_conditions(config: TrainingConfig) -> set[str]:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from importlib import import_module
-from typing import Any
 
 from sim2vr_harness.base.errors import unknown_name
 from sim2vr_harness.base.settings import Settings
 from sim2vr_harness.games.behaviour import Behaviour
 from sim2vr_harness.games.imagined import ImaginedGame
-from sim2vr_harness.games.rewards import RewardTerms
 
 _ROOMS = {
     "beats": "sim2vr_harness.games.beats",
@@ -74,20 +71,3 @@ def behaviour_of(name: str) -> Behaviour:
         raise unknown_name("game", name, _MEASURED)
     found: Behaviour = import_module(f"{_MEASURED[name]}.behaviour").BEHAVIOUR
     return found
-
-
-def rewarding_games() -> tuple[str, ...]:
-    """Return the names of the games whose reward is described by formulas."""
-    return tuple(_ROOMS)
-
-
-def reward_terms(name: str, options: Mapping[str, Any]) -> RewardTerms:
-    """Return the parts of a game's reward as formulas: ``rewards.reward_terms`` of its room.
-
-    Raises:
-        InputError: They are not described.
-    """
-    if name not in _ROOMS:
-        raise unknown_name("game", name, _ROOMS)
-    terms: RewardTerms = import_module(f"{_ROOMS[name]}.rewards").reward_terms(options)
-    return terms

@@ -8,7 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim2vr_harness.games.behaviour import Behaviour
-from sim2vr_harness.human_comparison.measures import FAMILIES, BehaviourMeasure, measures_in
+from sim2vr_harness.human_comparison.measures import (
+    FAMILIES,
+    NEGLIGIBLE,
+    BehaviourMeasure,
+    measures_in,
+)
 from sim2vr_harness.human_comparison.persons import Cell, RecordedPerson
 from sim2vr_harness.statistics.distances import (
     distance,
@@ -157,6 +162,10 @@ def _rows(
         if not own or not (several or (theirs and behaviour.any_app)):
             continue
         value = float(np.mean(own))
+        nearest = min(max(value, min(theirs)), max(theirs))
+        value = nearest if abs(value - nearest) < NEGLIGIBLE else value
+        if np.ptp([value, *theirs]) < NEGLIGIBLE:  # all alike, but for rounding errors
+            theirs = [value] * len(theirs)
         share = None
         if measure.name == CELL_RATES:
             share = _cells_inside(user, people)

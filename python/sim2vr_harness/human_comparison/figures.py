@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 
@@ -74,7 +75,8 @@ def _latency(report: ComparisonReport) -> Figure | None:
     for cell in _cells(report):
         if cell[1] in report.behaviour.one_target:
             layers = _layers(report, cell, curve, stepped=False)
-            panels.append(Panel(", ".join(cell), layers, x, y, legend=True))
+            if layers:
+                panels.append(Panel(", ".join(cell), layers, x, y, legend=True))
     if not panels:
         return None
     return Figure("latency", "Visuomotor latency", "", panels, same_axes=True)
@@ -86,9 +88,9 @@ def _time_to_hit(report: ComparisonReport) -> Figure | None:
         return (times, np.arange(1, len(times) + 1) / len(times)) if len(times) else None
 
     panels = [
-        Panel(", ".join(cell), _layers(report, cell, curve, stepped=True),
-              "time to hit (s)", "proportion of the hits", legend=True)
+        Panel(", ".join(cell), layers, "time to hit (s)", "proportion of the hits", legend=True)
         for cell in _cells(report)
+        if (layers := _layers(report, cell, curve, stepped=True))
     ]  # fmt: skip
     return Figure("time_to_hit", "Time to hit", "", panels, same_axes=True) if panels else None
 
@@ -117,7 +119,9 @@ def _headlines(report: ComparisonReport) -> Figure | None:
         layers.append(Points("people", [n], [first.people_mean], GREY))
         unit = f" ({first.measure.unit})" if first.measure.unit else ""
         ticks = [*(compared.name for compared in report.compared), "people"]
-        panels.append(Panel(condition, layers, "", f"{name}{unit}", ticks=ticks))
+        panels.append(
+            Panel(condition, layers, "", f"{fill(first.measure.label, 30)}{unit}", ticks=ticks)
+        )
     return (
         Figure("measures", "Measures of users and people's range", "", panels) if panels else None
     )
@@ -141,7 +145,7 @@ def _overview(report: ComparisonReport) -> Figure | None:
         for measure in shown:
             beside = [found.get((compared.name, *cell, measure)) for compared, cell in columns]
             values.append([None if row is None else _outside(row) for row in beside])
-        rows += [f"{family}: {measure.name}" for measure in shown]
+        rows += [f"{family}: {measure.label}" for measure in shown]
     labels = [f"{compared.name}: {', '.join(cell)}" for compared, cell in columns]
     heat = Heat(values, labels, rows, 0.0, _FAR, digits=1)
     panel = Panel("0: inside people's range", [heat], wide=True, rows=len(rows))

@@ -6,7 +6,7 @@ import base64
 import csv
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from html import escape
 from pathlib import Path
@@ -24,6 +24,7 @@ from sim2vr_harness.human_comparison.comparing import (
     total,
 )
 from sim2vr_harness.human_comparison.contrasts import ContrastRow
+from sim2vr_harness.human_comparison.measures import plain
 from sim2vr_harness.human_comparison.report import ComparisonReport
 from sim2vr_harness.runs.run_folder import write_atomically
 
@@ -139,9 +140,21 @@ def write_json(report: ComparisonReport, file: Path) -> Path:
     return file
 
 
-def write_page(report: ComparisonReport, figures: Sequence[Path], file: Path) -> Path:
-    """Write a page that opens without a network: what was found, every measure, the figures."""
-    parts = []
+def write_page(
+    report: ComparisonReport,
+    figures: Sequence[Path],
+    file: Path,
+    notes: Iterable[str] = (),
+) -> Path:
+    """Write a page that opens without a network: what was found, every measure, the figures.
+
+    Args:
+        report: What was found.
+        figures: PNG files.
+        file: The page.
+        notes: Sentences on what is left out, which stand first.
+    """
+    parts = [f"<p>{escape(text)}</p>" for text in notes]
     for compared in report.compared:
         found = total(compared.rows)
         text = f"{compared.name}: {len(compared.rows)} measures"
@@ -161,17 +174,18 @@ def _page_table(compared: Compared) -> str:
     """A row per measure; those outside people's range stand out."""
     rows = [
         (
-            f"{row.measure.name}, {row.condition}: {row.measure.label}",
+            f"{row.measure.label}, {row.condition}",
             row.measure.unit,
-            f"{row.value:.3g}",
-            f"{row.people_mean:.3g}",
-            f"{row.people_low:.3g} to {row.people_high:.3g}" if row.people > 1 else "",
+            plain(row.value),
+            plain(row.people_mean),
+            f"{plain(row.people_low)} to {plain(row.people_high)}" if row.people > 1 else "",
+            f"{row.persons}, {row.people}",
             "" if row.inside is None else f"{row.inside:.2g}",
         )
         for row in compared.rows
     ]
     bad = [i for i, row in enumerate(compared.rows) if row.inside is not None and row.inside < 0.5]
-    return table(("measure", "unit", compared.name, "people", "range", "inside"), rows, bad)
+    return table(("measure", "unit", compared.name, "people", "range", "n", "inside"), rows, bad)
 
 
 def write_csv(report: ComparisonReport, folder: Path) -> list[Path]:

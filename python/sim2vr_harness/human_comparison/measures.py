@@ -7,6 +7,7 @@ distance behind the plane of the targets.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
@@ -50,6 +51,19 @@ _rotation = partial(BehaviourMeasure, family="rotation")
 _head = partial(BehaviourMeasure, family="head")
 _strategy = partial(BehaviourMeasure, family="strategy")
 _fatigue = partial(BehaviourMeasure, family="fatigue")
+
+NEGLIGIBLE = 1e-6
+"""Differences below it (m, s, degrees, ...) are rounding errors of recordings, not of people."""
+
+
+def plain(value: float, *, signed: bool = False) -> str:
+    """Return a number with three significant digits, and never in powers of ten."""
+    if abs(value) < NEGLIGIBLE:
+        return "0"
+    decimals = min(6, max(0, 2 - math.floor(math.log10(abs(value)))))
+    text = f"{value:{'+' if signed else ''},.{decimals}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
 
 MEASURES = (
     _performance("hits", "hits per round"),

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.envs.config import AppConfig
-from sim2vr_harness.envs.games import with_task
+from sim2vr_harness.envs.games import game_facts, with_task
 from sim2vr_harness.evaluation.evaluate import evaluate
 from sim2vr_harness.evaluation.scripted_baseline import evaluate_baseline
 from sim2vr_harness.evaluation.session_recorder import SessionRecorder
@@ -24,7 +24,7 @@ from sim2vr_harness.human_comparison.app_sessions import (
 from sim2vr_harness.human_comparison.persons import persons_of
 from sim2vr_harness.human_comparison.report import ComparisonReport
 from sim2vr_harness.human_comparison.sources import Plays, Source
-from sim2vr_harness.policies.scripted.steps import is_script
+from sim2vr_harness.policies.scripted.steps import is_script, read_steps
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.sessions import AppIdentity, Session, read_session
@@ -89,6 +89,13 @@ def compare_sessions(
         InputError: there is no session, or a user cannot play the app.
     """
     recorded = [each for path in people for each in _read(path, "--people")]
+    recorded = [_with_condition(each, how.plays.conditions) for each in recorded]
+    ready = {
+        user: _read(Path(user), "USER")
+        for user in users
+        if Path(user).exists() and find_sessions(Path(user))
+    }
+    _check(users, recorded, ready, how)
     sources: dict[str, list[_Played]] = {}
     app = dict(how.remote)
     for number, user in enumerate(users):
@@ -96,8 +103,8 @@ def compare_sessions(
         def show(part: float, done: int = number) -> None:
             on_progress((done + part) / (len(users) + 1))
 
-        if Path(user).exists() and find_sessions(Path(user)):
-            sources[user] = _read(Path(user), "USER")
+        if user in ready:
+            sources[user] = ready[user]
         else:
             sources[user], own = _play(user, recorded, how, show)
             app = app or own
@@ -111,6 +118,70 @@ def compare_sessions(
         _measured("people", recorded, behaviour),
         [_measured(user, own, behaviour) for user, own in sources.items()],
     )
+
+
+def _with_condition(each: _Played, conditions: Sequence[str] | None) -> _Played:
+    """A game's recording with its condition: its own, or the only one that was named.
+
+    Raises:
+        InputError: Neither says which condition was played.
+    """
+    app = each.session.app
+    if app.kind != "game" or app.condition:
+        return each
+    if conditions is None or len(conditions) != 1:
+        names = [condition.name for condition in game_facts(AppConfig(game=app.name)).conditions]
+        if not names:
+            return each
+        raise InputError(
+            "--people",
+            f"{each.source.name}, which does not say which condition of {app.name} was played",
+            f"--condition NAME, one of {', '.join(names)}; or the condition in the recording: "
+            f'"condition": "{names[0]}" beside the name of the app in its first line',
+        )
+    named = replace(app, condition=conditions[0])
+    return replace(each, session=replace(each.session, app=named))
+
+
+def _check(
+    users: Sequence[str],
+    recorded: Sequence[_Played],
+    ready: Mapping[str, Sequence[_Played]],
+    how: SessionPlays,
+) -> None:
+    """Refuse before anything is played what would be refused after it.
+
+    Raises:
+        InputError: A recording cannot be measured, a user cannot be found or plays another game,
+            or a condition does not exist.
+    """
+    everything = [*recorded, *(each for own in ready.values() for each in own)]
+    behaviour = behaviour_of_sessions(_name(recorded, how.remote), [e.session for e in everything])
+    for each in everything:
+        measure_session(each.session, behaviour, each.person, each.source)
+    conditions = {name_of_condition(each.session) for each in recorded}
+    for user, own in ready.items():
+        played = {name_of_condition(each.session) for each in own}
+        if not played & conditions:
+            got = f"{user!r}, who played {', '.join(sorted(played))}"
+            expected = f"a condition of people's: {', '.join(sorted(conditions))}"
+            raise InputError("USER", got, expected)
+    games = {each.session.app.name for each in recorded if each.session.app.kind == "game"}
+    for user in users:
+        if user in ready or user in _BASELINES:
+            continue
+        if is_script(user):
+            read_steps(user)
+            continue
+        app = find_user(user, code=True).config.env.app
+        if games and not how.remote and app.game not in games:
+            got = f"{user!r}, who plays {app.game}"
+            raise InputError("USER", got, f"a user of {', '.join(sorted(games))}")
+    for game in games:
+        known = [condition.name for condition in game_facts(AppConfig(game=game)).conditions]
+        for name in how.plays.conditions or ():
+            if known and name not in known:
+                raise unknown_name("--condition", name, known)
 
 
 def replayed_sessions(
@@ -172,7 +243,10 @@ def _play(
     conditions = plays.conditions or list(dict.fromkeys(map(name_of_condition, games))) or None
     untrained = user in _BASELINES or is_script(user)
     if untrained:
-        settings = (f"env.app.{key}={json.dumps(value)}" for key, value in how.remote.items())
+        own = dict(how.remote)
+        if games and not own:
+            own = {"game": games[0].app.name, "transport": "in_process"}
+        settings = (f"env.app.{key}={json.dumps(value)}" for key, value in own.items())
         overrides = [*plays.overrides, *settings]
         env = with_task(load_config("webxr", overrides).env)
     else:

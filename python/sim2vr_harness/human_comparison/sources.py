@@ -146,6 +146,23 @@ def read_user(
     return _of_folder(folder, behaviour, name=folder.name)
 
 
+def check_user(user: str, behaviour: Behaviour, plays: Plays, people: Source) -> None:
+    """Refuse a user before anything is played.
+
+    Raises:
+        InputError: There is no such user, it plays another game, or no condition that people have
+            played.
+    """
+    known = trained_user(user, behaviour.game)
+    if known is None:
+        return
+    conditions = list(plays.conditions or _conditions(known, behaviour))
+    if not {behaviour.recognise(name) for name in conditions} & {*people.persons}:
+        theirs = ", ".join(sorted(" ".join(cell) for cell in people.persons))
+        got = f"{user!r}, who plays {', '.join(conditions)}"
+        raise InputError("USER", got, f"a condition of people's: {theirs}")
+
+
 def trained_user(user: str, game: str) -> TrainedUser | None:
     """A user that can play; None of a folder of logs.
 

@@ -20,9 +20,16 @@ from sim2vr_harness.human_comparison.comparing import (
 )
 from sim2vr_harness.human_comparison.contrasts import COMPARED, ContrastRow
 from sim2vr_harness.human_comparison.files import as_json
+from sim2vr_harness.human_comparison.grid import SETTLING_S
+from sim2vr_harness.human_comparison.measures import MEASURES, SESSION_MEASURES, plain
 from sim2vr_harness.human_comparison.report import ComparisonReport
 
 _WORST = 12
+_LABELS = {measure.name: measure.label for measure in (*MEASURES, *SESSION_MEASURES)}
+SETTLING = (
+    f"The first {SETTLING_S:g} s of each round are left out of the measures of movement, because "
+    "arms of simulated users start hanging down; counts are of the whole round."
+)
 
 
 def report_tables(report: ComparisonReport, *, every: bool = False) -> RenderableType:
@@ -32,7 +39,10 @@ def report_tables(report: ComparisonReport, *, every: bool = False) -> Renderabl
         report: What was found.
         every: Show every measure in every condition.
     """
-    parts: list[RenderableType] = [_totals(report)]
+    parts: list[RenderableType] = [Text(SETTLING)]
+    parts += map(Text, missing_values(report))
+    if any(row.distance is not None for row in report.rows()):
+        parts.append(_totals(report))
     if len(report.users) > 1:
         parts += _in_one_table(report)
     for index, compared in enumerate(report.compared):
@@ -42,6 +52,27 @@ def report_tables(report: ComparisonReport, *, every: bool = False) -> Renderabl
         parts.append(_rows(compared, _farthest(compared)) if not every else _rows(compared, None))
     parts += _contrasts(report)
     return Group(*parts)
+
+
+def missing_values(report: ComparisonReport) -> Iterator[str]:
+    """Say which measures are not of all persons, and which persons lack them."""
+    for name, cells, rows in [
+        (compared.name, compared.persons, compared.rows) for compared in report.compared
+    ]:
+        told: dict[tuple[str, str], list[str]] = {}
+        for row in rows:
+            for who, where in ((name, cells), ("people", report.people.persons)):
+                persons = where.get((row.group, row.condition), ())
+                out = [p.name for p in persons if row.measure.name not in p.values]
+                if out:
+                    key = (who, f"{len(out)} of {len(persons)} ({', '.join(out[:6])})")
+                    told.setdefault(key, []).append(f"{row.measure.label} ({row.condition})")
+        for (who, out_of), labels in told.items():
+            more = f"; and {len(labels) - 4} more" if len(labels) > 4 else ""
+            yield (
+                f"{who}: {out_of} have no value, because their rounds have too few events or "
+                f"movements for it: {'; '.join(labels[:4])}{more}"
+            )
 
 
 def _totals(report: ComparisonReport) -> Table:
@@ -94,9 +125,9 @@ def _in_one_table(report: ComparisonReport) -> Iterator[RenderableType]:
             if not known:
                 continue
             unit = f" ({known[0].measure.unit})" if known[0].measure.unit else ""
-            people = f"{known[0].people_low:.3g} to {known[0].people_high:.3g}"
+            people = f"{plain(known[0].people_low)} to {plain(known[0].people_high)}"
             cells = [_value(own.get(place)) for own in rows]
-            table.add_row(f"{place[1]}, {place[0]}{unit}", *cells, people)
+            table.add_row(f"{known[0].measure.label}, {place[0]}{unit}", *cells, people)
         totals = [total(list(own.values())) for own in rows]
         table.add_row("cells inside", *("" if t is None else _digits(t.inside, 3) for t in totals))
         table.add_row("distance", *("" if t is None else _digits(t.distance, 2) for t in totals))
@@ -104,7 +135,7 @@ def _in_one_table(report: ComparisonReport) -> Iterator[RenderableType]:
 
 
 def _value(row: ComparisonRow | None) -> str:
-    return "" if row is None else f"{row.value:.3g}{_mark(row)}"
+    return "" if row is None else f"{plain(row.value)}{_mark(row)}"
 
 
 def _mark(row: ComparisonRow) -> str:
@@ -153,28 +184,40 @@ def _rows(compared: Compared, chosen: Sequence[ComparisonRow] | None) -> Rendera
 
 
 def _table(title: str, rows: Sequence[ComparisonRow]) -> Table:
-    """A row per measure and condition; a star marks what is outside people's range."""
+    """A row per measure and condition; a star marks what is outside people's range.
+
+    ``n`` is how many of the user's persons, and of people, have a value.
+    """
     table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
     several = len({row.group for row in rows}) > 1
-    for heading in ("Condition", "Measure"):
-        table.add_column(heading, no_wrap=True)
-    for heading in ("User", "People", "Percentile", "SD", "Away"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    conditions = len({(row.group, row.condition) for row in rows}) > 1
+    ranged = any(row.distance is not None for row in rows)
+    if conditions:
+        table.add_column("Condition", overflow="fold")
+    table.add_column("Measure", overflow="fold")
+    further = ("Percentile", "SD", "Away") if ranged else ()
+    for heading in ("User", "People", "n", *further):
+        table.add_column(heading, justify="right", overflow="fold")
     for row in rows:
-        spread = "" if row.spread is None else f" ± {row.spread:.2g}"
+        spread = "" if row.spread is None else f" ± {plain(row.spread)}"
         mark = _mark(row)
-        people = f"{row.people_mean:.3g}"
+        people = plain(row.people_mean)
         if row.people > 1:
-            people += f" [{row.people_low:.3g} to {row.people_high:.3g}]"
+            people += f" [{plain(row.people_low)} to {plain(row.people_high)}]"
         unit = f" ({row.measure.unit})" if row.measure.unit else ""
-        table.add_row(
-            f"{row.condition}, {row.group}" if several else row.condition,
-            row.measure.name + unit,
-            f"{row.value:.3g}{spread}{mark}",
-            people,
+        where = f"{row.condition}, {row.group}" if several else row.condition
+        far = [
             _digits(row.percentile, 0),
             "" if row.deviations is None else f"{row.deviations:+.1f}",
             _digits(row.distance, 1),
+        ]
+        table.add_row(
+            *([where] if conditions else []),
+            row.measure.label + unit,
+            f"{plain(row.value)}{spread}{mark}",
+            people,
+            f"{row.persons}, {row.people}",
+            *(far if ranged else ()),
         )
     return table
 
@@ -247,7 +290,7 @@ def _contrasts(report: ComparisonReport) -> Iterator[RenderableType]:
         table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
         table.add_column("Difference")
         for measure in COMPARED:
-            table.add_column(measure, justify="right")
+            table.add_column(_LABELS[measure], justify="right")
         for contrast in dict.fromkeys(row.contrast for row in rows):
             own = {row.measure: row for row in rows if row.contrast == contrast}
             table.add_row(contrast, *(_difference(own.get(measure)) for measure in COMPARED))
@@ -258,4 +301,5 @@ def _difference(row: ContrastRow | None) -> str:
     if row is None:
         return ""
     mark = ("" if row.same_sign else "-") + ("" if row.within else "*")
-    return f"{row.value:+.2g} ({row.people_mean:+.2g}) {mark}".rstrip()
+    value, people = plain(row.value, signed=True), plain(row.people_mean, signed=True)
+    return f"{value} ({people}) {mark}".rstrip()

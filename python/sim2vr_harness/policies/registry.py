@@ -9,8 +9,7 @@ import numpy as np
 import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
-from stable_baselines3.sac.policies import Actor, MultiInputPolicy
-from torch import Tensor, nn
+from torch import nn
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.python_classes import words_of
@@ -24,8 +23,8 @@ from sim2vr_harness.policies.protocol import (
     shapes_in_words,
 )
 from sim2vr_harness.policies.store import TrainedUser
-from sim2vr_harness.policies.visual_actor_critic import UserFeatures, VisualActorCritic, is_image
-from sim2vr_harness.runs.config import PolicyConfig, TrainingConfig
+from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
+from sim2vr_harness.runs.config import TrainingConfig
 
 
 class GaussianPolicy:
@@ -70,75 +69,6 @@ class GaussianPolicy:
         return self._network.state_dict()
 
 
-class SquashedPolicy:
-    """The actor of Stable-Baselines3's SAC: tanh of a normal distribution, acting on the CPU.
-
-    Args:
-        actor: with trained weights.
-    """
-
-    def __init__(self, actor: Actor) -> None:
-        self._actor = actor
-        space = actor.observation_space
-        assert isinstance(space, spaces.Dict)
-        self._wanted = {key: box.shape or () for key, box in space.spaces.items()}
-
-    def __repr__(self) -> str:
-        """Return what the actor observes and the size of its action."""
-        actions = self._actor.mu.out_features
-        return f"SquashedPolicy(SAC: {shapes_in_words(self._wanted)}; {actions} actions)"
-
-    def reset(self) -> None:
-        """Return None: the network sees all that it acts on."""
-
-    def act(
-        self, observation: Observation, memory: Any, rng: np.random.Generator | None
-    ) -> NDArray[np.float32]:
-        """Return the action of one user; see :class:`~sim2vr_harness.policies.protocol.Policy`."""
-        require_observation(self._wanted, observation)
-        batch = {key: torch.from_numpy(value[None]) for key, value in observation.items()}
-        with torch.no_grad():
-            mean, log_std, _ = self._actor.get_action_dist_params(batch)
-        action = mean.numpy()[0]
-        if rng is not None:
-            std = log_std.exp().numpy()[0]
-            action = action + std * rng.standard_normal(action.shape, dtype=np.float32)
-        squashed: NDArray[np.float32] = np.tanh(action).astype(np.float32)
-        return squashed
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return the actor's weights."""
-        return self._actor.state_dict()
-
-
-class _FloatFeatures(UserFeatures):
-    """Features of observations whose images Stable-Baselines3 has turned into numbers."""
-
-    def forward(self, observations: dict[str, Tensor]) -> Tensor:
-        space: Any = self._observation_space
-        images = {key for key, box in space.spaces.items() if is_image(box)}
-        return super().forward(
-            {key: each.byte() if key in images else each for key, each in observations.items()}
-        )
-
-
-def sac_policy_arguments(config: PolicyConfig) -> dict[str, Any]:
-    """Return the arguments of SAC's ``MultiInputPolicy`` for a network of these sizes."""
-    return {
-        "net_arch": list(config.net_arch),
-        "activation_fn": nn.LeakyReLU,
-        "features_extractor_class": _FloatFeatures,
-        "features_extractor_kwargs": {"config": config},
-        "normalize_images": False,
-        "optimizer_kwargs": {"fused": True},
-    }
-
-
-def _sac(config: TrainingConfig, observations: spaces.Dict, actions: spaces.Box) -> Actor:
-    arguments = sac_policy_arguments(config.policy)
-    return MultiInputPolicy(observations, actions, lambda _: 0.0, **arguments).actor
-
-
 def _visual(
     config: TrainingConfig, observations: spaces.Dict, actions: spaces.Box
 ) -> VisualActorCritic:
@@ -160,7 +90,6 @@ NETWORKS: dict[
 ] = {
     "visual": (_visual, GaussianPolicy),
     "hierarchical": (_hierarchical, lambda network: network),
-    "sac": (_sac, SquashedPolicy),
 }
 """Kind of a configuration's policy -> how its network is made, and how that acts."""
 

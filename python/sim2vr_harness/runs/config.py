@@ -28,7 +28,6 @@ from sim2vr_harness.base.settings import (
 )
 from sim2vr_harness.base.written_values import written_value
 from sim2vr_harness.client import list_transports
-from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.client.option_kinds import option_kind
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.games import imagined_settings
@@ -132,13 +131,12 @@ class TrainingConfig(Settings):
     """User steps of the complete training, over which the learning-rate schedule runs."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """Where torch computes; ``auto`` takes a GPU that torch finds."""
-    recipe: Literal["ppo", "sac", "distill", "skills", "adapt"] = "ppo"
+    recipe: Literal["ppo", "distill", "skills", "adapt"] = "ppo"
     """The stages of the run. ``ppo``: PPO from pixels alone, as the reference. ``distill``: first
     imagined rollouts, a teacher and a student, whose weights PPO begins with; for games that have a
     differentiable game model. ``skills``: value learning over motor options at image cells; a
     student may imitate it, and PPO continues with the student; for any app
-    (docs/concepts/training.md). ``adapt``: PPO continues with the weights of ``from_user``.
-    ``sac``: soft actor-critic of Stable-Baselines3."""
+    (docs/concepts/training.md). ``adapt``: PPO continues with the weights of ``from_user``."""
     from_user: str | None = None
     """With the recipe ``adapt``: the trained user that goes on, as ``evaluate`` takes it."""
     skills: SkillsConfig = SkillsConfig()
@@ -153,9 +151,6 @@ class TrainingConfig(Settings):
     """The network of the policy from senses to actions."""
     ppo: PPOConfig = PPOConfig()
     """PPO with the policy from senses to actions."""
-    sac: dict[str, OptionValue] = Field(default_factory=dict)
-    """With the recipe ``sac``: arguments of ``stable_baselines3.SAC``, such as ``buffer_size``;
-    ``ppo.n_envs`` users play."""
     checkpoint: CheckpointConfig = CheckpointConfig()
     """What is kept of the run."""
     evaluation: EvaluationConfig = EvaluationConfig()
@@ -166,10 +161,7 @@ class TrainingConfig(Settings):
     @property
     def policy_kind(self) -> str:
         """Kind of the trained policy; a key of ``policies.registry.NETWORKS``."""
-        if self.recipe == "sac":
-            return "sac"
-        hierarchical = self.recipe == "skills" and self.skills.user != "student"
-        return "hierarchical" if hierarchical else "visual"
+        return "hierarchical" if self.recipe == "skills" else "visual"
 
     @property
     def last_stage_steps(self) -> int:

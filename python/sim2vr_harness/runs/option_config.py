@@ -103,12 +103,11 @@ OptionName = Literal[
 class SkillsConfig(Settings):
     """Users who bring a motor layer to a game and learn what is worth doing with what they see."""
 
-    user: Literal["student", "hierarchical", "person"] = "student"
-    """Who plays in the end. ``student``: a policy from senses to muscles, which then goes on by PPO
-    with the true effort. ``hierarchical``: the Q-network, with the motor layer below it; it plays
-    as soon as it has learned, and completes each action that it has selected. ``person``: the same,
-    but it sees late, needs time to decide, counts the cost of effort, and moves by the human motor
-    policy of its body; ``train GAME --people`` sets it."""
+    user: Literal["hierarchical", "person"] = "hierarchical"
+    """Who plays in the end. ``hierarchical``: the Q-network, with the motor layer below it; it
+    completes each action that it has selected. ``person``: the same, but it sees late, needs time
+    to decide, counts the cost of effort, and moves by the human motor policy of its body;
+    ``train GAME --people`` sets it."""
     motor: str | None = None
     """File of the motor layer; None: the one that ships for the body, or, where none does, one that
     the run makes first."""

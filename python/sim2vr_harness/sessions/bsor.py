@@ -27,6 +27,8 @@ _LONGEST_TEXT = 1000
 _FRAME = np.dtype([("time", "<f4"), ("rate", "<i4"), ("poses", "<f4", (3, 7))])
 _SPEEDS = {"SS": 0.85, "FS": 1.2, "SF": 1.5}
 """Modifiers by which the song is slower or faster."""
+_SLOWEST, _FASTEST = 0.01, 100.0
+"""Speeds of a song in practice that are read; the game offers a part of them."""
 _SLIDER_HEAD, _SLIDER_TAIL, _CHAIN_HEAD, _CHAIN_LINK = 4, 5, 6, 7
 
 
@@ -52,7 +54,12 @@ def read_bsor(path: Path) -> Session:
     rows = np.frombuffer(data.take(_FRAME.itemsize * data.count(MOST_FRAMES, "frames")), _FRAME)
     data.section(2, "notes")
     modifiers = str(app.options["modifiers"]).split(",")
-    speed = next((_SPEEDS[each] for each in modifiers if each in _SPEEDS), 1.0)
+    speed = float(str(app.options["practice_speed"]))
+    if not speed:  # Not practice, which has a speed of its own and takes none from modifiers.
+        speed = next((_SPEEDS[each] for each in modifiers if each in _SPEEDS), 1.0)
+    elif not _SLOWEST <= speed <= _FASTEST:
+        expected = f"0, or {_SLOWEST:g} to {_FASTEST:g}"
+        raise InputError(f"{name}, practice speed", f"{speed:g}", expected)
     events = [_box(data, speed) for _ in range(data.count(MOST_EVENTS, "boxes"))]
     if not len(rows):
         raise InputError(name, "no frame", "poses of head and sabers")

@@ -160,7 +160,7 @@ def _chosen(
     recorded = session.app
     if game is not None and "transport" in settings:
         raise InputError("--game", "it together with another app", "one of them")
-    given = {**recorded.options, **(options or {})}
+    given = {**recorded.options, **settings.get("options", {}), **(options or {})}
     if settings.get("page"):
         page = Path(str(settings["page"]))  # the file, as recorders name it
         return AppIdentity("page", "index.html" if page.is_dir() else page.name, "", given)

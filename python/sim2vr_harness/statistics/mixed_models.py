@@ -1,18 +1,26 @@
-"""Linear mixed models: fixed effects of factors, a random intercept per unit."""
+"""Mixed models with a random intercept and random slopes per unit, fitted to units' means."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
+from itertools import combinations, product
 from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from sim2vr_harness.statistics.intervals import mean_interval
 
 
 def mixed_model(
     episodes: Any, measure: str, factors: Mapping[str, str], levels: Sequence[Sequence[str]]
 ) -> dict[str, Any]:
-    """Fit measure ~ factors and their interactions + (1 | unit) by REML.
+    """Fit measure ~ factors and their interactions + (1 + the same | unit).
 
-    Rounds of one unit share its intercept, so that they do not count as independent.
+    Every effect is estimated within each unit, from the means of its rounds in the conditions, and
+    tested by a t test over the units. So units may differ in how they respond to a condition, and
+    p keeps its error rate for any number of units and rounds. A model that gives units an
+    intercept of their own only rejects up to seven times too often then.
 
     Args:
         episodes: A row per round, with ``unit``.
@@ -21,73 +29,75 @@ def mixed_model(
         levels: Of each, in order; the first is what the others are compared with.
 
     Returns:
-        ``formula``, ``groups``, ``rounds``, ``converged``, ``unit_variance``,
-        ``residual_variance`` and ``effects``: per fixed effect ``name``, ``estimate``, ``error``,
-        ``z``, ``p``, ``low``, ``high`` (95 %).
+        ``formula``, ``groups`` (units with a value in every condition), ``left_out`` (the others),
+        ``rounds`` and ``effects``: per fixed effect ``name``, ``estimate``, ``error``,
+        ``statistic`` (t), ``df``, ``p``, ``low``, ``high`` (95 %); p is None where all units
+        have the same effect.
 
     Raises:
-        ValueError: The model cannot be fitted to these rows.
+        ValueError: Fewer than two units have a value in every condition.
     """
-    import numpy as np
-    import statsmodels.formula.api as smf
-
-    frame, terms = _frame(episodes, measure, list(factors.values()), levels)
-    formula = f"value ~ {' * '.join(terms) or '1'}"
-    try:
-        with warnings.catch_warnings():  # what they say is in `converged` and the variances
-            warnings.simplefilter("ignore")
-            fit = smf.mixedlm(formula, frame, groups=frame["unit"]).fit(reml=True)
-    except (np.linalg.LinAlgError, ValueError) as error:
-        raise ValueError(f"the model does not fit: {error}") from error
+    known = episodes.dropna(subset=[measure])
+    present = [
+        [label for label in own if label in set(known[column])]
+        for column, own in zip(factors.values(), levels, strict=True)
+    ]
+    cells = list(product(*present))
+    columns = list(factors.values())
+    means: dict[Any, dict[tuple[str, ...], float]] = {}
+    for (unit, *cell), values in known.groupby(["unit", *columns])[measure]:
+        means.setdefault(unit, {})[tuple(cell)] = float(values.mean())
+    complete = [unit for unit, own in means.items() if all(cell in own for cell in cells)]
+    if len(complete) < 2:
+        raise ValueError(
+            f"{len(complete)} of {episodes['unit'].nunique()} units have a value in every "
+            "condition, and at least two are needed; where each condition has units of its own, "
+            "use test: auto"
+        )
+    table = np.array([[means[unit][cell] for cell in cells] for unit in complete])
+    effects = []
+    first = tuple(own[0] for own in present)
+    for cell in sorted(cells, key=lambda each: _order(each, first)):
+        varied = [k for k in range(len(cell)) if cell[k] != first[k]]
+        each = np.zeros(len(complete))
+        for count in range(len(varied) + 1):
+            for chosen in combinations(varied, count):
+                place = tuple(cell[k] if k in chosen else first[k] for k in range(len(cell)))
+                each += (-1) ** (len(varied) - count) * table[:, cells.index(place)]
+        name = ":".join(f"{list(factors)[k]}={cell[k]}" for k in varied)
+        effects.append({"name": name or "Intercept", **_tested(each)})
+    terms = " * ".join(factors) or "1"
+    slopes = f"1 + {terms}" if factors else "1"
+    used = known[known["unit"].isin(complete)]
     return {
-        "formula": f"{measure} ~ {' * '.join(factors) or '1'} + (1 | unit)",
-        "groups": int(frame["unit"].nunique()),
-        "rounds": len(frame),
-        "converged": bool(fit.converged),
-        "unit_variance": float(fit.cov_re.iloc[0, 0]),
-        "residual_variance": float(fit.scale),
-        "effects": _effects(fit, list(factors)),
+        "formula": f"{measure} ~ {terms} + ({slopes} | unit)",
+        "groups": len(complete),
+        "left_out": sorted(set(map(str, episodes["unit"])) - set(map(str, complete))),
+        "rounds": len(used),
+        "effects": effects,
     }
 
 
-def _frame(
-    episodes: Any, measure: str, columns: Sequence[str], levels: Sequence[Sequence[str]]
-) -> tuple[Any, list[str]]:
-    """Return the data frame of the model, and its terms: factors with two levels or more."""
-    import pandas as pd
-
-    table = episodes.dropna(subset=[measure])
-    frame = pd.DataFrame(
-        {"value": table[measure].to_numpy(float), "unit": table["unit"].to_numpy()}
-    )
-    terms = []
-    for number, (column, own) in enumerate(zip(columns, levels, strict=True)):
-        present = [label for label in own if label in set(table[column])]
-        frame[f"f{number}"] = pd.Categorical(table[column], categories=present)
-        if len(present) > 1:
-            terms.append(f"C(f{number})")
-    return frame, terms
+def _order(cell: Sequence[str], first: Sequence[str]) -> int:
+    """The intercept first, then main effects, then interactions; each in the levels' order."""
+    return sum(one != other for one, other in zip(cell, first, strict=True))
 
 
-def _effects(fit: Any, factors: Sequence[str]) -> list[dict[str, Any]]:
-    """Return the fixed effects of a fitted model, the intercept first."""
-    intervals = fit.conf_int()
-    return [
-        {
-            "name": _plain(name, factors),
-            "estimate": float(fit.fe_params[name]),
-            "error": float(fit.bse_fe[name]),
-            "z": float(fit.tvalues[name]),
-            "p": float(fit.pvalues[name]),
-            "low": float(intervals.loc[name, 0]),
-            "high": float(intervals.loc[name, 1]),
-        }
-        for name in fit.fe_params.index
-    ]
-
-
-def _plain(name: str, factors: Sequence[str]) -> str:
-    """``C(f0)[T.hard]:C(f1)[T.b]`` -> ``difficulty=hard:version=b``."""
-    for number, factor in enumerate(factors):
-        name = name.replace(f"C(f{number})[T.", f"{factor}=")
-    return name.replace("]", "")
+def _tested(each: np.ndarray) -> dict[str, Any]:
+    """An effect of every unit as an estimate with its t test."""
+    n = len(each)
+    estimate, error = float(each.mean()), float(np.std(each, ddof=1)) / np.sqrt(n)
+    interval = mean_interval(each)
+    assert interval is not None
+    # Differences of equal numbers leave rounding errors, which are no spread to test against.
+    varies = error > 1e-12 * max(1e-12, float(np.abs(each).max()))
+    t = estimate / error if varies else None
+    return {
+        "estimate": estimate,
+        "error": float(error),
+        "statistic": t,
+        "df": n - 1,
+        "p": None if t is None else float(2.0 * stats.t.sf(abs(t), n - 1)),
+        "low": interval[0],
+        "high": interval[1],
+    }

@@ -47,7 +47,13 @@ def detectable(
 
 
 def units_needed(
-    difference: float, sd: float, *, paired: bool, tests: int = 1, sides: int = 2
+    difference: float,
+    sd: float,
+    *,
+    paired: bool,
+    tests: int = 1,
+    sides: int = 2,
+    ranks: bool = False,
 ) -> int:
     """Return how many units (of each level, where these are independent) find a difference.
 
@@ -57,17 +63,21 @@ def units_needed(
         paired: Whether the same units have both levels.
         tests: How many are corrected for.
         sides: 1 or 2.
+        ranks: Whether the test is one of ranks, which needs 1.05 times as many units.
     """
     from statsmodels.stats.power import TTestIndPower, TTestPower
 
     if sd <= 0.0:
         return 2
+    share = _RANK_EFFICIENCY if ranks else 1.0
     effect, asked = abs(difference) / sd, {"alpha": _ALPHA / tests, "alternative": _side(sides)}
 
     def power(n: int) -> float:
+        if n * share < 2:
+            return 0.0
         if paired:
-            return float(TTestPower().power(effect, n, **asked))
-        return float(TTestIndPower().power(effect, n, **asked))
+            return float(TTestPower().power(effect, n * share, **asked))
+        return float(TTestIndPower().power(effect, n * share, **asked))
 
     low, high = 1, 2
     while power(high) < POWER and high < _MOST_UNITS:

@@ -45,6 +45,10 @@ class ComparisonConfig(Settings):
     """auto: Wilcoxon's signed-rank test for two levels, Friedman's for more, with all pairs."""
     alternative: Literal["two-sided", "less", "greater"] = "two-sided"
     """Of pairs: the first level is less, or greater, than the second."""
+    equivalence: dict[str, float] = Field(default_factory=dict)
+    """Measure -> the largest difference that does not matter, in its unit. "No difference" is said
+    only where the whole 95 % interval is smaller; any other result that is not significant is
+    inconclusive."""
     unit: Literal["auto", "round"] = "auto"
     """What n counts. auto: persons, or the levels of the unit factor; ``round`` compares rounds of
     one policy, as papers have done, and says so wherever the number appears."""
@@ -147,6 +151,11 @@ class StudyConfig(Settings):
             self._check_level(field, comparison.factor, label)
         for name, label in comparison.where.items():
             self._check_level(f"{field}.where", name, label)
+        for name, bound in comparison.equivalence.items():
+            if not 0.0 < bound < math.inf:
+                raise ValueError(
+                    f"{field}.equivalence.{name}: got {bound:g}, expected a number above 0"
+                )
         count = len(comparison.levels or self.factors[comparison.factor].levels)
         if count < 2 or (comparison.test == "wilcoxon" and comparison.levels and count != 2):
             raise ValueError(f"{field}.levels: got {count}, expected two, or more for friedman")

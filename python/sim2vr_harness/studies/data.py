@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,7 +15,7 @@ import pyarrow as pa
 from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.base.files import file_name, read_json
 from sim2vr_harness.client import Measure
-from sim2vr_harness.evaluation.data import Column, EvaluationData, export_opensim, read_data
+from sim2vr_harness.evaluation.data import Column, EvaluationData, read_data
 from sim2vr_harness.evaluation.data.columns import column_name, merged, row_table
 from sim2vr_harness.evaluation.data.folder import (
     FOLDER,
@@ -23,8 +23,8 @@ from sim2vr_harness.evaluation.data.folder import (
     data_frame,
     dictionary_bytes,
     joined,
+    parquet_bytes,
     read_table,
-    write_table,
 )
 from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.studies.cells import content_hash
@@ -74,7 +74,7 @@ def write_data(plan: StudyPlan, root: Path, found: Found | None = None) -> None:
             parts.append(_with_cell(part, cell.name, levels, plan.study, user))
         tables[name] = joined(parts)
     for name, table in tables.items():
-        write_table(root / FOLDER / name, table)
+        write_atomically(root / FOLDER / f"{name}.parquet", parquet_bytes(table))
     told = {name: columns_in(table.schema) for name, table in tables.items()}
     told |= _moment_columns(plan.tasks[0], root)
     write_atomically(root / FOLDER / "dictionary.csv", dictionary_bytes(told))
@@ -283,10 +283,17 @@ class StudyData:
         """App frames of a cell; see :meth:`EvaluationData.frames`."""
         return self.of_cell(cell).frames(*episodes, columns=columns)
 
-    def export_opensim(self, out: Path, episodes: Sequence[str] = ()) -> list[Path]:
-        """Write every cell's episodes for OpenSim; see :func:`.export_opensim`.
+    def export(
+        self,
+        write: Callable[[EvaluationData, Path, Sequence[str]], list[Path]],
+        out: Path,
+        episodes: Sequence[str] = (),
+    ) -> list[Path]:
+        """Write every cell's episodes.
 
         Args:
+            write: Writes those of one cell, such as :func:`.export_opensim` or
+                :meth:`.EvaluationData.export_csv`.
             out: Folder for a folder per cell, named as the cell; characters that are unusual in
                 names of files become ``_``.
             episodes: Which, in the cells that have them; all without any.
@@ -309,7 +316,7 @@ class StudyData:
             name = f"{name}_{number}" if name in taken else name
             taken.add(name)
             if chosen:
-                files += export_opensim(self.of_cell(cell), out / name, chosen)
+                files += write(self.of_cell(cell), out / name, chosen)
         return files
 
 

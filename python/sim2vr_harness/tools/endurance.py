@@ -100,29 +100,38 @@ def posture_of(body: Body, text: str) -> FloatArray:
     return np.clip(angles, *body.joint_ranges.T)
 
 
-def who_hold(user: UserConfig, people: int | None) -> list[UserConfig]:
-    """Return the user alone, or as many persons of its population.
+def who_hold(user: UserConfig, people: int | None) -> list[tuple[UserConfig, Strength | None]]:
+    """Return the user alone, or as many persons of its population, with their strength.
 
     Raises:
         InputError: Another number of people than 1 to 200.
     """
     if people is None:
-        return [user]
+        return [(user, None)]
     if not 1 <= people <= _MOST_PEOPLE:
         raise InputError("--people", str(people), f"1 to {_MOST_PEOPLE}")
     settings = (user.people or PeopleSettings()).model_copy(update={"count": people})
     population = Population(settings, user.person)
-    persons = (population.physique(population.number(i)) for i in range(people))
-    return [user.model_copy(update={"person": person, "people": None}) for person in persons]
+    persons = [population.number(i) for i in range(people)]
+    return [
+        (
+            user.model_copy(update={"person": population.physique(person), "people": None}),
+            population.shoulder(person),
+        )
+        for person in persons
+    ]
 
 
-def hold(user: UserConfig, pose: str, load_kg: float = 0.0) -> list[Held]:
+def hold(
+    user: UserConfig, pose: str, load_kg: float = 0.0, strength: Strength | None = None
+) -> list[Held]:
     """Hold a posture with every arm of a user.
 
     Args:
-        user: whose body and strength count.
+        user: whose body and muscles count.
         pose: as of :func:`posture_of`.
         load_kg: mass in each hand, beside the controller's.
+        strength: of the shoulders, for published torques; None: a man's, times the user's.
 
     Raises:
         InputError: The posture or load cannot be used, or the body has no arm.
@@ -135,7 +144,7 @@ def hold(user: UserConfig, pose: str, load_kg: float = 0.0) -> list[Held]:
         expected = "a body whose controller hangs from parts named humerus, ulna and radius"
         raise InputError("USER", body.name, expected)
     angles = posture_of(body, pose)
-    strength = Strength(factor=user.person.strength)
+    strength = strength or Strength(factor=user.person.strength)
     return [PostureHolder(body, arm).hold(angles, load_kg, strength) for arm in arms]
 
 
@@ -199,7 +208,7 @@ class PostureHolder:
         """
         load = self.load(angles, load_kg)
         maximum = strength.shoulder_torque(load.shoulder_deg, load.elbow_deg)
-        corrected = load.torque + nicer_correction(load.shoulder_deg, load.elbow_deg)
+        corrected = load.torque + nicer_correction(load.shoulder_deg, load.elbow_deg, strength.man)
         own: float | None = float(load.torque / maximum)
         activations: dict[str, float] = {}
         balance = self._balance(angles, load_kg, limits_bear, muscle_strength)

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import math
+import os
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,6 +14,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.files import naming
 
 
 class ReplayStore:
@@ -26,6 +33,9 @@ class ReplayStore:
         capacity: number of frames that can be read.
         shapes: key -> (shape, dtype) of what a frame holds.
         slack: frames beyond these; a multiple of how many are appended at a time, as is capacity.
+
+    Raises:
+        InputError: The disk has no room for the pictures; it says how much they need.
     """
 
     def __init__(
@@ -40,12 +50,16 @@ class ReplayStore:
         self.capacity = capacity
         self._length = length = capacity + slack
         self._arrays: dict[str, NDArray[Any]] = {}
+        pictures = {
+            key: (length, *shape)
+            for key, (shape, dtype) in shapes.items()
+            if dtype == np.uint8 and len(shape) >= 3
+        }
+        needed = sum(map(math.prod, pictures.values()))
         for key, (shape, dtype) in shapes.items():
-            if dtype == np.uint8 and len(shape) >= 3:
+            if key in pictures:
                 own = file.with_name(file.name.replace("*", key))
-                self._arrays[key] = np.memmap(
-                    own, dtype, "r+" if own.is_file() else "w+", shape=(length, *shape)
-                )
+                self._arrays[key] = _mapped(own, pictures[key], needed)
             else:
                 self._arrays[key] = np.zeros((length, *shape), dtype)
 
@@ -99,3 +113,26 @@ class ReplayStore:
         self.count = count
         for key, values in state.items():
             self._arrays[key][: len(values)] = values.cpu().numpy()
+
+
+def _mapped(file: Path, shape: tuple[int, ...], needed: int) -> NDArray[np.uint8]:
+    """Map bytes of a file that is made, or reused, with room on the disk for all of them.
+
+    Writing to a mapped page for which a full disk has no room would end the process by SIGBUS.
+    """
+    there = file.is_file()
+    with naming(file), open(file, "r+b" if there else "w+b") as stream:
+        try:
+            os.posix_fallocate(stream.fileno(), 0, math.prod(shape))
+        except OSError as error:
+            if not there:
+                file.unlink()
+            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+                raise
+            got = f"a disk with {shutil.disk_usage(file.parent).free / 2**30:,.2f} GiB of room"
+            expected = (
+                f"{needed / 2**30:,.2f} GiB for all pictures of this training; make room, or train "
+                "in a folder on another disk (--out)"
+            )
+            raise InputError(str(file), got, expected) from error
+        return np.memmap(stream, np.uint8, "r+", shape=shape)

@@ -21,6 +21,7 @@ class Actuation:
         muscles: (M,) which actions are those of muscles.
         activations: (M,) places of the muscles in MuJoCo's act.
         motors: (S,) which actions are those of actuators whose rule remembers something.
+        rest: (A,) actions of a user that does nothing: muscles relax, servos keep their targets.
     """
 
     def __init__(self, body: Body) -> None:
@@ -42,6 +43,7 @@ class Actuation:
                 motors += every
             column, remembered = columns.stop, held.stop
         self.actuators = _indices([i for rule, _, _ in self._groups for i in rule.ids.tolist()])
+        self.rest = np.array([action for rule, _, _ in self._groups for action in rule.rest])
         self.muscles, self.motors = _indices(muscles), _indices(motors)
         self.activations = _indices(activations)
         names = list(body.action_names)

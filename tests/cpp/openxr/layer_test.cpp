@@ -1,5 +1,4 @@
 // The recording layer over our runtime: what the harness sent stands in the file.
-#include <dlfcn.h>
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -8,43 +7,12 @@
 #include <fstream>
 
 #include "calls.hpp"
+#include "layer_loader.hpp"
 #include "own_folder.hpp"
 #include "program.hpp"
 
 namespace sim2vr::openxr::test {
 namespace {
-
-struct CreateInfo;
-using Create = XrResult (*)(const XrInstanceCreateInfo*, const CreateInfo*, XrInstance*);
-struct NextInfo {
-  std::uint32_t type = 5, version = 1;
-  std::size_t size = sizeof(NextInfo);
-  char layer_name[XR_MAX_API_LAYER_NAME_SIZE]{};
-  PFN_xrGetInstanceProcAddr get = &calls::xrGetInstanceProcAddr;
-  Create create = nullptr;
-  NextInfo* next = nullptr;
-};
-struct CreateInfo {
-  std::uint32_t type = 4, version = 1;
-  std::size_t size = sizeof(CreateInfo);
-  void* loader_instance = nullptr;
-  char settings[512]{};
-  NextInfo* next = nullptr;
-};
-struct LoaderInfo {
-  std::uint32_t type = 1, version = 1;
-  std::size_t size = sizeof(LoaderInfo);
-  std::uint32_t min_interface = 1, max_interface = 1;
-  XrVersion min_api = kVersion10, max_api = kNewestVersion;
-};
-struct LayerRequest {
-  std::uint32_t type = 2, version = 1;
-  std::size_t size = sizeof(LayerRequest);
-  std::uint32_t interface = 0;
-  XrVersion api = 0;
-  PFN_xrGetInstanceProcAddr get = nullptr;
-  Create create = nullptr;
-};
 
 XrResult createBelow(const XrInstanceCreateInfo* info, const CreateInfo*, XrInstance* instance) {
   return XR_CALL(XR_NULL_HANDLE, xrCreateInstance)(info, instance);
@@ -66,13 +34,7 @@ struct Recorded : ::testing::Test {
   }
   void SetUp() override {
     ::setenv("SIM2VR_OPENXR_RECORD", file.c_str(), 1);
-    void* library = ::dlopen(SIM2VR_OPENXR_LAYER, RTLD_NOW | RTLD_LOCAL);
-    ASSERT_NE(library, nullptr) << ::dlerror();
-    const auto negotiate =
-        reinterpret_cast<XrResult (*)(const LoaderInfo*, const char*, LayerRequest*)>(
-            ::dlsym(library, "xrNegotiateLoaderApiLayerInterface"));
-    const LoaderInfo loader;
-    ASSERT_EQ(negotiate(&loader, "layer", &layer), XR_SUCCESS);
+    layer = openLayer();
     XrInstanceCreateInfo info{};
     info.type = XR_TYPE_INSTANCE_CREATE_INFO;
     std::strcpy(info.applicationInfo.applicationName, "recorded");
@@ -81,6 +43,7 @@ struct Recorded : ::testing::Test {
     info.enabledExtensionCount = 1;
     info.enabledExtensionNames = extensions;
     NextInfo next;
+    next.get = &calls::xrGetInstanceProcAddr;
     next.create = &createBelow;
     CreateInfo create;
     create.next = &next;
@@ -97,7 +60,11 @@ struct Recorded : ::testing::Test {
         XR_SUCCESS);
     ASSERT_EQ(program.begin(), XR_SUCCESS);
   }
-  void TearDown() override { ::unsetenv("SIM2VR_OPENXR_RECORD"); }
+  void TearDown() override {
+    EXPECT_EQ(above<PFN_xrDestroyInstance>("xrDestroyInstance")(program.instance), XR_SUCCESS);
+    program.instance = XR_NULL_HANDLE;
+    ::unsetenv("SIM2VR_OPENXR_RECORD");
+  }
   /// Suggests one binding of the program's own, and attaches.
   void attachActions() {
     XrActionSetCreateInfo set_info{};

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.audit.acting import Actor, act_out
-from sim2vr_harness.audit.judging import judge
+from sim2vr_harness.audit.judging import hold, judge
 from sim2vr_harness.audit.pacing import MOST_MINUTES, Paced, minutes_at_pace, path_loads
 from sim2vr_harness.audit.population import LIMITATIONS, NONE, draw
 from sim2vr_harness.audit.processes import Parts
@@ -25,9 +25,49 @@ NO_POSTURES = np.zeros((0, 0))
 def arms(share: float, raised_s: float, cycle_s: float) -> Paced:
     """One arm with the elbow bent and the upper arm low, where NICER corrects nothing."""
     maximum = float(Strength().shoulder_torque(30.0, 90.0))
-    rows = (share, share * maximum, 30.0, 90.0, 1.0)
-    numbers = [np.array([each]) for each in rows]
-    return Paced(*numbers, np.array([True]), np.array([raised_s]), np.array([cycle_s]))
+    return Paced(
+        *(np.array([each]) for each in (share, share * maximum, 30.0, 90.0)),
+        Strength(man=np.array([True]), factor=np.ones(1)),
+        np.array([raised_s]),
+        np.array([cycle_s]),
+    )
+
+
+def test_women_s_arms_are_held_by_women_s_constants() -> None:
+    """A raised, outstretched arm at 150 degrees, 5 Nm, for a woman and a man.
+
+    Maximum: (227.338 + .525 * 180 - .296 * 150) .1495 = 41.47728 Nm; * .2845 = 78.93130 Nm.
+    Correction, a woman: .0095 * 1005 / (1 + e^((66.4 - 150) / 7.83)) - sin 150 / .11
+    = 9.54728 - 4.54545 = 5.00183; a man: 11.68473 - .5 / .09 = 6.12917 Nm.
+    14.86 (10.00183 / 41.47728)^-1.83 = 200.5 s; 14.86 (11.12917 / 78.93130)^-1.83 = 535.6 s.
+    """
+    arm = {"torque": 5.0, "shoulder_deg": 150.0, "elbow_deg": 180.0}
+    men = np.array([False, True])
+    both = Paced(
+        np.full(2, 0.2),
+        *(np.full(2, each) for each in arm.values()),
+        Strength(men, np.ones(2)),
+        np.full(2, 10.0),
+        np.full(2, 10.0),
+    )
+    np.testing.assert_allclose(60.0 * minutes_at_pace(both)["NICER"], [200.5, 535.6], atol=0.5)
+
+
+def test_minutes_without_breaks_are_those_of_the_sex() -> None:
+    """Of the same raised, outstretched arm of a woman, as `hold` reports it."""
+    subject = next(each for each in draw(20, 1) if not each.man)
+    joints = {"elv_angle": 80.0, "shoulder_elv": 150.0, "elbow_flexion": 5.0}
+    angles = np.radians([joints.get(name, 0.0) for name in subject.body.independent_joints])
+    load = subject.holder.load(angles, 0.0)
+    assert load.shoulder_deg > 120.0
+    assert load.elbow_deg > 145.0
+    shoulder, elbow = np.radians(load.shoulder_deg), load.elbow_deg
+    added = 0.0095 * 1005.0 / (1.0 + np.exp((66.4 - load.shoulder_deg) / 7.83))
+    added -= np.sin(shoulder) / 0.11
+    factor = float(np.asarray(subject.strength.factor))
+    maximum = (227.338 + 0.525 * elbow - 0.296 * load.shoulder_deg) * 0.1495 * factor
+    expected = 14.86 * ((load.torque + added) / maximum) ** -1.83 / 60.0
+    assert hold(subject, angles, 0.0, NONE)[7] == pytest.approx(expected)
 
 
 def test_without_breaks_the_published_curve_holds() -> None:

@@ -171,6 +171,15 @@ def test_groups_hold_persons_of_their_percentile() -> None:
     assert max(short) < 1.629 - 0.6745 * 0.0665 + 1e-3
 
 
+def test_people_of_an_audit_are_not_cut() -> None:
+    """Of 2,000 persons 5 % are below the fifth percentile of their sex, 1 % below the first."""
+    percentiles = np.array([each.percentile for each in draw(2000, 3)])
+    for percent in (1.0, 5.0, 50.0, 95.0, 99.0):
+        share = 0.01 * percent
+        within = 3.0 * np.sqrt(share * (1.0 - share) / len(percentiles))
+        assert (percentiles < percent).mean() == pytest.approx(share, abs=within)
+
+
 def test_the_same_seed_writes_the_same_files(tmp_path: Path) -> None:
     targets = [target("<near>", 0.2, 1.0, 0.4), target("ray", 0.4, 1.3, 3.0, how="point")]
     for name in ("a", "b"):

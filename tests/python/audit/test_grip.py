@@ -35,8 +35,8 @@ def lever(**more: Any) -> AuditTarget:
 def test_a_load_takes_grip_by_friction(subjects: list[Subject]) -> None:
     # 10 kg between two surfaces of friction .5 need 98.1 N a side, 137.3 N with the margin. A man's
     # median is 51 kg, 500.3 N; a woman's 31 kg, 304.1 N.
-    man = replace(subjects[0], strength=Strength("male", 1.0))
-    woman = replace(subjects[0], strength=Strength("female", 1.0))
+    man = replace(subjects[0], strength=Strength(man=True))
+    woman = replace(subjects[0], strength=Strength(man=False))
     heavy = lever(load_kg=10.0)
     assert grip_share(man, heavy, NONE) == pytest.approx(0.2745, abs=1e-4)
     assert grip_share(woman, heavy, NONE) == pytest.approx(0.4516, abs=1e-4)

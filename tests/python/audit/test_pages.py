@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 
+from sim2vr_harness.audit import pages
 from sim2vr_harness.audit.pages import find_things, located
 from sim2vr_harness.audit.targets import TargetSettings
 from sim2vr_harness.client.answers import BadReply
@@ -44,6 +47,15 @@ def test_an_object_is_located() -> None:
     assert target.place_m.tolist() == pytest.approx([0.12, 1.25, 0.42])
 
 
+@NEEDS_BROWSER
+@NEEDS_ENGINES
+def test_a_mouse_on_the_scene_hides_nothing() -> None:
+    file = ROOT / "tests" / "data" / "webxr" / "laser.html"
+    env = EnvConfig(app=AppConfig(transport="webxr", page=str(file), map={CDN: str(ENGINES)}))
+    (target,) = find_things(env, 2.0)
+    assert (target.name, target.how, target.reacts) == ("target", "point", True)
+
+
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
@@ -71,3 +83,20 @@ def test_what_the_page_does_anywhere_is_no_reaction() -> None:
     assert not found["lamp"].reacts  # which changes wherever the ray points
     assert not found["stone"].reacts
     assert found["switch"].place_m.tolist() == pytest.approx([-0.6, 1.5, 2.0])  # in the rig
+
+
+@NEEDS_BROWSER
+@NEEDS_ENGINES
+@pytest.mark.parametrize("options", [{"count": 20_000}, {"more": 10}])
+def test_a_page_of_many_objects_ends_in_time_and_says_what_was_left_out(
+    options: dict[str, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pages, "_PROGRESS_S", 0.5)
+    file = ROOT / "tests" / "data" / "webxr" / "many_objects.html"
+    app = AppConfig(transport="webxr", page=str(file), map={CDN: str(ENGINES)}, options=options)
+    said: list[str] = []
+    began = time.monotonic()
+    find_things(EnvConfig(app=app), 1.0, say=said.append, most_s=6.0)
+    assert time.monotonic() - began < 40.0  # with the start of the browser and a step under load
+    assert any("of at most 6 s ..." in line for line in said)
+    assert "things were not operated: at most 160 attempts are made, in 6 s" in said[-1]

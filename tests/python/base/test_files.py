@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import io
 import os
+import tracemalloc
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -181,6 +183,98 @@ def test_a_pickle_is_not_run(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no arrays of NumPy"):
         files.read_arrays(tmp_path / "arrays.npz", EXPECTED)
     assert not (tmp_path / "harm").exists()
+
+
+def zipped(members: dict[str, bytes]) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return stream.getvalue()
+
+
+def npy(shape: tuple[int, ...], dtype: str = "<f4") -> bytes:
+    stream = io.BytesIO()
+    header = {"descr": dtype, "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(stream, header)
+    return stream.getvalue() + bytes(64)
+
+
+def torch_archive(pickle: bytes, storage: bytes = b"") -> bytes:
+    return zipped({"a/data.pkl": pickle, "a/version": b"3", "a/data/0": storage})
+
+
+def saved(content: dict[str, Any], **options: Any) -> bytes:
+    stream = io.BytesIO()
+    torch.save(content, stream, **options)
+    return stream.getvalue()
+
+
+@pytest.fixture(scope="module")
+def zeros() -> bytes:
+    """A part of 0.3 GB, of which 0.3 MB are left when it is packed."""
+    return bytes(300_000_000)
+
+
+@pytest.mark.parametrize("kind", ["members", "arrays", "tensors"])
+def test_an_archive_is_refused_by_the_sizes_in_its_headers(
+    kind: str, zeros: bytes, tmp_path: Path
+) -> None:
+    place = tmp_path / "file"
+    place.write_bytes(zipped({"one": b"1", "t.npy": zeros}))
+    assert place.stat().st_size < 1_000_000
+    tracemalloc.start()
+    with pytest.raises(InputError, match=r"file: got [\d,]+ bytes that unpack to 300,000,001, exp"):
+        READERS[kind](place, EXPECTED)
+    assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (
+            zipped({"t.npy": npy((850_000_000,))}),
+            r"'t.npy' declares shape \(850000000,\) of float32",
+        ),
+        (zipped({"t.npy": npy((10**12,), "|V0")}), r"'t.npy' declares shape \(1000000000000,\)"),
+        (zipped({"t.npy": npy((4,), "(200000000,)<f4")}), "'t.npy' declares shape"),
+        (npy((850_000_000,)), "no zip archive"),
+    ],
+)
+def test_an_array_is_refused_by_the_shape_in_its_header(content: bytes, message: str) -> None:
+    tracemalloc.start()
+    with pytest.raises(InputError, match=message):
+        files.parse_arrays(content, "f", EXPECTED)
+    assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        # bytearray(400,000,000), by an instruction of torch.load's own list
+        (
+            torch_archive(b"\x80\x02}U\x01wcbuiltins\nbytearray\nJ\x00\x84\xd7\x17\x85Rs."),
+            "a bytearray in it",
+        ),
+        (saved({"w": [torch.zeros(1).expand(100_000_000)]}), "f: got .* unpack to 400,000,000,"),
+        (
+            saved({"w": torch.sparse_coo_tensor(torch.zeros(1, 1), torch.ones(1), (100_000_000,))}),
+            "f: got .* unpack to 400,000,000,",
+        ),
+        (saved({"w": torch.zeros(4)}, _use_new_zipfile_serialization=False), "no zip archive"),
+    ],
+)
+def test_tensors_are_refused_by_what_they_declare(content: bytes, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        files.parse_tensors(content, "f", EXPECTED)
+
+
+def test_large_arrays_that_are_stored_as_they_are_can_be_read(zeros: bytes) -> None:
+    stream = io.BytesIO()
+    np.savez(stream, t=np.frombuffer(zeros, np.uint8))
+    assert files.parse_arrays(stream.getvalue(), "f", EXPECTED)["t"].nbytes == 300_000_000
 
 
 def test_a_full_disk_is_named(tmp_path: Path) -> None:

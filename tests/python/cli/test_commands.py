@@ -39,6 +39,10 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> None:
     import sim2vr_harness.envs.simulation as module
 
     monkeypatch.setattr(module, "Simulation", FakeSimulation)
+    monkeypatch.setattr(
+        "sim2vr_harness.policies.scripted.baselines.doing_nothing_pays", lambda env: None
+    )
+    monkeypatch.setattr("sim2vr_harness.evaluation.evaluate.doing_nothing_pays", lambda env: None)
 
 
 def train(capsys: Any, folder: Path, *more: str) -> tuple[int, str, str]:
@@ -50,7 +54,7 @@ def test_version_and_help(capsys: Any) -> None:
     assert call(capsys, "--version") == (0, f"sim2vr-harness {__version__}\n", "")
     status, out, _ = call(capsys)
     assert status == 0
-    for command in ("train", "evaluate", "doctor", "bench", "render", "plot"):
+    for command in ("train", "evaluate", "doctor", "render", "plot"):
         assert command in out
     assert "--resume" in call(capsys, "train", "--help")[1]
 
@@ -215,7 +219,7 @@ def test_curves(capsys: Any, trained: Path, tmp_path: Path) -> None:
             "error: --jsn: got an unknown option, expected one of the command's (d",
         ),
         (["doctor", "x", "y"], "error: arguments: got 'x y' behind the others, expected no more"),
-        (["bench", "--json=3"], "error: --json: got a value, expected none"),
+        (["users", "list", "--json=3"], "error: --json: got a value, expected none"),
         (["users", "pack"], "error: RUN: got nothing, expected a run's folder or a checkpoint"),
         (["render", "snapshot", "--seconds", "x"], "error: --seconds: got 'x', expected a number"),
         (
@@ -234,7 +238,6 @@ def test_curves(capsys: Any, trained: Path, tmp_path: Path) -> None:
             ["plot", "curves", "{run}", "--out", "{empty}"],
             "error: --out: got '{empty}', which is a folder",
         ),
-        (["bench", "--output", "/proc/x/y"], "error: --output: got '/proc/x/y', but nothing can b"),
         (["train", "{config}", "--resume", "--overwrite"], "error: --overwrite: got it together"),
         (["train", "{config}", "--resume", "--out", "{empty}"], "error: --resume: got"),
         (["train", "--resume", "--out", "{empty}/x"], "error: RUN: got"),
@@ -258,8 +261,6 @@ def test_curves(capsys: Any, trained: Path, tmp_path: Path) -> None:
             ["render", "snapshot", "--condition", "x", "--out", "{empty}"],
             "error: condition: got 'x'",
         ),
-        (["bench", "--n", "0"], "error: --n: got 0, expected at least 1"),
-        (["bench", "--transport", "protocol3"], "error: --transport: got 'protocol3', expected"),
         (["train", "{config}", "--protocol", "3"], "error: --protocol: got 3, expected 1 or 2"),
         (["train", "{config}", "--app", "a", "--connect", "b:1"], "error: --connect: got it toget"),
         (
@@ -271,7 +272,7 @@ def test_curves(capsys: Any, trained: Path, tmp_path: Path) -> None:
             ["evaluate", "{run}", "--connect", "5555"],
             "error: env.app.connect: got '5555', expected",
         ),
-        (["evaluat"], "error: command: got 'evaluat', expected one of audit, bench, "),
+        (["evaluat"], "error: command: got 'evaluat', expected one of audit, "),
     ],
 )
 def test_bad_input_is_one_line_and_status_2(

@@ -34,7 +34,7 @@ def test_scripts_for_shells(shell: str) -> None:
     ("line", "expected"),
     [
         ("sim2vr-harness tr", ["train", "track"]),
-        ("sim2vr-harness plot ", ["curves", "level", "measures"]),
+        ("sim2vr-harness plot ", ["curves"]),
         ("sim2vr-harness train --re", ["--resume"]),
         ("sim2vr-harness games be", ["beats"]),
         ("sim2vr-harness render snapshot --game s", ["sample"]),
@@ -57,7 +57,7 @@ def test_words_are_completed(line: str, expected: list[str]) -> None:
     ("arguments", "nearest"),
     [
         ("evaluat", "evaluate"),
-        ("lvel", "plot level"),
+        ("curvs", "plot curves"),
         ("motr", "users motor"),
         ("users shw", "show"),
         ("games beat", "beats"),

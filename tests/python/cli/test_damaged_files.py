@@ -21,7 +21,7 @@ DAMAGES = (
 )
 
 KINDS = (
-    *("configuration", "scene", "policy", "user", "curves", "states", "events", "results"),
+    *("configuration", "policy", "user", "curves", "states", "events", "results"),
     "details",
 )
 
@@ -68,7 +68,6 @@ def places(folder: Path) -> dict[str, tuple[Path, list[str]]]:
     user, out = str(folder / "user"), str(folder / "out")
     return {
         "configuration": (config, ["train", str(config), "--timesteps", "0", "--out", out]),
-        "scene": (config, ["bench", str(config), "--n", "0"]),
         "policy": (
             folder / "user" / "policy.pt",
             ["evaluate", user, "--episodes", "1", "--condition", "medium", "--out", out],

@@ -59,8 +59,6 @@ def test_help_ends_with_two_examples(capsys: Any, words: str, command: Any) -> N
     ("old", "new"),
     [
         ("curves", "plot curves"),
-        ("level", "plot level"),
-        ("chart", "plot measures"),
         ("snapshot", "render snapshot"),
         ("film", "render film"),
         ("motor practise", "users motor train"),
@@ -68,18 +66,18 @@ def test_help_ends_with_two_examples(capsys: Any, words: str, command: Any) -> N
     ],
 )
 def test_an_old_name_works_and_names_the_new_one(
-    capsys: Any, tmp_path: Path, old: str, new: str
+    capsys: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, old: str, new: str
 ) -> None:
     parameters = {
         words: [(each.name, each.opts) for each in command.params]
         for words, command in [*shown_commands(), *_hidden()]
     }
     assert parameters[old] == parameters[new]
-    if old == "level":
-        status, out, err = call(capsys, "level", "full", "--out", str(tmp_path / "x.png"))
-        assert (status, len(err.splitlines())) == (0, 1)
-        assert "`sim2vr-harness level` is now `sim2vr-harness plot level`" in err
-        assert out.endswith(f"Written: {tmp_path / 'x.png'}\n")
+    if old == "snapshot":
+        monkeypatch.chdir(tmp_path)
+        status, _, err = call(capsys, "snapshot", "--game", "sample", "--out", "x.png")
+        assert status == 0
+        assert "`sim2vr-harness snapshot` is now `sim2vr-harness render snapshot`" in err
 
 
 def _hidden() -> list[tuple[str, Any]]:
@@ -159,8 +157,7 @@ def test_shared_options_are_the_same_everywhere() -> None:
         for each in command.params:
             for option in ("--page", "--map", "--task", "--browser", "--user", "--set"):
                 own = (words, option) in {("track", "--user"), ("study", "--user")}
-                own |= (words, option) == ("plot level", "--set")
-                own |= option == "--set" and words in ("train", "bench", "users motor train")
+                own |= option == "--set" and words in ("train", "users motor train")
                 own |= (words, option) == ("session record", "--page")
                 if option in each.opts:
                     owners.setdefault(option, set()).add(words)
@@ -176,18 +173,22 @@ def test_shared_options_are_the_same_everywhere() -> None:
 
 
 def test_a_snapshot_takes_user_and_set(tmp_path: Path, capsys: Any) -> None:
-    """With --set the images have another size; a baseline acts otherwise than the default."""
+    """With --set the images have another size; without --user the idle baseline plays."""
     sizes = {}
     for name, more in (
         ("plain", ()),
         ("small", ("--set", "env.vision.width=60", "--set", "env.vision.height=40")),
         ("still", ("--user", "still")),
+        ("random", ("--user", "random")),
     ):
         out = ("--out", str(tmp_path / name))
         command = ("render", "snapshot", "--seconds", "0.2", "--size", "64x48")
         assert call(capsys, *command, *out, *more)[0] == 0
         with Image.open(tmp_path / name / "observation.png") as image:
             sizes[name] = image.size
-    assert sizes == {"plain": (240, 80), "small": (120, 40), "still": (240, 80)}
-    bodies = [(tmp_path / name / "body.png").read_bytes() for name in ("plain", "still")]
-    assert bodies[0] != bodies[1]
+    large = (240, 80)
+    assert sizes == {"plain": large, "small": (120, 40), "still": large, "random": large}
+    plain, still, random = (
+        (tmp_path / name / "body.png").read_bytes() for name in ("plain", "still", "random")
+    )
+    assert plain == still != random

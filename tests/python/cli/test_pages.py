@@ -18,8 +18,9 @@ from PIL import Image
 
 from processes import emptied, gone
 from python.cli.calls import call
+from sim2vr_harness.audit import pages
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.cli.app_options import app_settings
+from sim2vr_harness.cli.app_options import app_settings, as_overrides
 from sim2vr_harness.envs import AppConfig, EnvConfig
 from sim2vr_harness.envs.config import page_name
 from sim2vr_harness.runs.config import load_config
@@ -195,3 +196,35 @@ def test_sigterm_cleans_up_as_ctrl_c_does(command: str, tmp_path: Path) -> None:
     assert "Traceback" not in err
     assert all(emptied(group, 5.0) for group in groups)
     assert gone(folder)
+
+
+def test_options_in_the_address_of_a_page_are_the_apps_options(tmp_path: Path) -> None:
+    settings = app_settings(page=f"{TOUCH}?size=0.03&level=2&name=a+b&far=1e-2")
+    assert settings["page"] == TOUCH
+    assert settings["game"] == "touch"
+    expected = {"size": 0.03, "level": 2, "name": "a b", "far": "1e-2"}
+    assert settings["options"] == expected
+    config = load_config("webxr", ["env.app.options.hue=1", *as_overrides(settings)])
+    assert config.env.app.options == {"hue": 1, **expected}
+    odd = tmp_path / "what?.html"
+    odd.touch()
+    assert app_settings(page=str(odd))["page"] == str(odd)
+    for wrong in ("?", "?size", "?a=1&a=2"):
+        with pytest.raises(InputError, match=r"--page: got .* expected PAGE\?NAME=VALUE"):
+            app_settings(page=TOUCH + wrong)
+
+
+@pytest.mark.parametrize("more", [["?size=0.03"], ["", "--set", "env.app.options.size=0.03"]])
+def test_an_audit_takes_options_of_its_page(
+    capsys: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, more: list[str]
+) -> None:
+    """By its address and by ``--set``, as an evaluation does."""
+    asked: list[EnvConfig] = []
+
+    def find(env: EnvConfig, *_: object, **__: object) -> list[object]:
+        asked.append(env)
+        return []
+
+    monkeypatch.setattr(pages, "find_things", find)
+    call(capsys, "audit", "--page", TOUCH + more[0], *more[1:], "--out", str(tmp_path / "audit"))
+    assert (asked[0].app.page, asked[0].app.options) == (TOUCH, {"size": 0.03})

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import signal
 import time
 from dataclasses import replace
@@ -12,8 +14,10 @@ import numpy as np
 import pytest
 
 from openxr_programs import PLAY, hands, manifest, open_program, program
+from sim2vr_harness.cli.main import main
 from sim2vr_harness.client import (
     AppDied,
+    AppError,
     AppRefused,
     AppTimeout,
     AppUnsupported,
@@ -184,14 +188,83 @@ def test_a_program_without_depth_plays_for_a_user_that_sees_none(tmp_path: Path)
         assert (app.image == [2, 110, 0, 128]).all()
 
 
+def leaving(folder: Path, after: int, then: str, call: str = "xrRequestExitSession") -> Path:
+    """A program that ends its session in the frame after so many, and does ``then``."""
+    leave = f"    if shown > {after}: say(8, reason='', call='{call}'); {then}\n"
+    return program(folder, PLAY.replace("    answer(", f"{leave}    answer("))
+
+
 def test_a_program_that_leaves_ends_the_round(tmp_path: Path) -> None:
-    leave = "    if shown > 3: say(8, reason='', call='xrDestroySession'); sys.exit(0)\n"
-    body = PLAY.replace("    answer(", f"{leave}    answer(")
-    with open_program(program(tmp_path, body)) as app:
+    with open_program(leaving(tmp_path, 3, "sys.exit(0)")) as app:
         app.reset(1, hands())
-        assert not app.step(frame_time_ns(1, 20), hands()).finished
-        assert app.step(frame_time_ns(2, 20), hands()).finished
+        reply = app.step(frame_time_ns(1, 20), hands())
+        assert (reply.finished, reply.left) == (False, "")
+        reply = app.step(frame_time_ns(2, 20), hands())
+        words = "fake: the program ended its session (xrRequestExitSession) after 0.1 s"
+        assert (reply.finished, reply.left) == (True, f"{words}, ended with exit status 0")
+        with pytest.raises(AppError, match=f"^step: {re.escape(words)}.*; call reset first"):
+            app.step(frame_time_ns(3, 20), hands())
         assert not app.reset(1, hands()).finished
+    with open_program(leaving(tmp_path, 2, "time.sleep(60)")) as app:
+        app.reset(1, hands())
+        assert app.step(frame_time_ns(2, 20), hands()).left == words  # no status after a second
+
+
+@pytest.mark.parametrize(
+    ("after", "then", "error", "words"),
+    [
+        (2, "sys.exit(3)", AppDied, r"\(xrDestroySession\) after 1\.5 s, ended with exit status 3"),
+        (2, "os.kill(os.getpid(), 11)", AppDied, r"after 1\.5 s, was killed \(SIGSEGV\)"),
+        (0, "sys.exit(0)", AppRefused, r"before its first frame, ended with exit status 0, exp"),
+        (0, "sys.exit(3)", AppDied, r"before its first frame, ended with exit status 3"),
+    ],
+)
+def test_a_program_that_leaves_early_or_fails_then_is_named(
+    tmp_path: Path, after: int, then: str, error: type[Exception], words: str
+) -> None:
+    file = leaving(tmp_path, after, then, "xrDestroySession")
+    with open_program(file) as app, pytest.raises(error, match=rf"^fake: the program .*{words}"):
+        app.reset(1, hands())
+        app.step(frame_time_ns(30, 20), hands())
+
+
+def test_a_headless_program_that_ends_no_frame_is_told_so(tmp_path: Path) -> None:
+    end = "say(8, reason='', call='xrDestroySession')"
+    with (
+        open_program(program(tmp_path, f"session(hello(), 'headless'); {end}")) as app,
+        pytest.raises(AppRefused, match=r"before its first frame.*no graphics \(XR_MND_headless\)"),
+    ):
+        app.reset(1, hands())
+
+
+def test_rounds_say_that_their_program_left(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In the table, in results.json, and in a sentence; a status is a failure."""
+    play = ["--user", "still", "--episodes", "1", "--out", str(tmp_path / "results")]
+    play += ["--set", "env.app.task={seconds: 3}"]
+    for then, end in (("sys.exit(0)", "app_left"), ("sys.exit(3)", "app_failed")):
+        with pytest.raises(SystemExit, match="0"):
+            main(["evaluate", "--openxr", str(leaving(tmp_path, 20, then)), *play])
+        said = capsys.readouterr()
+        assert "the program ended its session (xrRequestExitSession) after 0.9 s" in said.err
+        found = json.loads((tmp_path / "results/results.json").read_text())["standard"]
+        assert {key: found[key] for key in ("app_left", "app_failed")} == {
+            "app_left": int(end == "app_left"),
+            "app_failed": int(end == "app_failed"),
+        }
+        assert ("App left VR by itself" in said.out) == (end == "app_left")
+
+
+def test_a_snapshot_of_a_program_that_left_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = r"fake: the program ended its session \(xrRequestExitSession\) after 0\.9 s, .*status"
+    for status, exits, start in ((0, "0", "^"), (3, "[12]", "^error: ")):
+        file = leaving(tmp_path, 20, f"sys.exit({status})")
+        with pytest.raises(SystemExit, match=exits):
+            main(["render", "snapshot", "--openxr", str(file), "--out", str(tmp_path / "out")])
+        assert re.search(f"(?m){start}{words} {status}", capsys.readouterr().err)
 
 
 def test_a_killed_program_is_started_again(tmp_path: Path) -> None:

@@ -54,6 +54,63 @@ def test_a_stubborn_process_is_killed_with_its_children(tmp_path: Path) -> None:
     process.kill()
 
 
+DAEMON = """
+import os, sys, time
+if os.fork() == 0:
+    os.setsid()
+    if os.fork() == 0:
+        os.setsid()
+        with open(sys.argv[1] + ".new", "w") as file:
+            file.write(str(os.getpid()))
+        os.rename(sys.argv[1] + ".new", sys.argv[1])
+        time.sleep(600)
+    os._exit(0)
+time.sleep(float(sys.argv[2]))
+"""
+"""Leaves a grandchild in a session of its own, as daemons do."""
+
+
+@pytest.mark.parametrize("stays_s", [0, 600])
+def test_a_daemon_that_an_app_has_started_ends_with_it(tmp_path: Path, stays_s: int) -> None:
+    noted = tmp_path / "pid"
+    other = AppProcess([sys.executable, "-c", DAEMON, str(tmp_path / "other"), "600"])
+    process = AppProcess([sys.executable, "-c", DAEMON, str(noted), str(stays_s)])
+    assert exists(noted) and exists(tmp_path / "other")
+    pid, others = int(noted.read_text()), int((tmp_path / "other").read_text())
+    assert os.getsid(pid) == pid
+    process.kill()
+    assert gone(pid)
+    assert not gone(others, 0.0)  # of another app
+    other.kill()
+    assert gone(others)
+
+
+@pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGTERM])
+def test_a_daemon_ends_with_a_harness_that_is_killed(
+    tmp_path: Path, ending: signal.Signals
+) -> None:
+    noted = tmp_path / "pid"
+    code = (
+        "import sys; from sim2vr_harness.client import AppProcess\n"
+        "app = AppProcess([sys.executable, '-c', *sys.argv[1:]]); sys.stdin.read()"
+    )
+    harness = subprocess.Popen(
+        [sys.executable, "-c", code, DAEMON, str(noted), "600"], stdin=subprocess.PIPE
+    )
+    assert exists(noted)
+    pid = int(noted.read_text())
+    harness.send_signal(ending)
+    harness.communicate(timeout=20)
+    assert gone(pid)
+
+
+def exists(file: Path, within_s: float = 10.0) -> bool:
+    deadline = time.monotonic() + within_s
+    while not file.exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    return file.exists()
+
+
 def test_children_of_an_app_that_ended_by_itself_are_ended_too(tmp_path: Path) -> None:
     process = AppProcess([script(tmp_path, "sleep 600 &\necho ready")])
     assert process.wait(10.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -182,16 +183,98 @@ def test_the_door_into_vr(door: str, tmp_path: Path) -> None:
     assert played(page, steps=3, values={"frames": "app.frames"}) == {"frames": 3}
 
 
-def test_a_page_that_goes_elsewhere_by_itself_is_named(tmp_path: Path) -> None:
-    script = "const made = document.body.appendChild(document.createElement('button'));"
-    script += "made.textContent = 'Enter VR'; made.onclick = () => { location.href = 'boxes.js'; };"
-    with (
-        open_page(page_with(tmp_path, script)) as app,
-        pytest.raises(
-            AppRefused, match=r"went to another address, \S*boxes\.js, before it entered"
-        ),
-    ):
+LEADS_AWAY = {
+    "another address": (
+        "button('Enter VR', () => { location.href = 'boxes.js'; });",
+        r"never calls WebXR .*; tried to click: Enter VR \(leads to \S*boxes\.js\)$",
+    ),
+    "itself, in a while": (
+        "button('Start', () => setTimeout(() => location.reload(), 100));",
+        r"tried to click: Start \(loads the page again\)$",
+    ),
+    "itself, by its name": (
+        "button('Try again', () => location.reload());"
+        "await import('https://cdn.example.com/engine.js').catch(() => {});",
+        r"never calls WebXR \(navigator\.xr\) "
+        r"\(asks for https://cdn\.example\.com/engine\.js, which app\.map maps to no folder\)$",
+    ),
+    "itself, unasked": (
+        "await import('https://cdn.example.com/engine.js').catch(() => {});"
+        "setTimeout(() => location.reload(), 100);",
+        r"page\.html: loaded itself again before it entered VR "
+        r"\(asks for https://cdn\.example\.com/engine\.js, which app\.map maps to no folder\)$",
+    ),
+    "another address, unasked": (
+        "setTimeout(() => { location.href = 'boxes.js'; }, 100);",
+        r"went to another address, \S*boxes\.js before it entered VR$",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", LEADS_AWAY)
+def test_what_leaves_the_page_is_no_door(what: str, tmp_path: Path) -> None:
+    script, words = LEADS_AWAY[what]
+    page = page_with(tmp_path, f"import {{ button }} from './boxes.js';\n{script}")
+    with open_page(page) as app, pytest.raises(AppRefused, match=words):
         app.reset(1, hands(0))
+
+
+def test_a_door_beside_one_that_loads_again_is_found(tmp_path: Path) -> None:
+    script = plays(
+        "button('Enter VR anew', () => location.reload());"
+        "button('Try again', () => location.reload()); button('Go', go);"
+    )
+    assert played(page_with(tmp_path, script), steps=3, values={"frames": "app.frames"}) == {
+        "frames": 3
+    }
+
+
+@pytest.mark.parametrize("clock", ["performance.now()", "Date.now()", "new Date()"])
+def test_a_wait_on_a_clock_ends_the_same_each_time(clock: str, tmp_path: Path) -> None:
+    script = plays(f"""{BUTTON}
+    app.reads = app.ahead = 0;
+    const wait = (ms) => {{
+      const end = +{clock} + ms;
+      while ({clock} < end) app.reads += 1;
+    }};
+    wait(4);
+    setTimeout(() => {{
+      const from = performance.now();
+      wait(4);
+      app.ahead = performance.now() - from;
+    }});""")
+    page = page_with(tmp_path, script)
+    values = {"frames": "app.frames", "reads": "app.reads", "ahead": "app.ahead"}
+    first, again = (played(page, steps=3, values=values) for _ in range(2))
+    assert first == again
+    assert first["frames"] == 3
+    # Two waits of 4 ms, each 100,000 reads at a standstill and some 400 that move on.
+    assert 200_600 < first["reads"] < 201_000
+    assert 3.0 < first["ahead"] < 4.2
+
+
+def test_few_reads_of_a_clock_do_not_move_it(tmp_path: Path) -> None:
+    script = plays(f"""{BUTTON}
+    const from = performance.now();
+    for (let k = 0; k < 50000; k++) Date.now();
+    app.moved = performance.now() - from;""")
+    assert played(page_with(tmp_path, script), values={"moved": "app.moved"}) == {"moved": 0.0}
+
+
+def test_a_page_without_webxr_is_told_so_soon(tmp_path: Path) -> None:
+    # Each frame takes a twentieth of a second to draw.
+    script = """const draw = () => {
+      let sum = 0;
+      for (let k = 0; k < 2e7; k++) sum += k;
+      document.title = sum;
+      requestAnimationFrame(draw);
+    };
+    draw();"""
+    with open_page(page_with(tmp_path, script)) as app:
+        began = time.monotonic()
+        with pytest.raises(AppRefused, match="never calls WebXR"):
+            app.reset(1, hands(0))
+        assert time.monotonic() - began < 10.0
 
 
 def test_files_above_the_folder_come_with_the_options_that_serve_them(tmp_path: Path) -> None:
@@ -406,10 +489,11 @@ def test_what_comes_between_frames_is_the_same_beside_a_busy_processor(tmp_path:
     page = page_with(tmp_path, plays(OBSERVED))
     names = ("digest", "resizes", "width", "border", "seen", "chain", "changed")
     values = {name: f"app.{name}" for name in names}
-    first = played(page, steps=20, values=values)
+    changes: dict[str, Any] = {"values": values, "options": {"window_frames": "run"}}
+    first = played(page, steps=20, **changes)
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(3)]
     try:
-        assert played(page, steps=20, values=values) == first
+        assert played(page, steps=20, **changes) == first
     finally:
         for process in busy:
             process.kill()

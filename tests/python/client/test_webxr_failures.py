@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from processes import emptied, gone, group, of_type
-from sim2vr_harness.client import AppDied, AppRefused, AppTimeout, frame_time_ns
+from sim2vr_harness.client import AppDied, AppError, AppRefused, AppTimeout, frame_time_ns
 from sim2vr_harness.client.webxr.browser import Browser, find_browser
 from sim2vr_harness.client.webxr.files import PageFiles
 from sim2vr_harness.client.webxr.page import Page
@@ -167,6 +167,38 @@ def test_a_session_that_the_page_ends_ends_the_round(tmp_path: Path) -> None:
             ends = [app.reset(1, hands(0)).finished]
             ends += [app.step(frame_time_ns(k, 20), hands(k)).finished for k in (1, 2)]
             assert ends == [False, False, True]
+        with pytest.raises(
+            AppError, match=r"page\.html: the page ended its session .* after 0\.1 s; call reset"
+        ):
+            app.step(frame_time_ns(3, 20), hands(3))
+
+
+@NEEDS_BROWSER
+def test_a_page_that_leaves_in_its_first_frame_cannot_be_played(tmp_path: Path) -> None:
+    with (
+        open_page(page_with(tmp_path, ENTERS % "boxes.session.end();")) as app,
+        pytest.raises(
+            AppRefused, match=r"page\.html: the page ended its session .* first frame, exp"
+        ),
+    ):
+        app.reset(1, hands(0))
+
+
+@NEEDS_BROWSER
+def test_a_round_says_that_its_page_left(tmp_path: Path) -> None:
+    page = page_with(tmp_path, ENTERS % "if (frames === 5) boxes.session.end();")
+    app = AppConfig(transport="webxr", page=str(page), task={"seconds": 5})
+    simulation = Simulation(EnvConfig(app=app, vision=VisionConfig(width=24, height=16)), 1)
+    simulation.reset(seeds=[1])
+    still = np.zeros((1, simulation.action_space.shape[0]))
+    while not (batch := simulation.step(still)).over[0]:
+        pass
+    info = batch.info(0)
+    assert (batch.terminated[0], info["termination"]) == (True, "app_left")
+    assert "page.html: the page ended its session (XRSession.end) after 0.2 s" in info["app_left"]
+    simulation.reset(ids=[0])
+    assert simulation.step(still).answered.all()
+    simulation.close()
 
 
 @NEEDS_BROWSER

@@ -75,13 +75,14 @@ attach(gl.DEPTH_KIND_ATTACHMENT, gl.FORMAT);
 button('Enter VR', () => boxes.enter(() => {}));
 const draw = boxes.draw;
 boxes.draw = function (frame) {
-  const { framebuffer } = this.layer;
-  this.layer = Object.create(this.layer, { framebuffer: { value: samples } });
+  const { layer } = this;
+  const { framebuffer } = layer;
+  this.layer = { framebuffer: samples, getViewport: (view) => layer.getViewport(view) };
   draw.call(this, frame);
   gl.bindFramebuffer(gl.READ_FRAMEBUFFER, samples);
   gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, framebuffer);
   gl.blitFramebuffer(0, 0, w, h, 0, 0, w, h, gl.COLOR_BUFFER_BIT, gl.NEAREST);
-  this.layer = Object.getPrototypeOf(this.layer);
+  this.layer = layer;
   app.error ||= gl.getError();
 };"""
 

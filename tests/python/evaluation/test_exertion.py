@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -11,9 +12,10 @@ import pytest
 from sim2vr_harness.envs.config import UserConfig
 from sim2vr_harness.evaluation.exertion import ExertionRecorder
 from sim2vr_harness.evaluation.metrics import ARM_MEASURES
-from sim2vr_harness.users import UserBatch, load_body
+from sim2vr_harness.users import PeopleSettings, Population, UserBatch, load_body
 from sim2vr_harness.users.exertion import (
     ArmDynamics,
+    NicerMeter,
     Strength,
     arms_of,
     consumed_endurance_time,
@@ -67,6 +69,52 @@ def test_one_arm() -> None:
 def test_two_arms() -> None:
     recorder, _, _ = _played("mobl_arms_bimanual_motor")
     assert all(value is not None for value in recorder.values(0).values())
+
+
+@pytest.mark.parametrize("median", [0.78, 1.28])
+@pytest.mark.parametrize(("man", "nicer"), [(True, 7.35), (False, 15.07)])
+def test_the_strength_of_the_body_s_model_is_not_the_person_s(
+    median: float, man: bool, nicer: float
+) -> None:
+    """60 s of 9 Nm for a man of median strength, of 7 Nm for such a woman, elbow at 150 degrees.
+
+    Shoulder at 80 degrees: (227.338 + 78.75 - 23.68) .2845 = 80.3451 Nm, .1495: 42.2200 Nm.
+    6000 / (14.86 (9 / 80.3451)^-1.83) = 7.35 %, 6000 / (14.86 (7 / 42.22)^-1.83) = 15.07 %.
+    """
+    settings = PeopleSettings(strength=median, seed=3)
+    people = Population(settings)
+    person = next(people.number(i) for i in range(50) if people.is_man(i) == man)
+    of_sex = median * np.exp(0.249 if man else -0.249)
+    meter = NicerMeter(1, people.shoulder(replace(person, strength=of_sex)))
+    for _ in range(60):
+        torque = np.array([9.0 if man else 7.0])
+        meter.update(torque, np.array([80.0]), np.array([150.0]), 1.0)
+    assert meter.value[0] == pytest.approx(nicer, abs=0.01)
+
+
+@pytest.mark.parametrize("median", [0.78, 1.28])
+def test_rounds_of_people_count_their_strength_among_their_sex(median: float) -> None:
+    people = Population(PeopleSettings(strength=median, vary=("strength",), seed=2))
+    persons = [people.number(i) for i in range(6)]
+    men = [people.is_man(i) for i in range(6)]
+    assert len(set(men)) == 2
+    body = load_body("mobl_arms_wrist", appearance=False)
+    users = UserBatch(body, 6, effort="neural", people=people)
+    bent = [1.2 if name.startswith("elbow") else 0.5 for name in body.independent_joints]
+    rngs = [np.random.default_rng(i) for i in range(6)]
+    users.reset(np.arange(6), rngs, [np.clip(bent, *body.joint_ranges.T)] * 6, persons=persons)
+    recorder = ExertionRecorder(SimpleNamespace(users=users))
+    before = users.qvel
+    users.step(np.full((6, body.action_size), 0.1))
+    recorder.step(np.ones(6, dtype=bool))
+    dynamics = ArmDynamics(body.physics_model, *arms_of(body))
+    for i, (person, man) in enumerate(zip(persons, men, strict=True)):
+        load = dynamics.load(users.qpos[i], users.qvel[i], (users.qvel[i] - before[i]) / 0.05)
+        relative = person.strength / (median * np.exp(0.249 if man else -0.249))
+        maximum = 227.338 + 0.525 * load.elbow_deg - 0.296 * load.shoulder_deg
+        maximum *= relative * (0.2845 if man else 0.1495)
+        expected = 100.0 * 0.05 / (14.86 * (load.torque / maximum) ** -1.83)
+        assert recorder.values(i)["exertion.nicer_right"] == pytest.approx(expected)
 
 
 def test_stand_ins_have_no_arms() -> None:

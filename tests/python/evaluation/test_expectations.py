@@ -39,7 +39,8 @@ PLANNED = Planned(("easy", "hard"), ("hits", "error_m", "height_m"), (HITS, ERRO
 def summary(persons: Sequence[int] | None = None, **values: Sequence[float | None]) -> dict:
     """An evaluation's summary of one condition, of values over rounds."""
     rounds = [dict(zip(values, row, strict=True)) for row in zip(*values.values(), strict=True)]
-    found: dict[str, Any] = {"episodes": len(rounds), "diverged": 0, "app_failed": 1}
+    found: dict[str, Any] = {"episodes": len(rounds), "diverged": 0, "app_left": 0}
+    found["app_failed"] = 1
     for name, given in values.items():
         of_unit: dict[int, list[float]] = {}
         for number, value in enumerate(given):

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from sim2vr_harness.cli.main import app
+from sim2vr_harness.human_comparison import session_sources
 from sim2vr_harness.human_comparison.app_sessions import behaviour_of_sessions, measure_session
+from sim2vr_harness.human_comparison.comparing import compare
+from sim2vr_harness.human_comparison.measures import plain
+from sim2vr_harness.human_comparison.persons import persons_of
 from sim2vr_harness.human_comparison.session_sources import find_sessions
 from sim2vr_harness.sessions import (
     AppIdentity,
@@ -118,7 +124,9 @@ def test_a_session_without_targets_has_no_measures_of_them(tmp_path: Path) -> No
     assert rows["path_per_min"]["inside"] == 0.0  # 0.5 m is outside 0.1 to 0.3 m
     assert rows["duration"]["inside"] == 1.0
     page = (out / "comparison.html").read_text()
-    assert "path_per_min" in page and "data:image/png;base64," in page
+    assert "path of the hand per minute" in page and "data:image/png;base64," in page
+    assert "path_per_min" not in page and "d_mean_speed" not in page
+    assert "The first 2 s of each round are left out" in page
 
 
 def test_one_person_has_no_range(tmp_path: Path) -> None:
@@ -130,6 +138,9 @@ def test_one_person_has_no_range(tmp_path: Path) -> None:
     ran = CliRunner().invoke(app, arguments)
     assert ran.exit_code == 0, ran.output
     assert "one person, who has no range" in ran.output
+    assert "The first 2 s of each round are left out" in ran.output.replace("\n", " ")
+    assert "…" not in ran.output and not re.search(r"\de[-+]\d", ran.output)
+    assert "d_mean_speed" not in ran.output and "Condition" not in ran.output
     rows = json.loads((out / "comparison.json").read_text())["users"]["Mine"]["measures"]
     assert all(row["inside"] is None and row["distance"] is None for row in rows)
 
@@ -147,3 +158,74 @@ def test_what_is_no_session_is_named(tmp_path: Path) -> None:
     (tmp_path / "packed" / "manifest.json").write_text("{}")
     write_session(swinging(), tmp_path / "packed" / "a.jsonl")
     assert find_sessions(tmp_path / "packed") == []
+
+
+def _must_not_play(*_: Any, **__: Any) -> None:
+    raise AssertionError("it plays before it has checked the recordings")
+
+
+@pytest.mark.parametrize(
+    ("change", "user", "options", "message"),
+    [
+        (
+            {"app": AppIdentity("game", "pointing")},
+            "random",
+            [],
+            "round.jsonl, which does not say which condition of pointing was played, expected "
+            "--condition NAME, one of near, mid, far; or the condition in the recording",
+        ),
+        (
+            {"app": AppIdentity("game", "pointing", "mid")},
+            "whacamole_people",
+            [],
+            "'whacamole_people', who plays whacamole, expected a user of pointing",
+        ),
+        (
+            {"app": AppIdentity("game", "pointing", "mid")},
+            "random",
+            ["--condition", "nearest"],
+            "--condition: got 'nearest'",
+        ),
+        ({"left": None, "right": None}, "random", [], "a session without a controller"),
+    ],
+)
+def test_recordings_are_refused_before_anything_is_played(
+    change: dict[str, Any],
+    user: str,
+    options: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(session_sources, "evaluate", _must_not_play)
+    monkeypatch.setattr(session_sources, "evaluate_baseline", _must_not_play)
+    write_session(replace(swinging(), **change), tmp_path / "round.jsonl")
+    arguments = ["compare", user, "--people", str(tmp_path / "round.jsonl"), *options]
+    ran = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "out")])
+    assert ran.exit_code != 0 and message in str(ran.exception)
+
+
+@pytest.mark.parametrize(("game", "condition"), [("pointing", "mid"), ("panel", "keypad")])
+def test_a_person_s_own_recording_of_a_game_is_compared(
+    game: str, condition: str, tmp_path: Path
+) -> None:
+    write_session(replace(swinging(), app=AppIdentity("game", game)), tmp_path / "me.jsonl")
+    arguments = ["compare", "random", "--people", str(tmp_path / "me.jsonl"), "--episodes", "1"]
+    arguments += ["--condition", condition, "--out", str(tmp_path / "out")]
+    ran = CliRunner().invoke(app, arguments)
+    assert ran.exit_code == 0, ran.exception
+    (user,) = json.loads((tmp_path / "out" / "comparison.json").read_text())["users"].values()
+    assert {row["condition"] for row in user["measures"]} == {condition}
+
+
+def test_rounding_errors_are_no_differences_and_numbers_are_plain() -> None:
+    assert [plain(x) for x in (8.21e-05, 3e-9, 0.12345, 12345.6, -2.5)] == [
+        "0.000082", "0", "0.123", "12,346", "-2.5",
+    ]  # fmt: skip
+    sessions = [swinging(), swinging(AMPLITUDE_M + 3e-9), swinging(AMPLITUDE_M - 3e-9)]
+    behaviour = behaviour_of_sessions("page", sessions)
+    user, *people = (measure_session(s, behaviour, str(k), Path("x")) for k, s in
+                     enumerate(sessions))  # fmt: skip
+    found = compare("user", persons_of([user], behaviour), persons_of(people, behaviour), behaviour)
+    assert {row.distance for row in found.rows if row.measure.name == "range_x"} == {0.0}
+    assert {row.inside for row in found.rows if row.measure.name == "range_x"} == {1.0}

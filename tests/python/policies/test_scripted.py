@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +14,10 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.envs import AppConfig, EnvConfig
 from sim2vr_harness.envs.games import with_task
+from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.evaluation.scripted_baseline import BaselineRun, evaluate_baseline
 from sim2vr_harness.policies.scripted import is_script, parse_step, read_steps, with_inputs
+from sim2vr_harness.policies.scripted.baselines import baseline_reward, doing_nothing_pays
 from webxr_pages import CDN, ENGINES, NEEDS_BROWSER, NEEDS_ENGINES, PAGES, ROOT
 
 KEYPAD = str(PAGES / "keypad.html")
@@ -207,3 +211,70 @@ def test_the_drawer_of_the_example_is_opened() -> None:
     assert summary["opened"] == 1.0
     assert step.arrived_s is not None
     assert step.arrived_s < summary["opening_time"] < 4.0
+
+
+@NEEDS_BROWSER
+@NEEDS_ENGINES
+def test_a_ray_is_the_pages_own() -> None:
+    """Without its model of the controller, A-Frame's laser lies along the grip's axis.
+
+    WebXR's target ray is 60 degrees below that.
+    """
+    app = AppConfig(
+        transport="webxr",
+        page=str(PAGES / "laser.html"),
+        map={CDN: str(ENGINES)},
+        task={
+            "seconds": 6.0,
+            "reward": {"expression": "app.clicks"},
+            "values": {"clicks": "app.clicks"},
+        },
+    )
+    found = evaluate_baseline(with_task(EnvConfig(app=app)), "press target by ray", episodes=1)
+    ((step,),) = found.steps
+    assert step.done
+    assert step.ray_off_deg == pytest.approx(60.0, abs=1.0)
+    assert "the page's own ray, 60 degrees from WebXR's" in step.words
+    assert step.changed == {"clicks": (0.0, 1.0)}
+
+
+def test_that_doing_nothing_pays_is_said_with_numbers() -> None:
+    """Pointing takes points for errors, which random movements make; the sample for distance."""
+    environments = {
+        game: EnvConfig.model_validate({"app": {"game": game}}) for game in ("pointing", "sample")
+    }
+    said = doing_nothing_pays(environments["pointing"])
+    assert said is not None
+    idle, rest, moved, effort = map(float, re.findall(r"-?\d+\.\d+", said))
+    with closing(Simulation(environments["pointing"], 8)) as simulation:
+        assert baseline_reward(simulation, "still", 1) == pytest.approx((idle, rest), abs=0.01)
+        assert baseline_reward(simulation, "random", 1) == pytest.approx((moved, effort), abs=0.01)
+    assert idle > moved
+    assert doing_nothing_pays(environments["sample"]) is None
+
+
+def test_a_foreign_app_is_not_started_to_judge_doing_nothing() -> None:
+    app = {"transport": "protocol1", "executable": "/there/is/none"}
+    assert doing_nothing_pays(EnvConfig.model_validate({"app": app})) is None
+
+
+def test_train_and_evaluate_note_that_doing_nothing_pays(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Before anything is trained or played, and whatever is printed then."""
+
+    def begin(*arguments: object, **more: object) -> None:
+        raise RuntimeError("begun")
+
+    monkeypatch.setattr("sim2vr_harness.training.run.trainer.train", begin)
+    monkeypatch.setattr("sim2vr_harness.evaluation.evaluate._recorded", begin)
+    env = ["--set", "env.app.game=pointing", "--set", "env.app.options={}"]
+    for command in (
+        ["train", "whacamole_constrained", *env],
+        ["evaluate", "pretrained:pointing_people", "--condition", "mid"],
+    ):
+        with pytest.raises(SystemExit):
+            main([*command, "--out", str(tmp_path / command[0])])
+        said = capsys.readouterr().err.splitlines()
+        assert said[-2].startswith("note: doing nothing pays: an idle user earns -")
+        assert said[-1] == "error: begun"

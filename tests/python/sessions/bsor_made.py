@@ -25,6 +25,7 @@ def bsor_bytes(
     *,
     name: str = "player",
     modifiers: str = "",
+    practice_speed: float = 0.0,
     count: int | None = None,
 ) -> bytes:
     """A replay; ``poses`` (T, 3, 7) of head, left, right."""
@@ -34,7 +35,7 @@ def bsor_bytes(
         out += _text(text, len(text) if text == name else None)
     out += b"".join(map(_text, ("A" * 40, "song", "mapper", "Normal")))
     out += struct.pack("<i", 1234) + b"".join(map(_text, ("Standard", "Env", modifiers)))
-    out += struct.pack("<fBf3f", 12.0, 0, 1.7, 0.0, 0.0, 0.0)
+    out += struct.pack("<fBf3f", 12.0, 0, 1.7, 0.0, 0.0, practice_speed)
     if poses is None:
         poses = np.zeros((len(times_s), 3, 7))
         poses[:, :, 1], poses[:, :, 6] = 1.5, 1.0

@@ -11,6 +11,7 @@ import pytest
 
 from python.sessions.bsor_made import bsor_bytes
 from python.sessions.sessions_made import REPLAYS
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.sessions import read_session
 
 NAMES = {"easy_21": 21, "normal_241": 241, "normal_406": 406}
@@ -92,6 +93,25 @@ def test_a_faster_song_takes_less_time(tmp_path: Path) -> None:
     session = read_session(file)
     assert session.time_ns.tolist() == pytest.approx([0, 1e9, 2e9], abs=100)
     assert session.events[0].time_ns == pytest.approx(1.25e9, abs=100)
+
+
+@pytest.mark.parametrize("modifiers", ["", "NF,FS"])
+def test_a_slower_song_in_practice_takes_longer(tmp_path: Path, modifiers: str) -> None:
+    """At .5 of its speed, 1.2 s of the song are 2.4 s; practice takes no speed of modifiers."""
+    file = tmp_path / "a.bsor"
+    content = bsor_bytes([0.0, 1.2, 2.4], [BOX], modifiers=modifiers, practice_speed=0.5)
+    file.write_bytes(content)
+    session = read_session(file)
+    assert session.time_ns.tolist() == pytest.approx([0, 2.4e9, 4.8e9], abs=300)
+    assert session.events[0].time_ns == pytest.approx(3e9, abs=100)
+
+
+@pytest.mark.parametrize("speed", [-1.0, 1e-30, 1e30])
+def test_a_practice_speed_that_no_song_has_is_named(tmp_path: Path, speed: float) -> None:
+    file = tmp_path / "a.bsor"
+    file.write_bytes(bsor_bytes([0.0, 1.2], [BOX], practice_speed=speed))
+    with pytest.raises(InputError, match=r"practice speed.*expected 0, or 0.01 to 100"):
+        read_session(file)
 
 
 @needs_replays

@@ -175,6 +175,12 @@ def test_how_many_units_a_difference_needs() -> None:
     assert units_needed(-1.0, 2.0, paired=False) == 64
     assert units_needed(0.8, 1.0, paired=False) == 26
     assert units_needed(0.5, 1.0, paired=True, tests=3) > 34
+    # Of ranks, pi / 3 as many: 34 pairs have a power of .808, 33 of .795: the 80 % lie at 33.4.
+    assert units_needed(0.5, 1.0, paired=True, ranks=True) in (35, 36)
+    for n in (20, 50):
+        found = detectable(n, 1.0, ranks=True)
+        assert found is not None
+        assert units_needed(1.0001 * found, 1.0, paired=True, ranks=True) == n
     assert 0.49 < (detectable(34, 1.0) or 0.0) < 0.5 < (detectable(33, 1.0) or 0.0)
     assert detectable([64, 64], 2.0) == pytest.approx(1.0, abs=0.01)
     assert (detectable(34, 1.0, ranks=True) or 0.0) > (detectable(34, 1.0) or 0.0)

@@ -224,49 +224,98 @@ def test_trainings_of_two_kinds_are_independent() -> None:
     assert found["effect"] == -1.0
 
 
-def test_a_mixed_model_by_hand() -> None:
-    """Balanced: effects are differences of means, variances those of the analysis of variance."""
+def _responses(rng: np.random.Generator, people: int, rounds: int, slope: float) -> pd.DataFrame:
+    """Rounds of persons who differ in how they respond to a condition without a mean effect."""
+    unit = np.repeat(np.arange(people), 2 * rounds)
+    hard = np.tile(np.repeat([0.0, 1.0], rounds), people)
+    person, own = rng.normal(0.0, 1.0, people), rng.normal(0.0, slope, people)
+    value = person[unit] + own[unit] * hard + rng.normal(0.0, 1.0, len(unit))
+    level = np.where(hard > 0.0, "hard", "easy")
+    return pd.DataFrame({"unit": unit, "factor_difficulty": level, "coins": value})
+
+
+@pytest.mark.parametrize(("people", "slope"), [(6, 1.0), (12, 1.0), (8, 0.0)])
+def test_a_mixed_model_keeps_its_error_rate(people: int, slope: float) -> None:
+    """Nothing differs on average; a random intercept alone rejects in 15 to 37 % of these."""
+    rng = np.random.default_rng(70)
+    rejected = [
+        mixed_model(
+            _responses(rng, people, 10, slope),
+            "coins",
+            {"difficulty": "factor_difficulty"},
+            [["easy", "hard"]],
+        )["effects"][1]["p"]
+        < 0.05
+        for _ in range(500)
+    ]
+    # Binomial: 0.05 of 500 have an SD of 0.01.
+    assert 0.02 < np.mean(rejected) < 0.08
+
+
+def test_a_mixed_model_of_two_factors_by_hand() -> None:
+    """Effects are contrasts of each person's means, tested by t; rounds are averaged first."""
     rng = np.random.default_rng(5)
-    people, rounds = 12, 8
-    person = rng.normal(0.0, 2.0, people)
-    table = pd.DataFrame(
-        {
-            "unit": np.repeat(np.arange(people), 2 * rounds),
-            "factor_difficulty": np.tile(np.repeat(["easy", "hard"], rounds), people),
-        }
-    )
-    hard = table["factor_difficulty"] == "hard"
-    noise = rng.normal(0.0, 1.0, len(table))
-    table["coins"] = 10.0 - 3.0 * hard + person[table["unit"]] + noise
-    found = mixed_model(table, "coins", {"difficulty": "factor_difficulty"}, [["easy", "hard"]])
-    intercept, slope = found["effects"]
-    easy_mean, hard_mean = table.groupby("factor_difficulty")["coins"].mean()
-    assert intercept["estimate"] == pytest.approx(easy_mean, abs=1e-6)
-    assert slope["name"] == "difficulty=hard"
-    assert slope["estimate"] == pytest.approx(hard_mean - easy_mean, abs=1e-6)
-    # Residuals of the additive model, N - people - 1 degrees of freedom.
-    fitted = (
-        table.groupby("unit")["coins"].transform("mean")
-        + table.groupby("factor_difficulty")["coins"].transform("mean")
-        - table["coins"].mean()
-    )
-    residual = ((table["coins"] - fitted) ** 2).sum() / (len(table) - people - 1)
-    assert found["residual_variance"] == pytest.approx(residual, rel=1e-3)
-    means = table.groupby("unit")["coins"].mean()
-    assert found["unit_variance"] == pytest.approx(means.var() - residual / (2 * rounds), rel=1e-2)
-    assert slope["error"] == pytest.approx(np.sqrt(2.0 * residual / (people * rounds)), rel=1e-3)
-    assert (found["groups"], found["rounds"]) == (12, 192)
-    assert found["formula"] == "coins ~ difficulty + (1 | unit)"
+    values = {
+        (difficulty, version): [list(rng.normal(size=4)) for _ in range(6)]
+        for difficulty in ("easy", "hard")
+        for version in ("A", "B")
+    }
+    (found,) = compare(study_of(values), asked(test="mixed"), ["coins"])
+    assert found["formula"] == ("coins ~ difficulty * version + (1 + difficulty * version | unit)")
+    assert (found["n"], found["rounds"], found["note"]) == (6, 96, None)
+    mean = {cell: np.mean(units, axis=1) for cell, units in values.items()}
+    base = mean["easy", "A"]
+    own = {
+        "Intercept": base,
+        "difficulty=hard": mean["hard", "A"] - base,
+        "version=B": mean["easy", "B"] - base,
+        "difficulty=hard:version=B": mean["hard", "B"] - mean["hard", "A"] - mean["easy", "B"]
+        + base,
+    }  # fmt: skip
+    effects = {effect["name"]: effect for effect in found["effects"]}
+    assert sorted(effects) == sorted(own)
+    for name, each in own.items():
+        expected = stats.ttest_1samp(each, 0.0)
+        assert effects[name]["estimate"] == pytest.approx(each.mean())
+        assert effects[name]["statistic"] == pytest.approx(expected.statistic)
+        assert effects[name]["p"] == pytest.approx(expected.pvalue)
+        assert effects[name]["low"] == pytest.approx(expected.confidence_interval().low)
 
 
 def test_a_mixed_model_needs_units() -> None:
-    (found,) = compare(study_of(THREE), asked(test="mixed", by=[]), ["coins"])
-    assert found["n"] == 3 and found["refused"] is None
-    assert found["note"] == "n = 3 units: their variance, and with it every p, is a rough estimate"
-    assert [one["name"] for one in found["effects"]] == ["Intercept", "difficulty=hard"]
     one = {key: [units[0]] for key, units in THREE.items()}
     (found,) = compare(study_of(one), asked(test="mixed", by=[]), ["coins"])
     assert found["refused"].startswith("n = 1: a mixed model tells units apart from rounds")
+    values = {**THREE, ("hard", "A"): [[1.0], [np.nan], [3.0]]}
+    (found,) = compare(study_of(values), asked(test="mixed", by=[]), ["coins"])
+    assert (found["n"], found["units"], found["left_out"]) == (2, 3, ["person 1"])
+    assert "left out, because a condition has no coins of them: person 1" in found["note"]
+
+
+def test_who_has_no_value_is_said_with_the_reason() -> None:
+    values = {**THREE, ("hard", "A"): [[1.0], [np.nan, np.nan], [3.0]]}
+    data = study_of(values)
+    data.episodes["throughput_bps"] = data.episodes["coins"]
+    data.episodes["hits"], data.episodes["errors"] = 7.0, 2.0
+    data.episodes["hit_rate"] = data.episodes["coins"].notna().astype(float)
+    easy, hard = summaries(data, ["throughput_bps"])
+    # Two rounds of nine selections in easy are two blocks, one round in hard is one.
+    assert (easy["n"], easy["units"], easy["notes"]) == (3, 3, [])
+    assert (hard["n"], hard["units"]) == (2, 3)
+    missing, few = hard["notes"]
+    assert missing == (
+        "1 of 3 have no throughput_bps (person 1): none of their 2 rounds has a block in which two "
+        "targets or more are selected one after the other; they hit 0 % of the targets, the others "
+        "100 %"
+    )
+    assert few.startswith("throughput of 2 of 3 comes from one block of 9 movements or less")
+    (found,) = compare(data, asked(), ["throughput_bps"])
+    assert (found["n"], found["units"]) == (2, 3)
+    assert (
+        "the test compares the 2 of 3 with a value in every level, so its means are of other units "
+        "than those of the conditions (3 in easy)"
+    ) in found["note"]
+    assert f"hard: {missing}" in found["note"]
 
 
 def test_summaries_are_over_units() -> None:

@@ -62,8 +62,8 @@ def test_changed_tables_of_a_study_are_refused(
     trained: Path, quick: list[str], tmp_path: Path
 ) -> None:
     run_study(study(trained), tmp_path, jobs=1)
-    (tmp_path / "data" / "episodes.csv").write_text("")
-    with pytest.raises(InputError, match=r"data/episodes.csv: got other content than the study wr"):
+    (tmp_path / "data" / "episodes.parquet").write_text("")
+    with pytest.raises(InputError, match=r"data/episodes.parquet: got other content than the "):
         read_study(tmp_path)
     run_study(study(trained), tmp_path, jobs=1)
     statistics = tmp_path / "statistics.json"

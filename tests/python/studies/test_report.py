@@ -24,9 +24,15 @@ from sim2vr_harness.studies.report import write_report
 from sim2vr_harness.studies.report.body import load_of
 from sim2vr_harness.studies.report.methods import PlayedBy, methods_of, varied_in
 from sim2vr_harness.studies.report.numbers import summary_of
-from sim2vr_harness.studies.report.sentences import n_sentence, sentences_of
+from sim2vr_harness.studies.report.page import Content, _summary
+from sim2vr_harness.studies.report.sentences import (
+    dropout_sentences,
+    n_sentence,
+    sentences_of,
+)
 from sim2vr_harness.studies.report.source import ReportSource, read_source
 from sim2vr_harness.studies.report.strategy import depth_of
+from sim2vr_harness.studies.report.tables import measure_table
 from sim2vr_harness.studies.report.tables import test_table as table_of_tests
 
 REPORT = Path(__file__).parents[3] / "python" / "sim2vr_harness" / "studies" / "report"
@@ -72,8 +78,8 @@ def test_sentences_have_the_numbers_behind_them(source: ReportSource) -> None:
     told = {one.text: one.numbers for one in sentences_of(source, NOBODY)}
     # The return is 2 sparks - 2: 22 and 44, rounds 18, 26 and 38, 50.
     first = (
-        "Return: 22.0 in calm; 44.0 in wild <!--<script>. No comparison was requested: whether the "
-        "groups differ was not tested."
+        "Return: 22.0 in calm; 44.0 in wild <!--<script>; whether the groups differ was not "
+        "tested, as no comparison was requested."
     )
     assert next(iter(told)) == first
     assert told[first] == (
@@ -107,18 +113,72 @@ def test_comparisons_say_what_n_is_and_why_there_is_no_p(source: ReportSource) -
     assert "calm &lt; wild" in str(table_of_tests(directed)), "one-sided tests say of what"
     told = [one for one in sentences_of(tested, NOBODY) if "than in" in one.text]
     assert [one.text for one in told] == [
-        "Sparks is 11.00 V lower in calm than in wild (difference -11.00, 95 % interval -13.00 to "
-        "-9.00, p = 0.0060 after Holm's correction for 3 tests, n = 10 rounds of one policy (no "
-        "sample of people)). No sample of persons."
+        "Sparks is 11.00 V (48 %) lower in calm than in wild: 12.00 against 23.00 V, 95 % interval "
+        "-13.00 to -9.00 V, 10 rounds of one policy (no sample of people)."
     ]
+    assert told[0].numbers.endswith("; no sample of persons")
+    assert "p = 0.0060 after Holm's correction for 3 tests" in told[0].numbers
     assert "uncorrected p = 0.0020" in told[0].numbers
-    alike = replace(source, comparisons=[by_round | {"p": 0.4, "p_holm": 1.0}])
-    first = sentences_of(alike, NOBODY)[0].text
-    assert first.startswith("No difference in sparks was found between calm and wild (")
     refused = replace(source, comparisons=[about])
     asked = sentences_of(refused, NOBODY)[0]
     assert asked.text == "Whether there is a difference was not tested: n = 1: one unit."
     assert asked.numbers == "Sparks in calm and wild"
+
+
+def test_no_difference_is_said_only_within_a_bound_that_the_study_states(
+    source: ReportSource,
+) -> None:
+    open_ = {
+        "factor": "mood", "by": {}, "measure": "sparks", "levels": ["calm", "wild"],
+        "means": [2.78, 0.54], "n": 5, "units": 8, "unit": "person", "test": "paired-t", "p": 0.08,
+        "refused": None, "note": None,
+        "difference": {"mean": 2.24, "low": -0.49, "high": 4.97, "detectable": 3.5},
+    }  # fmt: skip
+
+    def first(**more: object) -> str:
+        told = replace(source, comparisons=[{**open_, **more}], unit="person")
+        return sentences_of(told, NOBODY)[0].text
+
+    assert first() == (
+        "Inconclusive: sparks in calm and wild, 2.78 against 0.54 V, 95 % interval -0.49 to "
+        "4.97 V, 5 of 8 simulated persons."
+    )
+    assert first(equivalence=4.0).startswith("Inconclusive"), "the interval reaches beyond it"
+    assert first(equivalence=5.0).startswith(
+        "No difference in sparks between calm and wild that is as large as 5.00 V: 2.78 against"
+    )
+
+
+def test_five_sentences_stand_first_each_of_them_one_sentence(source: ReportSource) -> None:
+    compared = [
+        {
+            "factor": "mood", "by": {"place": str(number)}, "measure": "sparks", "n": 8,
+            "units": 8, "unit": "person", "test": "paired-t", "p": 0.5, "refused": None,
+            "note": "a note", "levels": ["calm", "wild"], "means": [2.0, 1.0],
+            "difference": {"mean": 1.0, "low": -1.0, "high": 3.0},
+        }
+        for number in range(5)
+    ]  # fmt: skip
+    asked = replace(source, comparisons=compared, unit="person")
+    page = _summary(Content(asked, NOBODY, sentences_of(asked, NOBODY), [], [], [], [], ""))
+    before, _, after = page.partition("<details>")
+    assert before.count("<li>") == 5 and after.count("<li>") == 1
+    assert "Inconclusive: sparks in calm and wild (place=0)" in before.partition("</li>")[0]
+    for one in sentences_of(asked, NOBODY):
+        assert not re.search(r"\. [A-Z]", one.text), one.text
+
+
+def test_players_without_a_value_are_named_beside_the_others(source: ReportSource) -> None:
+    group = source.groups[0]
+    rows = group.episodes.iloc[[0, 0, 1, 1]].copy()
+    rows["person"] = [1, 2, 3, 4]
+    rows["sparks"] = [4.0, np.nan, 8.0, np.nan]
+    rows["hit_rate"] = [0.5, 0.1, 0.7, 0.2]
+    few = replace(source, groups=[replace(group, episodes=rows)], planned={"measures": ["sparks"]})
+    (told,) = dropout_sentences(few)
+    assert "2 of 4 have no sparks (person 2, person 4): none of their 2 rounds has" in told.text
+    assert "they hit 15 % of the targets, the others 60 %" in told.text
+    assert "6.00 ± 2.83 (n = 2 of 4)" in measure_table(few, NOBODY)
 
 
 def test_the_methods_name_the_versions_of_the_recording(source: ReportSource) -> None:

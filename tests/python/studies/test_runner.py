@@ -18,7 +18,7 @@ from python.studies.quick_study import content, study
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.notices import set_notice
 from sim2vr_harness.cli.main import main
-from sim2vr_harness.evaluation.data import DataFolder, read_data
+from sim2vr_harness.evaluation.data import DataFolder, export_opensim, read_data
 from sim2vr_harness.evaluation.data.columns import Column, number_table
 from sim2vr_harness.studies import read_study, run_study
 from sim2vr_harness.studies import worker as work
@@ -307,10 +307,18 @@ def test_a_study_is_exported_for_opensim_by_cell(
         *("which=a_b_1/hard_seed1_joints.mot", "which=a_b_1/hard_seed2_joints.mot"),
     ]
     assert written[3].read_text().splitlines()[-1].split() == ["0.050000", "20"]
-    some = read_study(tmp_path / "out").export_opensim(tmp_path / "some", ["hard_seed1"])
+    data = read_study(tmp_path / "out")
+    some = data.export(export_opensim, tmp_path / "some", ["hard_seed1"])
     assert [file.name for file in some if file.suffix == ".mot"] == ["hard_seed1_joints.mot"]
     with pytest.raises(InputError, match="episode: got 'hard_seed3', expected one of"):
-        read_study(tmp_path / "out").export_opensim(tmp_path / "some", ["hard_seed3"])
+        data.export(export_opensim, tmp_path / "some", ["hard_seed3"])
+    with pytest.raises(SystemExit):
+        main([*export[:2], "--csv", "--out", str(tmp_path / "csv")])
+    own = (tmp_path / "csv" / "cells.csv").read_text().splitlines()
+    assert own[0].startswith('"design_cell","factor_which"')
+    assert len(own) == 3
+    (angle,) = (tmp_path / "csv" / "which=a_b" / "steps" / "easy_seed2.csv").read_text().split()[1:]
+    assert float(angle.split(",")[-1]) == pytest.approx(np.radians(20.0))
 
 
 def test_cells_play_the_options_that_they_name(

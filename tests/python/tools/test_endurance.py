@@ -114,8 +114,22 @@ def test_load_shortens_endurance_and_strength_lengthens_it() -> None:
 
 def test_people_differ() -> None:
     persons = who_hold(UserConfig(), 3)
-    assert len({person.person.strength for person in persons}) == 3
-    assert who_hold(UserConfig(), None) == [UserConfig()]
+    assert len({person.person.strength for person, _ in persons}) == 3
+    assert who_hold(UserConfig(), None) == [(UserConfig(), None)]
+
+
+def test_people_s_published_strength_is_not_that_of_the_body_s_model() -> None:
+    """Populations of weak and strong models hold as long, by NICER: only 3CC-r differs."""
+    times = []
+    for strength in (0.78, 1.28):
+        user = UserConfig.model_validate({"people": {"strength": strength}})
+        held = [
+            hold(one, "elv_angle=45,shoulder_elv=60", strength=own)[0]
+            for one, own in who_hold(user, 3)
+        ]
+        times.append([[each.endurance_s[name] for each in held] for name in held[0].endurance_s])
+    np.testing.assert_allclose(times[0][-2:], times[1][-2:])
+    assert (np.array(times[0][:2]) < np.array(times[1][:2])).all()
 
 
 def test_two_arms_without_muscles_use_published_strength() -> None:

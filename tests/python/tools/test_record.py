@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import http.client
+import importlib.util
 import json
+import os
+import random
 import shutil
 import socket
 import ssl
 import time
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
+from types import ModuleType
 from urllib.parse import unquote, urlsplit
 
 import numpy as np
@@ -26,6 +31,7 @@ from sim2vr_harness.tools.record import (
     bookmarklet,
     certificate,
     parts,
+    recover,
     script_tag,
     server,
 )
@@ -90,9 +96,12 @@ def check_session(session: Session) -> None:
 
 
 @pytest.fixture
-def recording() -> Iterator[RecordingServer]:
+def recording(tmp_path: Path) -> Iterator[RecordingServer]:
     """A server of the page with a headset of its own."""
-    with closing(RecordingServer(PAGES / "recorded.html", SEED)) as made, made.running():
+    with (
+        closing(RecordingServer(PAGES / "recorded.html", SEED, tmp_path / "out.jsonl")) as made,
+        made.running(),
+    ):
         yield made
 
 
@@ -225,7 +234,7 @@ def test_files_outside_the_folder_and_hidden_ones_are_not_served(tmp_path: Path)
     (folder / ".env").write_text("secret")
     (tmp_path / "outside.txt").write_text("secret")
     (folder / "link.txt").symlink_to(tmp_path / "outside.txt")
-    with closing(RecordingServer(folder, 1)) as made, made.running():
+    with closing(RecordingServer(folder, 1, tmp_path / "out.jsonl")) as made, made.running():
         token = f"/{made.gate.token}"
         assert "recorder.js" in ask(made, "GET", f"{token}/")[1]
         for path in ("/.env", "/%2eenv", "/../outside.txt", "/..%2foutside.txt", "/link.txt"):
@@ -258,19 +267,111 @@ def test_sizes_and_rates_are_bounded(
     assert found[-1] == 429
 
 
-def test_many_connections_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server, "MAX_CONNECTIONS", 2)
-    with closing(RecordingServer(PAGES / "recorded.html", 1)) as made, made.running():
-        held = [socket.create_connection(("127.0.0.1", made.port)) for _ in range(2)]
-        with pytest.raises((http.client.HTTPException, OSError)):
-            for _ in range(3):  # the two above are accepted at some time
-                ask(made, "GET", f"/{made.gate.token}/")
-        for each in held:
-            each.close()
+def test_strangers_make_room_for_the_page(recording: RecordingServer) -> None:
+    """The page has the same address as they, and is answered all the same."""
+    place = ("127.0.0.1", recording.port)
+    with ExitStack() as held:
+        strangers = [held.enter_context(socket.create_connection(place)) for _ in range(64)]
+        for each in strangers:
+            with suppress(OSError):
+                each.send(b"GET / HT")
+        headers = {"Origin": own(recording), "Host": f"localhost:{recording.port}"}
+        assert (
+            ask(recording, "POST", part(recording), (HEADER + FRAME).encode(), **headers)[0] == 204
+        )
+        strangers[0].settimeout(5.0)
+        assert b"more than 16 from one address" in strangers[0].recv(1000)
 
 
-def test_parts_come_in_any_order_and_twice() -> None:
-    kept = Parts()
+def test_a_slow_head_has_a_deadline(
+    recording: RecordingServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "HEAD_S", 0.3)
+    with socket.create_connection(("127.0.0.1", recording.port), 5.0) as slow:
+        begun, got = time.monotonic(), b""
+        while not got:
+            slow.send(b"G")  # never silent for long
+            slow.settimeout(0.05)
+            with suppress(TimeoutError):
+                got = slow.recv(1000)
+            assert time.monotonic() - begun < 5.0
+        assert b"within 0.3 s" in got
+
+
+def test_a_part_without_room_is_not_acknowledged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept = Parts(tmp_path / "out.jsonl")
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(RefusedPart, match="no space left on device") as refused:
+            kept.take(f"session={ONE}&part=0&last=1", (HEADER + FRAME).encode())
+    assert (refused.value.status, len(kept), kept.complete.is_set()) == (507, 0, False)
+    kept.take(f"session={ONE}&part=0&last=1", (HEADER + FRAME).encode())
+    assert kept.complete.is_set()
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(OSError, match="No space"):
+            kept.finish()
+    assert not (tmp_path / "out.jsonl").exists()
+    kept.close()
+    assert [line.split(" (")[0] for line in recover(tmp_path)] == [
+        f"Recovered: {tmp_path / 'out.jsonl'}"
+    ]
+    assert len(read_session(tmp_path / "out.jsonl")) == 1
+    assert [file.name for file in tmp_path.iterdir()] == ["out.jsonl"]
+
+
+@NEEDS_BROWSER
+def test_the_page_keeps_a_part_until_it_is_acknowledged(
+    recording: RecordingServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    take, refused = recording.parts.take, []
+
+    def full(query: str, content: bytes) -> None:
+        if len(refused) < 4:
+            refused.append(query)
+            raise RefusedPart(507, "Part: no room.")
+        take(query, content)
+
+    monkeypatch.setattr(recording.parts, "take", full)
+    with Page(60.0, served=True) as page:
+        page.open(recording.address, 800)
+        assert recording.wait(20.0)
+    session = recording.session()
+    assert session is not None and len(refused) == 4
+    check_session(session)
+
+
+def attacks() -> ModuleType:
+    """The program that attacks the recorder."""
+    file = Path(__file__).parents[3] / "tools/attack/recorder.py"
+    spec = importlib.util.spec_from_file_location("attack_recorder", file)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_killed_recorders_lose_nothing(tmp_path: Path) -> None:
+    counts = attacks().kills(tmp_path, 3, random.Random(1))
+    assert counts == {"SIGHUP": 1, "SIGQUIT": 1, "SIGKILL": 1}
+
+
+def test_a_full_disk_keeps_the_parts(tmp_path: Path) -> None:
+    assert attacks().disk(tmp_path, 2000)["sessions"] == 2
+
+
+def test_two_recorders_do_not_write_the_same_file(tmp_path: Path) -> None:
+    assert attacks().servers(tmp_path) == {"refused": 1, "kept": 1}
+
+
+def test_parts_come_in_any_order_and_twice(tmp_path: Path) -> None:
+    kept = Parts(tmp_path / "out.jsonl")
     lines = [HEADER, FRAME, FRAME.replace('"t":0', '"t":5')]
     for number in (2, 0, 0):
         kept.take(f"session={ONE}&part={number}&last={int(number == 2)}", lines[number].encode())
@@ -287,8 +388,8 @@ def test_parts_come_in_any_order_and_twice() -> None:
     kept.close()
 
 
-def test_what_is_no_session_is_refused_in_one_sentence() -> None:
-    kept = Parts()
+def test_what_is_no_session_is_refused_in_one_sentence(tmp_path: Path) -> None:
+    kept = Parts(tmp_path / "out.jsonl")
     kept.take(f"session={ONE}&part=0&last=1", json.dumps({"format": "other"}).encode())
     with pytest.raises(InputError, match=r"session\.jsonl"):
         kept.session()
@@ -296,9 +397,16 @@ def test_what_is_no_session_is_refused_in_one_sentence() -> None:
 
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl")
-def test_the_local_network_is_served_over_https(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_local_network_is_served_over_https(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr(server, "local_address", lambda: "127.0.0.2")
-    with closing(RecordingServer(PAGES / "recorded.html", 1, lan=True)) as made, made.running():
+    with (
+        closing(
+            RecordingServer(PAGES / "recorded.html", 1, tmp_path / "out.jsonl", lan=True)
+        ) as made,
+        made.running(),
+    ):
         at = urlsplit(made.address)
         assert (at.scheme, at.hostname) == ("https", "127.0.0.2")
         context = ssl.create_default_context()
@@ -339,9 +447,9 @@ def test_the_recorder_comes_first(document: bytes, before: bytes) -> None:
     assert with_script(document, "/a.js") == before + b'<script src="/a.js"></script>' + rest
 
 
-def test_a_port_that_is_taken_is_named(recording: RecordingServer) -> None:
+def test_a_port_that_is_taken_is_named(recording: RecordingServer, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=f"--port.*{recording.port}"):
-        RecordingServer(PAGES / "recorded.html", 1, port=recording.port)
+        RecordingServer(PAGES / "recorded.html", 1, tmp_path / "b.jsonl", port=recording.port)
 
 
 # --- an emulated headset -------------------------------------------------------------------------
@@ -399,7 +507,7 @@ def test_a_page_that_moves_before_vr_replays_the_same(tmp_path: Path) -> None:
     (tmp_path / "index.html").write_text(text)
     button = "document.querySelector('.babylonVRicon')"
     with (
-        closing(RecordingServer(tmp_path / "index.html", SEED)) as made,
+        closing(RecordingServer(tmp_path / "index.html", SEED, tmp_path / "out.jsonl")) as made,
         made.running(),
         Page(60.0, served=True) as page,
     ):
@@ -435,7 +543,7 @@ def test_a_round_in_an_emulated_headset_replays_the_same(tmp_path: Path) -> None
     scripts = '<script src="iwer.js"></script><script src="drive.js"></script>'
     (tmp_path / "touch.html").write_text(text.replace("<title>", f"{scripts}<title>"))
     with (
-        closing(RecordingServer(tmp_path / "touch.html", SEED)) as made,
+        closing(RecordingServer(tmp_path / "touch.html", SEED, tmp_path / "out.jsonl")) as made,
         made.running(),
         Page(60.0, served=True) as page,
     ):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from dataclasses import replace
 from functools import partial
@@ -23,7 +22,6 @@ from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
 from sim2vr_harness.tools.track.files import write
-from sim2vr_harness.tools.track.iterative_learning import Correction
 from sim2vr_harness.tools.track.outcomes import outcome_of
 from sim2vr_harness.tools.track.paths import RecordedPath, first_of_play, read_paths
 from sim2vr_harness.tools.track.postures import REACHED_M, beyond_reach_m, posture_at
@@ -75,7 +73,7 @@ def circle(seconds: float, round_s: float = 3.0, radius_m: float = 0.05) -> str:
 def tracked(tmp_path_factory: pytest.TempPathFactory) -> Tracked:
     file = csv_file(tmp_path_factory.mktemp("circle"), circle(2.0))
     env = environment_of("mobl_arms_wrist")
-    return track(read_paths(file)[0], env, StandIn, TrackingSettings(passes=2, refined=False))
+    return track(read_paths(file)[0], env, StandIn, TrackingSettings(refined=False))
 
 
 # --- files ---------------------------------------------------------------------------------------
@@ -268,44 +266,6 @@ def test_the_body_begins_with_its_hand_at_the_path() -> None:
     assert 2.1 < beyond[1] < 2.5
 
 
-# --- correction ----------------------------------------------------------------------------------
-
-
-def test_a_correction_takes_a_constant_lag_away() -> None:
-    """A hand that always stays 2 cm short, and follows shifts as measured, gets there."""
-    places = np.zeros((60, 1, 3))
-    places[:, 0, 0] = np.sin(np.arange(60) / 10.0)
-    response = (0.15, 0.38, 0.24, 0.13, 0.05)
-    correction = Correction(places)
-    worst = []
-    for _ in range(8):
-        moved = np.zeros((58, 1, 3))
-        for o in range(1, 58):
-            moved[o] = sum(
-                share * correction.shift[o + 1 - lag]
-                for lag, share in enumerate(response)
-                if o + 1 - lag >= 0
-            )
-        reached = places[:58] - np.array([0.02, 0.0, 0.0]) + moved
-        worst.append(float(np.abs(places[:58] - reached)[10:50].max()))
-        correction.learn(reached)
-    assert worst[0] == pytest.approx(0.02)
-    assert worst[-1] < 0.002
-    assert not correction.shift[..., 1:].any()
-
-
-def test_a_correction_that_hurts_is_taken_back() -> None:
-    """A hand that shrinks from shifts ends with hardly any."""
-    places = np.zeros((60, 1, 3))
-    correction = Correction(places)
-    sizes = []
-    for _ in range(10):
-        reached = -0.01 - np.abs(correction.shift[:58])
-        correction.learn(reached)
-        sizes.append(float(np.abs(correction.shift[5:50]).max()))
-    assert sizes[-1] < 0.1 * sizes[0]
-
-
 # --- all of it -----------------------------------------------------------------------------------
 
 
@@ -314,7 +274,7 @@ def test_a_body_follows_a_circle(tracked: Tracked) -> None:
     assert hand.unreachable == 0.0
     assert hand.median_m < 0.03  # of a circle with a radius of 0.05 m
     assert hand.median_m == hand.reachable_median_m
-    assert len(tracked.followed.passes) == 2
+    assert len(tracked.followed.passes) == 1
     assert len(tracked.followed.values) == 40
     assert tracked.stature_m is None
     assert tracked.outcomes == {}
@@ -330,8 +290,8 @@ def test_muscles_that_are_planned_do_better_with_less(tmp_path: Path) -> None:
         env = environment_of("mobl_arms_wrist", overrides=[f"env.cores={cores}"])
         return track(path, env, layer_for, settings).followed
 
-    alone = follow(1, TrackingSettings(passes=1, refined=False))
-    planned, again = (follow(cores, TrackingSettings(passes=1)) for cores in (1, 2))
+    alone = follow(1, TrackingSettings(refined=False))
+    planned, again = (follow(cores, TrackingSettings()) for cores in (1, 2))
     before, after = planned.passes
     assert before == alone.passes[0]
     assert after.median_m < 0.3 * before.median_m
@@ -356,7 +316,7 @@ def test_hands_that_are_planned_point_as_asked(tmp_path: Path) -> None:
     apart = []
     for pointed in (False, True):
         env = environment_of("mobl_arms_wrist")
-        followed = track(path, env, layer_for, TrackingSettings(passes=1, pointed=pointed)).followed
+        followed = track(path, env, layer_for, TrackingSettings(pointed=pointed)).followed
         _, turns = followed.sampled["controller_right"]
         w, x, y, z = turns[-1]  # forward is x in MuJoCo's world, and right is -y
         ahead, left = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)
@@ -390,9 +350,7 @@ def test_what_was_done_is_written(tracked: Tracked, tmp_path: Path) -> None:
         assert name in steps.columns
     summary = json.loads((tmp_path / "summary.json").read_text())["recordings"][0]
     assert summary["hands"][0]["median_m"] == pytest.approx(np.median(apart), abs=1e-6)
-    with (tmp_path / "data" / "episodes.csv").open() as stream:
-        (row,) = csv.DictReader(stream)
-    assert row["episode"] == "reach"
+    assert read_data(tmp_path).episodes["episode"].tolist() == ["reach"]
     joints = (tmp_path / "opensim" / "reach_joints.mot").read_text()
     assert "nRows=40" in joints and "inDegrees=yes" in joints
     assert (tmp_path / "reach.png").read_bytes().startswith(b"\x89PNG")
@@ -402,7 +360,10 @@ def test_what_is_said(tracked: Tracked) -> None:
     said = "\n".join(facts_of(tracked))
     assert "reach: 2.0 s, followed by mobl_arms_wrist" in said
     assert "a head at 1.20 m, sitting, tells no stature" in said
-    assert "motor layer alone: median" in said
+    assert ", 1 go\n" in said and "motor layer alone" not in said
+    two = replace(tracked.followed, passes=2 * tracked.followed.passes)
+    said = "\n".join(facts_of(replace(tracked, followed=two)))
+    assert ", 2 goes\n" in said and "motor layer alone: median" in said
     head, row = hand_rows(tracked)
     assert len(head) == len(row) and row[0] == "right" and row[3] == "0.0 %"
     assert outcome_rows(tracked)[1:] == []
@@ -425,7 +386,7 @@ def test_strokes_that_are_cut_short_are_said(tracked: Tracked) -> None:
 def test_somebody_else_s_size(tmp_path: Path) -> None:
     path = read_paths(csv_file(tmp_path, circle(0.3)))[0]
     env = environment_of("mobl_arms_wrist")
-    found = track(path, env, StandIn, TrackingSettings(passes=1, refined=False, stature_m=1.5))
+    found = track(path, env, StandIn, TrackingSettings(refined=False, stature_m=1.5))
     assert found.stature_m == 1.5 and not found.estimated
     # The body's own headset is at 1.170 m, that of its 1.70 m.
     assert found.placement.at_m[2] == pytest.approx(1.170 * 1.5 / 1.7, abs=2e-3)

@@ -221,8 +221,8 @@ def test_what_is_to_be_watched(tmp_path: Path) -> None:
         choosing.choose(None, person=True, game="golf")
     with pytest.raises(InputError):
         choosing.recorded_show(tmp_path)
-    with pytest.raises(InputError, match=r"^--rerun: got it without the package 'nosuch'"):
-        needed("nosuch.part", "rerun", "--rerun")
+    with pytest.raises(InputError, match=r"^watch: got it without the package 'nosuch'"):
+        needed("nosuch.part", "watch", "watch")
 
 
 def test_a_person_plays_a_round() -> None:

@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Iterator
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 import pytest
@@ -22,12 +22,11 @@ from sim2vr_harness.tools.watch.frames import Hands, Playlist, ViewerFrame
 viser = pytest.importorskip("viser")
 msgspec = pytest.importorskip("msgspec")
 
-from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
+from websockets.exceptions import ConnectionClosed  # noqa: E402
 from websockets.sync.client import ClientConnection, connect  # noqa: E402
 
-from sim2vr_harness.tools.watch import server as guarded  # noqa: E402
+from sim2vr_harness.tools.watch import browser  # noqa: E402
 from sim2vr_harness.tools.watch.browser import Viewer  # noqa: E402
-from sim2vr_harness.tools.watch.offers import MAX_BYTES, Malformed, Offers  # noqa: E402
 
 EVIL = "http://evil.example"
 CAMERA = {
@@ -76,35 +75,44 @@ def theatre() -> Iterator[Viewer]:
     assert alive, "run() ended"
 
 
-def got(theatre: Viewer, path: str | None = None, **headers: str) -> tuple[int, bytes, Any]:
-    """Status, body and headers of a page."""
-    parts = urlsplit(theatre.address)
-    link = http.client.HTTPConnection("127.0.0.1", parts.port, timeout=30.0)
-    with contextlib.closing(link):
-        link.request("GET", path or parts.path, headers={"Host": parts.netloc} | headers)
-        answer = link.getresponse()
-        return answer.status, answer.read(), answer.headers
-
-
 def opened(theatre: Viewer, address: str | None = None, origin: str | None = None) -> Any:
     """A WebSocket, as viser's page opens it: to this machine, whatever the address says."""
-    parts = urlsplit(theatre.address)
-    link = socket.create_connection(("127.0.0.1", parts.port))
-    own: Any = f"http://{parts.netloc}" if origin is None else origin
-    address = address or theatre.address.rstrip("/")
+    port = urlsplit(theatre.address).port
+    link = socket.create_connection(("127.0.0.1", port))
+    own: Any = f"http://127.0.0.1:{port}" if origin is None else origin
     protocol: Any = f"viser-v{viser.__version__}"
     return connect(
-        address.replace("http:", "ws:"), sock=link, origin=own, subprotocols=[protocol], proxy=None
+        address or websocket(theatre), sock=link, origin=own, subprotocols=[protocol], proxy=None
     )
 
 
-def status(theatre: Viewer, address: str | None = None, origin: str | None = None) -> int:
-    """The status with which a WebSocket is refused; 101: it opens."""
-    try:
-        opened(theatre, address, origin).close()
-    except InvalidStatus as refused:
-        return refused.response.status_code
-    return 101
+def websocket(theatre: Viewer) -> str:
+    """The address that the page connects to."""
+    (address,) = parse_qs(urlsplit(theatre.address).query)["websocket"]
+    return address
+
+
+def refusal(theatre: Viewer, address: str | None = None, origin: str | None = None) -> str:
+    """Why a WebSocket is closed before any message, or "" if messages come.
+
+    What it presses at once has no effect either.
+    """
+    speed, before = theatre._speed, theatre.playback.speed
+    other = next(each for each in speed.options if each != speed.value)
+    with opened(theatre, address, origin) as client:
+        with contextlib.suppress(ConnectionClosed):
+            send(client, **CAMERA)
+            send(client, type="GuiUpdateMessage", uuid=speed._impl.uuid, updates={"value": other})
+        try:
+            client.recv(timeout=30.0)
+        except ConnectionClosed as closed:
+            assert closed.rcvd is not None
+            assert closed.rcvd.code == 1008
+            time.sleep(0.2)
+            assert theatre.playback.speed == before
+            return closed.rcvd.reason
+    assert until(lambda: theatre.playback.speed != before)
+    return ""
 
 
 def send(client: ClientConnection, **message: Any) -> None:
@@ -119,31 +127,26 @@ def until(true: Any, seconds: float = 30.0) -> bool:
 
 
 def test_only_the_own_page_with_the_token_gets_in(theatre: Viewer) -> None:
-    token = urlsplit(theatre.address).path.strip("/")
-    port = urlsplit(theatre.address).port
+    address, port = websocket(theatre), urlsplit(theatre.address).port
+    token = urlsplit(address).path.strip("/")
     assert len(token) >= 32
-    found, page, headers = got(theatre)
-    assert (found, headers["Referrer-Policy"]) == (200, "no-referrer")
-    assert b"<title>Viser</title>" in page
-    assert got(theatre, Host=f"localhost:{port}")[0] == 200
-    assert status(theatre) == 101
+    assert refusal(theatre) == ""
+    assert refusal(theatre, f"ws://localhost:{port}/{token}", f"http://localhost:{port}") == ""
+    for origin in (EVIL, f"http://127.0.0.1:{(port or 0) + 1}", "null"):
+        assert refusal(theatre, origin=origin) == "Origin"
+    assert refusal(theatre, address.replace("127.0.0.1", "evil.example")) == "Host"
+    for path in (token[:-1], f"{token}x", "x" * len(token), f"x/{token}", f"?{token}", ""):
+        assert refusal(theatre, address.replace(token, path)) == "Token"
 
-    for why, refused in {
-        "Origin": got(theatre, Origin=EVIL),
-        "Host": got(theatre, Host=f"evil.example:{port}"),
-        "Token": got(theatre, "/"),
-    }.items():
-        assert refused[0] == 403
-        assert refused[1].startswith(why.encode())
-    for path in (f"/{token[:-1]}/", f"/{token}x/", "/index.html", f"/x/{token}/", f"/?{token}"):
-        assert got(theatre, path)[0] == 403, path
-    address = theatre.address.rstrip("/")
-    assert status(theatre, origin=EVIL) == 403
-    assert status(theatre, origin=f"http://127.0.0.1:{(port or 0) + 1}") == 403
-    assert status(theatre, origin="null") == 403
-    assert status(theatre, address.replace("127.0.0.1", "evil.example")) == 403
-    assert status(theatre, address.replace(token, "")) == 403
-    assert status(theatre, address.replace(token, "x" * len(token))) == 403
+
+def test_the_page_itself_tells_nothing_of_the_show(theatre: Viewer) -> None:
+    """viser gives it to everyone."""
+    link = http.client.HTTPConnection("127.0.0.1", urlsplit(theatre.address).port, timeout=30.0)
+    with contextlib.closing(link):
+        link.request("GET", "/")
+        page = link.getresponse().read()
+    assert b"<title>Viser</title>" in page
+    assert urlsplit(websocket(theatre)).path.strip("/").encode() not in page
 
 
 @pytest.mark.parametrize(
@@ -174,110 +177,23 @@ def test_a_host_is_a_loopback_name_or_where_the_server_listens(
         gate.admit(path, [name, name], [], reached)
 
 
-def test_a_tunnel_opens_by_the_option_only(
+def test_a_tunnel_is_let_in_by_the_option_only(
     theatre: Viewer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    calls: list[str] = []
-    server = theatre._server
-    monkeypatch.setattr(server, "request_share_url", lambda **_: calls.append("share"))
-    handled = server._websock_server._incoming_handlers
-    assert not {kind.__name__ for kind in handled} & {"ShareUrlRequest", "ShareUrlDisconnect"}
-    speed = next(uuid for uuid, ok in theatre._offers._values.items() if ok("2x"))
-    with opened(theatre) as client:
-        send(client, **CAMERA)
-        send(client, type="ShareUrlRequest")
-        send(client, type="GuiUpdateMessage", uuid=speed, updates={"value": "2x"})
-        assert until(lambda: theatre.playback.speed == 2.0)
-    assert calls == []
-
-    gate = Gate("127.0.0.1")
+    gate, server = Gate("127.0.0.1"), theatre._server
     url = "https://abc.share.example"
+    with pytest.raises(Refused, match=r"^Host"):
+        gate.admit(f"/{gate.token}", ["abc.share.example"], [url])
     monkeypatch.setattr(server, "request_share_url", lambda **_: url)
-    assert guarded.share(server, gate) == f"{url}/{gate.token}/"
+    shared = f"{url}/?websocket=wss://abc.share.example/{gate.token}"
+    assert browser.share(server, gate) == shared
     assert gate.admit(f"/{gate.token}", ["abc.share.example"], [url]) == "/"
     monkeypatch.setattr(server, "request_share_url", lambda **_: None)
     with pytest.raises(InputError, match=r"^--share: got no tunnel"):
-        guarded.share(server, gate)
+        browser.share(server, gate)
 
 
-def test_values_that_are_not_offered_change_nothing(theatre: Viewer) -> None:
-    values = theatre._offers._values
-    speed = next(uuid for uuid, ok in values.items() if ok("2x"))
-    slider = theatre._slider._impl.uuid
-    (name,) = theatre._offers._arrows
-    assert theatre._show.hands is not None
-    hand = theatre._show.hands.poses["right_controller"]
-    before = hand.copy()
-    nan, turn = float("nan"), [1.0, 0.0, 0.0, 0.0]
-    drag = {"type": "TransformControlsUpdateMessage", "name": name, "owner": ""}
-    with opened(theatre) as client:
-        send(client, **CAMERA)
-        for value in ("nanx", "inf", "1000x", nan, 1e308, None, [1], {"a": 1}, "x" * 1000):
-            send(client, type="GuiUpdateMessage", uuid=speed, updates={"value": value})
-            time.sleep(0.05)  # time goes by at this speed, if it is taken
-        at = theatre.playback.at
-        assert until(lambda: theatre.playback.at > at + 1), "time stands still"
-        assert theatre.playback.speed == 1.0
-        for value in (nan, float("inf"), -1.0, 1e5, "x", True):
-            send(client, type="GuiUpdateMessage", uuid=slider, updates={"value": value})
-        send(client, type="GuiUpdateMessage", uuid=speed, updates={"removed": True})
-        send(client, type="GuiUpdateMessage", uuid="none", updates={"value": "2x"})
-        send(client, type="CommandTriggerMessage", uuid="none")
-        send(client, **drag, position=[nan, 0.0, 0.0], wxyz=turn)
-        send(client, **drag, position=[0.0, 0.0, 0.0], wxyz=[0.0] * 4)
-        send(client, type="Nonsense")
-        send(client, **(CAMERA | {"extra": 1}))
-        # The last, which is offered, is handled after all before.
-        send(client, type="GuiUpdateMessage", uuid=speed, updates={"value": "4x"})
-        assert until(lambda: theatre.playback.speed == 4.0)
-        at = theatre.playback.at
-        assert until(lambda: theatre.playback.at > at), "time stands still"
-        np.testing.assert_array_equal(theatre._show.hands.poses["right_controller"], before)
-        send(client, **drag, position=[0.1, 0.0, 1.0], wxyz=turn)
-        assert until(
-            lambda: not np.array_equal(theatre._show.hands.poses["right_controller"], before)
-        )
-
-
-def test_a_malformed_message_closes_its_client_only(theatre: Viewer) -> None:
-    with opened(theatre) as good:
-        send(good, **CAMERA)
-        for raw in (b"", b"\xc1", b"\xdf\xff\xff\xff\xff", "text", b"\x91" * (MAX_BYTES + 1)):
-            with opened(theatre) as bad:
-                bad.send(raw)
-                with pytest.raises(ConnectionClosed) as closed:
-                    while True:
-                        bad.recv(timeout=30.0)
-                assert closed.value.rcvd is not None
-                assert closed.value.rcvd.code in (1007, 1009)
-        at = theatre.playback.at
-        assert until(lambda: theatre.playback.at > at)
-        assert good.recv(timeout=30.0)
-
-
-def test_what_was_checked_is_what_is_handled() -> None:
-    # A map with two types: readers differ in which of them they take.
-    first, second = msgspec.msgpack.encode(CAMERA), {"type": "ShareUrlRequest"}
-    twice = bytes([first[0] + 1]) + first[1:] + msgspec.msgpack.encode(second)[1:]
-    taken = Offers().take(twice)
-    assert taken is None or msgspec.msgpack.decode(taken)["type"] == "ViewerCameraMessage"
-    with pytest.raises(Malformed):
-        Offers().take(b"\xa5ab")
-
-
-def test_the_number_of_clients_is_limited(theatre: Viewer) -> None:
-    with contextlib.ExitStack() as all_:
-        clients = [all_.enter_context(opened(theatre)) for _ in range(guarded.MAX_CLIENTS)]
-        with pytest.raises(InvalidStatus) as refused:
-            opened(theatre)
-        assert refused.value.response.status_code == 503
-        assert refused.value.response.body.startswith(b"16 pages are open, expected fewer")
-        clients[0].close()
-        assert until(lambda: status(theatre) == 101)
-        assert clients[-1].recv(timeout=30.0)
-
-
-def test_a_viser_that_starts_otherwise_is_not_used() -> None:
+def test_a_viser_that_cannot_be_guarded_is_not_used() -> None:
     class Other:
         __version__ = "9.0"
         stopped = False
@@ -290,5 +206,5 @@ def test_a_viser_that_starts_otherwise_is_not_used() -> None:
 
     other = Other()
     with pytest.raises(InputError, match=r"^watch: got viser 9\.0, expected viser 1.1"):
-        guarded.open_server(other, Gate("127.0.0.1"), Offers(), "127.0.0.1", 1)
+        browser.open_server(other, Gate("127.0.0.1"), "127.0.0.1", 1)
     assert other.stopped

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.training.replay import ReplayStore
 
 SHAPES = {"vision": ((1, 2, 3), np.uint8), "label": ((2,), np.float32)}
@@ -68,3 +71,26 @@ def test_frames_of_several_users_are_read_by_user_and_amended(tmp_path: Path) ->
     assert store.read("reward", *at).tolist() == [-2.0, 0.0, -1.0]
     assert (tmp_path / "pictures.bin").stat().st_size == 3 * 2 * 6
     assert set(store.state_dict()) == {"reward"}
+
+
+def test_room_for_all_pictures_is_reserved_at_the_start(tmp_path: Path) -> None:
+    """Also in a file that was made sparse before; else a full disk would end the process."""
+    shapes = {"vision": ((64, 128, 128), np.uint8)}
+    with open(tmp_path / "old.bin", "wb") as stream:
+        stream.truncate(2**22)
+    for name in ("new.bin", "old.bin"):
+        ReplayStore(tmp_path / name, 4, shapes)
+        assert (tmp_path / name).stat().st_blocks * 512 >= 4 * 2**20
+
+
+def test_a_full_disk_is_named_with_the_room_that_is_needed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    shapes = {key: ((64, 128, 128), np.uint8) for key in ("left", "right")}
+    with pytest.raises(InputError, match=r"left.bin: got a disk with .* expected 4.00 GiB for all"):
+        ReplayStore(tmp_path / "*.bin", 2048, shapes)
+    assert list(tmp_path.iterdir()) == []

@@ -8,6 +8,7 @@ import pytest
 from python.users.bodies import OWN_ARM, PENDULUM, PENDULUM_DESCRIPTION, write_body
 from sim2vr_harness.perception import Proprioception
 from sim2vr_harness.users import UserBatch, list_efforts, load_body, make_effort
+from sim2vr_harness.users.bodies.registry import installed_bodies
 
 BODY = load_body(OWN_ARM, appearance=False)
 
@@ -52,6 +53,30 @@ def test_start_draws_activations_then_motors() -> None:
     np.testing.assert_array_equal(batch.qvel[0], rng.uniform(-0.05, 0.05, 4))
     np.testing.assert_array_equal(batch.act[0], rng.uniform(0, 1, 4))
     np.testing.assert_array_equal(batch.motor[0], rng.uniform(0, 1, 2))
+
+
+@pytest.mark.parametrize("name", installed_bodies())
+def test_an_idle_minute_tires_no_muscle_and_the_hand_comes_to_rest(name: str) -> None:
+    """From 5 s on hands stay within 2 cm; the published arms hang where they began, within 5 cm.
+
+    The minute of fatigue may have .005 (mean over muscles); .55 came of activations that stayed.
+    """
+    body = load_body(name, appearance=False, timestep_s=0.005)
+    effort = "cumulative_fatigue_3ccr" if body.muscles else "neural"
+    batch = UserBatch(body, 2, threads=1, effort=effort, substeps=10)
+    batch.reset(range(2), [np.random.default_rng(i) for i in range(2)])
+    hands = [device for device in body.devices if device != "headset"]
+    path = []
+    for _ in range(1200):
+        path.append(np.stack([batch.device_poses(hand)[0] for hand in hands]))
+        batch.step(np.tile(batch.resting_action, (2, 1)))
+    moved = np.linalg.norm(np.array(path) - path[-1], axis=-1)
+    assert moved[100:].max() < 0.02
+    if body.muscles:
+        assert batch.effort.max_fatigued().max() < 0.005
+        assert batch.act.max() < 1e-3
+        if name.startswith("mobl_arms"):
+            assert moved[0].max() < 0.05
 
 
 def test_motors_are_part_of_the_state() -> None:
@@ -115,6 +140,8 @@ def test_a_body_without_muscles(tmp_path: Path) -> None:
     batch.step(np.array([[0.5]]))
     assert batch.ctrl.tolist() == [[0.5]]
     assert batch.act.shape == batch.motor.shape == (1, 0)
+    batch.step(batch.resting_action[None])
+    assert batch.ctrl.tolist() == [[0.0]]
     assert np.isnan(body.peak_forces).all()
     with pytest.raises(ValueError, match="'cumulative_fatigue_3ccr' for body 'body', which has no"):
         UserBatch(body, 1)

@@ -46,17 +46,17 @@ def test_rohmert_s_curve() -> None:
 def test_maximum_torque_of_consumed_endurance_by_hand() -> None:
     # Men: 101.6 * .33 = 33.528; weight: 2.1*9.8*.14916 = 3.06971, 1.2*9.8*.444056 = 5.22210,
     # .4*9.8*.674827 = 2.64532, together 10.93713; left: 22.59087 Nm.
-    assert Strength("male").consumed_endurance_torque == pytest.approx(22.59087, abs=1e-4)
+    assert Strength(man=True).consumed_endurance_torque == pytest.approx(22.59087, abs=1e-4)
     # Women: 87.2 * .31 = 27.032; 1.7*9.8*.14012 = 2.33440, 9.8*.409216 = 4.01032,
     # .4*9.8*.616651 = 2.41727, together 8.76199; left: 18.27001 Nm.
-    assert Strength("female").consumed_endurance_torque == pytest.approx(18.27001, abs=1e-4)
+    assert Strength(man=False).consumed_endurance_torque == pytest.approx(18.27001, abs=1e-4)
 
 
 def test_strength_of_the_shoulder_by_hand() -> None:
     # 90 degrees, outstretched: 227.338 + 94.5 - 26.64 = 295.198; * .2845 = 83.98383 Nm.
     assert Strength().shoulder_torque(90.0, 180.0) == pytest.approx(83.98383, abs=1e-4)
     # Elbow at 90: 227.338 + 47.25 - 26.64 = 247.948; * .1495 * .5 = 18.53411 Nm.
-    weak = Strength("female", 0.5)
+    weak = Strength(man=False, factor=0.5)
     assert weak.shoulder_torque(90.0, 90.0) == pytest.approx(18.53411, abs=1e-4)
 
 

@@ -6,6 +6,7 @@ import os
 import shutil
 from pathlib import Path
 
+from sim2vr_harness.base import paths
 from sim2vr_harness.client.base import AppClient
 from sim2vr_harness.client.errors import AppRefused
 from sim2vr_harness.client.openxr.app import CAPABILITIES, OpenXRApp, config_of
@@ -111,12 +112,14 @@ class _Programs:
             names.append(CLOCK_LIBRARY)
         if self._options["xvfb"] == "true":
             names.append(MODES_LIBRARY)
-        found = [file for name in names if (file := find_library(name)) is not None]
-        if virtual and not any(file.name == CLOCK_LIBRARY for file in found):
-            raise AppRefused(
-                f"virtual_clock: got no {CLOCK_LIBRARY}, expected the package to be built with it"
-            )
-        return found
+        found = {name: find_library(name) for name in names}
+        for name, file in found.items():
+            if file is None:
+                raise AppRefused(
+                    f"OpenXR programs: got no {name}, expected the package's own; run: "
+                    f"{paths.rebuild_command()}"
+                )
+        return [file for file in found.values() if file is not None]
 
 
 def _unit_m(text: str | None) -> float | None:

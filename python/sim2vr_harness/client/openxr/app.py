@@ -10,13 +10,14 @@ import numpy as np
 from sim2vr_harness.client.answers import BadReply
 from sim2vr_harness.client.base import AppReply, Float64Array, Int64Array, OptionValue, UInt8Array
 from sim2vr_harness.client.devices import HANDS, DevicePoses
-from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported
+from sim2vr_harness.client.errors import AppDied, AppError, AppRefused, AppUnsupported
 from sim2vr_harness.client.openxr.clock import START_NS
 from sim2vr_harness.client.openxr.link import SessionEnded
 from sim2vr_harness.client.openxr.program import Launch, Program
 from sim2vr_harness.client.openxr.values import Happened, ProgramValues
 from sim2vr_harness.client.openxr.wire import Kind, StepAnswer, answer_in, step_body
 from sim2vr_harness.client.poses import checked_rows, later_times, one_frame
+from sim2vr_harness.client.process import end_words
 from sim2vr_harness.client.runtime import checked_seed
 from sim2vr_harness.client.shared_images import map_images
 from sim2vr_harness.client.transport import AppsWanted
@@ -27,6 +28,8 @@ _AHEAD_S = 0.1
 """A program that takes longer to start is started ahead of the next round."""
 _FIRST_FRAMES = 2
 """Of a round: in the first a session gets its focus, and hands are there from the second on."""
+_EXIT_S = 1.0
+"""How long a program that ended its session may take to exit, for its status to be told."""
 _DOING = "answer to a step"
 _HINT = (
     " (it drew no frame: is it stuck, does it wait for real time to pass (--virtual-clock), or "
@@ -65,7 +68,6 @@ class OpenXRApp(UnsavedApp):
         self._program: Program | None = None
         self._spare: tuple[list[str], Program] | None = None
         self._shared: UInt8Array | None = None
-        self._playing = False
         self._awaited: list[bytes] = []
         self._poses: Float64Array = np.zeros((3, 7))
         self._last_ns = 0
@@ -128,9 +130,9 @@ class OpenXRApp(UnsavedApp):
         self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False
     ) -> None:
         """See :class:`AppClient`; sends the frames."""
-        self._require_open()
-        if not self._playing or self._awaited or self._program is None:
-            raise AppError("step: no round was started; call reset first")
+        self._require_round()
+        if self._awaited:
+            raise AppError("step: the last one goes on; call finish_step first")
         times = later_times(times_ns, self._last_ns)
         rows, inputs = checked_rows(poses, len(times))
         self._last_ns, self._poses = int(times[-1]), rows[-1]
@@ -169,14 +171,14 @@ class OpenXRApp(UnsavedApp):
         if not self._awaited or program is None:
             raise AppError("finish_step: no step was started; call start_step first")
         answers: list[StepAnswer] = []
-        ended = False
+        self._left = ""
         while self._awaited:
             try:
                 answers.append(self._answer(program))
             except SessionEnded as end:
-                program.link.give_up(end)
-                ended = True
                 self._awaited.clear()
+                self._playing = False
+                self._left = self._end_words(program, end)
                 break
             except BaseException:
                 self._awaited.clear()
@@ -184,7 +186,6 @@ class OpenXRApp(UnsavedApp):
             del self._awaited[0]
             if self._awaited:
                 self._send_part()
-        self._playing = not ended
         if self._spare is not None:
             self._greet_spare(self._spare[1])
         pulses = tuple(pulse for answer in answers for pulse in answer.haptics)
@@ -192,12 +193,36 @@ class OpenXRApp(UnsavedApp):
         lines = program.lines() if self._values.of_lines else []
         return AppReply(
             reward=0.0,
-            finished=ended,
+            finished=not self._playing,
             time_feature=0.0,
             log={},
             haptics=pulses,
             values=self._values.take(Happened(self._poses, pulses, labels, lines)),
+            left=self._left,
         )
+
+    def _end_words(self, program: Program, end: SessionEnded) -> str:
+        """How the program left.
+
+        Raises:
+            AppDied: its exit status is another than 0.
+            AppRefused: it left before the round's first frame.
+        """
+        program.link.give_up(end)
+        assert program.about is not None and program.session is not None
+        name = program.about.application or program.name
+        first = self._last_ns == 0
+        when = "before its first frame" if first else f"after {self._last_ns * 1e-9:.1f} s"
+        words = f"{name}: the program ended its session ({end}) {when}"
+        if program.process.wait(_EXIT_S):
+            words += f", {end_words(program.process.exit_status)}"
+            if program.process.exit_status != 0:
+                raise AppDied(words + program.process.log_words())
+        if first:
+            headless = program.session.graphics == "headless"
+            seen = "; this one has no graphics (XR_MND_headless)" if headless else ""
+            raise AppRefused(f"{words}, expected one that ends frames (xrEndFrame){seen}")
+        return words
 
     def _answer(self, program: Program) -> StepAnswer:
         kind, body = program.link.receive(_DOING, self._wanted.place.timeout_s, _HINT)

@@ -28,7 +28,7 @@ class VirtualClock:
 
     def __init__(self) -> None:
         self.descriptor = os.memfd_create("sim2vr-clock", os.MFD_CLOEXEC)
-        os.ftruncate(self.descriptor, mmap.PAGESIZE)
+        os.posix_fallocate(self.descriptor, 0, mmap.PAGESIZE)
         self._page = mmap.mmap(self.descriptor, mmap.PAGESIZE)
         self._generation = 0
         _NOW.pack_into(self._page, 0, _STARTUP_NS)

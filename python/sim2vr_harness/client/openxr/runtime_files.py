@@ -17,8 +17,9 @@ CLOCK_LIBRARY = "libsim2vr_clock.so"
 """Virtual time, and lines of output that are written at once."""
 MODES_LIBRARY = "libsim2vr_vidmode.so"
 """Gives programs that ask an X server for its modes one mode."""
-_BUILT = ("openxr", "preload")
-_EXPECTED = "the package's own, built with OpenXR's headers (apt-get install libopenxr-dev)"
+LAYER_LIBRARY = "libsim2vr_openxr_layer.so"
+"""Records what programs do on a headset."""
+_BUILT = ("openxr", "openxr/layer", "preload")
 
 
 def _places() -> Iterator[Path]:
@@ -26,7 +27,8 @@ def _places() -> Iterator[Path]:
     for package in paths.package_dirs():
         yield package / "lib"
     if (root := paths.checkout_dir()) is not None:
-        for build in sorted((root / "build").glob("*/app_runtime")):
+        builds = sorted((root / "build").glob("*/app_runtime"))
+        for build in sorted(builds, key=lambda found: found.parent.name != "release"):
             yield from (build / name for name in _BUILT)
 
 
@@ -38,18 +40,20 @@ def find_runtime() -> Path:
     """
     named = os.environ.get(RUNTIME_VARIABLE)
     files = [Path(named)] if named else [place / MANIFEST for place in _places()]
-    found = next((file for file in files if file.is_file()), None)
-    if found is None:
-        got = f"{named!r} in {RUNTIME_VARIABLE}" if named else "none"
-        raise AppRefused(f"OpenXR runtime: got {got}, expected {_EXPECTED}")
-    try:
-        library = json.loads(found.read_text())["runtime"]["library_path"]
-        there = (found.parent / str(library)).is_file()
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise AppRefused(f"OpenXR runtime: got {found}, which is no manifest ({error})") from error
-    if not there:
-        raise AppRefused(f"OpenXR runtime: got {found} without {library}, expected {_EXPECTED}")
-    return found.resolve()
+    got = f"{named!r} in {RUNTIME_VARIABLE}" if named else "none"
+    for file in filter(Path.is_file, files):
+        try:
+            library = json.loads(file.read_text())["runtime"]["library_path"]
+            if (file.parent / str(library)).is_file():
+                return file.resolve()
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise AppRefused(
+                f"OpenXR runtime: got {file}, which is no manifest ({error})"
+            ) from error
+        got = f"{file} without {library}"
+    raise AppRefused(
+        f"OpenXR runtime: got {got}, expected the package's own; run: {paths.rebuild_command()}"
+    )
 
 
 def find_library(name: str) -> Path | None:

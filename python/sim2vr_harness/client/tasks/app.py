@@ -163,6 +163,7 @@ class TaskedApp(SplitStep):
         if part is None:
             part = 2.0 * min(1.0, moment.time_s / length_s) - 1.0
         late = moment.time_s >= length_s - _EARLY_S
+        over = self._ends and (outcome.finished or late)
         numbers = {
             name: float(value)
             for name, value in moment.values.items()
@@ -170,12 +171,13 @@ class TaskedApp(SplitStep):
         }
         return AppReply(
             reward=float(outcome.reward),
-            finished=bool(reply.finished or (self._ends and (outcome.finished or late))),
+            finished=bool(reply.finished or over),
             time_feature=float(part),
             log={**reply.log, **numbers, **{key: float(v) for key, v in outcome.log.items()}},
             haptics=reply.haptics,
             sounds=reply.sounds,
             values=reply.values,
+            left="" if over else reply.left,
         )
 
     def _wrong(self, method: str, got: str, expected: str) -> InputError:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,8 @@ from sim2vr_harness.client.unsaved import (
 )
 from sim2vr_harness.client.webxr.browser import Browser, find_browser
 from sim2vr_harness.client.webxr.files import PageFiles
-from sim2vr_harness.client.webxr.page import PROFILES, SCRIPT_ERRORS, Page
+from sim2vr_harness.client.webxr.hands import Ray, find_rays
+from sim2vr_harness.client.webxr.page import PROFILES, SCRIPT_ERRORS, WINDOW_FRAMES, Page
 from sim2vr_harness.client.webxr.renderers import RENDERERS
 from sim2vr_harness.client.webxr.replies import PageReport, Signs, Thing
 from sim2vr_harness.client.webxr.shown import scene_of
@@ -49,17 +51,22 @@ class WebXRApp(UnsavedApp):
         place = wanted.place
         if place.page is None:
             raise AppRefused("app.page: got none, expected a page in HTML, a folder or an address")
-        choices = {"profile": PROFILES, "script_errors": SCRIPT_ERRORS, "renderer": RENDERERS}
+        choices = {
+            "profile": PROFILES,
+            "script_errors": SCRIPT_ERRORS,
+            "renderer": RENDERERS,
+            "window_frames": WINDOW_FRAMES,
+        }
         options = {"enter": ""} | checked_options(place.options, choices)
         self._files = PageFiles(place.page, place.map)
         self._wanted = wanted
         self._options: dict[str, OptionValue] = dict(wanted.options)
-        self._playing = False
         self._last_ns = 0
         self._awaited: int | None = None
         self._valued = False
         self._head = np.zeros(3)
         self._renderer: str | None = None
+        self._rays: tuple[dict[str, OptionValue], dict[str, Ray]] | None = None
         self._browser = Browser(
             find_browser(place.browser), place.start_timeout_s, options["renderer"]
         )
@@ -77,6 +84,7 @@ class WebXRApp(UnsavedApp):
                     "farthest_m": FARTHEST_M,
                     "frame_rate_hz": FRAME_RATE_HZ,
                     "profile": options["profile"],
+                    "window_frames": options["window_frames"] == "run",
                     "start": None if wanted.page_start is None else vars(wanted.page_start),
                 },
                 values=wanted.values,
@@ -133,15 +141,18 @@ class WebXRApp(UnsavedApp):
         self._options = wished
         self._playing, self._last_ns = True, 0
         self._awaited = self._page.start_step(frames, bool(self._wanted.values))
-        return self.finish_step()
+        reply = self.finish_step()
+        if reply.finished:
+            raise AppRefused(f"{self._left}, expected a page that stays in VR")
+        return reply
 
     def start_step(
         self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False
     ) -> None:
         """See :class:`AppClient`; sends the frames."""
-        self._require_open()
-        if not self._playing or self._awaited is not None:
-            raise AppError("step: no round was started; call reset first")
+        self._require_round()
+        if self._awaited is not None:
+            raise AppError("step: the last one goes on; call finish_step first")
         times = later_times(times_ns, self._last_ns)
         frames = self._frames(times, poses, range(len(times))[drawn])
         self._last_ns = int(times[-1])
@@ -156,6 +167,7 @@ class WebXRApp(UnsavedApp):
         if reply.picture is not None:
             self._take_picture(reply.picture)
         self._playing = not reply.ended
+        self._left = self._end_words() if reply.ended else ""
         for name, why in reply.lacking.items():
             raise self._without_value(name, why)
         self._valued = True
@@ -166,7 +178,12 @@ class WebXRApp(UnsavedApp):
             log={},
             haptics=reply.haptics,
             values=reply.values,
+            left=self._left,
         )
+
+    def _end_words(self) -> str:
+        when = f"after {self._last_ns * 1e-9:.1f} s" if self._last_ns else "in its first frame"
+        return f"{self._files.name}: the page ended its session (XRSession.end) {when}"
 
     def _frames(self, times: Int64Array, poses: DevicePoses, drawn: int) -> list[Any]:
         """The frames of a step as ``steps.js`` takes them.
@@ -223,6 +240,21 @@ class WebXRApp(UnsavedApp):
         """See :class:`AppClient`; meshes of three.js, A-Frame and Babylon.js, as boxes."""
         self._require_open()
         return scene_of(self._page.boxes(), self._head)
+
+    def pointing_rays(self) -> Mapping[str, Ray]:
+        """Return the rays by which the page points: ``right``, ``left`` or ``head``, if it does.
+
+        Origin (m) and direction in the device's own axes, app frame. An engine may turn its ray
+        away from WebXR's target ray, for example if it has no model of the controller. They are
+        found in a browser of their own, in which the controllers sway; this round stays as it is.
+
+        Raises:
+            AppRefused, AppError: the page does not play.
+        """
+        if self._rays is None or self._rays[0] != self._options:
+            with WebXRApp(replace(self._wanted, options=self._options, values={})) as other:
+                self._rays = dict(self._options), find_rays(other)
+        return self._rays[1]
 
     def report(self) -> PageReport:
         """Return what the page is made of and requested so far; also after a reset failed."""

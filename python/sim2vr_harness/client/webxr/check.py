@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.client.devices import DevicePoses
 from sim2vr_harness.client.errors import AppError, AppRefused
 from sim2vr_harness.client.runtime import frame_time_ns
@@ -58,6 +59,7 @@ def check_page(
     page: str,
     mapped: Mapping[str, str],
     browser: str | None = None,
+    options: Mapping[str, OptionValue] | None = None,
     *,
     seconds: float = 2.0,
     timeout_s: float = 60.0,
@@ -68,6 +70,7 @@ def check_page(
         page: a file, a folder or a mapped address.
         mapped: beginning of addresses -> local folder.
         browser: see :func:`find_browser`.
+        options: the query of the page's address.
         seconds: how long to play.
         timeout_s: of the start and of every answer.
 
@@ -87,7 +90,7 @@ def check_page(
     failure, report = None, PageReport()
     with WebXRApp(AppsWanted(n=1, game="page", place=place)) as app:
         try:
-            app.reset(1, poses)
+            app.reset(1, poses, options)
             for step in range(1, round(seconds * FREQUENCY_HZ)):
                 app.step(frame_time_ns(step, FREQUENCY_HZ), poses)
         except (AppError, AppRefused) as error:

@@ -37,10 +37,13 @@ T = TypeVar("T")
 
 PROFILES = ("oculus-touch", "generic-trigger")
 SCRIPT_ERRORS = ("ignore", "fail")
+WINDOW_FRAMES = ("stop", "run")
 
 _played: set[str] = set()
 """Pages that have entered VR in this process."""
 
+_PATIENCE_S = 6.0
+"""After so long a page that has not called WebXR is given up, if there is nothing left to click."""
 _LEFT_S = 2.0
 """How long the address is waited for that a page has gone to."""
 _CLEAN_EVERY = 4
@@ -137,8 +140,9 @@ class Page:
             if self._watch.left is None:
                 raise
         if self._watch.left is not None:
-            left = self._watch.left
-            raise self._refused(f"went to another address, {left}, before it entered VR")
+            raise self._refused(
+                f"{self._watch.departure} before it entered VR{self._watch.hints()}"
+            )
         if failure:
             hints = self._watch.hints()
             self._watch.log_notes(silent=True)
@@ -162,8 +166,10 @@ class Page:
 
     def _enter_vr(self) -> str | None:
         """Bring the page into VR; return why it does not get there."""
-        expression = f"__sim2vr.enter({json.dumps(self._enter)})"
+        hurried_s = time.monotonic() + _PATIENCE_S
         while True:
+            hurried = "true" if time.monotonic() > hurried_s else "false"
+            expression = f"__sim2vr.enter({json.dumps(self._enter)}, {hurried})"
             answer = self._checked(door_reply, self._evaluate(expression, self._silence_s))
             if answer.done or self._watch.left is not None:
                 return answer.failure
@@ -268,7 +274,7 @@ class Page:
 
     def _check_playing(self) -> None:
         if self._watch.left is not None:
-            raise self.died(f"went to another address, {self._watch.left}")
+            raise self.died(self._watch.departure + self._watch.hints())
         if self._watch.errors and not self._ignore_errors:
             raise self.died(f"script error: {self._watch.errors.first}")
 

@@ -41,6 +41,7 @@ class PageWatch:
         self.loaded = False
         self.loading: str | None = None
         self.requests = 0
+        self._address = ""
         self._seed = 0
         self._complaints = Kept()
         self._files = files
@@ -66,6 +67,7 @@ class PageWatch:
         self._complaints.clear()
         self._files.clear()
         self.left, self.loaded, self.loading = None, False, loading
+        self._address = loading
 
     # --- events --------------------------------------------------------------------------------
 
@@ -146,6 +148,13 @@ class PageWatch:
     def died(self, what: str) -> Exception:
         """Return the error of a page that cannot go on; nothing more is asked of it."""
         return self._tools.give_up(AppDied(f"{self._files.name}: {what}"))
+
+    @property
+    def departure(self) -> str:
+        """Where the page went by itself, as the beginning of a sentence."""
+        if self.left == self._address[:200]:
+            return "loaded itself again"
+        return f"went to another address, {self.left}"
 
     @property
     def notes(self) -> list[str]:

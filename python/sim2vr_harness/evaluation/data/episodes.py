@@ -24,7 +24,7 @@ EPISODE_COLUMNS = (
     Column("game_seed", "integer", "", "The game's own, drawn from it: 'random seed' of its logs"),
     Column("deterministic", "boolean", "", "Whether actions are the policy's mean"),
     Column("changes", "text", "", "JSON list: what differs from the training's environment"),
-    Column("ended", "text", "", "finished, max_steps_reached, diverged or app_failed"),
+    Column("ended", "text", "", "finished, max_steps_reached, diverged, app_left or app_failed"),
     Column("steps", "integer", "", "User steps"),
     Column("duration_s", "number", "s", "Length of the episode, game time"),
     Column("effort_weight", "number", "", "Factor on the cost of effort"),

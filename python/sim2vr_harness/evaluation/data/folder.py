@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import gzip
 import io
 import json
 import shutil
@@ -39,9 +38,9 @@ class DataFolder:
     """Where tables are written.
 
     ``episodes`` and ``events`` are one table each, ``steps`` and ``frames`` one per episode. Every
-    table is a Parquet file, with units and descriptions of its columns as metadata, and a CSV file
-    of the same rows (of steps and frames packed, ``.csv.gz``); ``dictionary.csv`` has a line per
-    column of all tables, ``manifest.json`` the versions that each episode was recorded with.
+    table is a Parquet file, with units and descriptions of its columns as metadata;
+    ``dictionary.csv`` has a line per column of all tables, ``manifest.json`` the versions that each
+    episode was recorded with.
 
     Args:
         root: The folder; made when something is written.
@@ -66,11 +65,7 @@ class DataFolder:
         Raises:
             OSError: names the file, on a full disk for example.
         """
-        place = self.root / name / episode
-        # The strongest packing takes twenty times as long and saves a tenth.
-        packed = gzip.compress(csv_bytes(table), compresslevel=1, mtime=0)
-        write_atomically(place.with_name(f"{episode}.parquet"), parquet_bytes(table))
-        write_atomically(place.with_name(f"{episode}.csv.gz"), packed)
+        write_atomically(self.root / name / f"{episode}.parquet", parquet_bytes(table))
         self._moments[name] = merged([*self._moments.get(name, []), *columns_in(table.schema)])
 
     def add(
@@ -95,7 +90,7 @@ class DataFolder:
                 table = joined([kept, table])
             written[name] = table
         for name, table in written.items():
-            write_table(self.root / name, table)
+            write_atomically(self.root / f"{name}.parquet", parquet_bytes(table))
         write_atomically(self.root / _MANIFEST, (json.dumps(manifest, indent=2) + "\n").encode())
         self._write_dictionary({name: columns_in(t.schema) for name, t in written.items()})
 
@@ -139,12 +134,6 @@ def _recorded_with(root: Path) -> list[dict[str, Any]]:
     raise InputError(file_name(file), "no list 'recorded_with' of versions and episodes", _EXPECTED)
 
 
-def write_table(place: Path, table: pa.Table) -> None:
-    """Write ``place.parquet`` and ``place.csv``, each whole or not at all."""
-    write_atomically(place.with_name(f"{place.name}.parquet"), parquet_bytes(table))
-    write_atomically(place.with_name(f"{place.name}.csv"), csv_bytes(table))
-
-
 def parquet_bytes(table: pa.Table) -> bytes:
     """A table as a Parquet file: the same rows are the same bytes."""
     stream = io.BytesIO()
@@ -158,13 +147,6 @@ def parquet_bytes(table: pa.Table) -> bytes:
         use_byte_stream_split=singles,  # measurements do not repeat, their leading bytes do
     )
     return stream.getvalue()
-
-
-def csv_bytes(table: pa.Table) -> bytes:
-    """A table as a CSV file, with nothing where a value is missing."""
-    stream = pa.BufferOutputStream()
-    pyarrow.csv.write_csv(table, stream)
-    return bytes(stream.getvalue().to_pybytes())
 
 
 def dictionary_bytes(tables: Mapping[str, Iterable[Column]]) -> bytes:
@@ -304,6 +286,34 @@ class EvaluationData:
         Empty for tables without a manifest.
         """
         return [dict(one["versions"]) for one in _recorded_with(self.root)]
+
+    def export_csv(self, out: Path, episodes: Sequence[str] = ()) -> list[Path]:
+        """Write the tables as CSV files of the same names, empty where a value is missing.
+
+        Args:
+            out: Folder for the files; made if needed.
+            episodes: Whose steps and frames; all without any. Other tables are whole.
+
+        Returns:
+            The files, and ``dictionary.csv``.
+
+        Raises:
+            InputError: There is no such episode, or a table cannot be read.
+        """
+        known = list(self.episodes["episode"])
+        for key in episodes:
+            if key not in known:
+                raise unknown_name("episode", key, known)
+        files = [out / _DICTIONARY]
+        write_atomically(files[0], read_bytes(self.root / _DICTIONARY, _EXPECTED))
+        for file in sorted(self.root.rglob("*.parquet")):
+            if file.parent == self.root or not episodes or file.stem in episodes:
+                stream = pa.BufferOutputStream()
+                pyarrow.csv.write_csv(read_table(file), stream)
+                place = (out / file.relative_to(self.root)).with_name(f"{file.stem}.csv")
+                write_atomically(place, bytes(stream.getvalue().to_pybytes()))
+                files.append(place)
+        return files
 
     def _moments(
         self,

@@ -14,6 +14,7 @@ from rich.text import Text
 from sim2vr_harness.base.errors import counted
 from sim2vr_harness.human_comparison.fitts.published import STUDIES
 from sim2vr_harness.human_comparison.fitts.users import NUMBERS, AimedUser, Spread
+from sim2vr_harness.human_comparison.measures import plain
 
 
 @dataclass(frozen=True)
@@ -105,8 +106,10 @@ def _shown(found: Spread | None, people: AimedUser | None, name: str) -> str:
         return ""
     mark = "*" if _inside(found, people, name) is False else ""
     if found.sd is None:
-        return f"{found.mean:.3g}{mark}"
-    return f"{found.mean:.3g}{mark} ± {found.sd:.2g} [{found.low:.3g} to {found.high:.3g}]"
+        return f"{plain(found.mean)}{mark}"
+    return (
+        f"{plain(found.mean)}{mark} ± {plain(found.sd)} [{plain(found.low)} to {plain(found.high)}]"
+    )
 
 
 def _difficulties(user: AimedUser) -> Table:

@@ -71,25 +71,25 @@ def require_senses(env: EnvConfig) -> None:
     Raises:
         InputError: names the sense.
     """
-    or_student = "by which a user decides; or skills.user: student"
+    why = "by which a user decides"
     vision = env.vision
     got = [str(channel) for channel in vision.channels]
     if got != ["red", "green", "blue", "depth"] or vision.eyes != 1 or vision.foveation is not None:
         wanted = "[red, green, blue, depth] of one eye, without foveation"
-        raise InputError("env.vision", f"{got}", f"{wanted}, {or_student}")
+        raise InputError("env.vision", f"{got}", f"{wanted}, {why}")
     senses = {sense.sense: sense for sense in env.senses}
     if env.user.head != "fixed" and "headset" not in senses:
-        wanted = f"'fixed', or the sense headset, {or_student}"
+        wanted = f"'fixed', or the sense headset, {why}"
         raise InputError("env.user.head", repr(env.user.head), wanted)
     seen, felt = senses.get("vision"), senses.get("proprioception")
     if seen is None or felt is None:
-        wanted = f"vision and proprioception, {or_student}"
+        wanted = f"vision and proprioception, {why}"
         raise InputError("env.senses", f"{sorted(senses)}", wanted)
     if seen.history_s != BEFORE_S or seen.delay_ms or seen.noise:
-        wanted = f"{{sense: vision, history_s: {BEFORE_S}}}, {or_student}"
+        wanted = f"{{sense: vision, history_s: {BEFORE_S}}}, {why}"
         raise InputError("env.senses", "another vision", wanted)
     if felt.delay_ms or felt.noise or felt.history_s or felt.stack_s:
-        wanted = f"{{sense: proprioception}}, {or_student}"
+        wanted = f"{{sense: proprioception}}, {why}"
         raise InputError("env.senses", "another proprioception", wanted)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.human_motor import (
@@ -93,6 +93,9 @@ class PersonPolicy(HierarchicalPolicy):
             body_width=training.body_width,
             perception=training.perception,
         ).requires_grad_(False)
+        # Persons move by ``human``: the other motor layer's weights only keep their place.
+        for weight in self.motor.parameters():
+            nn.init.zeros_(weight)
         # Eyes of tall persons are higher.
         chains = Chains(self.human.body, ("headset",), self.human.persons.references)
         object.__setattr__(self, "_head", chains)

@@ -7,8 +7,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.client.frames import aim_direction
-from sim2vr_harness.users.kinematics.posture_controller import FoundPosture, PostureController
+from sim2vr_harness.users.kinematics.posture_controller import (
+    AIM_RAY,
+    DeviceRay,
+    FoundPosture,
+    PostureController,
+)
 
 FloatArray = NDArray[np.float64]
 By = Literal["touch", "ray"]
@@ -37,6 +41,8 @@ class Hand:
     def __init__(self, simulation: Any, side: str) -> None:
         self._users, self._device = simulation.users, f"controller_{side}"
         self._controller = PostureController(simulation.body, self._device)
+        self.ray: DeviceRay = AIM_RAY
+        """With which it points."""
         self.begin()
 
     def begin(self) -> None:
@@ -67,7 +73,8 @@ class Hand:
         gap = place - positions[0]
         if by == "touch":
             return float(np.linalg.norm(gap - _turned(quats[0], self._tip_m)))
-        along = aim_direction(quats[0]) @ gap / max(float(np.linalg.norm(gap)), 1e-9)
+        gap = gap - _turned(quats[0], self.ray.origin_m)
+        along = _turned(quats[0], self.ray.direction) @ gap / max(float(np.linalg.norm(gap)), 1e-9)
         return float(np.degrees(np.arccos(np.clip(along, -1.0, 1.0))))
 
     def follow(self, place: FloatArray, by: By) -> None:
@@ -87,7 +94,7 @@ class Hand:
     def _search(self, place: FloatArray, by: By, *, nearby: bool = False) -> FoundPosture:
         start = self._controller.angles(self._users.qpos[0])
         if by == "ray":
-            goal: dict[str, Any] = {"aim_at": place}
+            goal: dict[str, Any] = {"aim_at": place, "ray": self.ray}
         else:
             goal = {"place": place, "tip_m": self._tip_m}
         if nearby and self._found is not None:

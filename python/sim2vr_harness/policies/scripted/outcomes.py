@@ -8,6 +8,9 @@ from typing import Any
 
 from sim2vr_harness.policies.scripted.hand import By
 
+_SAME_DEG = 1.0
+"""An app's own ray that is nearer to the controller's aim ray is the same."""
+
 
 @dataclass
 class StepOutcome:
@@ -21,6 +24,7 @@ class StepOutcome:
         arrived_s: Seconds until the hand or its ray was on the place and stayed there.
         gap_m: Of a touch: distance from the place on arrival, or the least one without arrival.
         angle_deg: By ray: angle between the ray and the place, in the same way.
+        ray_off_deg: By ray: angle between the app's own ray and the controller's aim ray.
         inputs: That were worked.
         moved_s: As ``arrived_s``, of the second place of ``grab``.
         moved_gap_m: As ``gap_m``, of the second place of ``grab``.
@@ -37,6 +41,7 @@ class StepOutcome:
     arrived_s: float | None = None
     gap_m: float | None = None
     angle_deg: float | None = None
+    ray_off_deg: float | None = None
     inputs: tuple[str, ...] = ()
     moved_s: float | None = None
     moved_gap_m: float | None = None
@@ -71,7 +76,10 @@ class StepOutcome:
     def _arrival(self) -> str:
         after = "" if self.arrived_s is None else f" after {self.arrived_s:.1f} s"
         if self.by == "ray":
-            return f"within {self.angle_deg or 0.0:.1f} degrees{after}"
+            near = f"within {self.angle_deg or 0.0:.1f} degrees{after}"
+            if (self.ray_off_deg or 0.0) < _SAME_DEG:
+                return near
+            return f"{near} (the page's own ray, {self.ray_off_deg:.0f} degrees from WebXR's)"
         return f"within {100 * (self.gap_m or 0.0):.1f} cm{after}"
 
     @property

@@ -12,6 +12,7 @@ from sim2vr_harness.client import AppRefused, WebXRApp
 from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.client.scene import PLAYER_LAYER, SceneObject
 from sim2vr_harness.policies.scripted.steps import Place
+from sim2vr_harness.users.kinematics.posture_controller import AIM_RAY, DeviceRay
 
 FloatArray = NDArray[np.float64]
 
@@ -84,6 +85,13 @@ class Places:
         chosen = kept[0] if kept else min(shown, key=lambda one: _distance(one, hand))
         self._kept[name] = chosen.id
         return position_to_mujoco(chosen.pose[:3])
+
+    def ray(self, side: str) -> DeviceRay:
+        """Return the ray with which the app points for a hand: a page's own, else the aim ray."""
+        if not isinstance(self._app, WebXRApp):
+            return AIM_RAY
+        found = self._app.pointing_rays().get(side)
+        return AIM_RAY if found is None else DeviceRay(*map(position_to_mujoco, found))
 
     def unknown(self, name: str) -> InputError:
         """Word the error for a name that no object has ever had."""

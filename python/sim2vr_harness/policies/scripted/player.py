@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.client import Task, TaskedApp
-from sim2vr_harness.client.devices import INPUT_NAMES, input_named
 from sim2vr_harness.policies.protocol import Observation
 from sim2vr_harness.policies.scripted.hand import By, Hand
 from sim2vr_harness.policies.scripted.outcomes import StepOutcome
 from sim2vr_harness.policies.scripted.places import Places
 from sim2vr_harness.policies.scripted.steps import Place, Step
+from sim2vr_harness.users.kinematics.posture_controller import AIM_RAY
 
 FloatArray = NDArray[np.float64]
 
@@ -52,15 +52,6 @@ def inputs_of(step: Step, task: Task | None, hand: str) -> tuple[str, ...]:
         usual = ("trigger",) if step.kind == "press" else ("trigger", "squeeze")
         names = tuple(named[:1]) or usual
     return tuple(f"{hand}.{name}" for name in names)
-
-
-def resting_action(simulation: Any) -> NDArray[np.float32]:
-    """Return the action of a user that changes nothing, (A,): fingers press no input."""
-    action = np.zeros(simulation.action_space.shape[0], np.float32)
-    for k, name in enumerate(simulation.actions.names):
-        if name in INPUT_NAMES and input_named(name).low == 0.0:
-            action[k] = -1.0
-    return action
 
 
 class ScriptedPolicy:
@@ -154,7 +145,7 @@ class Episode:
     def act(self) -> NDArray[np.float32]:
         """Return the action of the next user step, (A,)."""
         next(self._run)
-        action = resting_action(self._simulation)
+        action = self._simulation.resting_action
         body = self._hand.action()
         if body is not None:
             action[: len(body)] = body
@@ -220,6 +211,9 @@ class Episode:
                 self._hand.hold_tool(self._tool(step))
                 if step.by is None:
                     outcome.by = "ray" if self._hand.beyond_m(where) else "touch"
+                if outcome.by == "ray":
+                    self._hand.ray = self._places.ray(outcome.hand)
+                    outcome.ray_off_deg = _angle_deg(self._hand.ray.direction, AIM_RAY.direction)
                 return ""
             yield
         name = str(step.place)
@@ -328,6 +322,10 @@ class Episode:
 
     def _user_steps(self, seconds: float) -> int:
         return max(1, round(seconds * self._hz))
+
+
+def _angle_deg(first: FloatArray, second: FloatArray) -> float:
+    return float(np.degrees(np.arccos(np.clip(first @ second, -1.0, 1.0))))
 
 
 def _distance(first: FloatArray, second: FloatArray) -> float:

@@ -12,10 +12,13 @@ from sim2vr_harness.statistics import power, significance
 from sim2vr_harness.statistics.mixed_models import mixed_model
 from sim2vr_harness.studies.comparisons.units import (
     independent,
+    missing_notes,
     other_factors,
     rows_of,
+    some_units,
     strata,
     unit_table,
+    with_failed,
 )
 from sim2vr_harness.studies.config import ComparisonConfig
 from sim2vr_harness.studies.data import StudyData, factor_column
@@ -100,7 +103,9 @@ def _tests(
     data: StudyData, comparison: ComparisonConfig, measure: str, stratum: dict[str, str]
 ) -> list[dict[str, Any]]:
     by_round = comparison.unit == "round"
-    rows = rows_of(data, {**comparison.where, **stratum})
+    where = {**comparison.where, **stratum}
+    rows = rows_of(data, where)
+    everyone = with_failed(data, where)
     table = unit_table(rows, comparison.factor, measure, by_round=by_round)
     levels = _levels(data, comparison)
 
@@ -109,13 +114,16 @@ def _tests(
             return data.study.seeds == "own"
         return independent(data.study, comparison.factor, compared)
 
+    everyone = everyone[everyone[factor_column(comparison.factor)].isin(levels)]
     about = {
         "factor": comparison.factor,
-        "by": {**comparison.where, **stratum},
+        "by": where,
         "measure": measure,
         "unit": "round" if by_round else data.about["unit"],
+        "units": int(everyone["seed" if by_round else "unit"].nunique()),
         "alternative": comparison.alternative,
         "note": _ROUNDS if by_round else None,
+        "equivalence": comparison.equivalence.get(measure),
     }
     found = []
     if len(levels) > 2 or comparison.test == "friedman":
@@ -124,7 +132,31 @@ def _tests(
         found += [
             about | _pair(table, pair, comparison, apart(pair)) for pair in combinations(levels, 2)
         ]
+    if not by_round:
+        for result in found:
+            notes = _others_notes(table, result, apart(result["levels"]))
+            part = everyone[everyone[factor_column(comparison.factor)].isin(result["levels"])]
+            for label in result["levels"]:
+                own = part[part[factor_column(comparison.factor)] == label]
+                notes += [f"{label}: {note}" for note in missing_notes(own, measure)]
+            result["note"] = "; ".join(notes) or None
     return found
+
+
+def _others_notes(table: Any, result: dict[str, Any], apart: bool) -> list[str]:
+    """Say where a test compares other units than those of which a level has its mean."""
+    if apart or not isinstance(result["n"], int):
+        return []
+    counts = {
+        level: int(table[level].notna().sum()) for level in result["levels"] if level in table
+    }
+    more = [f"{count} in {level}" for level, count in counts.items() if count > result["n"]]
+    if not more:
+        return []
+    return [
+        f"the test compares the {result['n']} of {result['units']} with a value in every level, so "
+        f"its means are of other units than those of the conditions ({', '.join(more)})"
+    ]
 
 
 def _columns(table: Any, levels: Sequence[str], apart: bool) -> list[Any]:
@@ -238,7 +270,6 @@ def _mixed(data: StudyData, comparison: ComparisonConfig, measure: str) -> dict[
         *(list(study.factors[name].levels) for name in factors[1:]),
     ]
     rows = rows_of(data, comparison.where)
-    n = rows.dropna(subset=[measure])["unit"].nunique()
     found: dict[str, Any] = {
         "test": "mixed",
         "factor": comparison.factor,
@@ -246,32 +277,48 @@ def _mixed(data: StudyData, comparison: ComparisonConfig, measure: str) -> dict[
         "by": dict(comparison.where),
         "measure": measure,
         "unit": data.about["unit"],
-        "n": int(n),
+        "n": int(rows.dropna(subset=[measure])["unit"].nunique()),
+        "units": int(data.episodes["unit"].nunique()),
         "p": None,
         "refused": None,
         "note": None,
     }
-    if comparison.unit == "round" or n < 2:
+    if comparison.unit == "round" or found["n"] < 2:
         found["refused"] = (
-            f"n = {n}: a mixed model tells units apart from rounds, and needs at least two; let "
-            "persons play (people), or train with several seeds"
+            f"n = {found['n']}: a mixed model tells units apart from rounds, and needs at least "
+            "two; let persons play (people), or train with several seeds"
         )
         return found
-    if n < 5:
-        found["note"] = f"n = {n} units: their variance, and with it every p, is a rough estimate"
-    try:
-        return found | mixed_model(
-            rows, measure, {name: factor_column(name) for name in factors}, levels
+    own = [
+        name
+        for name, labels in zip(factors, levels, strict=True)
+        if independent(study, name, labels)
+    ]
+    if own:
+        found["refused"] = (
+            f"each level of {own[0]} has units of its own, so that no unit shows its effect; use "
+            "test: auto"
         )
+        return found
+    rows = rows[rows[factor_column(comparison.factor)].isin(levels[0])]
+    try:
+        found |= mixed_model(rows, measure, {name: factor_column(name) for name in factors}, levels)
     except ValueError as error:
         return found | {"refused": str(error)}
+    found["n"] = found["groups"]
+    if found["left_out"]:
+        out = some_units(found["left_out"])
+        notes = [f"left out, because a condition has no {measure} of them: {out}"]
+        found["note"] = "; ".join([*notes, *missing_notes(rows, measure)])
+    return found
 
 
 def _adjust(results: list[dict[str, Any]]) -> None:
     """Correct by Holm's method over all measures, strata and pairs of one comparison."""
     for tests in (_PAIRS, _OVERALL):
         _correct([r for r in results if r["test"] in tests and r["p"] is not None])
-    _correct([effect for r in results for effect in r.get("effects", ())[1:]])
+    effects = [effect for r in results for effect in r.get("effects", ())[1:]]
+    _correct([effect for effect in effects if effect["p"] is not None])
 
 
 def _correct(family: list[dict[str, Any]]) -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 
 from sim2vr_harness.base.errors import InputError, shown, unknown_name
 from sim2vr_harness.statistics.power import STANDARDISED, units_needed
+from sim2vr_harness.statistics.significance import FEW
 from sim2vr_harness.studies.comparisons.comparing import compare
 from sim2vr_harness.studies.comparisons.units import independent, other_factors
 from sim2vr_harness.studies.config import ComparisonConfig, StudyConfig
@@ -96,7 +98,11 @@ def sample_sizes(
                         "results in --out in which units differ; run the study first",
                     )
                 for size in [wanted[measure] / (sd or 1.0)] if measure in wanted else STANDARDISED:
-                    units = units_needed(size, 1.0, paired=paired, tests=tests, sides=sides)
+                    need = partial(units_needed, size, 1.0, paired=paired, tests=tests, sides=sides)
+                    units = need()
+                    # The test is the one that a comparison of so many units makes.
+                    if comparison.test == "wilcoxon" or units >= FEW:
+                        units = need(ranks=True)
                     size_here = None if sd is None else size * sd
                     found.append(
                         SampleSize(measure, (one, other), size, size_here, sd, units, tests, paired)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sim2vr_harness.statistics.intervals import mean_interval
-from sim2vr_harness.studies.comparisons.units import rows_of, strata
+from sim2vr_harness.studies.comparisons.units import missing_notes, rows_of, strata, with_failed
 from sim2vr_harness.studies.data import StudyData
 
 
@@ -17,7 +17,8 @@ def summaries(data: StudyData, measures: Sequence[str]) -> list[dict[str, Any]]:
 
     A condition is a level of every factor but the unit's. Mean and deviation are over units, each
     with the mean of its rounds; ``rounds_sd`` is over rounds, which says how much one user's rounds
-    differ, and nothing of people.
+    differ, and nothing of people. ``n`` of ``units`` have a value, and ``notes`` say who has none
+    and why.
 
     Args:
         data: Of the study.
@@ -27,7 +28,7 @@ def summaries(data: StudyData, measures: Sequence[str]) -> list[dict[str, Any]]:
     names = [name for name in study.factors if name != study.unit_factor]
     found = []
     for levels in strata(data, names, {}):
-        rows = rows_of(data, levels)
+        rows, everyone = rows_of(data, levels), with_failed(data, levels)
         for measure in measures:
             if measure not in rows:
                 continue
@@ -41,6 +42,8 @@ def summaries(data: StudyData, measures: Sequence[str]) -> list[dict[str, Any]]:
                     "measure": measure,
                     "unit": data.about["unit"],
                     "n": len(units),
+                    "units": int(everyone["unit"].nunique()),
+                    "notes": missing_notes(everyone, measure),
                     "rounds": len(rounds),
                     "mean": float(units.mean()) if len(units) else None,
                     "sd": float(np.std(units, ddof=1)) if len(units) > 1 else None,

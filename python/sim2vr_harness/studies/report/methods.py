@@ -260,7 +260,7 @@ def _tests(source: ReportSource) -> str:
         "friedman": "Friedman's test",
         "mann-whitney": "Mann and Whitney's test",
         "kruskal-wallis": "Kruskal and Wallis' test",
-        "mixed": "linear mixed models with an intercept per unit",
+        "mixed": "mixed models with an intercept and slopes per unit, fitted to units' means",
     }
     used = dict.fromkeys(str(r["test"]) for r in source.comparisons if r.get("refused") is None)
     if not used:

@@ -58,12 +58,24 @@ def in_words(value: float, measure: Measure) -> str:
     return f"{value:,.{measure.digits}f}{unit}"
 
 
-def with_spread(found: Summary | None, measure: Measure) -> str:
-    """``12.3 ± 1.2``; a dash without a number."""
+def with_spread(found: Summary | None, measure: Measure, units: int | None = None) -> str:
+    """``12.3 ± 1.2 (n = 5 of 8)``; a dash without a number.
+
+    Args:
+        found: The number.
+        measure: Of what.
+        units: How many players there are; None: n is not written.
+    """
     if found is None:
         return "–"
     text = f"{found.mean:,.{measure.digits}f}"
-    return text if found.spread is None else f"{text} ± {found.spread:,.{measure.digits}f}"
+    text = text if found.spread is None else f"{text} ± {found.spread:,.{measure.digits}f}"
+    return text if units is None else f"{text} (n = {of_units(found.n, units)})"
+
+
+def of_units(n: int, units: int) -> str:
+    """``8``, or ``5 of 8`` where some have no value."""
+    return str(n) if n == units else f"{n} of {units}"
 
 
 def some_of(told: Sequence[str]) -> str:

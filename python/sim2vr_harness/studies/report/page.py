@@ -16,7 +16,11 @@ from sim2vr_harness.studies.report.body import BodyPicture
 from sim2vr_harness.studies.report.media import Example
 from sim2vr_harness.studies.report.methods import BIBTEX, PlayedBy
 from sim2vr_harness.studies.report.search import trial_table
-from sim2vr_harness.studies.report.sentences import Sentence, n_sentence
+from sim2vr_harness.studies.report.sentences import (
+    MOST_SENTENCES,
+    Sentence,
+    n_sentence,
+)
 from sim2vr_harness.studies.report.source import ReportSource
 from sim2vr_harness.studies.report.tables import (
     beside_table,
@@ -111,11 +115,15 @@ def _lead(content: Content) -> str:
 
 
 def _summary(content: Content) -> str:
-    items = "".join(
+    items = [
         f'<li>{escape(one.text)}<span class="numbers">{escape(one.numbers)}</span></li>'
         for one in content.sentences
-    )
-    return f'<ul class="summary">{items}</ul>'
+    ]
+    first, more = items[:MOST_SENTENCES], "".join(items[MOST_SENTENCES:])
+    html = f'<ul class="summary">{"".join(first)}</ul>'
+    if more:
+        html += f'<details><summary>More</summary><ul class="summary">{more}</ul></details>'
+    return html
 
 
 def _figure(figure: Figure, panels: list[dict], more: str = "") -> str:

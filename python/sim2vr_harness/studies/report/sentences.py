@@ -9,13 +9,15 @@ from typing import Any, Literal
 from sim2vr_harness.base.errors import counted
 from sim2vr_harness.client import Measure
 from sim2vr_harness.games.published import Published
+from sim2vr_harness.studies.comparisons.units import missing_notes
 from sim2vr_harness.studies.report.numbers import MOST_GROUPS, in_words, some_of, summary_of
 from sim2vr_harness.studies.report.people import people_sentences
-from sim2vr_harness.studies.report.source import ReportSource
+from sim2vr_harness.studies.report.source import PROPORTION, ReportSource
 
 _MOST_TESTS = 6
 """Of a kind that have a sentence each; the table of tests has all."""
-"""That are named one by one; of more the table has the numbers."""
+MOST_SENTENCES = 5
+"""Of the summary; what follows them is listed further down."""
 _SIGNIFICANT = 0.05
 _TESTS = {
     "paired-t": "paired t test",
@@ -24,7 +26,7 @@ _TESTS = {
     "mann-whitney": "Mann and Whitney's test",
     "friedman": "Friedman's test",
     "kruskal-wallis": "Kruskal and Wallis' test",
-    "mixed": "linear mixed model",
+    "mixed": "mixed model with random slopes",
 }
 
 
@@ -37,17 +39,32 @@ class Sentence:
 
 
 def sentences_of(source: ReportSource, published: Published) -> list[Sentence]:
-    """Return the summary: the answer to the title first, only requested measures."""
-    return [
-        *(_answers(source) if source.comparisons else _described(source)),
-        *(Sentence(*words) for words in people_sentences(source, published, _asked(source))),
-        *(Sentence(text, "") for text in warnings_of(source)),
-        n_sentence(source),
-    ]
+    """Return the summary, most important first: the answer to the title, then what limits it.
+
+    The page shows the first :data:`MOST_SENTENCES`; only requested measures have some.
+    """
+    answers = list(_answers(source) if source.comparisons else _described(source))
+    limits = [*dropout_sentences(source), *(Sentence(text, "") for text in warnings_of(source))]
+    people = [Sentence(*words) for words in people_sentences(source, published, _asked(source))]
+    return [*answers[:1], *limits, n_sentence(source), *answers[1:], *people]
+
+
+def dropout_sentences(source: ReportSource) -> Iterator[Sentence]:
+    """Say whose requested measures are missing or rest on little, in a sentence per measure."""
+    for measure in _asked(source):
+        told = [
+            (group.label, note)
+            for group in source.groups
+            for note in missing_notes(group.episodes.assign(unit=group.units), measure.name)
+        ]
+        if told:
+            text = some_of([f"in {label} {note}" for label, note in told])
+            yield Sentence(f"{measure.label} rests on few values: {text}.", "")
 
 
 def warnings_of(source: ReportSource) -> Iterator[str]:
-    """Yield what the users were not trained for, a sentence each."""
+    """Yield what the users were not trained for, a sentence for each set of groups."""
+    settings: dict[str, list[str]] = {}
     for line, labels in source.unpractised.items():
         where = "" if len(labels) == len(source.groups) else f" in {_groups(labels, len(labels))}"
         if line.startswith(("people = yes", "people: yes")):
@@ -56,7 +73,9 @@ def warnings_of(source: ReportSource) -> Iterator[str]:
                 "one average body."
             )
         else:
-            yield f"The users{where} were not trained for {line}."
+            settings.setdefault(where, []).append(line)
+    for where, lines in settings.items():
+        yield f"The users{where} were not trained for {_list(lines)}."
 
 
 def _asked(source: ReportSource) -> list[Measure]:
@@ -75,9 +94,9 @@ def n_sentence(source: ReportSource) -> Sentence:
     what = f"levels of {source.unit}" if who is None else counted(n, who).partition(" ")[2]
     if n == 1:
         text = (
-            f"n is 1: one {who or f'level of {source.unit}'}. Its rounds show how much it varies, "
-            "not how much other users or people do, so there is no p value for differences between "
-            "conditions."
+            f"n is 1: one {who or f'level of {source.unit}'}, whose rounds show how much it "
+            "varies, not how much other users or people do, so there is no p value for differences "
+            "between conditions."
         )
     elif source.unit == "user":
         text = (
@@ -97,14 +116,14 @@ def _described(source: ReportSource) -> Iterator[Sentence]:
         if not found:
             continue
         told = [f"{in_words(s.mean, measure)} in {group.label}" for group, s in found]
-        text = f"{measure.label}: {some_of(told)}."
+        text = f"{measure.label}: {some_of(told)}"
         if len(found) > 1:
-            text += " No comparison was requested: whether the groups differ was not tested."
+            text += "; whether the groups differ was not tested, as no comparison was requested"
         spreads = [
             "" if s.spread is None else f"SD {s.spread:.{measure.digits}f}, " for _, s in found
         ]
         yield Sentence(
-            text,
+            f"{text}.",
             some_of([
                 f"{group.label}: {spread}{counted(s.n, 'unit')}, {counted(s.rounds, 'round')}"
                 for (group, s), spread in zip(found, spreads, strict=True)
@@ -113,17 +132,17 @@ def _described(source: ReportSource) -> Iterator[Sentence]:
 
 
 def _answers(source: ReportSource) -> Iterator[Sentence]:
-    """Answer the comparisons: the first requested one, then differences, then none."""
+    """Answer the comparisons: the first requested one, then differences, then the others."""
     results = sorted(source.comparisons, key=lambda r: not source.leads(str(r["measure"])))
     questions = [one for result in results for one in _questions(result)]
     different = [one for one in questions[1:] if _p(one) < _SIGNIFICANT]
     alike = [one for one in questions[1:] if _p(one) >= _SIGNIFICANT]
     for one in (*questions[:1], *different[:_MOST_TESTS], *alike[:_MOST_TESTS]):
         yield _answer(one, source.measure(str(one["measure"])))
-    for part, words in ((different, "with"), (alike, "without")):
+    for part, words in ((different, "show a difference"), (alike, "are inconclusive")):
         if len(part) > _MOST_TESTS:
             more = counted(len(part) - _MOST_TESTS, "more comparison")
-            yield Sentence(f"{more} {words} a difference: see the table of tests.", "")
+            yield Sentence(f"{more} {words}: see the table of tests.", "")
     refused: dict[str, list[str]] = {}
     for result in results:
         if result.get("refused"):
@@ -156,39 +175,73 @@ def _label(result: Mapping[str, Any], measure: Measure | None) -> str:
 
 
 def _answer(result: Mapping[str, Any], measure: Measure | None) -> Sentence:
-    """Name a difference with its interval, p, correction and n, or say that none was found."""
+    """Answer a question as one would say it: the finding, both values, the interval and n."""
     difference = result.get("difference") or {}
-    label, levels = _label(result, measure), _list(result["levels"])
+    label, levels = _label(result, measure), list(map(str, result["levels"]))
+    place = place_of(result)
     found = _p(result) < _SIGNIFICANT
+    bound = result.get("equivalence")
+    ends = (difference.get("low"), difference.get("high"))
+    within = bound is not None and all(end is not None and abs(end) < bound for end in ends)
     if "name" in result:
-        text = f"{'An' if found else 'No'} effect of {result['name']} on {_lower(label)} was found"
-    elif not found:
-        text = f"No difference in {_lower(label)} was found between {levels}"
-    elif difference:
-        size = difference.get("estimate", difference["mean"])
-        amount = number(abs(size), None) if measure is None else in_words(abs(size), measure)
-        word = "higher" if size > 0 else "lower"
-        first, second = result["levels"][:2]
-        text = f"{label} is {amount} {word} in {first} than in {second}"
+        text = f"{result['name']} has an effect on {_lower(label)}{place}"
+        text = text if found else f"Inconclusive: whether {text}"
+        text = f"{text}: {_amount(difference['mean'], measure)}"
+    elif len(levels) != 2 or not difference:
+        text = f"{label} differs between {_list(levels)}{place}"
+        text = text if found else f"Inconclusive: whether {_lower(text)}"
+        text = f"{text}, p {_equal(p_words(_p(result)))}"
     else:
-        text = f"{label} differs between {levels}"
-    text = f"{text}{place_of(result)} ({_evidence(result, measure)})."
-    if not found and difference.get("detectable") is not None:
-        detectable = number(difference["detectable"], measure)
-        text += f" A difference of {detectable} would be found with power .8."
-    note = str(result.get("note") or "")
-    text = f"{text} {note[:1].upper()}{note[1:]}." if note else text
+        values = _values(result, measure)
+        if within:
+            text = (
+                f"No difference in {_lower(label)} between {_list(levels)}{place} that is as large "
+                f"as {_amount(bound, measure)}: {values}"
+            )
+        elif found:
+            size = difference.get("estimate", difference["mean"])
+            amount = _amount(abs(size), measure) + _percentage(result, measure)
+            word = "higher" if size > 0 else "lower"
+            text = f"{label} is {amount} {word} in {levels[0]} than in {levels[1]}{place}: {values}"
+        else:
+            text = f"Inconclusive: {_lower(label)} in {_list(levels)}{place}, {values}"
+    if any(end is not None for end in ends):
+        text += f", 95 % interval {_ends(ends, measure)}"
+    text = f"{text}, {counted_units(result)}."
     return Sentence(text, test_numbers(result, measure))
 
 
-def _evidence(result: Mapping[str, Any], measure: Measure | None) -> str:
-    """Difference, interval, p with its correction, and n."""
-    difference = difference_words(result, measure, "()")
-    parts = [f"difference {difference}"] if difference else []
-    tests = result.get("family", 1)
-    p = f"p {_equal(p_words(_p(result)))}"
-    parts.append(p if tests == 1 else f"{p} after Holm's correction for {tests} tests")
-    return ", ".join([*parts, f"n = {counted_units(result)}"])
+def _values(result: Mapping[str, Any], measure: Measure | None) -> str:
+    """Both levels' means: ``2.78 against 0.54 bit/s``."""
+    first, second = (result.get("means") or (None, None))[:2]
+    if first is None or second is None:
+        return f"difference {_amount(result['difference']['mean'], measure)}"
+    unit = _amount(second, measure)
+    return f"{_amount(first, measure).removesuffix(' ' + unit.partition(' ')[2])} against {unit}"
+
+
+def _amount(value: float, measure: Measure | None) -> str:
+    """A number with its unit; of proportions in percent."""
+    if measure is not None and measure.unit == PROPORTION:
+        return f"{100.0 * value:,.{max(0, measure.digits - 2)}f} %"
+    return number(value, None) if measure is None else in_words(value, measure)
+
+
+def _percentage(result: Mapping[str, Any], measure: Measure | None) -> str:
+    """How much a difference of positive means is of the second; empty for proportions."""
+    first, second = (result.get("means") or (None, None))[:2]
+    if measure is None or measure.unit == PROPORTION or None in (first, second):
+        return ""
+    if first <= 0.0 or second <= 0.0 or not 0.005 <= abs(first / second - 1.0) < 10.0:
+        return ""
+    return f" ({abs(first / second - 1.0):.0%})".replace("%", " %")
+
+
+def _ends(ends: Sequence[float | None], measure: Measure | None) -> str:
+    low, high = (None if end is None else _amount(end, measure) for end in ends)
+    if low is None or high is None:
+        return f"at most {high}" if low is None else f"at least {low}"
+    return f"{low.partition(' ')[0]} to {high}"
 
 
 def place_of(result: Mapping[str, Any]) -> str:
@@ -198,21 +251,26 @@ def place_of(result: Mapping[str, Any]) -> str:
 
 
 def test_numbers(result: Mapping[str, Any], measure: Measure | None) -> str:
-    """The numbers of a test, in a line."""
+    """The numbers of a test, and what to know of them, in a line."""
     parts = [_TESTS.get(str(result["test"]), str(result["test"]))]
-    means = [m for m in result.get("means") or () if m is not None]
-    if len(means) == 2:
-        parts.append(f"means {number(means[0], measure)} and {number(means[1], measure)}")
+    difference = difference_words(result, measure, "()")
+    parts += [f"difference {difference}"] if difference else []
     if result.get("z") is not None:
         parts.append(f"Z = {result['z']:.3f}")
     elif result.get("df") is not None:
         letter = "t" if str(result["test"]).endswith("-t") else "chi square"
         parts.append(f"{letter}({result['df']:.3g}) = {result['statistic']:.3f}")
+    tests = result.get("family", 1)
     if result.get("p") is not None:
-        parts.append(f"uncorrected p {_equal(p_words(result['p']))}")
+        p = f"p {_equal(p_words(_p(result)))}"
+        parts.append(p if tests == 1 else f"{p} after Holm's correction for {tests} tests")
+        parts += [f"uncorrected p {_equal(p_words(result['p']))}"] if tests > 1 else []
     if result.get("effect") is not None:
         parts.append(f"{result.get('effect_name', 'effect')} {result['effect']:.2f}")
-    return ", ".join(parts)
+    detectable = (result.get("difference") or {}).get("detectable")
+    if detectable is not None:
+        parts.append(f"a difference of {number(detectable, measure)} is found with power .8")
+    return "; ".join([", ".join(parts), *([str(result["note"])] if result.get("note") else [])])
 
 
 def number(value: float, measure: Measure | None) -> str:
@@ -249,6 +307,9 @@ def counted_units(result: Mapping[str, Any]) -> str:
         "user": "trained user{}",
     }.get(unit, f"of {unit}")
     counts = ", ".join(map(str, n)) if isinstance(n, list) else str(n)
+    units = result.get("units")
+    if units is not None and units != n and not isinstance(n, list):
+        return f"{counts} of {units} {one.format('s')}"
     return f"{counts} {one.format('' if n == 1 else 's')}"
 
 

@@ -76,7 +76,10 @@ def _measures(source: ReportSource) -> Rows:
 def _shown_measures(source: ReportSource) -> Rows:
     rows = [["", *(group.label for group in source.groups)]]
     for measure in source.measures:
-        cells = [with_spread(summary_of(group, measure.name), measure) for group in source.groups]
+        cells = [
+            with_spread(summary_of(group, measure.name), measure, len(set(group.units)))
+            for group in source.groups
+        ]
         rows.append([measure.heading, *cells])
     return rows
 

@@ -52,7 +52,9 @@ def measure_table(source: ReportSource, published: Published) -> str:
     for measure in source.measures:
         cells = []
         for group in source.groups:
-            text = _whole(with_spread(summary_of(group, measure.name), measure))
+            text = _whole(
+                with_spread(summary_of(group, measure.name), measure, len(set(group.units)))
+            )
             people = published.people_in(group.condition, measure.name)
             if people:
                 told = "<br>".join(map(_whole, _people(people, measure)))
@@ -115,7 +117,7 @@ def _beside(source: ReportSource, published: Published, measure: Measure) -> str
                 _pieces(f"{mean} {extent},", f"n = {len(people)}"),
                 _pieces(f"{difference:+,.{digits}f},", place_among(own.mean, people)),
             ]
-        here = _pieces(with_spread(own, measure))
+        here = _pieces(with_spread(own, measure, len(set(group.units))))
         rows.append(([group.label, here, *beside], dict(others)))
         own_means.append(own.mean)
     if not rows:

@@ -186,10 +186,9 @@ def seen_targets(
 def _watched_round(users: Any, pattern: str | None, seconds: float) -> _Tracks:
     """Sit still until the round ends, or so long."""
     app = users.apps[0]
-    still = np.zeros((1, *users.action_space.shape), np.float32)
     tracks = _Tracks(app.scene(), pattern)
     for _ in range(round(seconds * users.config.action_frequency_hz)):
-        outcome = users.step(still)
+        outcome = users.step(users.resting_action[None])
         tracks.add(app.scene())
         if outcome.over[0]:
             break

@@ -1,22 +1,31 @@
-"""The parts of a session as a page sends them: kept in files, put together in the end."""
+"""The parts of a session as a page sends them: kept in files until the session is written."""
 
 from __future__ import annotations
 
+import os
 import re
-import tempfile
+import shutil
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-from sim2vr_harness.base.errors import counted
-from sim2vr_harness.sessions import Session, read_session
+from sim2vr_harness.base.errors import InputError, counted, reason
+from sim2vr_harness.base.file_lock import sole_training, temporary_of
+from sim2vr_harness.base.files import naming
+from sim2vr_harness.base.notices import notice_once
+from sim2vr_harness.sessions import Session, read_session, write_session
 
 MAX_PART_BYTES = 1 << 22
 MAX_BYTES = 1 << 28
 MAX_PARTS = 20_000
 PARTS_PER_SECOND = 10.0
 BURST = 40.0
+_ENDING = ".parts"
+_LOCK = "recording.lock"
+_PART = re.compile(r"([0-9]{5})\.part")
 _QUERY = re.compile(r"session=([0-9a-f]{32})&part=([0-9]{1,5})&last=([01])")
 
 
@@ -31,18 +40,36 @@ class RefusedPart(Exception):
 class Parts:
     """Parts of one session, within bounds; threads may call it at the same time.
 
+    They lie in the folder ``FILE.parts`` beside the file to write, so that they survive this
+    process and :func:`recover` finds them.
+
+    Args:
+        out: The file to write; parts that are left of an earlier recording of it are taken over.
+
     Attributes:
+        folder: Where the parts lie.
         complete: Set when the last part and all before it are there.
+
+    Raises:
+        InputError: The file exists, or another recording writes it.
+        OSError: The folder cannot be made.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, out: Path) -> None:
+        self.out, self.folder = out, out.with_name(f"{out.name}{_ENDING}")
         self.complete = threading.Event()
-        self._folder = tempfile.TemporaryDirectory(prefix="sim2vr-session-")
         self._lock = threading.Lock()
+        self._hold = ExitStack()
+        self._hold.enter_context(sole_training(self.folder, self.folder / _LOCK, "recording"))
+        if out.exists() or out.is_symlink():
+            self.close()
+            raise InputError("--out", f"{str(out)!r}, which is there already", "a new file")
+        self.folder.chmod(0o700)  # movements are personal
         self._session = ""
         self._last: int | None = None
-        self._kept: set[int] = set()
-        self._bytes = 0
+        found = {file: _PART.fullmatch(file.name) for file in self.folder.iterdir()}
+        self._kept = {int(match[1]) for match in found.values() if match}
+        self._bytes = sum(file.stat().st_size for file, match in found.items() if match)
         self._allowance, self._asked_s = BURST, time.monotonic()
 
     def __len__(self) -> int:
@@ -56,7 +83,7 @@ class Parts:
             content: Lines of a session's file.
 
         Raises:
-            RefusedPart: It is malformed, of another session, or one too many.
+            RefusedPart: It is malformed, of another session, one too many, or cannot be written.
         """
         match = _QUERY.fullmatch(query)
         if match is None:
@@ -66,9 +93,7 @@ class Parts:
             self._check(session, number, len(content))
             self._session = session
             if number not in self._kept:
-                (Path(self._folder.name) / f"{number:05}").write_bytes(content)
-                self._kept.add(number)
-                self._bytes += len(content)
+                self._keep(number, content)
             if last:
                 self._last = number
             if self._last is not None and len(self._kept) == self._last + 1:
@@ -84,37 +109,125 @@ class Parts:
         if self._session and session != self._session:
             raise RefusedPart(409, "Session: another page is recorded; start the command again.")
         if number >= MAX_PARTS or (self._last is not None and number > self._last):
-            raise RefusedPart(413, f"Part: got number {number}, expected no more parts.")
+            most = MAX_PARTS if self._last is None else self._last + 1
+            raise RefusedPart(
+                413, f"Part: got number {number}, expected no more parts than {most}."
+            )
         if size > MAX_PART_BYTES or self._bytes + size > MAX_BYTES:
             raise RefusedPart(413, f"Size: got over {MAX_BYTES >> 20} MB, expected a session.")
+
+    def _keep(self, number: int, content: bytes) -> None:
+        """Write a part to the disk, all of it or nothing."""
+        file = self.folder / f"{number:05}.part"
+        made = temporary_of(file)
+        try:
+            with made.open("wb") as written:
+                written.write(content)
+                written.flush()
+                os.fsync(written.fileno())
+            made.replace(file)
+        except OSError as error:
+            made.unlink(missing_ok=True)
+            why = f"cannot be written ({reason(error)})"
+            notice_once(f"{self.folder}: a part {why}; make room, the page sends it again")
+            raise RefusedPart(507, f"Part: {why}, expected to be sent again.") from error
+        self._kept.add(number)
+        self._bytes += len(content)
 
     def session(self) -> Session | None:
         """Return the session so far, read and checked; None: nothing has come.
 
         Raises:
             InputError: The parts are no session.
+            OSError: There is no room to put them together.
         """
         if not self._kept:
             return None
-        file = Path(self._folder.name) / "session.jsonl"
-        missing = self.write(file)
-        session = read_session(file)
+        whole = self._join()
+        try:
+            session = read_session(whole)
+        finally:
+            whole.unlink()
+        missing = max(self._kept) + 1 - len(self._kept)
         if missing:
             note = f"{counted(missing, 'part')} of the session did not arrive"
             session = replace(session, notes=(*session.notes, note))
         return session
 
-    def write(self, file: Path) -> int:
-        """Write the parts that are there as one file; return how many are missing.
+    def finish(self) -> Session | None:
+        """Write the session to its file, then remove the parts; None: nothing has come.
 
         Raises:
-            OSError: The file cannot be written.
+            InputError: The parts are no session; they are kept as ``FILE.damaged``.
+            FileExistsError: Another file has the name; the parts stay.
+            OSError: The file cannot be written; the parts stay.
         """
-        with self._lock, file.open("wb") as whole:
+        try:
+            session = self.session()
+        except InputError as error:
+            damaged = self.out.with_name(f"{self.out.name}.damaged")
+            self._publish(self._join(), damaged)
+            expected = f"{error.expected}; it is kept as it came in {str(damaged)!r}"
+            raise InputError(error.field, error.got, expected) from error
+        if session is not None:
+            made = self.folder / self.out.name
+            with naming(self.out):
+                write_session(session, made)
+                self._publish(made, self.out)
+        return session
+
+    def _join(self) -> Path:
+        whole = self.folder / "session.jsonl"
+        with naming(self.out), self._lock, whole.open("wb") as written:
             for number in sorted(self._kept):
-                whole.write((Path(self._folder.name) / f"{number:05}").read_bytes())
-            return max(self._kept, default=-1) + 1 - len(self._kept)
+                written.write((self.folder / f"{number:05}.part").read_bytes())
+        return whole
+
+    def _publish(self, made: Path, out: Path) -> None:
+        """Give a file, or a log's folder, its name, and remove the parts."""
+        for file in made.iterdir() if made.is_dir() else (made,):
+            with file.open("rb") as written:
+                os.fsync(written.fileno())
+        # The name is claimed first: a replacement alone would take the place of another file.
+        if made.is_dir():
+            out.mkdir()
+        else:
+            out.touch(exist_ok=False)
+        made.replace(out)
+        shutil.rmtree(self.folder)
+        self._kept.clear()
 
     def close(self) -> None:
-        """Remove the files."""
-        self._folder.cleanup()
+        """Let go of the folder; parts that are not written yet stay in it."""
+        self._hold.close()
+
+
+def recover(folder: Path) -> Iterator[str]:
+    """Write what killed recordings left in a folder; yield a line for each.
+
+    Parts of a recording that runs are left alone; parts that cannot be written stay, and the line
+    says why.
+    """
+    for left in sorted(folder.glob(f"*{_ENDING}")):
+        if not (left / _LOCK).is_file():
+            continue
+        out = left.with_name(left.name.removesuffix(_ENDING))
+        try:
+            parts = Parts(out)
+        except InputError:  # another recording writes it, or
+            if out.exists():
+                yield f"Left: {left}, parts of a recording; rename {out} and start again"
+            continue
+        try:
+            session = parts.finish()
+            if session is None:
+                shutil.rmtree(left)
+            else:
+                length = f"{len(session):,} frames, {session.duration_s:.1f} s"
+                yield f"Recovered: {out} ({length}), of a recording that was cut off"
+        except InputError as error:
+            yield f"Damaged: {error}"
+        except Exception as error:  # none may keep the next recording from being made
+            yield f"Left: {left}, parts of a recording ({reason(error)})"
+        finally:
+            parts.close()

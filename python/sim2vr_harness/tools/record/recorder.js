@@ -3,13 +3,13 @@
 {
   const { settings } = sim;
   const BATCH_MS = 1000;
-  const ATTEMPTS = 20;
   const RETRY_MS = 500;
+  const ANSWER_MS = 30000;
   const KEPT_ALIVE_BYTES = 60000; // that a browser sends for a page that has gone
   const WATCH_MS = 100;
   const MOST_FLAT_FRAMES = 20000; // before VR, five minutes at 60 Hz
   const JOINTS = 25;
-  const { fetch, setTimeout, setInterval, performance, console } = window;
+  const { fetch, setTimeout, setInterval, performance, console, AbortSignal } = window;
   const later = setTimeout.bind(window);
   const wrapped = new WeakSet();
   const set = (object, name, value) =>
@@ -41,18 +41,37 @@
   const headset = (session) => navigator.userAgent.match(/(Quest|Pico|Vive|VisionPro)[\w ]*/i)?.[0].trim()
     ?? [...session.inputSources][0]?.profiles[0] ?? '';
 
-  // Sends lines in parts, again where the server does not answer.
+  // Sends lines in parts, in order, and keeps each until the server has acknowledged it.
   const sender = () => {
+    const kept = [];
     let part = 0;
-    const attempt = async (url, body, left, keepalive) => {
-      const answer = await fetch(url, { method: 'POST', body, keepalive }).catch(() => null);
-      if (answer?.ok) return;
-      if (answer && answer.status !== 429) complain(await answer.text());
-      else if (left) later(() => attempt(url, body, left - 1, keepalive), RETRY_MS);
-      else complain('the recording server does not answer');
+    let sending = false;
+    const post = ({ url, body }, options) =>
+      fetch(url, { method: 'POST', body, ...options }).catch(() => null);
+    const drain = async () => {
+      if (sending) return;
+      sending = true;
+      for (let failed = false; kept.length;) {
+        const answer = await post(kept[0], { signal: AbortSignal.timeout(ANSWER_MS) });
+        const again = !answer || answer.status >= 500 || [408, 429].includes(answer.status);
+        if (again && !failed) complain(answer ? await answer.text() : 'the recording server does not answer');
+        failed = again;
+        if (again) {
+          await new Promise((resolve) => later(resolve, RETRY_MS));
+          continue;
+        }
+        if (!answer.ok) complain(await answer.text());
+        kept.shift();
+      }
+      sending = false;
     };
-    return (body, last) => attempt(
-      `${settings.url}&part=${part++}&last=${Number(last)}`, body, ATTEMPTS, last && body.length < KEPT_ALIVE_BYTES);
+    return (body, last) => {
+      kept.push({ url: `${settings.url}&part=${part++}&last=${Number(last)}`, body });
+      // The page may be going: what a browser still sends then goes at once, twice if it must.
+      let room = last ? KEPT_ALIVE_BYTES : 0;
+      for (const each of kept) if ((room -= each.body.length) >= 0) post(each, { keepalive: true });
+      drain();
+    };
   };
   // Keeps lines and downloads them with the last one.
   const keeper = () => {

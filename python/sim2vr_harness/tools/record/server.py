@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import hmac
+import math
 import secrets
+import socket
 import ssl
 import threading
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -23,7 +27,12 @@ from sim2vr_harness.tools.record.parts import MAX_PART_BYTES, Parts, RefusedPart
 from sim2vr_harness.tools.record.script import recorder_script, with_script
 
 MAX_CONNECTIONS = 64
+MAX_PER_ADDRESS = 16
+"""Connections from one address; a browser opens six."""
+HEAD_S = 5.0
+"""Time for the handshake and the head of a request, up to the first one with the token."""
 TIMEOUT_S = 30.0
+"""Longest silence of a connection that has shown the token."""
 _OWN = "/__sim2vr/"
 _SECRET_BYTES = 16
 
@@ -34,6 +43,7 @@ class RecordingServer:
     Args:
         page: A file in HTML, or a folder with an ``index.html``.
         seed: Of the page's random numbers.
+        out: The file to write; must not exist.
         port: To listen on; 0: one that is free.
         lan: Listen on the local network over HTTPS, instead of loopback over HTTP.
 
@@ -43,10 +53,12 @@ class RecordingServer:
 
     Raises:
         AppRefused: There is no such page.
-        InputError: The port is taken, or ``lan`` cannot be had.
+        InputError: The port is taken, ``lan`` cannot be had, or ``out`` exists or is being written.
     """
 
-    def __init__(self, page: Path, seed: int, *, port: int = 0, lan: bool = False) -> None:
+    def __init__(
+        self, page: Path, seed: int, out: Path, *, port: int = 0, lan: bool = False
+    ) -> None:
         self.files = PageFiles(str(page), {})
         self.name = unquote(self.files.url.removeprefix(HOST))
         self.seed = seed
@@ -57,12 +69,13 @@ class RecordingServer:
         self.gate = Gate(host)
         self.cookie = secrets.token_urlsafe(_SECRET_BYTES)
         self.lock = threading.Lock()
+        self.parts = Parts(out)
         try:
             self._server = _Server((host, port), self, context)
         except OSError as error:
+            self.parts.close()
             got = f"{port}, which cannot be listened on ({error.strerror})"
             raise InputError("--port", got, "a free port") from error
-        self.parts = Parts()
         self.port = int(self._server.server_address[1])
         scheme = "https" if lan else "http"
         self.origins = {f"{scheme}://{name}:{self.port}" for name in _names(host)}
@@ -96,7 +109,7 @@ class RecordingServer:
         return self.parts.session()
 
     def close(self) -> None:
-        """Remove the files of the recording."""
+        """Let go of the folder of the parts."""
         self.parts.close()
 
 
@@ -104,35 +117,91 @@ def _names(host: str) -> tuple[str, ...]:
     return ("localhost", "127.0.0.1") if host == "127.0.0.1" else (host,)
 
 
+@dataclass(eq=False)
+class _Connection:
+    """An open connection; one without the token has a deadline, and makes room for a newer one."""
+
+    socket: socket.socket
+    deadline_s: float
+    admitted: bool = False
+
+
 class _Server(ThreadingHTTPServer):
-    """A thread for each connection, and few connections."""
+    """A thread for each connection, and few connections of those without the token."""
 
     daemon_threads = True
     block_on_close = False
+    request_queue_size = MAX_CONNECTIONS
 
     def __init__(
         self, place: tuple[str, int], owner: RecordingServer, context: ssl.SSLContext | None
     ) -> None:
         self.owner, self._context = owner, context
-        self._free = threading.BoundedSemaphore(MAX_CONNECTIONS)
+        self._open: dict[tuple[str, int], _Connection] = {}  # by address and port, oldest first
+        self._guard = threading.Lock()
         super().__init__(place, _Handler)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        if self._free.acquire(blocking=False):
+        new = _Connection(request, time.monotonic() + HEAD_S)
+        with self._guard:
+            same = [key for key in self._open if key[0] == client_address[0]]
+            why, among = "", list(self._open)
+            if len(same) >= MAX_PER_ADDRESS:
+                why, among = f"more than {MAX_PER_ADDRESS} from one address", same
+            elif len(among) >= MAX_CONNECTIONS:
+                why = f"more than {MAX_CONNECTIONS}"
+            if why:
+                oldest = next((key for key in among if not self._open[key].admitted), None)
+                closed = new if oldest is None else self._open.pop(oldest)
+                self._end(closed, "503 Service Unavailable", f"Connections: got {why}.")
+            if not why or closed is not new:
+                self._open[client_address] = new
+        if self._open.get(client_address) is new:
             super().process_request(request, client_address)
         else:
             self.shutdown_request(request)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
+        mine = self._open.get(client_address)
         try:
-            if self._context is not None:  # here, so that a slow handshake delays no other
-                request.settimeout(TIMEOUT_S)
-                request = self._context.wrap_socket(request, server_side=True)
+            if self._context is not None and mine is not None:
+                # Here, so that a slow handshake delays no other.
+                request.settimeout(HEAD_S)
+                request = self._context.wrap_socket(
+                    request, server_side=True, do_handshake_on_connect=False
+                )
+                mine.socket = request
+                request.do_handshake()
             super().process_request_thread(request, client_address)
         except (OSError, ssl.SSLError):
             self.shutdown_request(request)
         finally:
-            self._free.release()
+            with self._guard:
+                if self._open.get(client_address) is mine:
+                    self._open.pop(client_address, None)
+
+    def admit(self, client_address: Any) -> None:
+        """Note that a connection has shown the token."""
+        with self._guard:
+            if (mine := self._open.get(client_address)) is not None:
+                mine.admitted, mine.deadline_s = True, math.inf
+
+    def service_actions(self) -> None:
+        """Close connections whose time has passed; the loop calls this ten times a second."""
+        now_s = time.monotonic()
+        with self._guard:
+            for key in [key for key, each in self._open.items() if each.deadline_s < now_s]:
+                why = f"Request: got no whole head with the token within {HEAD_S:g} s."
+                self._end(self._open.pop(key), "408 Request Timeout", why)
+
+    def _end(self, connection: _Connection, status: str, why: str) -> None:
+        """Wake the thread of a connection, which then closes it."""
+        with suppress(OSError):
+            if self._context is None:
+                head = f"HTTP/1.1 {status}\r\nConnection: close\r\nContent-Length: {len(why) + 1}"
+                connection.socket.send(f"{head}\r\n\r\n{why}\n".encode())
+            # Not TLS's own shutdown, which another thread must not call.
+            socket.socket.shutdown(connection.socket, socket.SHUT_RDWR)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Keep quiet: strangers must not fill the terminal."""
@@ -199,7 +268,9 @@ class _Handler(BaseHTTPRequestHandler):
         hosts = self.headers.get_all("Host") or []
         origins = self.headers.get_all("Origin") or []
         reached = str(self.connection.getsockname()[0])
-        return owner.gate.admit(path, hosts, origins, reached)
+        behind = owner.gate.admit(path, hosts, origins, reached)
+        self.server.admit(self.client_address)
+        return behind
 
     def _check_origin(self) -> None:
         origins = self.headers.get_all("Origin") or []

@@ -22,7 +22,7 @@ def facts_of(one: Tracked) -> list[str]:
     if last > 1:
         lines.append(
             f"  motor layer alone: median {1e3 * first.median_m:.0f} mm, 95 % "
-            f"{1e3 * first.most_m:.0f} mm; with goals corrected by what earlier goes missed, below"
+            f"{1e3 * first.most_m:.0f} mm; with planned muscles, below"
         )
     lines += [f"  {note}" for note in one.placement.notes]
     summary = one.summary()

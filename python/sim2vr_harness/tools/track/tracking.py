@@ -35,8 +35,7 @@ class TrackingSettings:
     """How a recording is followed.
 
     Attributes:
-        passes: goes at it; 1: the motor layer alone.
-        refined: whether, in one more, muscles are planned ahead for the path and little effort.
+        refined: whether muscles are planned ahead then, for the path and little effort.
         yaw: degrees to the right of the recorded forward that the person faces, or ``head``.
         scale: of distances from the person's head.
         offset_m: further shift of what is recorded in the body's world: forward, left, up.
@@ -47,7 +46,6 @@ class TrackingSettings:
         play: whether the recorded game is played by the body's hand.
     """
 
-    passes: int = 8
     refined: bool = True
     yaw: float | Literal["head"] = 0.0
     scale: float = 1.0
@@ -71,7 +69,7 @@ class HandError:
             ``REACHED_M``.
         reachable_median_m: of the other steps; None without any.
         reachable_most_m: 95 % of these are below.
-        layer_median_m: of the motor layer alone, without correction, all steps and hands.
+        layer_median_m: of the motor layer alone, all steps and hands.
         layer_most_m: the same, 95 %.
     """
 
@@ -204,7 +202,6 @@ def track(
         users,
         layer,
         wanted_of(path, placement, layer.hands, step_s, pointed=settings.pointed),
-        passes=settings.passes,
         many=bodies if settings.refined else None,
         seed=settings.seed,
         on_progress=on_progress,

@@ -16,7 +16,6 @@ from sim2vr_harness.evaluation.data.steps import BodySource
 from sim2vr_harness.policies.hierarchical.goal_sampler import LEAD_STEPS
 from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
-from sim2vr_harness.tools.track.iterative_learning import Correction
 from sim2vr_harness.tools.track.paths import RecordedPath
 from sim2vr_harness.tools.track.postures import posture_at
 from sim2vr_harness.tools.track.registration import Placement
@@ -177,22 +176,19 @@ def follow(
     layer: MotorPolicy,
     wanted: Wanted,
     *,
-    passes: int,
     many: Callable[[int], UserBatch] | None = None,
     seed: int = 1,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> Followed:
-    """Let a body follow a recording, in several goes.
+    """Let a body follow a recording: by its motor layer, then by planned muscles, if requested.
 
-    In each go goals are shifted by what the ones before it missed by (:class:`Correction`); the go
-    that misses least counts, on average. In one more, muscles are planned ahead from what it does
-    (:class:`~sim2vr_harness.tools.track.trajectory_optimisation.Refinement`), if requested.
+    Plans (:class:`~sim2vr_harness.tools.track.trajectory_optimisation.Refinement`) begin with what
+    the motor layer does. The go that misses least counts, on average.
 
     Args:
         users: one body.
         layer: of that body.
         wanted: what it is to do.
-        passes: number of goes; 1: the motor layer alone.
         many: makes N bodies such as the one that follows, which try things for it; None: no
             refinement.
         seed: of the body's first activations.
@@ -203,20 +199,14 @@ def follow(
     """
     start = posture_at(layer, wanted.places[0], wanted.axes[0], wanted.followed, seed)
     follower = _Follower(users, layer, wanted, start, seed)
-    correction = Correction(wanted.places)
-    goes = passes + (0 if many is None else _REFINED_TAKES)
+    goes = 1 + (0 if many is None else _REFINED_TAKES)
 
     def tell(done: int, takes: int) -> Callable[[float], None]:
         return lambda share: on_progress((done + takes * share) / goes)
 
-    found: list[_Went] = []
-    for number in range(passes):
-        found.append(follower.go(correction.shift, tell(number, 1)))
-        correction.learn(found[-1].places)
+    found = [follower.go(tell(0, 1))]
     if many is not None:
-        shift = min(found, key=lambda went: went.missed_m).shift
-        refinement = follower.refinement(many, shift)
-        found.append(follower.go(shift, tell(passes, _REFINED_TAKES), refinement))
+        found.append(follower.go(tell(1, _REFINED_TAKES), follower.refinement(many)))
     best = min(found, key=lambda went: went.missed_m)
     return replace(best.followed, passes=tuple(went.error for went in found))
 
@@ -226,14 +216,10 @@ class _Went:
     """How a go went.
 
     Attributes:
-        shift: (J, H, 3) of the goals.
-        places: (J', H, 3) where the hands were from the warm-up on.
         missed_m: mean of what was missed by, the way hands point included where it counts.
         followed: what the body did.
     """
 
-    shift: FloatArray
-    places: FloatArray
     missed_m: float
     followed: Followed
 
@@ -256,7 +242,6 @@ class _Follower:
 
     def go(
         self,
-        shift: FloatArray,
         on_progress: Callable[[float], None],
         refinement: Refinement | None = None,
     ) -> _Went:
@@ -276,20 +261,20 @@ class _Follower:
             if refinement is not None and step >= wanted.first - AHEAD:
                 actions = refinement.action(users, step)
             else:
-                actions = _actions(self.layer, users, wanted, shift, step)
+                actions = _actions(self.layer, users, wanted, step)
             users.step(actions, pose_samples=POSE_SAMPLES)
             if users.diverged[0]:
                 got = f"a simulation that broke at {wanted.times_s[step]:.2f} s"
                 raise InputError("RECORDING", got, "movement that the body can follow")
             record.take(step)
         missed_m = float(np.mean(record.missed))
-        return _Went(shift, np.array(record.places), missed_m, record.followed(self.layer.step_s))
+        return _Went(missed_m, record.followed(self.layer.step_s))
 
-    def refinement(self, many: Callable[[int], UserBatch], shift: FloatArray) -> Refinement:
-        """Return what plans muscles ahead from a go with these shifts."""
+    def refinement(self, many: Callable[[int], UserBatch]) -> Refinement:
+        """Return what plans muscles ahead from what the motor layer does."""
         return Refinement(
             many,
-            lambda bodies, step: _actions(self.layer, bodies, self.wanted, shift, step),
+            lambda bodies, step: _actions(self.layer, bodies, self.wanted, step),
             lambda bodies, step: _misses(bodies, self.wanted, step),
             self.wanted.steps,
         )
@@ -348,13 +333,11 @@ class _Record:
         )
 
 
-def _actions(
-    layer: MotorPolicy, users: UserBatch, wanted: Wanted, shift: FloatArray, step: int
-) -> FloatArray:
+def _actions(layer: MotorPolicy, users: UserBatch, wanted: Wanted, step: int) -> FloatArray:
     """(N, A) the layer's, whose hands shall be somewhere ``LEAD_STEPS`` steps from now."""
     row, shape = step + LEAD_STEPS, (users.n, len(wanted.hands))
     goals = MotorGoals.none(*shape)
-    goals.place = _for_each(wanted.places[row] + shift[row], users.n)
+    goals.place = _for_each(wanted.places[row], users.n)
     goals.velocity = _for_each(wanted.velocities[row], users.n)
     goals.left_s = torch.full(shape, LEAD_STEPS * layer.step_s)
     goals.axis = _for_each(wanted.axes[row], users.n)

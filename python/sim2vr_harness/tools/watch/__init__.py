@@ -1,1 +1,1 @@
-"""A look at play: live in the browser, or as a recording for Rerun's viewer."""
+"""A look at play, live in the browser."""

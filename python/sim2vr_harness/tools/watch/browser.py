@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
+import logging
 import socket
 import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +21,7 @@ from sim2vr_harness.client.frames import (
     pose_to_app,
     pose_to_mujoco,
 )
-from sim2vr_harness.tools.gate import Gate
+from sim2vr_harness.tools.gate import Gate, Refused
 from sim2vr_harness.tools.watch.frames import Hands, Playlist, ViewerFrame
 from sim2vr_harness.tools.watch.playback import SPEEDS, Playback
 from sim2vr_harness.tools.watch.shapes import Poser, body_shapes
@@ -154,13 +158,10 @@ class Viewer:
         self, show: Playlist, host: str = "127.0.0.1", port: int = 8080, *, shared: bool = False
     ) -> None:
         viser = needed("viser", "watch", "watch")
-        from sim2vr_harness.tools.watch.offers import Offers
-        from sim2vr_harness.tools.watch.server import open_server, share
-
         _require_own(host)
         self._show, self.playback = show, Playback(show)
-        self._gate, self._offers = Gate(host), Offers()
-        self._server = open_server(viser, self._gate, self._offers, host, port)
+        self._gate = Gate(host)
+        self._server = open_server(viser, self._gate, host, port)
         place = np.array(_SEATED_M)
         if show.body is None and self.playback.step():
             assert self.playback.now is not None
@@ -180,8 +181,8 @@ class Viewer:
 
     @property
     def address(self) -> str:
-        """Where to look; it holds the token without which the server answers no one."""
-        return self._gate.address(self._server.get_port())
+        """Where to look; it holds the token without which the server sends nothing of the show."""
+        return page_of(self._gate.address(self._server.get_port(), "ws"))
 
     def _build(self) -> None:
         gui = self._server.gui
@@ -190,19 +191,16 @@ class Viewer:
         gui.set_panel_label(self._show.title[:60])
         self._numbers = gui.add_markdown("Getting ready ...")
         self._image = gui.add_image(np.zeros((160, 240, 3), np.uint8), label="Headset view")
-        presses, speeds = ("pause", "step", "again"), {f"{s:g}x": s for s in SPEEDS}
-        pause = gui.add_button_group("Play", presses)
-        speed = gui.add_dropdown("Speed", list(speeds), initial_value="1x")
+        speeds = {f"{s:g}x": s for s in SPEEDS}
+        pause = gui.add_button_group("Play", ("pause", "step", "again"))
+        self._speed = gui.add_dropdown("Speed", list(speeds), initial_value="1x")
         self._slider = gui.add_slider("Time (s)", 0.0, 0.1, 0.05, 0.0)
-        self._offers.choice(pause, presses)
-        self._offers.choice(speed, speeds)
-        self._offers.number(self._slider)
         self._bar_folder = gui.add_folder("Effort and fatigue", visible=False)
         with gui.add_folder("Events"):
             self._events = gui.add_markdown("None yet.")
 
         def hurry(_event: Any) -> None:
-            self.playback.speed = speeds[speed.value]
+            self.playback.speed = speeds[self._speed.value]
 
         def seek(event: Any) -> None:
             if event.client is None or self._sliding:
@@ -211,7 +209,7 @@ class Viewer:
             self._want(partial(self._sought, number))
 
         pause.on_click(lambda _event: self._ask(pause.value))
-        speed.on_update(hurry)
+        self._speed.on_update(hurry)
         self._slider.on_update(seek)
 
         for key, label, what in (
@@ -219,7 +217,6 @@ class Viewer:
             ("enter", "One step", "step"),
         ):
             command = gui.add_command(label, hotkey=key)
-            self._offers.command(command)
             command.on_trigger(lambda _event, what=what: self._ask(what))
 
     def _ask(self, what: str) -> None:
@@ -251,7 +248,6 @@ class Viewer:
             grip = self._server.scene.add_transform_controls(
                 f"/hands/{device}", scale=0.25, position=position, wxyz=quat, depth_test=False
             )
-            self._offers.arrows(grip)
 
             def drag(_event: Any, device: str = device, grip: Any = grip) -> None:
                 hands.poses[device] = pose_to_app(grip.position, grip.wxyz)
@@ -265,7 +261,6 @@ class Viewer:
             return  # by the mouse
         for key, label, way in keys:
             command = self._server.gui.add_command(label, hotkey=key)
-            self._offers.command(command)
 
             def press(_event: Any, way: tuple[float, float, float] = way) -> None:
                 hands.poses[device] = change(hands.poses[device], np.array(way))
@@ -338,6 +333,67 @@ def middle_of(moment: ViewerFrame, otherwise: NDArray[np.float64]) -> NDArray[np
         if np.max(scale) < _LARGE_M:
             places.append(position)
     return (np.min(places, axis=0) + np.max(places, axis=0)) / 2 if places else otherwise
+
+
+def open_server(viser: Any, gate: Gate, host: str, port: int) -> Any:
+    """Start a viser server that exchanges messages only with pages that pass a gate.
+
+    viser hands out its page, which holds nothing of the show, to everyone. The show and what
+    is pressed go over WebSockets; each is checked before its first message.
+
+    Args:
+        viser: The package.
+        gate: WebSockets that may pass.
+        host: Address to listen on.
+        port: Port to listen on, or the next one that is free.
+
+    Raises:
+        InputError: This version of viser does not tell how a page opened its WebSocket.
+    """
+    # Strangers must not fill the terminal with failed handshakes.
+    logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
+    with contextlib.redirect_stdout(io.StringIO()):  # viser prints an address without the token
+        server = viser.ViserServer(host=host, port=port, label="sim2vr", verbose=False)
+    sockets = getattr(server, "_websock_server", None)
+    connections = getattr(sockets, "_live_connections", None)
+    if sockets is None or connections is None:
+        server.stop()
+        raise InputError("watch", f"viser {viser.__version__}", "viser 1.1")
+
+    async def check(client: Any) -> None:
+        connection = connections[client.client_id]
+        request, reached = connection.request, str(connection.local_address[0])
+        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        try:
+            gate.admit(request.path, hosts, origins, reached)
+        except Refused as refused:
+            del connections[client.client_id]
+            await connection.close(1008, str(refused).partition(":")[0])
+            raise  # or viser would read what has arrived by now
+
+    sockets.on_client_connect(check)
+    sockets.disconnect_all_clients()  # who came before the check
+    return server
+
+
+def share(server: Any, gate: Gate) -> str:
+    """Open a public tunnel to a server, and return its address with the token.
+
+    Raises:
+        InputError: No tunnel could be opened.
+    """
+    url = server.request_share_url(verbose=False)
+    if url is None:
+        raise InputError("--share", "no tunnel from viser's share server", "a network connection")
+    name = urlsplit(url).netloc
+    gate.accept_name(urlsplit(url).hostname or "")
+    return page_of(f"wss://{name}/{gate.token}/")
+
+
+def page_of(address: str) -> str:
+    """Return the address of viser's page that connects to a WebSocket's address."""
+    scheme, name = urlsplit(address)[:2]
+    return f"{scheme.replace('ws', 'http')}://{name}/?websocket={address.rstrip('/')}"
 
 
 def _require_own(host: str) -> None:

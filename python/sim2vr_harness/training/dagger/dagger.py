@@ -319,7 +319,11 @@ class Student:
         over = outcome.over
         for i in np.flatnonzero(over).tolist():
             info = outcome.info(i)
-            if self._cut[i] < 0 and info["termination"] == "finished" and self._acted[i] == 0:
+            if (
+                self._cut[i] < 0
+                and info["termination"] in ("finished", "app_left")
+                and self._acted[i] == 0
+            ):
                 self._ended += 1
                 self._episodes.append({"r": 0.0, "l": 0, "log": dict(outcome.logs[i])})
         again = np.flatnonzero(over | (self._cut == 0)).tolist()

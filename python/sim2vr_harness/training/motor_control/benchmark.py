@@ -115,11 +115,7 @@ class MotorMeasures:
         """Effective indices (bits), and movement times (s), of the cells of ``aimed``."""
         found, times = [], []
         for one in self.aimed.values():
-            way = one.goal - one.start
-            far = np.linalg.norm(way, axis=1)
-            along = ((one.end - one.start) * way).sum(1) / far
-            width = _OF_NORMAL * np.std(along - far)
-            found.append(np.log2(along.mean() / width + 1.0))
+            found.append(effective_bits(one.goal - one.start, one.end - one.goal))
             times.append(one.time_s.mean())
         return np.array(found), np.array(times)
 
@@ -139,6 +135,19 @@ class MotorMeasures:
         rows |= _two("strike_error_m", self.strikes.error_m)
         rows |= _two("strike_speed_error_mps", self.strikes.speed_error_mps)
         return rows | {f"fitts_{name}": value for name, value in self.fitts().items()}
+
+
+def effective_bits(way: FloatArray, end: FloatArray) -> float:
+    """Return the effective index of difficulty of movements, bits (ISO 9241-411).
+
+    Args:
+        way: (K, 3) from starts to targets.
+        end: (K, 3) from targets to end points.
+    """
+    far = np.linalg.norm(way, axis=1)
+    beyond = (end * way).sum(1) / far
+    width = _OF_NORMAL * np.std(beyond)
+    return float(np.log2((far + beyond).mean() / width + 1.0)) if width > 0.0 else np.nan
 
 
 def _two(name: str, values: FloatArray) -> dict[str, float]:

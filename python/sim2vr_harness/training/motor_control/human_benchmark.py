@@ -1,7 +1,13 @@
 """Aimed movements of a human motor policy: Fitts' law, errors and speed profiles.
 
-Simulated persons hold still at a place, then a target appears. The policy itself says when a
-movement is over. Times count from the onset: the first 10 % of the peak speed.
+Simulated persons stay at a place, then a target appears. The policy itself says when a movement
+is over. Times count from the onset. A hand that stays still sways at some cm/s, so speeds are those
+along the direction from the hand, as the target appears, to the target. The baseline is that speed
+in the first 10 ms. The onset is the last time before the peak when the speed is not above the
+baseline plus 10 % of the peak's height above it.
+
+The policy receives the target at once, so the reaction is that of the hand alone, without the
+delays of sight and recognition that a person has in an app.
 """
 
 from __future__ import annotations
@@ -19,6 +25,7 @@ from scipy.signal import find_peaks
 from sim2vr_harness.envs.config import UserConfig
 from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
 from sim2vr_harness.policies.hierarchical.human_motor import HumanHands, HumanMotorPolicy
+from sim2vr_harness.training.motor_control.benchmark import effective_bits
 from sim2vr_harness.training.motor_control.person_course import (
     SAMPLE_S,
     FloatArray,
@@ -46,13 +53,15 @@ class AimedMovements:
     Attributes:
         distance_m: from the start to the target.
         width_m: diameter of the target.
-        time_s: (K,) from onset to end; NaN for movements that were not ended.
-        reaction_s: (K,) from the target's appearance to the onset.
+        time_s: (K,) from onset to end; NaN for movements that were not ended or had no onset.
+        reaction_s: (K,) from the target's appearance to the onset; NaN where the speed is highest
+            at the appearance.
         end: (K, 3) from the target to the hand at the end, m.
         way: (K, 3) from the start to the target, m.
-        profile: (K, 4) peak over mean speed, time of the peak over duration, straightness, and
-            number of speed peaks, from onset to stop; NaN where there was no stop.
-        peak_mps: (K,) highest speed.
+        profile: (K, 4) peak over mean speed along the direction to the target, time of that peak
+            over duration, straightness, and number of its peaks, from onset to stop; NaN where
+            there was no onset or no stop.
+        peak_mps: (K,) highest speed along the direction to the target.
     """
 
     distance_m: float
@@ -70,10 +79,21 @@ class AimedMovements:
         return float(np.log2(self.distance_m / self.width_m + 1.0))
 
     @property
+    def throughput(self) -> float:
+        """Effective index of difficulty over mean movement time, bits/s; NaN without a spread."""
+        ended = ~np.isnan(self.time_s)
+        return effective_bits(self.way[ended], self.end[ended]) / float(np.nanmean(self.time_s))
+
+    @property
     def missed(self) -> NDArray[np.bool_]:
         """(K,) whether a movement ended outside the target, or did not end."""
         missed: NDArray[np.bool_] = np.linalg.norm(self.end, axis=1) > 0.5 * self.width_m
-        return missed | np.isnan(self.time_s)
+        return missed | self.unended
+
+    @property
+    def unended(self) -> NDArray[np.bool_]:
+        """(K,) whether a movement did not end."""
+        return np.isnan(self.end[:, 0])
 
     def of(self, rows: NDArray[np.int64]) -> AimedMovements:
         """Return movements (K,), by their numbers."""
@@ -83,7 +103,7 @@ class AimedMovements:
     @property
     def spread_m(self) -> float:
         """Standard deviation of the end points, root mean square over three axes."""
-        ended = ~np.isnan(self.time_s)
+        ended = ~self.unended
         return float(np.sqrt(self.end[ended].var(0).mean()))
 
 
@@ -116,8 +136,8 @@ class HumanMeasures:
             "fitts_slope_s_per_bit": float(slope),
             "fitts_r2": float(1.0 - left.var() / time_s.var()),
             "error_rate": float(np.mean([cell.missed.mean() for cell in cells])),
-            "unended_rate": float(np.mean([np.isnan(cell.time_s).mean() for cell in cells])),
-            "throughput_bits_per_s": float((difficulty / time_s).mean()),
+            "unended_rate": float(np.mean([cell.unended.mean() for cell in cells])),
+            "throughput_bits_per_s": float(np.mean([cell.throughput for cell in cells])),
             **dict(zip(names, np.nanmean(profiles, 0).tolist(), strict=True)),
             **{f"peak_speed_{d:g}m_mps": value for d, value in by_distance.items()},
             "spread_fast_m": fast,
@@ -251,15 +271,14 @@ class AimedCourse(PersonCourse):
         width: float,
     ) -> AimedMovements:
         path, ended, end = followed
-        speed = np.linalg.norm(np.diff(path, axis=1), axis=2) / SAMPLE_S
         time_s, reaction_s = np.full((2, self._n), np.nan)
         profile, peak = np.full((self._n, 4), np.nan), np.full(self._n, np.nan)
         for i in range(self._n):
-            last = ended[i] * self._samples if ended[i] > 0 else speed.shape[1]
-            onset, profile[i], peak[i] = _profile(path[i], speed[i], last)
+            last = ended[i] * self._samples if ended[i] > 0 else path.shape[1] - 1
+            onset, profile[i], peak[i] = _profile(path[i], last)
             reaction_s[i] = onset * SAMPLE_S
             if ended[i] > 0:
-                time_s[i] = (last - onset) * SAMPLE_S
+                time_s[i] = last * SAMPLE_S - reaction_s[i]
         return AimedMovements(distance, width, time_s, reaction_s, end, -path[:, 0], profile, peak)
 
 
@@ -305,18 +324,31 @@ class _Reaches(AimedCourse):
         return self._poses()[0], goal
 
 
-def _profile(path: FloatArray, speed: FloatArray, last: int) -> tuple[int, FloatArray, float]:
-    """Onset, measures of the profile from onset to stop, and peak of a movement's speed."""
-    top = int(np.argmax(speed[:last])) if last else 0
+def _profile(path: FloatArray, last: int) -> tuple[float, FloatArray, float]:
+    """Onset, measures of the profile from onset to stop, and peak of a movement's speed.
+
+    Args:
+        path: (S, 3) from the target, which appears at the first sample, m.
+        last: sample at which the movement ends.
+
+    Returns:
+        The onset in samples, NaN where there is none; measures (4,); and the peak, m/s.
+    """
+    moved = np.diff(path, axis=0) / SAMPLE_S
+    speed = moved @ -path[0] / np.linalg.norm(path[0])
+    top = int(np.argmax(speed[:last]))
     peak = float(speed[top])
-    below = np.flatnonzero(speed[:top] < _OF_PEAK * peak)
-    onset = int(below[-1]) + 1 if len(below) else 0
+    baseline = float(speed[0])
+    below = np.flatnonzero(speed[:top] <= baseline + _OF_PEAK * (peak - baseline))
+    if not len(below):
+        return np.nan, np.full(4, np.nan), peak
+    onset = int(below[-1]) + 1
     after = np.flatnonzero(speed[top:] < _OF_PEAK * peak)
     if not len(after):
         return onset, np.full(4, np.nan), peak
     stop = top + int(after[0])
     part = speed[onset:stop]
-    length = part.sum() * SAMPLE_S
+    length = np.linalg.norm(moved[onset:stop], axis=1).sum() * SAMPLE_S
     straight = np.linalg.norm(path[stop] - path[onset]) / max(length, 1e-9)
     peaks = len(find_peaks(part, prominence=_PROMINENCE * peak)[0])
     lasts = max(stop - onset, 1)

@@ -39,7 +39,7 @@ from sim2vr_harness.training.replay import ReplayStore
 
 __all__ = ["OptionQLearning", "OptionScene", "QLearningReport"]
 
-STATE_FORMAT = 5
+STATE_FORMAT = 6
 DECIDE_STEPS = 3
 """User steps from one decision to the next: 0.15 s at 20 Hz.
 Users see decisions through for longer where it pays."""
@@ -103,6 +103,7 @@ class OptionQLearning:
             "chosen": ((n, hands), np.int64),
             "reward": ((n,), np.float32),
             "over": ((n,), np.bool_),
+            "cut": ((n,), np.bool_),
         }
         length = -(-config.user_steps // (self.n * DECIDE_STEPS)) + 1
         self._memory = ReplayStore(pictures, length, shapes)
@@ -203,15 +204,15 @@ class OptionQLearning:
         if self.step_count >= self.config.try_steps:
             self.learner.settle_scale()
             updates = self.updates
-        reward, over, loss = self._play_and_learn(updates, doing)
-        self._memory.amend({"reward": reward[None], "over": over[None]})
+        (reward, over, cut), loss = self._play_and_learn(updates, doing)
+        self._memory.amend({"reward": reward[None], "over": over[None], "cut": cut[None]})
         step_s = 1.0 / self.simulation.config.action_frequency_hz
         self._rewards.append(float(reward.mean()) * 60.0 / (DECIDE_STEPS * step_s))
         return QLearningReport(self.step_count, float(np.mean(self._rewards)), loss, explore)
 
     def _play_and_learn(
         self, updates: int, doing: Callable[[str], None]
-    ) -> tuple[NDArray[np.float32], NDArray[np.bool_], float]:
+    ) -> tuple[tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_]], float]:
         """See the present choice through, and learn from the ones before it meanwhile.
 
         What is learned from ends where the present decision was made, so that it makes no
@@ -223,21 +224,26 @@ class OptionQLearning:
             doing("learning")
             loss = self.learner.learn(updates, rate, map)
             doing("playing")
-            return *self.play(DECIDE_STEPS), loss
+            return self.play(DECIDE_STEPS), loss
         doing("playing and learning")
         with ThreadPoolExecutor(PARTS) as parts, ThreadPoolExecutor(1) as beside:
             learning = beside.submit(self.learner.learn, updates, rate, parts.map)
-            reward, over = self.play(DECIDE_STEPS)
-            return reward, over, learning.result()
+            played = self.play(DECIDE_STEPS)
+            return played, learning.result()
 
     def update_seconds(self) -> float:
         """How long a step of learning takes; see :meth:`ValueLearner.update_seconds`."""
         alone = budget(self.simulation.config.cores) == 1
         return self.learner.update_seconds(1 if alone else PARTS)
 
-    def play(self, steps: int) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """See the present choice through: (N,) rewards, and whose episodes ended."""
-        reward, over = np.zeros(self.n, np.float32), np.zeros(self.n, bool)
+    def play(self, steps: int) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_]]:
+        """See the present choice through.
+
+        Returns:
+            (N,) rewards, whose episodes ended, and whose of these were only cut off.
+        """
+        reward = np.zeros(self.n, np.float32)
+        over, cut = np.zeros((2, self.n), bool)
         for _ in range(steps):
             actions = self._selector.actions(self._choice)
             result = self.simulation.step(actions)
@@ -247,8 +253,9 @@ class OptionQLearning:
             again = self.simulation.renew(result)
             self._choice.forget(again)
             self._trying[again] = 0
+            cut |= result.truncated & ~result.terminated & ~over
             over |= result.over
-        return reward, over
+        return reward, over, cut
 
     def earned(
         self,

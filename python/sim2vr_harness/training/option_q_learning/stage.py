@@ -20,9 +20,6 @@ from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.envs.people_preset import with_measured_body
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
-from sim2vr_harness.policies.hierarchical.controller_inputs import with_inputs_at_rest
-from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
 from sim2vr_harness.policies.hierarchical.human_motor import HumanMotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer, MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import (
@@ -43,10 +40,10 @@ from sim2vr_harness.policies.hierarchical.primitives import (
 )
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools, straight_tool
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
+from sim2vr_harness.policies.scripted.baselines import BASELINE_S, baseline_reward
 from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors, write_user
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder, append_row, keep_rows
-from sim2vr_harness.training.dagger.option_expert import OptionExpert
 from sim2vr_harness.training.motor_control.stage import MotorStage
 from sim2vr_harness.training.option_q_learning.manner import (
     best_hold,
@@ -60,12 +57,8 @@ from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS, O
 from sim2vr_harness.training.run.progress import View, duration
 from sim2vr_harness.training.run.stage import Callbacks
 
-_STATE, _LOG, _PICTURES, _VALUES = "state.pt", "cycles.jsonl", "pictures.bin", "values.pt"
-_STUDENT_RATE, _PPO_RATE = 0.8, 1.4
-"""User steps a second of the stages, relative to those of users who do nothing but step."""
+_STATE, _LOG, _PICTURES = "state.pt", "cycles.jsonl", "pictures.bin"
 _SAVE_DECISIONS, _REPORT_DECISIONS, _PACE_DECISIONS = 100, 20, 10
-_BASELINE_S = 6.0
-"""How long users sit still, and then move at random, to compare with: a few targets of a game."""
 _MEASURED_SHARE = 0.75
 """Share of the user steps in which the measured body plays, undelayed but for its pictures, before
 persons do: what an app rewards does not depend on who moves, and persons move slowly."""
@@ -83,8 +76,8 @@ class QLearningStage:
         config: of the run.
         folder: of the stage.
         motor: the run's own motor layer, if it makes one.
-        run: whose checkpoints are hierarchical policies; None: a student is to learn from it.
-        stop: user steps after which the session ends; None: when all are taken.
+        run: whose checkpoints are hierarchical policies.
+        stop: user steps after which the session ends, at most all of the stage.
     """
 
     name, unit = "q_learning", "user steps"
@@ -95,13 +88,12 @@ class QLearningStage:
         config: TrainingConfig,
         folder: Path,
         motor: MotorStage | None,
-        run: RunFolder | None = None,
+        run: RunFolder,
         *,
-        stop: int | None = None,
+        stop: int,
     ) -> None:
         self._config, self.folder, self._motor, self._run = config, folder, motor, run
-        steps = config.skills.q_learning.user_steps
-        self.stop = steps if stop is None else min(stop, steps)
+        self.stop = min(stop, config.skills.q_learning.user_steps)
         self.total = float(self.stop)
         self._simulation: Simulation | None = None
         self._learner: OptionQLearning | None = None
@@ -116,10 +108,7 @@ class QLearningStage:
     @property
     def finished(self) -> bool:
         """See the protocol."""
-        if (self.folder / _VALUES).is_file():
-            return True
-        run = self._run
-        return run is not None and bool(run.checkpoints()) and run.step >= self.stop
+        return bool(self._run.checkpoints()) and self._run.step >= self.stop
 
     @property
     def saved(self) -> str:
@@ -159,19 +148,6 @@ class QLearningStage:
     def _options(self) -> OptionSet:
         return option_set(self._config.env.user.inputs, self._config.skills.options)
 
-    def guide(self, simulation: Simulation) -> OptionExpert:
-        """Return a teacher of a student, once the stage is over."""
-        state = read_tensors(self.folder / _VALUES, "what is worth doing")
-        layer = self._layer()
-        tool: Tensor = state["tool"]
-        poses, options = reachable_poses(layer, self._config.seed), self._options
-        primitives = PrimitiveController(layer, tool, poses, options)
-        primitives.lifts = state.get("lifts", primitives.lifts)
-        vision = self._config.env.vision
-        net = ActionValueMap(DepthGrid(vision.height, vision.width), len(tool), options)
-        net.load_state_dict(state["values"])
-        return OptionExpert(net, primitives, simulation)
-
     def open(self) -> None:
         """See the protocol."""
         config = self._config.skills
@@ -182,16 +158,14 @@ class QLearningStage:
                 )
             self._human()
         self._options  # noqa: B018  # refuses options without their input
-        if self._run is not None:
-            require_senses(self._config.env)
-            width = config.motor_training.width
-            if self._motor is None and not config.people:
-                width = self._layer().width
-            if width != config.motor_training.width:
-                got = f"{config.motor_training.width}, with a motor layer of width {width}"
-                raise InputError(
-                    "skills.motor_training.width", got, f"{width} for a hierarchical policy"
-                )
+        require_senses(self._config.env)
+        width = config.motor_training.width
+        if self._motor is None and not config.people:
+            width = self._layer().width
+        if width != config.motor_training.width:
+            got = f"{config.motor_training.width}, with a motor layer of width {width}"
+            expected = f"{width} for a hierarchical policy"
+            raise InputError("skills.motor_training.width", got, expected)
         env = with_measured_body(self._config.env) if config.people else self._config.env
         self._simulation = Simulation(_seeing(env), config.q_learning.users)
 
@@ -222,16 +196,12 @@ class QLearningStage:
             keep_rows(log, lambda row: row["step"] <= learner.step_count)
             self._learn(learner, callbacks, log, before, rate)
         finished = learner.finished
-        learned = {"values": learner.net.state_dict(), "tool": tool}
-        learned["lifts"] = learner.primitives.lifts
-        if self._run is not None:
-            steps = learner.step_count
-            file = self._run.checkpoint_file(self.stop if finished else steps)
-            # A person may decide in every user step: its refractory period says how often it does.
-            hold = 1 if self._config.skills.people else best_hold(learner, callbacks)
-            write_user(file, self._hierarchical_user(layer, learner, hold), steps)
+        steps = learner.step_count
+        file = self._run.checkpoint_file(self.stop if finished else steps)
+        # A person may decide in every user step: its refractory period says how often it does.
+        hold = 1 if self._config.skills.people else best_hold(learner, callbacks)
+        write_user(file, self._hierarchical_user(layer, learner, hold), steps)
         if finished:
-            write_tensors(self.folder / _VALUES, learned)
             self.tidy()
 
     def _resume(self, state: Mapping[str, Any]) -> None:
@@ -298,10 +268,10 @@ class QLearningStage:
             callbacks.say(f"In the hand of {hand}: {held.why}.")
         began = time.monotonic()
         earned = {
-            "still": _earned(simulation, self._config, moving=False),
-            "random": _earned(simulation, self._config, moving=True),
+            user: baseline_reward(simulation, user, self._config.seed)[0]
+            for user in ("still", "random")
         }
-        steps = 2.0 * _BASELINE_S * self._config.env.action_frequency_hz * simulation.n
+        steps = 2.0 * BASELINE_S * self._config.env.action_frequency_hz * simulation.n
         rate = steps / (time.monotonic() - began)
         callbacks.say(
             f"Reward of the app per minute: {earned['still']:.2f} of the idle baseline, "
@@ -348,7 +318,7 @@ class QLearningStage:
             if rate and decisions == max(_PACE_DECISIONS, N_STEP + 1):
                 measuring = time.monotonic()
                 pace.update_s = learner.updates * learner.update_seconds()
-                callbacks.say(_expected(self._config, pace, done // each, rate))
+                callbacks.say(_expected(pace, done // each, rate))
                 began += time.monotonic() - measuring
             callbacks.show(lambda: View(done, doing, pace.left_s(done // each)))  # noqa: B023
             if decisions % _REPORT_DECISIONS == 0 or done >= self.stop:
@@ -373,7 +343,7 @@ class QLearningStage:
     def _pace(self, each: int) -> Pace:
         """The time that the stage takes; a decision of all users is ``each`` user steps."""
         users, rate = self._config.skills.q_learning.users, self._config.env.action_frequency_hz
-        steps = hold_steps(users, rate) * len(holds()) if self._run is not None else 0
+        steps = hold_steps(users, rate) * len(holds())
         explored = -(-self._config.skills.q_learning.try_steps // each)
         return Pace(explored, -(-self.stop // each), steps // DECIDE_STEPS)
 
@@ -425,42 +395,19 @@ def _seeing(env: EnvConfig) -> EnvConfig:
     return env.model_copy(update={"vision": vision})
 
 
-def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> float:
-    """Reward of the app per minute for users who have not learned anything."""
-    steps = round(_BASELINE_S * config.env.action_frequency_hz)
-    n, rng = simulation.n, np.random.default_rng([config.seed, 57])
-    simulation.reset(seeds=[int(rng.integers(2**31)) for _ in range(n)])
-    size = simulation.action_space.shape[0]
-    inputs = simulation.config.user.inputs
-    still = with_inputs_at_rest(np.zeros((n, size - len(inputs)), np.float32), inputs)
-    total = 0.0
-    for _ in range(steps):
-        action = np.clip(rng.standard_normal((n, size)), -1.0, 1.0) if moving else still
-        result = simulation.step(action.astype(np.float32))
-        total += float(result.game_reward.mean())
-        simulation.renew(result)
-    return total * 60.0 / _BASELINE_S
-
-
-def _expected(config: TrainingConfig, pace: Pace, done: int, rate: float) -> str:
+def _expected(pace: Pace, done: int, rate: float) -> str:
     """One line: how long a run will take.
 
     Args:
-        config: of the run.
         pace: of the first decisions.
         done: how many these were.
         rate: user steps a second of users who do nothing but step.
     """
-    line = (
+    return (
         f"This machine takes {rate:,.0f} user steps a second with this app, and "
         f"{pace.decision_s:.2f} s to decide and to learn from it: expect about "
-        f"{duration(pace.left_s(done))} of Q-learning"
+        f"{duration(pace.left_s(done))} of Q-learning."
     )
-    if config.policy_kind == "hierarchical":
-        return f"{line}."
-    student = duration(config.student.frames / (_STUDENT_RATE * rate))
-    alone = duration(config.total_timesteps / (_PPO_RATE * rate))
-    return f"{line}, {student} for the student and {alone} of PPO."
 
 
 def _warn(
@@ -475,6 +422,5 @@ def _warn(
         f"Nothing is being learned yet: {reward:.2f} per minute, {best:.2f} without learning. "
         f"{100 * earned:.1f} % of the decisions were rewarded and {100 * within:.0f} % of what is "
         "seen near is within reach. Check where the app puts things (sim2vr-harness render "
-        "snapshot, reach), that they are seen against their background, and what the reward is for "
-        "(sim2vr-harness rewards)."
+        "snapshot, reach), that they are seen against their background, and what the reward is for."
     )

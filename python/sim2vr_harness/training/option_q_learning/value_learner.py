@@ -138,14 +138,8 @@ class ValueLearner:
             weights: (K,) of their losses.
         """
         memory = self.memory
-        total = np.zeros(len(rows), np.float32)
-        weight = np.ones(len(rows), np.float32)
-        for k in range(N_STEP):
-            at = (rows + k, users)
-            total += weight * memory.read("reward", *at) / self.scale
-            over = memory.read("over", *at)
-            weight = np.where(over, 0.0, weight * _GAMMA).astype(np.float32)
-        then = self._scene(rows + N_STEP, users)
+        total, weight, last, known = self.returns(rows, users)
+        then = self._scene(last, users)
         with torch.no_grad():
             seen = self.selector.inputs(self.net, then, self.selector.places(then))
             best = self.selector.best(self.net.values(*seen), then)
@@ -156,8 +150,36 @@ class ValueLearner:
         values = self.selector.values(self.net, scene, self.selector.places(scene))
         guessed = self._worth(values, chosen)
         losses = functional.smooth_l1_loss(guessed, wanted, reduction="none")
-        loss = (losses * torch.from_numpy(weights).float()).sum() / _BATCH_SIZE
+        loss = (losses * torch.from_numpy(weights * known).float()).sum() / _BATCH_SIZE
         return float(loss.detach()), torch.autograd.grad(loss, tuple(self.net.parameters()))
+
+    def returns(
+        self, rows: NDArray[np.int64], users: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64], NDArray[np.bool_]]:
+        """Add up what follows decisions (K,) of users (K,), until a value stands for the rest.
+
+        A round that is cut off goes on in principle, and what was seen then is not kept: the value
+        is that of the last decision before, and a decision in which a round was cut off teaches
+        nothing.
+
+        Returns:
+            (K,) rewards, weights of the value, rows whose scenes have it, and whether that is
+            known.
+        """
+        total, weight = np.zeros(len(rows), np.float32), np.ones(len(rows), np.float32)
+        last, left = rows + N_STEP, np.ones(len(rows), bool)
+        for k in range(N_STEP):
+            at = (rows + k, users)
+            cut = left & self.memory.read("cut", *at)
+            last[cut] = rows[cut] + k
+            left &= ~cut
+            reward = self.memory.read("reward", *at) / self.scale
+            total[left] += (weight * reward)[left]
+            weight[left] *= _GAMMA
+            over = left & self.memory.read("over", *at)
+            weight[over] = 0.0
+            left &= ~over
+        return total, weight, last, last > rows
 
     def _scene(self, rows: NDArray[np.int64], users: NDArray[np.int64]) -> OptionScene:
         """What was seen in decisions (K,) of users (K,)."""

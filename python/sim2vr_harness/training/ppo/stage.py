@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import torch
 from gymnasium import spaces
 from stable_baselines3.common.logger import Logger
 from torch import nn
@@ -15,7 +16,6 @@ from sim2vr_harness.runs.config import CheckpointConfig
 from sim2vr_harness.runs.ppo_config import PPOConfig
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.training.ppo import checkpoint, ppo
-from sim2vr_harness.training.ppo.checkpointed import CheckpointedStage
 from sim2vr_harness.training.ppo.rollout_buffer import buffer_bytes
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
 from sim2vr_harness.training.run.callbacks import CheckpointCallback, ProgressCallback
@@ -25,7 +25,7 @@ from sim2vr_harness.training.run.stage import Callbacks
 NOT_EXACT = "--resume starts new rounds, since this app cannot save its state."
 
 
-class PPOStage(CheckpointedStage):
+class PPOStage:
     """See :class:`~sim2vr_harness.training.run.stage.Stage`.
 
     Args:
@@ -40,6 +40,8 @@ class PPOStage(CheckpointedStage):
         stop: user steps after which the stage ends, rounded up to whole iterations.
         checkpoints: how often, and how many are kept.
     """
+
+    unit = "user steps"
 
     def __init__(
         self,
@@ -67,6 +69,21 @@ class PPOStage(CheckpointedStage):
         self._checkpoints: CheckpointCallback | None = None
         self.lost_steps = 0
         """User steps of an unfinished iteration, which resuming takes again."""
+
+    @property
+    def begun(self) -> bool:
+        """See the protocol."""
+        return bool(self.folder.checkpoints())
+
+    @property
+    def finished(self) -> bool:
+        """See the protocol."""
+        return self.begun and self.folder.step >= self.stop
+
+    @property
+    def saved(self) -> str:
+        """See the protocol."""
+        return f"step {self.folder.step:,} of {self.stop:,}" if self.begun else ""
 
     def open(self) -> None:
         """See the protocol."""
@@ -139,8 +156,12 @@ class PPOStage(CheckpointedStage):
 
     def close(self) -> None:
         """See the protocol."""
-        super().close()
-        self._checkpoints = None
+        if self._env is not None:
+            self._env.close()
+        self._env = self._model = self._checkpoints = None
+
+    def tidy(self) -> None:
+        """See the protocol; checkpoints are kept."""
 
     def _greet(self, callbacks: Callbacks, progress: TrainingProgress) -> None:
         model, env = self._model, self._env
@@ -164,7 +185,13 @@ class PPOStage(CheckpointedStage):
             f"Observations of one iteration: {memory:,.0f} MiB. Ctrl-C saves and stops; "
             + ("--resume continues exactly." if exact else NOT_EXACT)
         )
-        self._note(callbacks, model, progress.start_step, renderer)
+        callbacks.note(
+            start_step=progress.start_step,
+            device=str(model.device),
+            renderer=renderer,
+            torch_threads=torch.get_num_threads(),
+            parameters=sum(weight.numel() for weight in model.policy.parameters()),
+        )
 
 
 def _note(progress: TrainingProgress, file: Any) -> None:

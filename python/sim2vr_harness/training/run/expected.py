@@ -44,7 +44,7 @@ def slowness() -> float:
 
 def device_of(stage: str, config: TrainingConfig) -> str:
     """Return the device that a stage learns on."""
-    if stage in ("student", "ppo", "sac"):
+    if stage in ("student", "ppo"):
         return get_device(config.device).type
     game = imagined_game(config.env.app.game)
     if stage == "imagined" and game is not None and game.on_gpu:

@@ -9,7 +9,6 @@ from typing import cast
 
 from torch import Tensor, nn
 
-from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.protocols import SimulationLike
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.runs.config import TrainingConfig
@@ -25,7 +24,6 @@ from sim2vr_harness.training.ppo.fine_tune import user_to_adapt
 from sim2vr_harness.training.ppo.stage import PPOStage
 from sim2vr_harness.training.run.loggers import make_logger
 from sim2vr_harness.training.run.stage import Stage
-from sim2vr_harness.training.sac.stage import SACStage
 from sim2vr_harness.training.teacher.stage import TeacherStage
 
 MakeSimulation = Callable[[TrainingConfig], SimulationLike]
@@ -101,21 +99,11 @@ def _distill(run: Run) -> list[Stage]:
 
 
 def _skills(run: Run) -> list[Stage]:
-    """Hands that know how to come to places, what is worth doing there, a student, PPO.
-
-    With ``skills.user: hierarchical`` the high-level policy is the user.
-    """
+    """Hands that know how to come to places, then what is worth doing there."""
     config, path = run.config, run.folder.path
     motor = MotorStage(config, path / MotorStage.name) if needs_motor_policy(config) else None
-    if config.policy_kind == "hierarchical":
-        values = QLearningStage(config, _of_values(path), motor, run.folder, stop=run.stop)
-        return [values] if motor is None else [motor, values]
-    values = QLearningStage(config, _of_values(path), motor)
-    student = StudentStage(config, path / StudentStage.name, values.guide)
-    title = "the student goes on by itself: PPO from what the user senses."
-    last = _from_pixels(run, title, begin=_with(student.weights))
-    stages: list[Stage] = [values, student, last]
-    return stages if motor is None else [motor, *stages]
+    values = QLearningStage(config, _of_values(path), motor, run.folder, stop=run.stop)
+    return [values] if motor is None else [motor, values]
 
 
 def _of_values(path: Path) -> Path:
@@ -130,9 +118,6 @@ def _adapt(run: Run) -> list[Stage]:
     if run.resumed and run.folder.checkpoints():
         return [_from_pixels(run, title)]
     user = user_to_adapt(run.config)
-    if user.config.policy_kind == "sac":
-        got = f"{user.config.name!r}, which SAC has trained"
-        raise InputError("from_user", got, "a user whose network PPO can train")
     noise = run.config.policy.log_std_init
 
     def begin(policy: nn.Module) -> None:
@@ -143,14 +128,8 @@ def _adapt(run: Run) -> list[Stage]:
     return [_from_pixels(run, title, begin)]
 
 
-def _sac(run: Run) -> list[Stage]:
-    config = run.config
-    return [SACStage(config, run.folder, run.stop, lambda: run.make_simulation(config))]
-
-
 RECIPES: dict[str, Callable[[Run], list[Stage]]] = {
     "ppo": _ppo,
-    "sac": _sac,
     "distill": _distill,
     "skills": _skills,
     "adapt": _adapt,

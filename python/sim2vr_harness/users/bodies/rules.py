@@ -2,6 +2,11 @@
 
 A rule turns actions in [-1, 1] into MuJoCo's controls. Numbers follow the User-in-the-Box
 reference: an action changes a muscle's activation, and shifts the smoothed target of a motor.
+
+At rest muscles relax: without any activation an arm hangs where gravity and passive forces leave
+it, within 4 cm of the starting posture of the `mobl_arms` bodies. Constant activations that balance
+the starting posture hold it no better, as the balance is unstable, and a minute of them tires more
+(docs/research/people.md).
 """
 
 from __future__ import annotations
@@ -31,6 +36,8 @@ class ActionRule(ABC):
     name: ClassVar[str]
     remembers: ClassVar[bool] = False
     """Whether an actuator has a number of its own that lasts from step to step."""
+    rest: FloatArray
+    """(A,) actions of a user that does nothing."""
 
     def __init__(self, model: mujoco.MjModel, actuators: Sequence[str]) -> None:
         self.ids = np.array([model.actuator(name).id for name in actuators], dtype=np.int64)
@@ -60,6 +67,7 @@ class Muscle(ActionRule):
 
     def __init__(self, model: mujoco.MjModel, actuators: Sequence[str]) -> None:
         super().__init__(model, actuators)
+        self.rest = np.full(len(self.ids), -1.0)
         self.activations = np.array(model.actuator_actadr[self.ids], dtype=np.int64)
 
     @classmethod
@@ -83,6 +91,7 @@ class _Ranged(ActionRule):
         super().__init__(model, actuators)
         self._low, high = np.array(model.actuator_ctrlrange[self.ids]).reshape(-1, 2).T
         self._span = high - self._low
+        self.rest = np.zeros(len(self.ids))
 
     @classmethod
     def check(cls, model: mujoco.MjModel, i: int, name: str) -> None:
@@ -117,6 +126,11 @@ class Direct(_Ranged):
     """The action is the control: -1 is the low end of the ctrlrange, 1 the high one."""
 
     name = "direct"
+
+    def __init__(self, model: mujoco.MjModel, actuators: Sequence[str]) -> None:
+        super().__init__(model, actuators)
+        # A control of 0, or the one in the range that is nearest to it.
+        self.rest = np.clip(-2.0 * self._low / self._span - 1.0, -1.0, 1.0)
 
     def control(self, action: FloatArray, act: FloatArray, memory: FloatArray) -> FloatArray:
         """See the base class."""

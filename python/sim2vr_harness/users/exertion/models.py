@@ -15,15 +15,12 @@ Angles are in degrees, torques in Nm, times in s; arrays broadcast.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 Ids = NDArray[np.integer] | slice
-
-Sex = Literal["male", "female"]
 
 _GRAVITY = 9.8
 _CORRECTED_FROM_DEG = (90.0, 145.0)
@@ -39,16 +36,16 @@ class Strength:
     """How strong an arm is.
 
     Attributes:
-        sex: whose published constants count.
-        factor: (N,) or a number: factor on the torques, such as a person's strength.
+        man: (N,) or one: whether men's published constants count, or women's.
+        factor: (N,) or a number: factor on the torques: strength relative to the median of the sex.
     """
 
-    sex: Sex = "male"
+    man: ArrayLike = True
     factor: ArrayLike = 1.0
 
     def shoulder_torque(self, shoulder_deg: ArrayLike, elbow_deg: ArrayLike) -> FloatArray:
         """Return the largest torque at the shoulder in a posture, Nm (Chaffin et al.)."""
-        scale = 0.2845 if self.sex == "male" else 0.1495
+        scale = np.where(self.man, 0.2845, 0.1495)
         torque = 227.338 + 0.525 * np.asarray(elbow_deg) - 0.296 * np.asarray(shoulder_deg)
         return np.asarray(torque * scale * np.asarray(self.factor), dtype=np.float64)
 
@@ -58,13 +55,18 @@ class Strength:
 
         A force at the elbow times the upper arm, less the weight of the outstretched arm.
         """
-        men = self.sex == "male"
-        force = 101.6 if men else 87.2
-        upper, fore, hand = (0.33, 0.269, 0.191) if men else (0.31, 0.234, 0.183)
-        masses = (2.1, 1.2, 0.4) if men else (1.7, 1.0, 0.4)
-        arms = (0.452 * upper, upper + 0.424 * fore, upper + fore + 0.397 * hand)
-        weight = _GRAVITY * sum(m * arm for m, arm in zip(masses, arms, strict=True))
-        return np.asarray((force * upper - weight) * np.asarray(self.factor), dtype=np.float64)
+        men = _consumed_endurance_torque(101.6, (0.33, 0.269, 0.191), (2.1, 1.2, 0.4))
+        women = _consumed_endurance_torque(87.2, (0.31, 0.234, 0.183), (1.7, 1.0, 0.4))
+        torque = np.where(self.man, men, women) * np.asarray(self.factor)
+        return np.asarray(torque, dtype=np.float64)
+
+
+def _consumed_endurance_torque(
+    force: float, lengths: tuple[float, float, float], masses: tuple[float, float, float]
+) -> float:
+    upper, fore, hand = lengths
+    arms = (0.452 * upper, upper + 0.424 * fore, upper + fore + 0.397 * hand)
+    return force * upper - _GRAVITY * sum(m * arm for m, arm in zip(masses, arms, strict=True))
 
 
 def endurance_time(share: ArrayLike) -> FloatArray:
@@ -110,7 +112,7 @@ def fatigue_endurance_time(share: ArrayLike, fatigue: float, recovery: float) ->
 
 
 def nicer_correction(
-    shoulder_deg: ArrayLike, elbow_deg: ArrayLike, sex: Sex = "male"
+    shoulder_deg: ArrayLike, elbow_deg: ArrayLike, man: ArrayLike = True
 ) -> FloatArray:
     """Return what NICER adds to the torque of a raised, outstretched arm, Nm.
 
@@ -119,10 +121,10 @@ def nicer_correction(
     Args:
         shoulder_deg: between upper arm and straight down: 90 is horizontal.
         elbow_deg: between upper arm and forearm: 180 is outstretched.
-        sex: whose constants.
+        man: whether men's constants count, or women's.
     """
     shoulder, elbow = np.asarray(shoulder_deg), np.asarray(elbow_deg)
-    gain, slope = (1230.0, 0.09) if sex == "male" else (1005.0, 0.11)
+    gain, slope = np.where(man, 1230.0, 1005.0), np.where(man, 0.09, 0.11)
     activity = 0.0095 * gain / (1.0 + np.exp((66.40 - shoulder) / 7.83))
     raised = (shoulder >= _CORRECTED_FROM_DEG[0]) & (elbow >= _CORRECTED_FROM_DEG[1])
     return np.where(raised, activity - np.sin(np.radians(shoulder)) / slope, 0.0)
@@ -190,7 +192,7 @@ class NicerMeter:
             np.reshape(each, shape) for each in (torque, shoulder_deg, elbow_deg)
         )
         resting = (shoulder <= _RESTING_DEG[0]) & (elbow >= _RESTING_DEG[1])
-        corrected = torque + nicer_correction(shoulder, elbow, self._strength.sex)
+        corrected = torque + nicer_correction(shoulder, elbow, self._strength.man)
         maximum = self._strength.shoulder_torque(shoulder, elbow)
         for step in zip(resting, corrected * dt, maximum, strict=True):
             self._add(*step, dt)

@@ -7,6 +7,7 @@ would (computed torque), and the posture's remaining error is fed back.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -59,6 +60,21 @@ class FoundPosture:
     error_deg: float
 
 
+class DeviceRay(NamedTuple):
+    """A ray of a device, in the device's axes (x forward, y left, z up).
+
+    Attributes:
+        origin_m: (3,).
+        direction: (3,) unit vector.
+    """
+
+    origin_m: FloatArray
+    direction: FloatArray
+
+
+AIM_RAY = DeviceRay(np.zeros(3), AIM_DIRECTION)
+
+
 class PostureController(ReachController):
     """Finds postures for a device and moves the body's muscles towards them.
 
@@ -103,6 +119,7 @@ class PostureController(ReachController):
         place: FloatArray | None = None,
         aim_at: FloatArray | None = None,
         tip_m: ArrayLike = (0.0, 0.0, 0.0),
+        ray: DeviceRay = AIM_RAY,
         nearby: bool = False,
     ) -> FoundPosture:
         """Return a posture that brings the device to a place, or its aim ray onto one.
@@ -112,6 +129,7 @@ class PostureController(ReachController):
             place: (3,) for the device, MuJoCo's world, m.
             aim_at: (3,) for the ray to hit. The hand is held beside and below the headset.
             tip_m: (3,) what goes to ``place`` instead of the device, in the device's axes.
+            ray: what is aimed with.
             nearby: whether to search from ``start`` only, after small changes of the place.
         """
         low, high = self._limits.T
@@ -124,13 +142,13 @@ class PostureController(ReachController):
             begin = np.clip(one, low + 1e-6, high - 1e-6)
 
             def wrong(x: FloatArray, begin: FloatArray = begin) -> FloatArray:
-                errors = self._errors(self._whole(start, x), place, aim_at, tip_m)
+                errors = self._errors(self._whole(start, x), place, aim_at, tip_m, ray)
                 middle, half = (low + high) / 2.0, (high - low) / 2.0
                 rest = [_LIMITS * ((x - middle) / half) ** 3, _NEAR_PER_RAD * (x - begin)]
                 return np.concatenate([*errors, *rest])
 
             best = least_squares(wrong, begin, bounds=(low, high), max_nfev=40).x
-            found.append(self._judged(self._whole(start, best), place, aim_at, tip_m))
+            found.append(self._judged(self._whole(start, best), place, aim_at, tip_m, ray))
         least = min(one.gap_m * _PLACE_PER_M + one.error_deg for one in found)
         able = [one for one in found if one.gap_m * _PLACE_PER_M + one.error_deg < least + 0.1]
         if len(able) == 1:
@@ -147,15 +165,16 @@ class PostureController(ReachController):
         return angles
 
     def _reached(
-        self, angles: FloatArray, tip_m: ArrayLike
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Where tip and device are, and the direction of the aim ray."""
+        self, angles: FloatArray, tip_m: ArrayLike, ray: DeviceRay
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Where tip and device are, and origin and direction of the ray."""
         data = self._tried
         data.qpos[:] = self._body.coupled_qpos(angles)
         mujoco.mj_kinematics(self._model, data)
         turn = data.site_xmat[self._site].reshape(3, 3)
         device = data.site_xpos[self._site].copy()
-        return device + turn @ np.asarray(tip_m, dtype=np.float64), device, turn @ AIM_DIRECTION
+        tip = device + turn @ np.asarray(tip_m, dtype=np.float64)
+        return tip, device, device + turn @ ray.origin_m, turn @ ray.direction
 
     def _errors(
         self,
@@ -163,13 +182,14 @@ class PostureController(ReachController):
         place: FloatArray | None,
         aim_at: FloatArray | None,
         tip_m: ArrayLike,
+        ray: DeviceRay,
     ) -> list[FloatArray]:
-        tip, device, ray = self._reached(angles, tip_m)
+        tip, device, origin, along = self._reached(angles, tip_m, ray)
         errors = []
         if place is not None:
             errors.append(_PLACE_PER_M * (tip - place))
         if aim_at is not None:
-            errors.append(_AIM_PER_RAD * (ray - _unit(aim_at - device)))
+            errors.append(_AIM_PER_RAD * (along - _unit(aim_at - origin)))
             head = self._tried.site("headset").xpos
             held = head + _COMFORT_M * [1.0, self._side, 1.0]
             errors.append(_COMFORT_PER_M * (device - held))
@@ -181,12 +201,13 @@ class PostureController(ReachController):
         place: FloatArray | None,
         aim_at: FloatArray | None,
         tip_m: ArrayLike,
+        ray: DeviceRay,
     ) -> FoundPosture:
-        tip, device, ray = self._reached(angles, tip_m)
+        tip, _, origin, along = self._reached(angles, tip_m, ray)
         gap_m = 0.0 if place is None else float(np.linalg.norm(tip - place))
         error_deg = 0.0
         if aim_at is not None:
-            error_deg = float(np.degrees(np.arccos(np.clip(ray @ _unit(aim_at - device), -1, 1))))
+            error_deg = float(np.degrees(np.arccos(np.clip(along @ _unit(aim_at - origin), -1, 1))))
         return FoundPosture(angles, gap_m, error_deg)
 
     # --- the movement ----------------------------------------------------------------------------

@@ -12,6 +12,7 @@ from scipy.special import ndtr, ndtri
 
 from sim2vr_harness.base.settings import Chance, Settings
 from sim2vr_harness.users.bodies.options import Physique
+from sim2vr_harness.users.exertion.models import Strength
 from sim2vr_harness.users.people.person import Person
 from sim2vr_harness.users.people.traits import CUT, TRAITS, TraitName
 
@@ -60,15 +61,19 @@ class Population:
     Args:
         settings: who they are.
         physique: of all of them in what they do not differ.
+        cut: standard deviations from the mean beyond which nothing is drawn; infinite in audits,
+            which count the shortest and tallest persons that a design excludes.
 
     Raises:
         ValueError: the physique sets something that they differ in.
     """
 
-    def __init__(self, settings: PeopleSettings, physique: Physique | None = None) -> None:
+    def __init__(
+        self, settings: PeopleSettings, physique: Physique | None = None, *, cut: float = CUT
+    ) -> None:
         physique = physique or Physique()
         check_physique(settings, physique)
-        self.settings, self._physique = settings, physique
+        self.settings, self._physique, self._cut = settings, physique, cut
         self.varied = tuple(trait for trait in TRAITS if trait.name in settings.vary)
         alike: dict[str, Any] = {
             "strength": physique.strength,
@@ -90,7 +95,7 @@ class Population:
             raise ValueError(f"person: got seed {seed} and index {index}, expected 0 or above")
         draws = np.random.default_rng([seed, index]).random(1 + len(TRAITS))
         sex = _sex(draws)
-        low, high = ndtr(-CUT), ndtr(CUT)
+        low, high = ndtr(-self._cut), ndtr(self._cut)
         deviations = ndtri(low + (high - low) * draws[1:])
         values: dict[str, Any] = {
             trait.name: trait.value(float(deviation), sex, self.settings.spread, self._mean(trait))
@@ -121,6 +126,24 @@ class Population:
     def is_man(self, index: int) -> bool:
         """Whether the traits of :meth:`number` ``index`` are drawn from men's distributions."""
         return _sex(np.random.default_rng([self.settings.seed, index]).random(1)) > 0.0
+
+    def shoulder(self, person: Person) -> Strength:
+        """Strength of a person's shoulder, for published torques.
+
+        Published torques are those of a sex, and people of this population have them times their
+        strength relative to the median of that sex. The factor on the forces of the body's muscles
+        which that median is says how strong the body's model is, not how strong they are. People
+        who do not differ in strength are men with the factor of the body, as users without people.
+        """
+        strength = next(trait for trait in TRAITS if trait.name == "strength")
+        if strength not in self.varied or person.index is None:
+            return Strength(factor=person.strength)
+        spread, mean = self.settings.spread, self.settings.strength
+        if spread == 0.0:
+            return Strength(factor=person.strength / mean)
+        man = self.is_man(person.index)
+        median = strength.value(0.0, 1.0 if man else -1.0, spread, mean)
+        return Strength(man, person.strength / median)
 
     def longest(self, delay: str) -> float:
         """The longest that someone's ``visual_delay_s`` or ``proprioceptive_delay_s`` can be."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import json
 import subprocess
 import sys
@@ -55,7 +54,8 @@ def test_rows_are_added_and_the_same_episodes_replaced(tmp_path: Path) -> None:
     assert found["episode"].tolist() == ["a", "b", "c"]
     assert found["hits"].tolist() == [1, 3, 4]
     assert found["speed"].isna().tolist() == [True, False, False]
-    text = (tmp_path / "data" / "episodes.csv").read_text()
+    read_data(tmp_path).export_csv(tmp_path / "csv")
+    text = (tmp_path / "csv" / "episodes.csv").read_text()
     assert text == '"episode","hits","speed"\n"a",1,\n"b",3,1.5\n"c",4,1.5\n'
     told = read_data(tmp_path).dictionary
     line = told[(told["table"] == "episodes") & (told["column"] == "speed")].iloc[0]
@@ -96,7 +96,9 @@ def test_the_same_rows_are_the_same_bytes(tmp_path: Path) -> None:
         folder.write_moments("steps", "a", steps("a"))
         folder.add(episodes(("a", 1)))
     files = sorted(p.relative_to(tmp_path / "one") for p in (tmp_path / "one").rglob("*.*"))
-    assert len(files) == 8
+    assert {file.suffix for file in files} == {".parquet", ".csv", ".json"}
+    assert len([file for file in files if file.suffix == ".csv"]) == 1, "the dictionary"
+    assert len(files) == 5
     for file in files:
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "other" / file).read_bytes()
 
@@ -111,8 +113,14 @@ def test_steps_are_read_by_episode_and_column(tmp_path: Path) -> None:
     assert data.steps("b", columns=["act_biceps"]).columns.tolist() == [
         *("episode", "step", "time_s", "act_biceps")
     ]
-    with gzip.open(tmp_path / "data" / "steps" / "a.csv.gz", "rt") as stream:
-        assert stream.readline().startswith('"episode","step","time_s","q_elbow"')
+    written = data.export_csv(tmp_path / "csv", ["a"])
+    names = [str(file.relative_to(tmp_path / "csv")) for file in written]
+    assert names == ["dictionary.csv", "episodes.csv", "events.csv", "steps/a.csv"]
+    lines = written[-1].read_text().splitlines()
+    assert lines[0].startswith('"episode","step","time_s","q_elbow"')
+    assert len(lines) == 3
+    with pytest.raises(InputError, match=r"^episode: got 'c', expected one of a, b"):
+        data.export_csv(tmp_path / "csv", ["c"])
     with pytest.raises(InputError, match=r"^episode: got 'c', expected one of a, b"):
         data.steps("c")
     with pytest.raises(InputError, match=r"^column: got 'act_bicep'.*did you mean 'act_biceps'"):

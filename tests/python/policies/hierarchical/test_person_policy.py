@@ -124,7 +124,7 @@ def test_persons_look_from_where_their_eyes_were() -> None:
         assert memory.recognised[1][0, :3, 3].numpy() == pytest.approx(true[-5][user], abs=1e-5)
 
 
-@pytest.mark.parametrize("recipe", ["skills", "webxr", "sample_sac"])
+@pytest.mark.parametrize("recipe", ["skills", "webxr"])
 def test_persons_of_games_and_pages_say_how_they_hold_their_heads(recipe: str) -> None:
     """Also where a recipe leaves the sense out, as this one of another recipe does."""
     given = load_config(recipe, ["recipe=skills", "skills.user=hierarchical"])
@@ -133,12 +133,25 @@ def test_persons_of_games_and_pages_say_how_they_hold_their_heads(recipe: str) -
 
 
 def test_people_need_decisions_by_themselves() -> None:
-    with pytest.raises(InputError, match="--people"):
-        _of_people(load_config("skills", ["skills.user=student"]))
+    with pytest.raises(InputError, match="--people: got it with recipe 'distill'"):
+        _of_people(load_config("pointing"))
     config = _of_people(load_config("skills", []))
     assert config.skills.people and config.env.user.people is not None
     assert [sense.sense for sense in config.env.senses].count("person") == 1
     assert torch.is_tensor(PersonPolicy(config).hold)
+
+
+def test_persons_that_learned_the_same_are_equal_in_every_weight() -> None:
+    """Whatever numbers torch drew when they were made, as equal seeds write equal checkpoints."""
+    config = _of_people(load_config("skills", []))
+    made = []
+    source = PersonPolicy(config)
+    for seed in (1, 2):
+        torch.manual_seed(seed)
+        made.append(PersonPolicy(config))
+        made[-1].learned_by(source.human, source.values, source.tool, 1)
+    first, second = (each.state_dict() for each in made)
+    assert [name for name in first if not torch.equal(first[name], second[name])] == []
 
 
 @pytest.mark.parametrize(

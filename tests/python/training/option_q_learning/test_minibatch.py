@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from sim2vr_harness.training.option_q_learning.minibatch import draw_decisions
+from sim2vr_harness.training.option_q_learning.value_learner import ValueLearner
 
 
 def test_a_quarter_came_before_a_reward_and_weighs_less() -> None:
@@ -38,3 +42,28 @@ def test_a_decision_that_leads_to_two_rewards_is_twice_as_likely() -> None:
 def test_without_rewards_all_are_drawn_alike() -> None:
     rows, users, weights = draw_decisions(np.zeros((6, 3), bool), 300, np.random.default_rng(1))
     assert set(rows) == {0, 1, 2, 3} and set(users) == {0, 1, 2} and (weights == 1.0).all()
+
+
+def test_a_round_that_is_cut_off_is_worth_what_would_follow() -> None:
+    """Rewards 1, 2, 4 at a discount of .85: 1 + 1.7 + 2.89 = 5.59, and .85^3 of the value."""
+    ends = [
+        "goes on",
+        "over after two",
+        "cut in the third",
+        "cut in the second",
+        "cut in the first",
+    ]
+    over, cut = np.zeros((2, 4, len(ends)), bool)
+    over[1, 1] = over[2, 2] = over[1, 3] = over[0, 4] = True
+    cut[2, 2] = cut[1, 3] = cut[0, 4] = True
+    reward = np.tile(np.array([[1.0], [2.0], [4.0], [8.0]], np.float32), (1, len(ends)))
+    kept = {"over": over, "cut": cut, "reward": reward}
+    learner: Any = SimpleNamespace(
+        memory=SimpleNamespace(read=lambda name, *at: kept[name][at]), scale=1.0
+    )
+    users = np.arange(len(ends))
+    total, weight, last, known = ValueLearner.returns(learner, np.zeros_like(users), users)
+    np.testing.assert_allclose(total[:4], [5.59, 2.7, 2.7, 1.0], rtol=1e-6)
+    np.testing.assert_allclose(weight[:4], [0.614125, 0.0, 0.7225, 0.85], rtol=1e-6)
+    assert last[[0, 2, 3]].tolist() == [3, 2, 1]
+    assert known.tolist() == [True, True, True, True, False]

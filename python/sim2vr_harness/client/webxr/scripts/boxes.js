@@ -33,7 +33,7 @@
   };
   const ofBabylon = (mesh, flipped) => {
     const [scale, place] = [mesh.scaling.clone(), mesh.position.clone()];
-    const turn = window.BABYLON.Quaternion.Identity();
+    const turn = mesh.absoluteRotationQuaternion.clone();
     mesh.computeWorldMatrix(true).decompose(scale, turn, place);
     const { minimum, maximum, centerWorld: c } = mesh.getBoundingInfo().boundingBox;
     const pose = [[c.x, c.y, c.z], [turn.x, turn.y, turn.z, turn.w]];
@@ -54,7 +54,7 @@
     for (const reference of sim.scenes) {
       reference.deref()?.traverseVisible?.((object) => object.isMesh && add(ofThree(object, user)));
     }
-    for (const scene of window.BABYLON?.EngineStore?.Instances?.flatMap((one) => one.scenes) ?? []) {
+    for (const scene of sim.babylonScenes()) {
       for (const mesh of scene.meshes) {
         if (mesh.isEnabled() && mesh.isVisible && mesh.getTotalVertices()) {
           add(ofBabylon(mesh, scene.useRightHandedSystem));

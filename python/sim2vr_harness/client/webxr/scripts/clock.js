@@ -15,17 +15,28 @@
   const report = inherited('reportError');
 
   let now = 0; // ms since the document began
+  // A script that waits until a clock has moved on would never end: after many reads in one turn,
+  // the clock moves on by a fixed step per read.
+  const MOST_READS = 100000;
+  const READ_STEP_MS = 0.01;
+  let reads = 0; // of this turn
+  const readClock = () => {
+    if (++reads > MOST_READS) now += READ_STEP_MS;
+    return now;
+  };
   let lastId = 0;
   const timers = new Map(); // id -> {due, callback, args, every}
   let frames = new Map(); // id -> callback of requestAnimationFrame
 
   // Lets everything run that is due by now in truth: promises' reactions, events of loads.
   sim.turn = () => new Promise((resolve) => {
+    reads = 0;
     push(waiting, resolve);
     post(channel.port2, 0);
   });
   sim.now = () => now;
   const call = (callback, args) => {
+    reads = 0;
     try {
       Reflect.apply(callback, undefined, args);
     } catch (error) {
@@ -92,17 +103,17 @@
     define(window, 'cancelIdleCallback', (id) => void timers.delete(id));
   }
 
-  define(Performance.prototype, 'now', () => now);
+  define(Performance.prototype, 'now', readClock);
   Object.defineProperty(Performance.prototype, 'timeOrigin', { get: () => EPOCH_MS });
-  Object.defineProperty(Event.prototype, 'timeStamp', { get: () => now });
-  if (window.AnimationTimeline) Object.defineProperty(AnimationTimeline.prototype, 'currentTime', { get: () => now });
+  Object.defineProperty(Event.prototype, 'timeStamp', { get: readClock });
+  if (window.AnimationTimeline) Object.defineProperty(AnimationTimeline.prototype, 'currentTime', { get: readClock });
   const VirtualDate = function (...args) {
-    if (!new.target) return new RealDate(EPOCH_MS + now).toString();
-    return Reflect.construct(RealDate, args.length ? args : [EPOCH_MS + now], new.target);
+    if (!new.target) return new RealDate(EPOCH_MS + readClock()).toString();
+    return Reflect.construct(RealDate, args.length ? args : [EPOCH_MS + readClock()], new.target);
   };
   Object.setPrototypeOf(VirtualDate, RealDate);
   VirtualDate.prototype = RealDate.prototype;
-  define(VirtualDate, 'now', () => Math.floor(EPOCH_MS + now));
+  define(VirtualDate, 'now', () => Math.floor(EPOCH_MS + readClock()));
   define(RealDate.prototype, 'constructor', VirtualDate);
   define(window, 'Date', VirtualDate);
 }

@@ -102,7 +102,7 @@
   wrap(window.Permissions?.prototype, 'query');
   wrap(window.BaseAudioContext && AudioContext.prototype, 'resume', 'suspend', 'close');
   wrap(window.MediaDevices?.prototype, 'enumerateDevices', 'getUserMedia');
-  wrap(window.GPU?.prototype, 'requestAdapter');
+  wrap(window.RTCPeerConnection?.prototype, 'createOffer', 'createAnswer', 'setLocalDescription', 'setRemoteDescription', 'addIceCandidate');
   wrap(window.Navigator?.prototype, 'getBattery');
 
   // An element or request that says by events that it is done.

@@ -9,6 +9,31 @@
   tools.addEventListener('register', ({ detail }) => { sim.revision = detail?.revision; });
   Object.defineProperty(window, '__THREE_DEVTOOLS__', { value: tools, configurable: true });
 
+  // Babylon.js has no such hook, and a bundled one no global: each of its engines sets this property
+  // of itself, before anything else of its canvas.
+  const engines = new Set();
+  Object.defineProperty(window.Object.prototype, '_renderingCanvas', {
+    configurable: true,
+    get() { return undefined; },
+    set(value) {
+      Object.defineProperty(this, '_renderingCanvas', { value, configurable: true, enumerable: true, writable: true });
+      engines.add(new WeakRef(this));
+    },
+  });
+  sim.babylonScenes = () => {
+    const found = new Set(window.BABYLON?.EngineStore?.Instances ?? []);
+    for (const reference of engines) found.add(reference.deref());
+    return [...found].flatMap((one) => (Array.isArray(one?.scenes) ? one.scenes : []));
+  };
+
+  sim.babylonVersion = () => {
+    for (const reference of engines) {
+      const known = reference.deref()?.constructor?.Version;
+      if (known) return known;
+    }
+    return window.BABYLON?.Engine?.Version;
+  };
+
   // From the page's world to the user's space, whose origin lies on the floor: a page may carry its
   // user about, or measure heights from the eyes. (4, 4) by columns, right-handed.
   const NEAR_M = 0.01;
@@ -50,7 +75,7 @@
     if (!sim.viewed) return UNMOVED;
     const rig = rigOf();
     rig?.updateWorldMatrix(true, false);
-    const base = [...sim.classes.XRRigidTransform._of(sim.viewed.base).matrix];
+    const base = [...sim.spaces.transformOf(sim.viewed.base).matrix];
     const found = rig ? product(base, inverted(rig.matrixWorld.elements)) : base;
     return every(found, Number.isFinite) ? found : UNMOVED;
   };
@@ -77,7 +102,7 @@
       const found = reference.deref()?.getObjectByName(name);
       if (found) return ofThree(found);
     }
-    for (const scene of window.BABYLON?.EngineStore?.Instances?.flatMap((one) => one.scenes) ?? []) {
+    for (const scene of sim.babylonScenes()) {
       const found = scene.getNodeByName(name);
       if (found) return ofBabylon(found);
     }
@@ -88,7 +113,7 @@
     for (const reference of scenes) {
       reference.deref()?.traverse((object) => object.name && found.push(object.name));
     }
-    for (const scene of window.BABYLON?.EngineStore?.Instances?.flatMap((one) => one.scenes) ?? []) {
+    for (const scene of sim.babylonScenes()) {
       for (const node of scene.getNodes()) found.push(node.name);
     }
     for (const element of document.querySelectorAll('a-scene [id]')) {

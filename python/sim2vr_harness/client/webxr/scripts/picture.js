@@ -3,6 +3,7 @@
 {
   const layers = new WeakMap(); // context -> its XRWebGLLayer
   const bound = new WeakMap(); // context -> framebuffer that is drawn to
+  const { complete, dictionary, illegal, make, needs, number, own, record, taken } = sim.idl;
   const { bindArray, call, clear, compiled, isTwo, keepingState, kinds, replace, textureOf, triangle } = sim.gl;
 
   const VERTEX = `attribute vec2 corner;
@@ -19,12 +20,96 @@
       gl_FragColor = vec4(texture2D(color, at).rgb, min(z / farthest, 1.0));
     }`;
 
-  class XRWebGLLayer extends EventTarget {
+  class XRViewport { constructor() { illegal(); } }
+  complete(XRViewport, ['x', 'y', 'width', 'height']);
+  class XRLayer extends EventTarget { constructor() { illegal(); } }
+  complete(XRLayer);
+
+  // Contexts that a page has made, or asked to be, fit for a headset.
+  const fit = new WeakSet();
+  const known = new WeakSet();
+  for (const { prototype } of filter([window.HTMLCanvasElement, window.OffscreenCanvas], Boolean)) {
+    const { getContext } = prototype;
+    prototype.getContext = function (...args) {
+      const found = Reflect.apply(getContext, this, args);
+      if (found && !known.has(found)) {
+        known.add(found);
+        if (args[1]?.xrCompatible) fit.add(found);
+      }
+      return found;
+    };
+  }
+  for (const { prototype } of kinds) {
+    prototype.makeXRCompatible = async function makeXRCompatible() {
+      if (this.isContextLost()) throw new DOMException('the context is lost', 'InvalidStateError');
+      fit.add(this);
+    };
+  }
+  replace(['getContextAttributes'], (original) => function () {
+    const found = original.call(this);
+    return found && { ...found, xrCompatible: fit.has(this) };
+  });
+
+  class XRWebGLLayer extends XRLayer {
+    constructor(session, context, layerInit = {}) {
+      needs(2, arguments, 'XRWebGLLayer');
+      const behind = taken(session, sim.classes.XRSession, 'session');
+      if (!kinds.some((kind) => context instanceof kind)) throw new TypeError('context is no WebGL context');
+      const { framebufferScaleFactor: scale } = dictionary(layerInit, 'layerInit');
+      if (scale !== undefined) number(scale, 'framebufferScaleFactor');
+      const unless = (holds, why) => {
+        if (!holds) throw new DOMException(why, 'InvalidStateError');
+      };
+      unless(!behind._ended, 'the session is over');
+      unless(!context.isContextLost(), 'the context is lost');
+      unless(!behind._immersive || fit.has(context), 'the context is not made xrCompatible');
+      return made(new.target, behind, context);
+    }
+    static getNativeFramebufferScaleFactor(session) {
+      needs(1, arguments, 'getNativeFramebufferScaleFactor');
+      return taken(session, sim.classes.XRSession, 'session')._ended ? 0 : 1;
+    }
+    get framebufferWidth() { return own(this, XRWebGLLayer).layer.framebufferWidth; }
+    get framebufferHeight() { return own(this, XRWebGLLayer).layer.framebufferHeight; }
+    get framebuffer() { return own(this, XRWebGLLayer).layer.framebuffer; }
+    get fixedFoveation() {
+      own(this, XRWebGLLayer);
+      return null; // there is none to set
+    }
+    set fixedFoveation(value) {
+      own(this, XRWebGLLayer);
+      if (value !== null && value !== undefined) number(value, 'fixedFoveation');
+    }
+    getViewport(view) {
+      const { session, layer, viewports } = own(this, XRWebGLLayer);
+      needs(1, arguments, 'getViewport');
+      const { frame, index } = taken(view, sim.classes.XRView, 'view');
+      if (frame.behind !== session) throw new DOMException('a view of another session', 'InvalidStateError');
+      if (!frame.active) throw new DOMException('the frame is over', 'InvalidStateError');
+      const preview = layer.framebuffer === null;
+      const width = preview ? layer.framebufferWidth : sim.settings.width;
+      const height = layer.framebufferHeight;
+      const last = viewports[index] && own(viewports[index], XRViewport);
+      if (last?.width !== width || last.height !== height) {
+        viewports[index] = make(XRViewport, { x: index * width, y: 0, width, height });
+      }
+      return viewports[index];
+    }
+  }
+  complete(XRWebGLLayer, ['antialias', 'ignoreDepthValues']);
+  const made = (Class, session, context) => {
+    const layer = new Layer(session, context);
+    const target = Reflect.construct(EventTarget, [], Class);
+    return record(target, XRWebGLLayer, {
+      session, layer, viewports: [], antialias: false, ignoreDepthValues: false,
+      gl: context, read: (near, far) => layer._read(near, far),
+    });
+  };
+  sim.layer = (object) => own(object, XRWebGLLayer);
+
+  // What is behind an XRWebGLLayer.
+  class Layer {
     constructor(session, gl) {
-      super();
-      this.antialias = false;
-      this.ignoreDepthValues = false;
-      this.fixedFoveation = 0;
       this._gl = gl;
       if (!session._immersive) { // a preview: the canvas itself
         this.framebuffer = null;
@@ -36,23 +121,15 @@
         sim.fail('webgl1', `draws with WebGL 1, where this browser has no ${lacking}, expected WebGL 2`);
         throw new DOMException(`no ${lacking}`, 'NotSupportedError');
       }
-      if (session._ended) throw new DOMException('the session is over', 'InvalidStateError');
       this._make(gl);
       layers.set(gl, this);
       gl.canvas.addEventListener('webglcontextlost', () => sim.fail('lost', 'lost its WebGL context'));
     }
-    static getNativeFramebufferScaleFactor() { return 1; }
     get framebufferWidth() {
       return this.framebuffer === null ? this._gl.drawingBufferWidth : sim.settings.width * sim.settings.eyes;
     }
     get framebufferHeight() {
       return this.framebuffer === null ? this._gl.drawingBufferHeight : sim.settings.height;
-    }
-    getViewport(view) {
-      const preview = this.framebuffer === null;
-      const width = preview ? this.framebufferWidth : sim.settings.width;
-      const height = this.framebufferHeight;
-      return { x: view._index * width, y: 0, width, height };
     }
 
     _make(gl) {
@@ -158,11 +235,6 @@
   replace(['invalidateFramebuffer', 'invalidateSubFramebuffer'], (original) => function (...args) {
     if (!inLayer(this)) original.apply(this, args);
   });
-  for (const { prototype } of kinds) prototype.makeXRCompatible = () => Promise.resolve();
-  replace(['getContextAttributes'], (original) => function () {
-    const found = original.call(this);
-    return found && { ...found, xrCompatible: true };
-  });
   // With another clip space the depth would mean something else.
   replace(['getExtension'], (original) => function (name) {
     return /^EXT_clip_control$/i.test(name) ? null : original.call(this, name);
@@ -170,5 +242,4 @@
   replace(['getSupportedExtensions'], (original) => function () {
     return original.call(this)?.filter((name) => name !== 'EXT_clip_control') ?? null;
   });
-  Object.assign(sim.classes, { XRWebGLLayer });
 }

@@ -5,7 +5,7 @@
     const found = {
       'A-Frame': window.AFRAME?.version,
       'three.js': revision && `r${revision}`,
-      'Babylon.js': window.BABYLON?.Engine?.Version,
+      'Babylon.js': sim.babylonVersion(),
       PlayCanvas: window.pc?.version,
     };
     return filter(Object.entries(found), ({ 1: version }) => version).map((entry) => entry.join(' '));

@@ -1,115 +1,249 @@
 // navigator.xr: its one immersive session, whose frames run when the harness says so, and inline
 // sessions, which draw a preview on their canvas until then.
 {
-  const { compose, inverse, fromApp, IDENTITY } = sim.spaces;
+  const { compose, inverse, fromApp, transformOf, poseValues, IDENTITY } = sim.spaces;
+  const { complete, dictionary, illegal, is, make, needs, number, own, record, taken } = sim.idl;
   const {
-    XRRigidTransform, XRPose, XRSpace, XRReferenceSpace, XRBoundedReferenceSpace, XRInputSource,
+    XRRigidTransform, XRPose, XRSpace, XRReferenceSpace, XRBoundedReferenceSpace, XRInputSource, XRWebGLLayer,
   } = sim.classes;
   const HANDS = ['left', 'right'];
+  const MODES = ['inline', 'immersive-vr', 'immersive-ar'];
   const FEATURES = ['viewer', 'local', 'local-floor', 'bounded-floor', 'unbounded'];
   const INPUT_EVENTS = ['select', 'selectstart', 'selectend', 'squeeze', 'squeezestart', 'squeezeend'];
   const ROOM_M = 2; // half the side of the square in which the user may move
   const EYES = { 1: ['none'], 2: ['left', 'right'] };
+  const wrongState = (why) => new DOMException(why, 'InvalidStateError');
+  const chosen = (value, known, what) => {
+    const text = String(value);
+    if (includes(known, text)) return text;
+    throw new TypeError(`The provided value '${text}' is not a valid enum value of type ${what}`);
+  };
+  const listOf = (value, what) => {
+    if (value !== null && typeof value === 'object' && typeof value[Symbol.iterator] === 'function') return [...value];
+    throw new TypeError(`${what} is not a sequence`);
+  };
 
   const projection = (session) => {
-    const { depthNear: near, depthFar: far, baseLayer, inlineVerticalFieldOfView } = session.renderState;
-    const { width, height } = session._immersive ? sim.settings : baseLayer._gl.canvas;
+    const { depthNear: near, depthFar: far, baseLayer, inlineVerticalFieldOfView } = session._render;
+    const { width, height } = session._immersive ? sim.settings : sim.layer(baseLayer).gl.canvas;
     const fov = inlineVerticalFieldOfView ?? (sim.settings.vertical_fov_deg * Math.PI) / 180;
     const f = 1 / Math.tan(fov / 2);
-    const bounded = Number.isFinite(far);
     return new Float32Array([
       (f * height) / width, 0, 0, 0, 0, f, 0, 0,
-      0, 0, bounded ? (near + far) / (near - far) : -1, -1,
-      0, 0, bounded ? (2 * near * far) / (near - far) : -2 * near, 0,
+      0, 0, (near + far) / (near - far), -1,
+      0, 0, (2 * near * far) / (near - far), 0,
     ]);
   };
 
   class XRView {
-    constructor(index, pose, session) {
-      this._index = index;
-      this.eye = session._eyes[index];
-      this.projectionMatrix = projection(session);
-      this.transform = XRRigidTransform._of(pose);
-      this.recommendedViewportScale = null;
-      this.isFirstPersonObserver = false;
-    }
-    requestViewportScale() {}
-  }
-  class XRViewerPose extends XRPose {
-    constructor(pose, views) {
-      super(pose);
-      this.views = Object.freeze(views);
+    constructor() { illegal(); }
+    requestViewportScale(scale) {
+      own(this, XRView);
+      if (scale !== undefined && scale !== null) number(scale, 'scale');
     }
   }
+  complete(XRView, ['eye', 'projectionMatrix', 'transform', 'recommendedViewportScale']);
+  Object.defineProperty(XRView.prototype.requestViewportScale, 'length', { value: 1 });
+  class XRViewerPose extends XRPose {}
+  complete(XRViewerPose, ['views']);
+  class XRRenderState { constructor() { illegal(); } }
+  complete(XRRenderState, ['depthNear', 'depthFar', 'inlineVerticalFieldOfView', 'baseLayer']);
 
   class XRFrame {
-    constructor(session, state, animated) {
-      this.session = session;
-      this.predictedDisplayTime = sim.now();
-      this._state = state;
-      this._animated = animated;
-      this._active = true;
+    constructor() { illegal(); }
+    getPose(space, baseSpace) {
+      const frame = own(this, XRFrame);
+      needs(2, arguments, 'getPose');
+      const pose = located(frame, taken(space, XRSpace, 'space'), taken(baseSpace, XRSpace, 'baseSpace'));
+      return pose ? make(XRPose, poseValues(pose)) : null;
     }
-    _locate(space, base) {
-      if (!this._active) throw new DOMException('the frame is over', 'InvalidStateError');
-      const where = space._where(this._state);
-      const origin = base._where(this._state);
-      return where && origin && compose(inverse(origin), where);
-    }
-    getPose(space, base) {
-      const pose = this._locate(space, base);
-      return pose ? new XRPose(pose) : null;
-    }
-    getViewerPose(base) {
-      if (!this._animated) throw new DOMException('not an animation frame', 'InvalidStateError');
-      const head = this._locate(this.session._viewer, base);
+    getViewerPose(referenceSpace) {
+      const frame = own(this, XRFrame);
+      needs(1, arguments, 'getViewerPose');
+      const base = taken(referenceSpace, XRReferenceSpace, 'referenceSpace');
+      const { behind: session, state } = frame;
+      if (!frame.animated) throw wrongState('not an animation frame');
+      const head = located(frame, session._viewer, base);
       if (!head) return null;
-      if (this.session._immersive) sim.viewed = { base: base._where(this._state), head };
-      const eyes = this.session._eyes;
-      const views = map(eyes, (_, k) => {
-        const offset = { p: [eyes.length === 1 ? 0 : (k - 0.5) * sim.settings.ipd_m, 0, 0], q: IDENTITY.q };
-        return new XRView(k, compose(head, offset), this.session);
+      if (session._immersive) sim.viewed = { base: base.where(state), head };
+      const eyes = session._eyes;
+      const views = map(eyes, (eye, index) => {
+        const offset = { p: [eyes.length === 1 ? 0 : (index - 0.5) * sim.settings.ipd_m, 0, 0], q: IDENTITY.q };
+        return make(XRView, {
+          eye, index, frame, recommendedViewportScale: null,
+          projectionMatrix: projection(session), transform: transformOf(compose(head, offset)),
+        });
       });
-      return new XRViewerPose(head, views);
-    }
-    fillPoses(spaces, base, transforms) {
-      return every(spaces, (space, k) => {
-        const pose = this._locate(space, base);
-        if (pose) transforms.set(XRRigidTransform._of(pose).matrix, 16 * k);
-        return Boolean(pose);
-      });
+      return make(XRViewerPose, { ...poseValues(head), views: Object.freeze(views) });
     }
   }
+  complete(XRFrame, ['session', 'predictedDisplayTime']);
+  // Where a space is in another, both of the frame's session.
+  const located = (frame, space, base) => {
+    if (!frame.active) throw wrongState('the frame is over');
+    if (space.session !== frame.behind || base.session !== frame.behind) throw wrongState('a space of another session');
+    const where = space.where(frame.state);
+    const origin = base.where(frame.state);
+    return where && origin && compose(inverse(origin), where);
+  };
+  const frameOf = (session, state, animated) => make(XRFrame, {
+    session: session.page, predictedDisplayTime: sim.now(), behind: session, state, animated, active: true,
+  });
+
+  class XRInputSourceArray {
+    constructor() { illegal(); }
+    get length() { return own(this, XRInputSourceArray).list.length; }
+  }
+  complete(XRInputSourceArray);
+  for (const name of ['entries', 'keys', 'values', 'forEach']) {
+    Object.defineProperty(XRInputSourceArray.prototype, name, {
+      value: window.Array.prototype[name], enumerable: true, configurable: true, writable: true,
+    });
+  }
+  Object.defineProperty(XRInputSourceArray.prototype, Symbol.iterator, {
+    value: window.Array.prototype.values, configurable: true, writable: true,
+  });
 
   const { dispatchEvent: dispatch, addEventListener: listen } = EventTarget.prototype;
-  // Events that also have an on... attribute.
-  const fire = (target, event) => {
-    const handler = target[`on${event.type}`];
-    if (typeof handler === 'function') sim.call((given) => Reflect.apply(handler, target, [given]), event);
-    Reflect.apply(dispatch, target, [event]);
-  };
+  const fire = (target, event) => Reflect.apply(dispatch, target, [event]);
   class XRSessionEvent extends Event {
-    constructor(type, { session, ...init }) {
-      super(type, init);
-      this.session = session;
+    constructor(type, eventInitDict) {
+      needs(2, arguments, 'XRSessionEvent');
+      const { session } = dictionary(eventInitDict, 'eventInitDict');
+      taken(session, XRSession, 'session');
+      super(type, eventInitDict);
+      record(this, XRSessionEvent, { session });
     }
   }
   class XRInputSourceEvent extends Event {
-    constructor(type, { frame, inputSource, ...init }) {
-      super(type, init);
-      Object.assign(this, { frame, inputSource });
+    constructor(type, eventInitDict) {
+      needs(2, arguments, 'XRInputSourceEvent');
+      const { frame, inputSource } = dictionary(eventInitDict, 'eventInitDict');
+      taken(frame, XRFrame, 'frame');
+      taken(inputSource, XRInputSource, 'inputSource');
+      super(type, eventInitDict);
+      record(this, XRInputSourceEvent, { frame, inputSource });
     }
   }
-  class XRInputSourcesChangeEvent extends XRSessionEvent {
-    constructor(type, { added, removed, ...init }) {
-      super(type, init);
-      Object.assign(this, { added, removed });
+  class XRInputSourcesChangeEvent extends Event {
+    constructor(type, eventInitDict) {
+      needs(2, arguments, 'XRInputSourcesChangeEvent');
+      const init = dictionary(eventInitDict, 'eventInitDict');
+      taken(init.session, XRSession, 'session');
+      const sources = (name) => {
+        const found = listOf(init[name], name);
+        forEach(found, (source) => taken(source, XRInputSource, name));
+        return Object.freeze(found);
+      };
+      const values = { session: init.session, added: sources('added'), removed: sources('removed') };
+      super(type, eventInitDict);
+      record(this, XRInputSourcesChangeEvent, values);
     }
   }
+  class XRReferenceSpaceEvent extends Event {
+    constructor(type, eventInitDict) {
+      needs(2, arguments, 'XRReferenceSpaceEvent');
+      const { referenceSpace, transform = null } = dictionary(eventInitDict, 'eventInitDict');
+      taken(referenceSpace, XRReferenceSpace, 'referenceSpace');
+      if (transform !== null) taken(transform, XRRigidTransform, 'transform');
+      super(type, eventInitDict);
+      record(this, XRReferenceSpaceEvent, { referenceSpace, transform });
+    }
+  }
+  complete(XRSessionEvent, ['session']);
+  complete(XRInputSourceEvent, ['frame', 'inputSource']);
+  complete(XRInputSourcesChangeEvent, ['session', 'added', 'removed']);
+  complete(XRReferenceSpaceEvent, ['referenceSpace', 'transform']);
 
   class XRSession extends EventTarget {
+    constructor() { illegal(); }
+    updateRenderState(state = {}) {
+      const session = own(this, XRSession);
+      if (session._ended) throw wrongState('the session is over');
+      const given = dictionary(state, 'state');
+      const changes = {};
+      for (const name of ['depthNear', 'depthFar', 'inlineVerticalFieldOfView']) {
+        if (given[name] !== undefined) changes[name] = number(given[name], name);
+      }
+      if (given.baseLayer !== undefined) {
+        changes.baseLayer = given.baseLayer;
+        if (given.baseLayer !== null && taken(given.baseLayer, XRWebGLLayer, 'baseLayer').session !== session) {
+          throw wrongState('a layer of another session');
+        }
+      }
+      if (given.layers !== undefined && given.layers !== null && listOf(given.layers, 'layers').length) {
+        throw new DOMException('layers are not there', 'NotSupportedError');
+      }
+      const fov = changes.inlineVerticalFieldOfView;
+      if (fov !== undefined && session._immersive) throw wrongState('inlineVerticalFieldOfView in an immersive session');
+      if (fov !== undefined) changes.inlineVerticalFieldOfView = Math.min(Math.max(fov, 0.01), Math.PI - 0.01);
+      for (const name of ['depthNear', 'depthFar']) {
+        if (name in changes) changes[name] = Math.max(0, changes[name]);
+      }
+      session._pending = { ...session._pending, ...changes };
+    }
+    async updateTargetFrameRate(rate) {
+      const session = own(this, XRSession);
+      needs(1, arguments, 'updateTargetFrameRate');
+      const wished = number(rate, 'rate');
+      if (session._ended || session.frameRate === null) throw wrongState('no frame rate to set');
+      if (wished !== session.frameRate) throw new TypeError(`rate ${wished} is not among the supported frame rates`);
+    }
+    async requestReferenceSpace(type) {
+      const session = own(this, XRSession);
+      needs(1, arguments, 'requestReferenceSpace');
+      const wished = chosen(type, FEATURES, 'XRReferenceSpaceType');
+      if (session._ended) throw wrongState('the session is over');
+      if (!includes(session.enabledFeatures, wished)) {
+        throw new DOMException(`no reference space ${wished}`, 'NotSupportedError');
+      }
+      const of = (where) => make(XRReferenceSpace, { session, where });
+      if (wished === 'viewer') return of((state) => state.head);
+      // Where the head was at the start, at eye height.
+      if (wished === 'local') return of((state) => ({ p: [0, state.eyes_m, 0], q: IDENTITY.q }));
+      if (wished !== 'bounded-floor') return of(() => IDENTITY);
+      const corners = [[-1, -1], [-1, 1], [1, 1], [1, -1]];
+      return make(XRBoundedReferenceSpace, {
+        session,
+        where: () => IDENTITY,
+        boundsGeometry: Object.freeze(map(corners,
+          ({ 0: x, 1: z }) => new DOMPointReadOnly(x * ROOM_M, 0, z * ROOM_M, 1))),
+      });
+    }
+    addEventListener(type, ...rest) {
+      if (includes(INPUT_EVENTS, type)) sim.events.add(type);
+      Reflect.apply(listen, this, [type, ...rest]);
+    }
+    requestAnimationFrame(callback) {
+      const session = own(this, XRSession);
+      if (typeof callback !== 'function') throw new TypeError('callback is not a function');
+      if (session._ended) return 0;
+      session._callbacks.set(++session._last, callback);
+      return session._last;
+    }
+    cancelAnimationFrame(handle) {
+      const session = own(this, XRSession);
+      needs(1, arguments, 'cancelAnimationFrame');
+      session._callbacks.delete(handle);
+      session._running?.delete(handle);
+    }
+    async end() {
+      const session = own(this, XRSession);
+      if (session._ended) throw wrongState('the session is over');
+      session._ended = true;
+      previews.delete(session);
+      await null;
+      fire(this, new XRSessionEvent('end', { session: this }));
+    }
+  }
+  complete(XRSession, [
+    'visibilityState', 'frameRate', 'supportedFrameRates', 'renderState', 'inputSources', 'enabledFeatures',
+    'isSystemKeyboardSupported', 'environmentBlendMode', 'interactionMode',
+  ], ['end', 'inputsourceschange', ...INPUT_EVENTS, 'visibilitychange', 'frameratechange']);
+
+  // What is behind an XRSession.
+  class Session {
     constructor(mode, features) {
-      super();
       this._immersive = mode !== 'inline';
       this._eyes = EYES[this._immersive ? sim.settings.eyes : 1];
       this.enabledFeatures = Object.freeze(features);
@@ -117,68 +251,32 @@
       this.environmentBlendMode = 'opaque';
       this.interactionMode = this._immersive ? 'world-space' : 'screen-space';
       this.isSystemKeyboardSupported = false;
-      this.domOverlayState = null;
-      this.frameRate = sim.settings.frame_rate_hz;
-      this.supportedFrameRates = new Float32Array([this.frameRate]);
-      this.inputSources = [];
-      this.renderState = Object.freeze({
+      this.frameRate = this._immersive ? sim.settings.frame_rate_hz : null;
+      this.supportedFrameRates = this._immersive ? new Float32Array([this.frameRate]) : null;
+      this._tracked = { list: [] };
+      this.inputSources = make(XRInputSourceArray, this._tracked);
+      this._render = {
         baseLayer: null, depthNear: 0.1, depthFar: 1000,
         inlineVerticalFieldOfView: this._immersive ? null : Math.PI / 2,
-      });
-      this._viewer = new XRSpace((state) => state.head);
-      this._sources = Object.fromEntries(HANDS.map((hand) => [hand, new XRInputSource(hand)]));
+      };
+      this.renderState = make(XRRenderState, this._render);
+      this._viewer = { session: this, where: (state) => state.head };
+      this._sources = Object.fromEntries(HANDS.map((hand) => [hand, sim.inputSource(this, hand)]));
       this._callbacks = new Map();
       this._last = 0;
       this._ended = false;
-    }
-    updateRenderState(changes = {}) {
-      if (this._ended) throw new DOMException('the session is over', 'InvalidStateError');
-      if (changes.layers?.length) {
-        throw new DOMException('layers are not there', 'NotSupportedError');
-      }
-      const known = filter(Object.entries(changes),
-        ({ 0: key, 1: value }) => value !== undefined && key in this.renderState);
-      this._pending = { ...this._pending, ...Object.fromEntries(known) };
+      this.page = make(XRSession, this);
     }
     _settle() {
       if (!this._pending) return;
-      this.renderState = Object.freeze({ ...this.renderState, ...this._pending });
+      this._render = { ...this._render, ...this._pending };
+      this.renderState = make(XRRenderState, this._render);
       this._pending = null;
-    }
-    async requestReferenceSpace(type) {
-      if (!includes(this.enabledFeatures, type)) {
-        throw new DOMException(`no reference space ${type}`, 'NotSupportedError');
-      }
-      if (type === 'viewer') return new XRReferenceSpace((state) => state.head);
-      if (type === 'local') {
-        // Where the head was at the start, at eye height.
-        return new XRReferenceSpace((state) => ({ p: [0, state.eyes_m, 0], q: IDENTITY.q }));
-      }
-      const corners = [[-1, -1], [-1, 1], [1, 1], [1, -1]];
-      if (type !== 'bounded-floor') return new XRReferenceSpace(() => IDENTITY);
-      return new XRBoundedReferenceSpace(() => IDENTITY,
-        corners.map(([x, z]) => new DOMPointReadOnly(x * ROOM_M, 0, z * ROOM_M, 1)));
-    }
-    addEventListener(type, ...rest) {
-      if (includes(INPUT_EVENTS, type)) sim.events.add(type);
-      Reflect.apply(listen, this, [type, ...rest]);
-    }
-    requestAnimationFrame(callback) {
-      if (this._ended) return 0;
-      this._callbacks.set(++this._last, callback);
-      return this._last;
-    }
-    cancelAnimationFrame(id) { this._callbacks.delete(id); }
-    async updateTargetFrameRate() {}
-    async end() {
-      if (this._ended) return;
-      this._ended = true;
-      fire(this, new XRSessionEvent('end', { session: this }));
     }
 
     // Whether the page is ready to be shown frames.
     get _ready() {
-      return Boolean((this._pending?.baseLayer ?? this.renderState.baseLayer) && this._callbacks.size);
+      return Boolean((this._pending?.baseLayer ?? this._render.baseLayer) && this._callbacks.size);
     }
 
     // One frame: rows of the devices in the app's frame, null where one is not tracked.
@@ -191,41 +289,46 @@
       this._track(state);
       forEach(HANDS, (hand, k) => {
         if (!state[hand]) return;
-        const source = this._sources[hand];
-        forEach(source._take(inputs[k]), (type) => {
-          const frame = new XRFrame(this, state, false);
-          fire(this, new XRInputSourceEvent(type, { frame, inputSource: source }));
-          frame._active = false;
+        const inputSource = this._sources[hand];
+        forEach(sim.takeInputs(inputSource, inputs[k]), (type) => {
+          if (this._ended) return;
+          const frame = frameOf(this, state, false);
+          fire(this.page, new XRInputSourceEvent(type, { frame, inputSource }));
+          own(frame, XRFrame).active = false;
         });
       });
-      const layer = this.renderState.baseLayer;
+      const { baseLayer, depthNear, depthFar } = this._render;
       sim.beforeFrame();
       if (!this._call(state) || !drawn || this._ended) return null;
-      return layer._read(this.renderState.depthNear, this.renderState.depthFar);
+      return sim.layer(baseLayer).read(depthNear, depthFar);
     }
     // Runs the callbacks; returns whether there were any.
     _call(state) {
-      const callbacks = this._callbacks;
-      if (this._ended || !this.renderState.baseLayer || callbacks.size === 0) return false;
+      if (this._ended || !this._render.baseLayer || this._callbacks.size === 0) return false;
+      this._running = this._callbacks; // of which one may cancel another
       this._callbacks = new Map();
-      const frame = new XRFrame(this, state, true);
-      callbacks.forEach((callback) => sim.call(callback, sim.now(), frame));
-      frame._active = false;
+      const frame = frameOf(this, state, true);
+      this._running.forEach((callback) => sim.call(callback, sim.now(), frame));
+      this._running = null;
+      own(frame, XRFrame).active = false;
       return true;
     }
     _track(state) {
-      const tracked = map(filter(HANDS, (hand) => state[hand]), (hand) => this._sources[hand]);
-      const added = filter(tracked, (source) => !includes(this.inputSources, source));
-      const removed = filter(this.inputSources, (source) => !includes(tracked, source));
+      const before = this._tracked.list;
+      const list = map(filter(HANDS, (hand) => state[hand]), (hand) => this._sources[hand]);
+      const added = filter(list, (source) => !includes(before, source));
+      const removed = filter(before, (source) => !includes(list, source));
       if (added.length + removed.length === 0) return;
-      this.inputSources = tracked;
-      fire(this, new XRInputSourcesChangeEvent('inputsourceschange', { session: this, added, removed }));
+      this._tracked.list = list;
+      forEach(HANDS, (_, k) => {
+        delete this.inputSources[k];
+        if (k < list.length) {
+          Object.defineProperty(this.inputSources, k, { value: list[k], enumerable: true, configurable: true });
+        }
+      });
+      fire(this.page, new XRInputSourcesChangeEvent('inputsourceschange', { session: this.page, added, removed }));
     }
   }
-  for (const type of [
-    'end', 'inputsourceschange', 'select', 'selectstart', 'selectend', 'squeeze', 'squeezestart',
-    'squeezeend', 'visibilitychange', 'frameratechange',
-  ]) XRSession.prototype[`on${type}`] = null;
 
   sim.events = new Set(); // of inputs, to which the page listens
   sim.wishes = new Set(); // features of sessions
@@ -234,36 +337,49 @@
     session._settle();
     session._call({ head: IDENTITY, eyes_m: 0 });
   });
+  // A headset shows nothing of the window while a session runs, and its browser draws no frame of it.
+  const { runFrames } = sim;
+  sim.runFrames = () => {
+    if (sim.settings.window_frames || !sim.session || sim.session._ended) runFrames();
+  };
   const supports = (mode) => mode === 'immersive-vr' || mode === 'inline';
   class XRSystem extends EventTarget {
+    constructor() { illegal(); }
     async isSessionSupported(mode) {
-      sim.modes.add(String(mode));
-      return supports(mode);
+      own(this, XRSystem);
+      needs(1, arguments, 'isSessionSupported');
+      const wished = chosen(mode, MODES, 'XRSessionMode');
+      sim.modes.add(wished);
+      return supports(wished);
     }
-    async supportsSession(mode) {
+    async supportsSession(mode) { // of pages older than isSessionSupported
       if (!(await this.isSessionSupported(mode))) throw new DOMException(mode, 'NotSupportedError');
     }
-    async requestSession(mode, { requiredFeatures = [], optionalFeatures = [] } = {}) {
-      sim.modes.add(String(mode));
-      const lacking = filter(requiredFeatures, (name) => !includes(FEATURES, name));
+    async requestSession(mode, options = {}) {
+      own(this, XRSystem);
+      needs(1, arguments, 'requestSession');
+      const wished = chosen(mode, MODES, 'XRSessionMode');
+      const { requiredFeatures = [], optionalFeatures = [] } = dictionary(options, 'options');
+      const required = map(listOf(requiredFeatures, 'requiredFeatures'), (name) => `${name}`);
+      const optional = map(listOf(optionalFeatures, 'optionalFeatures'), (name) => `${name}`);
+      sim.modes.add(wished);
+      if (wished !== 'inline' && sim.session && !sim.session._ended) throw wrongState('there is a session already');
+      const lacking = filter(required, (name) => !includes(FEATURES, name));
       forEach(lacking, (name) => sim.wishes.add(`${name} (required)`));
-      if (!supports(mode) || lacking.length) {
-        sim.refused = supports(mode) ? `the feature ${lacking[0]}` : `a session of ${mode}`;
+      if (!supports(wished) || lacking.length) {
+        sim.refused = supports(wished) ? `the feature ${lacking[0]}` : `a session of ${wished}`;
         throw new DOMException(`sim2vr has no ${sim.refused}`, 'NotSupportedError');
       }
-      const wished = [...requiredFeatures, ...optionalFeatures];
-      forEach(wished, (name) => sim.wishes.add(`${name}${includes(requiredFeatures, name) ? ' (required)' : ''}`));
-      const granted = filter(FEATURES, (name) => includes(wished, name));
-      if (mode === 'inline') {
-        const preview = new XRSession(mode, [...new Set(['viewer', ...granted])]);
+      const features = [...required, ...optional];
+      forEach(features, (name) => sim.wishes.add(`${name}${includes(required, name) ? ' (required)' : ''}`));
+      const granted = filter(FEATURES, (name) => includes(features, name));
+      if (wished === 'inline') {
+        const preview = new Session(wished, [...new Set(['viewer', ...granted])]);
         previews.add(preview);
-        return preview;
+        return preview.page;
       }
-      if (sim.session && !sim.session._ended) {
-        throw new DOMException('there is a session already', 'InvalidStateError');
-      }
-      sim.session = new XRSession(mode, [...new Set(['viewer', 'local', ...granted])]);
-      return sim.session;
+      sim.session = new Session(wished, [...new Set(['viewer', 'local', ...granted])]);
+      return sim.session.page;
     }
     // The harness is who takes an offer, when the page has loaded.
     offerSession(mode, init) {
@@ -276,12 +392,16 @@
       });
     }
   }
-  const system = new XRSystem();
-  system.ondevicechange = null;
-  Object.defineProperty(Navigator.prototype, 'xr', { get: () => system, configurable: true });
-  Object.assign(sim.classes, {
-    XRView, XRViewerPose, XRFrame, XRSession, XRSystem, XRSessionEvent, XRInputSourceEvent,
-    XRInputSourcesChangeEvent,
+  complete(XRSystem, [], ['devicechange', 'sessiongranted']);
+  const system = make(XRSystem, {});
+  const userAgent = Object.getOwnPropertyDescriptor(Navigator.prototype, 'userAgent').get;
+  Object.defineProperty(Navigator.prototype, 'xr', {
+    get() {
+      Reflect.apply(userAgent, this, []); // throws for what is no Navigator
+      return system;
+    },
+    configurable: true,
+    enumerable: true,
   });
   // A page finds the parts of WebXR that are covered; of all others, not even the names.
   for (const name of Object.getOwnPropertyNames(window)) if (/^XR/.test(name)) delete window[name];

@@ -33,11 +33,11 @@
   counting(window.HTMLMediaElement, 'pause');
 
   const carried = (object) => object.isCamera || object.hasLinearVelocity !== undefined
-    || Boolean(object.el?.matches?.(sim.CARRIED));
+    || Boolean(!object.el?.isScene && object.el?.matches?.(sim.CARRIED));
   const visit = (object, found) => {
     if (carried(object) || found.length >= MOST) return;
     push(found, [numberOf(object), sim.hash(JSON.stringify(sim.looks(object)))]);
-    forEach(object.children, (child) => visit(child, found));
+    forEach(object.children ?? [], (child) => visit(child, found));
   };
   // Numbers of objects and of how they look, sounds so far, a number that changes with the document's
   // text, and the rays of the last frame that tested any: origin and direction, the app's frame.
@@ -47,7 +47,7 @@
       const scene = reference.deref();
       if (scene) visit(scene, found);
     }
-    for (const scene of window.BABYLON?.EngineStore?.Instances?.flatMap((one) => one.scenes) ?? []) {
+    for (const scene of sim.babylonScenes()) {
       for (const mesh of scene.meshes.slice(0, MOST - found.length)) {
         const { r, g, b } = mesh.material?.diffuseColor ?? mesh.material?.albedoColor ?? {};
         const state = [r, g, b, mesh.scaling, mesh.position, mesh.visibility, mesh.isEnabled()];

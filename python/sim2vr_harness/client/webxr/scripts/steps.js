@@ -6,10 +6,12 @@
   const flat = start ? filter(start.frames_ms, (time) => time <= start.first_ms) : [];
   const MOST_TICKS = 900 // 15 s of the page's time to get ready
     + (start ? flat.length + Math.ceil(start.first_ms / TICK_MS) : 0);
+  const LEAST_TICKS = 120; // after its last click, of a page that has not called WebXR when time is short
   const PART = 30; // of which each call of `enter` runs
   const CLICK_EVERY = 15;
   const AGAIN_AFTER = 60;
   const MOST_IDLE_MS = 2000; // that a session may go without asking for a frame
+  const AGAIN = /\b(try again|retry|reload|refresh)\b/i;
   const LIKELY = /\b(vr|xr|webxr|immersive|headset)\b|enter-?vr|vr-?button|vricon/i;
   const POSSIBLE = /\b(start|play|begin|enter|go|launch|continue|ok)\b/i;
 
@@ -66,11 +68,13 @@
     const clickable = (element) => element.onclick || listening.has(element);
     const all = elements(document).filter((element) => !element.disabled
       && !/^(html|body|a-scene|canvas)$/i.test(element.tagName) && !leadsAway(element.closest('a'))
+      && !AGAIN.test(words(element)) && !exits.has(element)
       && (element.matches(BUTTONS) || clickable(element)));
     const likely = all.filter((element) => LIKELY.test(words(element)));
     const possible = all.filter((element) => !likely.includes(element) && POSSIBLE.test(words(element)));
     const others = [...all, ...document.querySelectorAll('canvas'), document.body].filter(
-      (element) => !likely.includes(element) && !possible.includes(element) && clickable(element));
+      (element) => !likely.includes(element) && !possible.includes(element) && clickable(element)
+        && !AGAIN.test(words(element)) && !exits.has(element));
     return { likely, all: [...likely, ...possible, ...others] };
   };
   // The place of an element where the mouse meets it, x y in the window; null: nowhere.
@@ -109,6 +113,14 @@
   Reflect.apply(addEventListener, window, ['click', (event) => {
     if (clicking && event.composedPath().some(leadsAway)) event.preventDefault();
   }]);
+  // Nor does what the click brings about later, by a script: what was clicked is no door into VR.
+  const exits = new Map(); // element -> where it leads
+  window.navigation?.addEventListener('navigate', (event) => {
+    if (!sim.door || sim.session || !event.cancelable || event.destination.sameDocument) return;
+    event.preventDefault();
+    const { url } = event.destination;
+    exits.set(sim.door, url === location.href ? 'loads the page again' : `leads to ${slice(url, 0, 200)}`);
+  });
   Reflect.apply(addEventListener, window, ['submit', (event) => {
     if (clicking) event.preventDefault();
   }]);
@@ -131,16 +143,21 @@
   // ['more']: call again; ['click', x, y] or ['click']: click there, or by `sim.click`, first.
   let ticks = 0;
   let shown = 0; // recorded frames that have run
+  let clicked = 0; // the tick of the last click
   let free = 0; // ticks in which it could be clicked
   const nextTime = () => (shown < flat.length ? flat[shown++] : sim.now() + TICK_MS);
   const held = () => start && (shown < flat.length ? flat[shown] : sim.now() + TICK_MS) <= start.requested_ms;
   const doorOf = (element) => {
     sim.door = element;
+    clicked = ticks;
     clicking = true;
     return ['click', ...(pointOf(element) ?? [])];
   };
-  sim.enter = async (selector) => {
+  sim.enter = async (selector, hurried) => {
     clicking = false;
+    if (hurried && !start && sim.modes.size === 0 && ticks - clicked >= LEAST_TICKS) {
+      return ['done', ['enter', notEntered(selector)]];
+    }
     if (start) free ||= selector ? 1 : CLICK_EVERY; // at once
     for (const until = ticks + PART; ticks < Math.min(until, MOST_TICKS);) {
       ticks += 1;
@@ -173,15 +190,19 @@
   };
   const notEntered = (selector) => {
     if (selector && !document.querySelector(selector)) return `has no element ${selector} to enter VR by`;
-    if (sim.modes.size === 0) return 'never calls WebXR (navigator.xr)';
+    const names = [];
+    clicks.forEach((_, element) => {
+      const exit = exits.has(element) ? ` (${exits.get(element)})` : '';
+      push(names, `${element.textContent.trim().slice(0, 30) || element.id}${exit}`);
+    });
+    const tried = names.slice(0, 5).join(', ');
+    if (sim.modes.size === 0) return `never calls WebXR (navigator.xr)${tried && `; tried to click: ${tried}`}`;
     if (sim.session) return 'enters VR, but asks for no frames there';
     if (!sim.modes.has('immersive-vr') && sim.modes.has('immersive-ar')) {
       return 'is an AR page: it asks for immersive-ar only, expected immersive-vr';
     }
     if (sim.refused) return `asks for ${sim.refused}, which is not covered`;
-    const clicked = [];
-    clicks.forEach((_, element) => push(clicked, element.textContent.trim().slice(0, 30) || element.id));
-    return `never enters VR; tried to click: ${clicked.slice(0, 5).join(', ') || 'nothing that looks like it'}`;
+    return `never enters VR; tried to click: ${tried || 'nothing that looks like it'}`;
   };
 
   const finite = (value) => {

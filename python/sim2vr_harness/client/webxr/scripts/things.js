@@ -84,7 +84,7 @@
     return true;
   };
   const looks = (part) => {
-    const state = [part.visible, part.text, part.children.length];
+    const state = [part.visible, part.text, part.children?.length];
     for (const material of [part.material].flat()) {
       const { color, emissive, opacity, map: image, wireframe, uniforms } = material ?? {};
       push(state, color?.getHex?.(), emissive?.getHex?.(), opacity, wireframe, image?.uuid, image?.version);
@@ -94,7 +94,7 @@
     }
     const places = part.geometry?.attributes?.position;
     push(state, part.geometry?.uuid, places?.count, places?.version);
-    forEach([...part.matrix.elements], (value) => push(state, Math.round(value * 1e3)));
+    forEach([...part.matrix?.elements ?? []], (value) => push(state, Math.round(value * 1e3)));
     return state;
   };
   // What of an object people may notice: where it is, and how it looks.
@@ -109,14 +109,19 @@
     return found;
   };
 
+  // A cursor on the scene itself is the mouse: it carries nothing.
+  const carriedBy = (element) => {
+    const carrier = element.closest(CARRIED);
+    return carrier !== null && !carrier.isScene;
+  };
   const ofElements = (rows) => {
     const rays = [...document.querySelectorAll('[raycaster]')].map((one) => one.components?.raycaster?.data.objects);
-    const aims = [...document.querySelectorAll('[raycaster], [cursor]')];
+    const aims = [...document.querySelectorAll('[raycaster], [cursor]')].filter((one) => !one.isScene);
     const gaze = aims.length > 0 && aims.every((one) => one.closest('[camera], a-camera'));
     const selector = rays.filter((one) => one).join(', ');
     for (const element of document.querySelectorAll('a-scene *')) {
       const object = element.object3D;
-      if (!object || element.closest(CARRIED) || element.querySelector(CARRIED)) continue;
+      if (!object || carriedBy(element) || element.querySelector(CARRIED)) continue;
       const types = new Set([...heard.get(element) ?? [], ...attributes(element)]);
       const chosen = selector && element.matches(selector);
       const listens = types.size || chosen || element.matches(ABLE);
@@ -145,14 +150,14 @@
           const how = listens || tested.has(object) ? 'point' : 'unknown';
           push(rows, [object, object.name || object.type, how, counts.get(object) ?? 0]);
         }
-        forEach(object.children, visit);
+        forEach(object.children ?? [], visit);
       };
       const scene = reference.deref();
       if (scene) visit(scene);
     }
   };
   const ofBabylon = (found, user) => {
-    for (const scene of window.BABYLON?.EngineStore?.Instances?.flatMap((one) => one.scenes) ?? []) {
+    for (const scene of sim.babylonScenes()) {
       for (const mesh of scene.meshes) {
         if (!mesh.isEnabled() || !mesh.isVisible || !mesh.getTotalVertices()) continue;
         const actions = mesh.actionManager?.actions ?? [];
@@ -190,6 +195,7 @@
     ofThree(objects);
     const user = sim.userSpace();
     for (const { 0: object, 1: plain, 2: how, 3: events } of objects) {
+      if (found.length >= MOST) break; // measuring 100,000 objects takes longer than a frame
       const name = nameOf(object, plain);
       const box = shown(object) && boxOf(object, user);
       if (box) push(found, [name, how, ...box, events, stateOf(object)]);

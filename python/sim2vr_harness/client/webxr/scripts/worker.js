@@ -3,6 +3,7 @@
   const KEY = '__sim2vr';
   const { addEventListener } = EventTarget.prototype;
   const { postMessage, close } = window;
+  delete window.WorkerNavigator.prototype.gpu; // not covered, see walls.js
   const answer = (content) => Reflect.apply(postMessage, window, [{ [KEY]: content }]);
   Reflect.apply(addEventListener, window, ['message', async (event) => {
     const time = event.data?.[KEY];

@@ -1,1 +1,0 @@
-"""Contributions of reward terms over a movement, beside its effort cost."""

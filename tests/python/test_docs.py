@@ -113,8 +113,6 @@ def _problem(words: list[str], whole: bool) -> str | None:
         if names[-1] not in command.commands:
             return f"no command {' '.join(names)}"
         command = command.commands[names[-1]]
-        if renamed := getattr(command, "renamed", ""):
-            return f"the old name of {renamed}"
     known = {option for each in command.params for option in (*each.opts, *each.secondary_opts)}
     for word in rest:
         if word[:2] == "--" and word not in {"--help", *known}:
@@ -198,7 +196,7 @@ def test_the_readme_is_short() -> None:
             "`users motor train B --out F.pt --set cycle=3`",
             "skills.motor_training.cycle: got an unknown",
         ),
-        ("`snapshot --game sample --out x.png`", "the old name of render snapshot"),
+        ("`snapshot --game sample --out x.png`", "no command snapshot"),
         (
             "```sh\nfor w in x 1; do\nsim2vr-harness train sample --set ppo.n_envs=$w; done\n```",
             "'x'",

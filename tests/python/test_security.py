@@ -111,7 +111,7 @@ def run_folder(case: Case) -> None:
     case.refused("evaluate", run)
     case.refused("train", "--resume", run)
     case.refused("train", "--from", run, *out)
-    case.refused("render", "snapshot", "--run", run, *out)
+    case.refused("render", "snapshot", "--user", run, *out)
     case.refused("render", "film", run, "--out", case.folder / "out.mp4")
     case.refused("users", "pack", run, "name", *out)
     case.refused("reach", run, *out)

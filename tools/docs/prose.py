@@ -34,10 +34,8 @@ EXEMPT = (
     "docs/research/",
     "docs/reference/settings.md",
     "docs/reference/command_line.md",
-    "python/sim2vr_harness/cli/old_names.py",
-    "python/sim2vr_harness/runs/migration.py",
 )
-"""Notes of the past, generated pages, and the modules that keep old names working."""
+"""Notes of the past and generated pages."""
 
 
 @dataclass(frozen=True)

@@ -57,6 +57,8 @@ def reason(error: BaseException) -> str:
 
 def printable(text: str) -> str:
     """Escape line breaks and control characters, which a terminal would act upon."""
+    if text.isprintable():
+        return text
     return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
 
 

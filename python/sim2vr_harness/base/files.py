@@ -37,6 +37,9 @@ MOST_UNPACKED = 2**28
 
 What the project writes is stored unpacked where it is large, so this is for small packed parts."""
 
+_MOST_DIGITS = 300
+"""Of an integer in JSON; from 309 on no float is as large."""
+
 Path_ = str | os.PathLike[str]
 T = TypeVar("T")
 
@@ -161,13 +164,13 @@ def read_yaml(path: Path_, expected: str) -> Any:
     return tree
 
 
-def read_json(path: Path_, expected: str) -> dict[str, Any]:
+def read_json(path: Path_, expected: str, *, most: int = MOST_TEXT) -> dict[str, Any]:
     """Return the object that a JSON file holds.
 
     Raises:
         InputError: as :func:`read_text` and :func:`parse_json`.
     """
-    return parse_json(read_text(path, expected), file_name(path), expected)
+    return parse_json(read_text(path, expected, most=most), file_name(path), expected)
 
 
 def parse_json(text: str | bytes, source: str, expected: str) -> dict[str, Any]:
@@ -184,7 +187,7 @@ def parse_json(text: str | bytes, source: str, expected: str) -> dict[str, Any]:
     if not text.strip():
         raise InputError(source, "an empty file", expected)
     try:
-        content = json.loads(text, object_pairs_hook=_each_key_once)
+        content = json.loads(text, object_pairs_hook=_each_key_once, parse_int=_whole_number)
     except json.JSONDecodeError as error:
         got = f"text that is not JSON ({error.msg})"
         raise InputError(f"{source}, line {error.lineno}", got, expected) from error
@@ -194,6 +197,11 @@ def parse_json(text: str | bytes, source: str, expected: str) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise InputError(source, f"JSON of {shown(content, 40)}", expected)
     return content
+
+
+def _whole_number(digits: str) -> int | float:
+    """Return an integer; infinity where no float is as large, so that readers refuse it."""
+    return int(digits) if len(digits) <= _MOST_DIGITS else float(digits)
 
 
 def _each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -190,8 +190,10 @@ def _check(
     seconds, people, seed = numbers
     page = (remote or {}).get("page")
     if game is None and targets is None and page is None:
-        got = "an app without --targets" if remote else "none"
-        raise InputError("--game, --page, --targets or --session", got, "one of them")
+        if remote:
+            expected = "it with --targets FILE.yaml or --session, since a program lists no objects"
+            raise InputError("--openxr", "a program without --targets", expected)
+        raise InputError("--game, --page, --targets or --session", "none", "one of them")
     if game is not None and remote:
         raise InputError("--page or --openxr", "it together with --game", "one of them")
     if overrides and game is None and not remote:

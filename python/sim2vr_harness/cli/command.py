@@ -1,4 +1,4 @@
-"""Classes of commands: groups in ``--help``, examples, old names.
+"""Classes of commands: groups in ``--help``, and examples.
 
 The docstring of a command ends with the line ``Examples:`` and its examples, one a line.
 """
@@ -11,9 +11,6 @@ from typing import Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
-
-REMOVED_IN = "0.3"
-"""The version without the old names of commands."""
 
 HEADINGS = PLAY, STUDY, ANALYSE, LOOK, KNOW = (
     "Play and train",
@@ -46,20 +43,7 @@ class _WithExamples:
 
 
 class Command(_WithExamples, TyperCommand):
-    """A command with examples; one with an old name says the new one and runs.
-
-    Attributes:
-        renamed: The new name, such as ``plot curves``; empty for a command in use.
-    """
-
-    renamed = ""
-
-    def invoke(self, ctx: Any) -> Any:
-        """Run the command."""
-        if self.renamed:
-            text = f"`{ctx.command_path}` is now `sim2vr-harness {self.renamed}`"
-            typer.echo(f"note: {text}; version {REMOVED_IN} removes the old name", err=True)
-        return super().invoke(ctx)
+    """A command with examples."""
 
 
 class Group(_WithExamples, TyperGroup):
@@ -102,8 +86,3 @@ class CommandGroup(typer.Typer):
         """Add a command, listed in the group of that heading."""
         settings = {"cls": Command, "rich_help_panel": group, **settings}
         self.command(name, **settings)(function)
-
-    def add_old(self, name: str, function: Callable[..., Any], renamed: str) -> None:
-        """Add the hidden old name of a command, which names the new one on standard error."""
-        old = type("OldCommand", (Command,), {"renamed": renamed})
-        self.add(name, function, hidden=True, cls=old)

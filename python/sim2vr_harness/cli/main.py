@@ -47,7 +47,6 @@ from sim2vr_harness.cli.app_options import AppArgOption, app_settings
 from sim2vr_harness.cli.command import ANALYSE, KNOW, LOOK, PLAY, STUDY, CommandGroup
 from sim2vr_harness.cli.errors import INTERRUPTED, report
 from sim2vr_harness.cli.games import HelpWithGames
-from sim2vr_harness.cli.old_names import add_old_names
 from sim2vr_harness.cli.options import JsonOption, finite, writable_file
 
 app = CommandGroup(
@@ -167,7 +166,6 @@ app.add("games", games.games, KNOW)
 app.add_typer(page.app, name="page", rich_help_panel=KNOW)
 app.add_typer(users.app, name="users", rich_help_panel=KNOW)
 app.add("doctor", doctor, KNOW)
-add_old_names(app)
 
 
 def main(arguments: list[str] | None = None) -> None:

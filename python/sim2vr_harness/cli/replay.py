@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from sim2vr_harness.base.errors import InputError, counted
+from sim2vr_harness.base.errors import InputError, counted, printable
 from sim2vr_harness.cli.app_options import with_app_options
 from sim2vr_harness.cli.options import (
     JsonOption,
@@ -188,7 +188,7 @@ def _replay_sessions(
     for path in paths:
         session = read_any(path)
         for note in session.notes:
-            typer.echo(f"note: {path.name}: {note}", err=True)
+            typer.echo(printable(f"note: {path.name}: {note}"), err=True)
         kept = None if log is None else log / path.name
         with Share(f"Replaying {path.name}") as share, ExitStack() as stack:
             shown: dict[str, Any] = {}
@@ -207,7 +207,8 @@ def _replay_sessions(
         print_json({"sessions": {name: _as_json(each) for name, each in done.items()}})
     else:
         for name, each in done.items():
-            typer.echo("\n".join([f"{Path(name).name}: {_summary(each)}", *_lines(each)]))
+            lines = [f"{Path(name).name}: {_summary(each)}", *_lines(each)]
+            typer.echo("\n".join(map(printable, lines)))
     return int(strict and not all(each.comparison.same for each in done.values()))
 
 

@@ -39,7 +39,6 @@ def snapshot(
         float, typer.Option(help="How many seconds to play first.", callback=finite)
     ] = 2.0,
     seed: Annotated[int, typer.Option(help="Seed of the round.")] = 1,
-    run: Annotated[str | None, typer.Option(hidden=True, help="The old name of --user.")] = None,
     user: UserOption = None,
     overrides: EnvSetOption = None,
     trust_app: TrustOption = False,
@@ -56,7 +55,7 @@ def snapshot(
     """
     from sim2vr_harness.evaluation import snapshot as pictures
 
-    run, baseline = who_plays(run, user)
+    run, baseline = who_plays(None, user)
     files = pictures.snapshot(
         out,
         game=game,

@@ -255,19 +255,6 @@ class VisionConfig(Settings):
         """Width and height of the picture that apps draw."""
         return self.zoom * self.width, self.zoom * self.height
 
-    @model_validator(mode="before")
-    @classmethod
-    def _without_buffer(cls, given: Any) -> Any:
-        """Reads configurations of before there were senses, which say ``buffer_s: null``."""
-        if not isinstance(given, dict) or "buffer_s" not in given:
-            return given
-        if given["buffer_s"] is not None:
-            raise ValueError(
-                f"buffer_s: got {given['buffer_s']}, expected the time under env.senses instead, "
-                f"- {{sense: vision, history_s: {given['buffer_s']}}}"
-            )
-        return {key: value for key, value in given.items() if key != "buffer_s"}
-
 
 DEFAULT_SENSES = tuple(SenseConfig(sense=name) for name in ("vision", "proprioception", "time"))
 """Those of the reference."""

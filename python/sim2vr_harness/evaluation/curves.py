@@ -136,7 +136,6 @@ def _of_packed(user: TrainedUser, run: str | Path) -> _Run:
         )
     expected = "learning curves: a JSON object with lists of rows"
     rows = read_json(file, expected)
-    rows.setdefault("q_learning", rows.get("looking", []))  # its name, if any, in version 0.1
     for key in ("q_learning", "imagined", "student", "rows"):
         found = rows.get(key)
         if not isinstance(found, list) or not all(isinstance(row, dict) for row in found):
@@ -150,22 +149,11 @@ def _of_folder(folder: RunFolder) -> _Run:
     return _Run(
         name=folder.path.name,
         facts=game_facts(folder.load_config().env.app, ask=False),
-        q_learning=_first_rows(
-            folder.path / "q_learning" / "cycles.jsonl",
-            folder.path / "looking" / "cycles.jsonl",  # of runs of version 0.1
-        ),
-        imagined=_first_rows(
-            folder.path / "imagined" / "cycles.jsonl",
-            folder.path / "teacher" / "practice.jsonl",  # of runs of version 0.1
-        ),
+        q_learning=read_rows(folder.path / "q_learning" / "cycles.jsonl"),
+        imagined=read_rows(folder.path / "imagined" / "cycles.jsonl"),
         student=read_rows(folder.path / "student" / "metrics.jsonl"),
         rows=folder.metrics(),
     )
-
-
-def _first_rows(*files: Path) -> Rows:
-    """Rows of the first of these files that has any."""
-    return next((rows for rows in map(read_rows, files) if rows), [])
 
 
 def _figure(runs: Sequence[_Run]) -> Figure:

@@ -33,6 +33,8 @@ from sim2vr_harness.evaluation.rollouts import Watcher, jobs_for, play
 from sim2vr_harness.evaluation.round_logs import RoundLogs
 from sim2vr_harness.evaluation.training_distribution import met, unpractised
 from sim2vr_harness.evaluation.video import RoundFilmer
+from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy
+from sim2vr_harness.policies.hierarchical.pointing import apart, rays_of
 from sim2vr_harness.policies.protocol import Policy
 from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.scripted.baselines import doing_nothing_pays
@@ -318,6 +320,8 @@ def _play(
     def make_policy(users: Any) -> Policy:
         spaces = users.observation_space, users.action_space
         policy, plan.settings["trained_steps"] = load_policy(plan.user, *spaces)
+        if isinstance(policy, HierarchicalPolicy) and (note := _another_ray(policy, users)):
+            plan.unpractised[:] = [*dict.fromkeys([*plan.unpractised, note])]
         if plan.request.overwrite:
             recorder.clear()
         else:
@@ -343,6 +347,14 @@ def _play(
             on_progress=progress_of_part(on_progress, number, len(groups)),
         )
     return rounds
+
+
+def _another_ray(policy: HierarchicalPolicy, users: Any) -> str:
+    """Say that a page points with another ray than the user; "": it does not, or none points."""
+    if "point" not in policy.values.options.placed or users.config.app.page is None:
+        return ""
+    off = apart(rays_of(users, policy.layer.hands), policy.rays)
+    return off and f"pointing with the page's ray of today, {off} from that of its training"
 
 
 def _logs_by_itself(env: EnvConfig) -> bool:

@@ -6,7 +6,6 @@ import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -177,9 +176,8 @@ def _of_the_run(user: TrainedUser) -> dict[str, Any]:
     config, known = user.config, folder.metadata()
     sessions = [session for session in known["sessions"] if "ended" in session]
     stages = {stage: seconds / 60.0 for stage, seconds in known.get("stage_seconds", {}).items()}
-    # Runs of before kept no time for the last stage, and sessions for nothing else.
-    last = stages.pop("ppo", None)
-    stages["from pixels"] = sum(map(_minutes, sessions)) if last is None else last
+    if "ppo" in stages:
+        stages["from pixels"] = stages.pop("ppo")
     details: dict[str, Any] = {
         "recipe": config.recipe,
         "seeds": [config.seed],
@@ -197,11 +195,6 @@ def _of_the_run(user: TrainedUser) -> dict[str, Any]:
             f"{sessions[-1]['cores']} processor cores, {sessions[-1].get('device', 'cpu')}"
         )
     return details
-
-
-def _minutes(session: Mapping[str, Any]) -> float:
-    started, ended = (datetime.fromisoformat(session[key]) for key in ("started", "ended"))
-    return (ended - started).total_seconds() / 60.0
 
 
 def _rounded(value: Any) -> Any:

@@ -65,9 +65,8 @@ class EvaluationResults:
         for condition, summary in self._there.items():
             compared = (*_WHO, *_HOW, _PLAYERS) if condition in conditions else _WHO
             for key in compared:
-                # Results of before a key was written are taken as they are.
                 there, new = summary.get(key), settings.get(key)
-                if (key in summary or key == _PLAYERS) and there != new:
+                if there != new:
                     raise InputError(
                         "--out",
                         f"{str(self.file.parent)!r}, which has results of {condition} with "

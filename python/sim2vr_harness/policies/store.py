@@ -41,7 +41,6 @@ from sim2vr_harness.runs.config import (
     read_mapping,
     to_yaml,
 )
-from sim2vr_harness.runs.migration import renamed, with_new_tensor_names
 from sim2vr_harness.runs.run_folder import RunFolder, write_atomically
 from sim2vr_harness.users.bodies import foreign_package
 
@@ -191,7 +190,7 @@ def open_packed(folder: Path, *, evaluation_dir: Path | None = None) -> TrainedU
         got = f"name {shown(card.get('name'))} and steps {shown(steps)}"
         raise InputError(file_name(folder / _CARD), got, _CARD_EXPECTED)
     try:
-        config = parse_config(renamed(read_mapping(folder / _CONFIG)))
+        config = parse_config(read_mapping(folder / _CONFIG))
     except InputError as error:
         file = file_name(folder / _CONFIG)
         field = error.field if error.field.startswith(file) else f"{file}: {error.field}"
@@ -223,7 +222,7 @@ def require_contract(user: TrainedUser, env: EnvConfig) -> None:
 
 
 def _load_packed(file: Path, steps: int, policy: nn.Module) -> int:
-    weights = with_new_tensor_names(read_tensors(file, "weights of this network"))
+    weights = read_tensors(file, "weights of this network")
     try:
         first = _first_names(policy)
         chosen = {

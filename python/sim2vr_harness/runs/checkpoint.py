@@ -27,7 +27,6 @@ from sim2vr_harness.base import files
 from sim2vr_harness.base.errors import InputError, UnusableFile, reason
 from sim2vr_harness.base.finite import NotFinite, first_not_finite
 from sim2vr_harness.base.signals import interrupts_deferred
-from sim2vr_harness.runs.migration import with_new_tensor_names
 from sim2vr_harness.runs.run_folder import checkpoints_in, step_of, write_atomically
 
 FORMAT = 1
@@ -196,7 +195,7 @@ def _read(path: Path, device: torch.device) -> _Parts:
     arrays = files.parse_arrays(members[resume], resume, EXPECTED)
     header = files.parse_json(arrays.pop("header").tobytes(), resume, EXPECTED)
     return (
-        with_new_tensor_names(files.parse_tensors(members[weights], weights, EXPECTED, device)),
+        files.parse_tensors(members[weights], weights, EXPECTED, device),
         files.parse_tensors(members[optimizer], optimizer, EXPECTED, device),
         header,
         arrays,

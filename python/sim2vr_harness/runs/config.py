@@ -6,6 +6,7 @@ the dotted key, what was found and the closest valid key.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -33,7 +34,6 @@ from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.games import imagined_settings
 from sim2vr_harness.runs.attention_config import AttentionCropConfig, check_attention
 from sim2vr_harness.runs.dagger_config import StudentConfig
-from sim2vr_harness.runs.migration import new_name, settable, with_new_names
 from sim2vr_harness.runs.option_config import SkillsConfig
 from sim2vr_harness.runs.ppo_config import LearningRateConfig, PPOConfig
 from sim2vr_harness.runs.teacher_config import TeacherConfig
@@ -210,7 +210,7 @@ _MOST_EXTENDED = 8
 def _extended(file: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
     """Return what a file holds, laid over the configuration that it extends, if it extends one."""
     chain = (*above, file.resolve())
-    tree = _with_files_beside(with_new_names(read_mapping(file)), file)
+    tree = _with_files_beside(read_mapping(file), file)
     name = tree.pop("extends", None)
     if name is None:
         return tree
@@ -304,7 +304,6 @@ def parse_config(tree: Mapping[str, Any]) -> TrainingConfig:
     Raises:
         InputError: Names the first key that cannot be used.
     """
-    tree = settable(tree)
     try:
         return _with_game_model(TrainingConfig.model_validate(tree))
     except pydantic.ValidationError as error:
@@ -337,10 +336,10 @@ def apply_overrides(tree: Mapping[str, Any], overrides: Sequence[str]) -> dict[s
     Raises:
         InputError: An override is not ``key=value``, or its key runs through a plain value.
     """
-    result = with_new_names(tree)
+    result = copy.deepcopy(dict(tree))
     for override in overrides:
         key, separator, text = override.partition("=")
-        key = new_name(key.strip())
+        key = key.strip()
         if not separator or not all(key.split(".")):
             raise InputError("--set", shown(override), "key=value, for example ppo.n_envs=4")
         *parents, last = key.split(".")
@@ -372,7 +371,7 @@ def _settle_words(overrides: Sequence[str], tree: dict[str, Any]) -> None:
     Raises:
         InputError: The game does not say which.
     """
-    last = {new_name(one.partition("=")[0].strip()): one for one in overrides}
+    last = {one.partition("=")[0].strip(): one for one in overrides}
     for key, override in last.items():
         *parents, option = key.split(".")
         word = override.partition("=")[2].strip()

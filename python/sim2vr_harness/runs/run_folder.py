@@ -41,7 +41,6 @@ from sim2vr_harness.runs.config import (
     read_mapping,
     to_yaml,
 )
-from sim2vr_harness.runs.migration import renamed
 
 STAGE_FOLDERS = ("imagined", "teacher", "student")
 """What stages call their folders in a run's; the last stage works in the run's own."""
@@ -235,7 +234,7 @@ class RunFolder:
         """Read the run's configuration; overrides as in :func:`.config.load_config`."""
         try:
             tree = read_mapping(self.config_file)
-            return parse_config(apply_overrides(renamed(tree), overrides))
+            return parse_config(apply_overrides(tree, overrides))
         except InputError as error:
             if overrides:  # the file itself could be read before
                 raise

@@ -4,18 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.base.errors import InputError, shown
-from sim2vr_harness.sessions.session import Controller, FloatArray, Session, SessionEvent
+from sim2vr_harness.base.errors import InputError, printable, shown
+from sim2vr_harness.sessions.session import (
+    AppIdentity,
+    Controller,
+    FloatArray,
+    Session,
+    SessionEvent,
+)
 
 MOST_FRAMES = 1_000_000
 """More than two hours at 120 Hz."""
 MOST_EVENTS = 1_000_000
 LATEST_NS = 10**18
 """Latest time of a frame, about 31 years."""
+LONGEST_S = 4 * 3600.0
+"""A round; measures and tracking resample all of it."""
 _FARTHEST_M = 100.0
 _QUATERNION_TOLERANCE = 0.02
 """Rotations of at most three decimals are this far from length 1; they are normalised."""
@@ -39,14 +48,35 @@ def checked(session: Session, source: str) -> Session:
     if not 1 <= count <= MOST_FRAMES:
         raise InputError(source, f"{count:,} frames", f"1 to {MOST_FRAMES:,} frames")
     _check_times(session.time_ns, source, "frame")
+    check_duration(session.time_ns * 1e-9, source)
     head = _poses(session.head, count, source, "head", required=True)
     left, right = (
         None if one is None else _controller(one, count, source, side)
         for side, one in (("left", session.left), ("right", session.right))
     )
     events = _events(session.events, source)
-    done = replace(session, head=head, left=left, right=right, events=events)
-    return replace(done, notes=(*session.notes, *_notes(done)))
+    app = AppIdentity(
+        session.app.kind,
+        printable(session.app.name),
+        printable(session.app.condition),
+        {key: _plain(value) for key, value in session.app.options.items()},
+    )
+    done = replace(
+        session,
+        head=head,
+        left=left,
+        right=right,
+        events=events,
+        app=app,
+        headset=printable(session.headset),
+        person=printable(session.person),
+    )
+    return replace(done, notes=(*map(printable, session.notes), *_notes(done)))
+
+
+def _plain(value: Any) -> Any:
+    """Return a value; a text with its control characters escaped, which a terminal would act on."""
+    return printable(value) if isinstance(value, str) else value
 
 
 def _check_times(times: NDArray[np.int64], source: str, what: str) -> None:
@@ -58,6 +88,23 @@ def _check_times(times: NDArray[np.int64], source: str, what: str) -> None:
     if len(times) and not 0 <= times[0] <= times[-1] <= LATEST_NS:
         got = f"times from {times[0] * 1e-9:.9g} to {times[-1] * 1e-9:.9g} s"
         raise InputError(source, got, "0 to 1e9 s")
+
+
+def check_duration(times_s: FloatArray, source: str) -> None:
+    """Check that a round is no longer than :data:`LONGEST_S`.
+
+    Args:
+        times_s: (N,) rising; N of 2 or more, or 0.
+        source: the file, for the error.
+
+    Raises:
+        InputError: it is; says where the longest gap lies.
+    """
+    if len(times_s) and times_s[-1] - times_s[0] > LONGEST_S:
+        i = int(np.argmax(np.diff(times_s)))
+        gap = f"the longest gap is from {times_s[i]:.9g} to {times_s[i + 1]:.9g} s"
+        got = f"a round of {times_s[-1] - times_s[0]:.6g} s ({gap})"
+        raise InputError(source, got, f"at most {LONGEST_S:g} s; times are in seconds")
 
 
 def _controller(one: Controller, count: int, source: str, side: str) -> Controller | None:
@@ -123,7 +170,14 @@ def _events(events: Sequence[SessionEvent], source: str) -> tuple[SessionEvent, 
         raise InputError(source, got, f"at most {MOST_EVENTS:,}")
     ordered = sorted(events, key=lambda event: event.time_ns)  # stable
     _check_times(np.array([event.time_ns for event in ordered], dtype=np.int64), source, "event")
-    return tuple(ordered)
+    return tuple(
+        SessionEvent(
+            event.time_ns,
+            printable(event.kind),
+            {printable(key): _plain(value) for key, value in event.data.items()},
+        )
+        for event in ordered
+    )
 
 
 def _notes(session: Session) -> list[str]:

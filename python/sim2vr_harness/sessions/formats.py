@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sim2vr_harness.base.errors import InputError
@@ -130,7 +130,8 @@ def read_session(path: Path) -> Session:
     Raises:
         InputError: it is none, or damaged; one sentence with the file and the place in it.
     """
-    return checked(format_of(path).read(path), file_name(path))
+    session = checked(format_of(path).read(path), file_name(path))
+    return replace(session, folder=path if path.is_dir() else path.parent)
 
 
 def require_name(path: Path) -> Format:

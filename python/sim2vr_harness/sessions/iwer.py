@@ -32,6 +32,8 @@ from sim2vr_harness.sessions.session import (
 )
 
 _EXPECTED = "a recording of IWER's ActionRecorder: JSON with schema and frames"
+MOST_IWER = 64 * 2**20
+"""Bytes of a recording, which is parsed as a whole: at eight times that in memory."""
 _ROUNDING_M = 1e-3
 _PROFILES = ("oculus-touch-v2", "oculus-touch", "generic-trigger-squeeze-thumbstick")
 _BUTTONS, _AXES = 7, 4
@@ -63,7 +65,7 @@ def read_iwer(path: Path) -> Session:
         InputError: it is none, or a frame of it cannot be read; names file and frame.
     """
     name = file_name(path)
-    content = read_json(path, _EXPECTED)
+    content = read_json(path, _EXPECTED, most=MOST_IWER)
     if not looks_like_iwer(content):
         raise InputError(name, f"an object of {', '.join(content)[:60]}", _EXPECTED)
     schema, frames = _schema(content["schema"], name), content["frames"]

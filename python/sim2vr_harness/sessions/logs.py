@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name, parse_json
 from sim2vr_harness.client import OptionValue, frame_time_ns
+from sim2vr_harness.sessions.checks import LATEST_NS
 from sim2vr_harness.sessions.session import (
     AppIdentity,
     Controller,
@@ -157,6 +158,8 @@ def numbered_events(events: Path) -> list[tuple[str, SessionEvent]]:
             if number == filled[-1]:
                 break
             raise InputError(place, shown(line, 60), "a time in s, a comma and what happened")
+        if not abs(float(match[1])) <= LATEST_NS * 1e-9:
+            raise InputError(place, f"the time {shown(match[1], 30)}", "-1e9 to 1e9 s")
         if not match[2].startswith(_OPTIONS.strip(" ,")):
             found.append((place, _event(float(match[1]), match[2])))
     return found

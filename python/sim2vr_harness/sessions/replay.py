@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.client import (
     AppClient,
     AppPlace,
@@ -160,7 +160,7 @@ def _chosen(
     recorded = session.app
     if game is not None and "transport" in settings:
         raise InputError("--game", "it together with another app", "one of them")
-    given = {**recorded.options, **settings.get("options", {}), **(options or {})}
+    given = {**_own_options(session), **settings.get("options", {}), **(options or {})}
     if settings.get("page"):
         page = Path(str(settings["page"]))  # the file, as recorders name it
         return AppIdentity("page", "index.html" if page.is_dir() else page.name, "", given)
@@ -177,6 +177,22 @@ def _chosen(
     if not named and recorded.name not in ("", name):
         given = dict(options or {})
     return AppIdentity("game", name, condition, {**named, **given})
+
+
+def _own_options(session: Session) -> dict[str, OptionValue]:
+    """The recorded options; a file that a session names as its level lies in its own folder."""
+    options = dict(session.app.options)
+    level = options.get("level")
+    if session.folder is None or session.app.kind != "game" or not isinstance(level, str):
+        return options
+    folder = session.folder.resolve()
+    file = (folder / level).resolve()
+    if file.exists() and file != folder and file.is_relative_to(folder):
+        return {**options, "level": str(file)}
+    if not level.isidentifier():
+        expected = f"a level in the session's own folder; copy it to {folder}"
+        raise InputError("SESSION, option level", shown(level, 80), expected)
+    return options
 
 
 def _of_condition(game: str, condition: str) -> dict[str, OptionValue]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -119,6 +120,8 @@ class Session:
         rounding_m: step to which the source rounds positions, m; 0: not rounded.
         page_start: what a page did before the first frame; None: not known.
         notes: what is odd about the file, a sentence each.
+        folder: of the file that it was read from, which alone may hold files that it names; None:
+            it was not read from a file.
     """
 
     time_ns: NDArray[np.int64]
@@ -136,6 +139,7 @@ class Session:
     rounding_m: float = 0.0
     page_start: PageStart | None = None
     notes: tuple[str, ...] = ()
+    folder: Path | None = None
 
     def __len__(self) -> int:
         return len(self.time_ns)

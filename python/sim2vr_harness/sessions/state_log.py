@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.base.files import read_text
+from sim2vr_harness.base.files import file_name, read_text
+from sim2vr_harness.sessions.checks import check_duration
 
 FloatArray = NDArray[np.float64]
 
@@ -65,6 +66,7 @@ def read_state_log(path: Path) -> StateLog:
     names = _FIELD.findall(lines[1])
     columns = [_pose_column(path, names, part) for part in _DEVICES]
     rows = np.array(_rows(path, lines, len(names)))
+    check_duration(rows[:, 0], file_name(path))
     left, head, right = (rows[:, column : column + 7] for column in columns)
     others = {
         part: rows[:, column : column + 7]

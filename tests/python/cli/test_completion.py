@@ -41,7 +41,6 @@ def test_scripts_for_shells(shell: str) -> None:
         ("sim2vr-harness users show pointing", ["pointing_people"]),
         ("sim2vr-harness evaluate beats_l", ["beats_level"]),
         ("sim2vr-harness train po", ["pointing", "pointing_people"]),
-        ("sim2vr-harness curv", []),  # old names are not offered
     ],
 )
 def test_words_are_completed(line: str, expected: list[str]) -> None:

@@ -60,7 +60,9 @@ def places(folder: Path) -> dict[str, tuple[Path, list[str]]]:
     config.write_text(to_yaml(defaults()))
     for name in ("user", "curves"):
         shutil.copytree(shipped(), folder / name)
-    (folder / "curves" / "curves.json").write_text('{"imagined": [], "student": [], "rows": []}')
+    (folder / "curves" / "curves.json").write_text(
+        '{"q_learning": [], "imagined": [], "student": [], "rows": []}'
+    )
     shutil.copytree(DATA / "whacamole_round", folder / "round")
     (folder / "results").mkdir()
     (folder / "results" / "results.json").write_text("{}")

@@ -1,4 +1,4 @@
-"""``--help``: groups, whole lines, examples, and the old names of commands."""
+"""``--help``: groups, whole lines, and examples."""
 
 from __future__ import annotations
 
@@ -53,41 +53,6 @@ def test_help_ends_with_two_examples(capsys: Any, words: str, command: Any) -> N
     assert lines[-2] != lines[-1]
     for example in command.examples:
         assert f"{example} ".startswith(f"sim2vr-harness {words} ".replace("  ", " "))
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("curves", "plot curves"),
-        ("snapshot", "render snapshot"),
-        ("film", "render film"),
-        ("motor practise", "users motor train"),
-        ("motor measure", "users motor measure"),
-    ],
-)
-def test_an_old_name_works_and_names_the_new_one(
-    capsys: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, old: str, new: str
-) -> None:
-    parameters = {
-        words: [(each.name, each.opts) for each in command.params]
-        for words, command in [*shown_commands(), *_hidden()]
-    }
-    assert parameters[old] == parameters[new]
-    if old == "snapshot":
-        monkeypatch.chdir(tmp_path)
-        status, _, err = call(capsys, "snapshot", "--game", "sample", "--out", "x.png")
-        assert status == 0
-        assert "`sim2vr-harness snapshot` is now `sim2vr-harness render snapshot`" in err
-
-
-def _hidden() -> list[tuple[str, Any]]:
-    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
-    found = []
-    for name, command in commands.items():
-        for below, each in getattr(command, "commands", {}).items():
-            found.append((f"{name} {below}", each))
-        found.append((name, command))
-    return [(name, command) for name, command in found if getattr(command, "renamed", "")]
 
 
 def test_users_are_one_table(capsys: Any) -> None:

@@ -67,6 +67,12 @@ def test_one_line_for_what_cannot_be(capsys: Any, words: tuple[str, ...], error:
     assert out == ""
 
 
+def test_an_audit_of_a_program_asks_for_targets(tmp_path: Path, capsys: Any) -> None:
+    status, _, err = call(capsys, "audit", "--openxr", str(program(tmp_path)))
+    assert status == 2
+    assert "error: --openxr: got a program without --targets, expected it with --targets" in err
+
+
 def test_a_user_without_training_plays(tmp_path: Path, capsys: Any) -> None:
     """The scripted hand pulls the trigger, which the stand-in answers by a vibration and lines."""
     task = tmp_path / "task.yaml"

@@ -54,6 +54,20 @@ REFUSED = {
         r"asks for https://cdn\.example\.com/engine\.js, which app\.map maps to no folder",
     ),
     "missing file": ("import './engine.js';", r"never calls WebXR .*not found: .*/engine\.js"),
+    "source code": (
+        "import './main.ts';",
+        r"never calls WebXR .*loads https://\S*/main\.ts, source code that no browser runs: build",
+    ),
+    "WebVR": (
+        "navigator.getVRDisplays = () => Promise.resolve([]);",
+        r"page\.html: uses WebVR, which WebXR replaced, expected an engine with WebXR",
+    ),
+    "a door without words": (
+        "import { button } from './boxes.js'; button('', () => {}); button('', () => {});"
+        "const made = document.querySelectorAll('button'); made[0].title = 'Go VR';"
+        "made[1].className = 'enter-vr';",
+        r'tried to click: Go VR, <button class="enter-vr">$',
+    ),
     "WebGL 1 without its extensions": (
         "import { Boxes, button } from './boxes.js'; const boxes = new Boxes('webgl');"
         "WebGLRenderingContext.prototype.getExtension = () => null;"
@@ -101,6 +115,7 @@ def loading(browser: Browser, file: Path, start_timeout_s: float = 30.0) -> None
 def test_a_page_that_cannot_be_played_says_why(what: str, tmp_path: Path, browser: Browser) -> None:
     script, words = REFUSED[what]
     page = page_with(tmp_path, script)
+    (tmp_path / "main.ts").write_text("export const lamps: number = 3;\n")
     with pytest.raises(AppRefused, match=words) as caught:
         loading(browser, page)
     assert "\n" not in str(caught.value)

@@ -73,7 +73,8 @@ with open({log!r}, "a") as log:
     log.write(" ".join(words[:2]) + "\\n")
 if words[0] == "pack" and words[1].startswith("toy@"):
     shutil.copy({archive!r}, words[words.index("--pack-destination") + 1])
-    print(json.dumps([{{"name": "toy", "version": "1.2.3", "filename": "toy-1.2.3.tgz"}}]))
+    answer = {{"name": "toy", "version": "1.2.3", "filename": "toy-1.2.3.tgz"}}
+    print(json.dumps([answer | {told!r}]))
 elif words[0] == "view":
     print(json.dumps({integrity!r}))
 else:
@@ -84,10 +85,15 @@ else:
 
 @pytest.fixture
 def npm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Path:
-    """Have a program stand in for npm, which has one package; returns the file of its calls."""
+    """Have a program stand in for npm, which has one package; returns the file of its calls.
+
+    The parameter has further files of the package; ``npm prints`` is JSON of its own.
+    """
+    files = {**PACKAGE, **getattr(request, "param", {})}
+    told = json.loads(files.pop("npm prints", "{}"))
     archive, log = tmp_path / "toy-1.2.3.tgz", tmp_path / "calls"
     with tarfile.open(archive, "w:gz") as packed:
-        for name, text in {**PACKAGE, **getattr(request, "param", {})}.items():
+        for name, text in files.items():
             entry = tarfile.TarInfo(f"package/{name}")
             entry.size = len(text)
             packed.addfile(entry, io.BytesIO(text.encode()))
@@ -100,6 +106,7 @@ def npm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.Fixture
             log=str(log),
             archive=str(archive),
             integrity=f"sha512-{integrity}",
+            told=told,
         )
     )
     program.chmod(0o755)
@@ -162,6 +169,107 @@ def test_an_archive_writes_nothing_outside_its_folder(tmp_path: Path, npm: Path)
         vendor(packages, tmp_path / "engines")
     assert not [*tmp_path.rglob("outside.js")]
     assert not (tmp_path / "engines" / "toy@1.2.3").exists()
+
+
+SECRET = "export const secret = 'of the user';"
+
+
+@pytest.mark.parametrize("address", ["https://unpkg.com/toy", "https://esm.sh/toy"])
+@pytest.mark.parametrize("path", ["../../secret.js", "{tmp}/secret.js", "lib/../../../secret"])
+@pytest.mark.parametrize("key", ["main", "module", "unpkg", "exports", "import"])
+@pytest.mark.parametrize("npm", [{}], indirect=True)
+def test_a_package_names_only_its_own_files(
+    key: str, path: str, address: str, tmp_path: Path, npm: Path
+) -> None:
+    """Whatever a package names, the page receives nothing that lies outside the package."""
+    (tmp_path / "secret.js").write_text(SECRET)
+    path = path.format(tmp=tmp_path)
+    place = tmp_path / "engines" / "toy@1.2.3"
+    place.mkdir(parents=True)
+    about = {"name": "toy", "type": "module", key: path}
+    if key == "import":
+        about = {"name": "toy", "module": "entry.js"}
+        (place / "entry.js").write_text(f"export * from '{path}';")
+    (place / "package.json").write_text(json.dumps(about))
+    packages, _ = packages_behind([address])
+    vendor(packages, tmp_path / "engines")
+    reached = read_map(tmp_path / "engines" / "map.json")
+    there = [one for one in place.parent.rglob("*") if one.is_file()]
+    assert SECRET not in [one.read_text() for one in there]
+    assert all(str(place.parent) in one for one in reached.values())
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "https://cdnjs.cloudflare.com/ajax/libs/toy/1.0/../../../secret.js",
+        f"{CDN}toy@1/lib/%2e%2e/%2e%2e/../secret.min.js",
+    ],
+)
+def test_an_address_names_only_a_packages_files(address: str, tmp_path: Path, npm: Path) -> None:
+    (tmp_path / "secret.js").write_text(SECRET)
+    packages, _ = packages_behind([address])
+    vendor(packages, tmp_path / "engines")
+    place = str(tmp_path / "engines" / "toy@1.2.3")
+    mapped = read_map(tmp_path / "engines" / "map.json")
+    assert all(each.startswith(place) for each in mapped.values())
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "https://cdnjs.cloudflare.com/ajax/libs/--pack-destination/1.0/x.js",
+        "https://cdnjs.cloudflare.com/ajax/libs/../1.0/x.js",
+        f"{CDN}toy@file%3A%2Fhome",
+        "https://unpkg.com/toy@git%2Bssh%3A%2F%2Fexample.com%2Fa",
+    ],
+)
+def test_what_npm_would_read_as_more_than_a_package(address: str) -> None:
+    assert package_of(address) is None
+
+
+@pytest.mark.parametrize(
+    "npm",
+    [
+        {"npm prints": json.dumps(told)}
+        for told in (
+            {"name": "../../outside"},
+            {"name": ["toy"]},
+            {"version": "1.2.3/../../outside"},
+            {"version": ".."},
+            {"version": None},
+            {"filename": "../toy-1.2.3.tgz"},
+            {"filename": "/etc/passwd"},
+            {"filename": "gone.tgz"},
+        )
+    ],
+    indirect=True,
+)
+def test_names_that_npm_prints_are_checked(tmp_path: Path, npm: Path) -> None:
+    packages, _ = packages_behind([f"{CDN}toy@1/lib/toy.js"])
+    with pytest.raises(AppRefused, match=r"toy@1: got .* of npm, expected the package's name"):
+        vendor(packages, tmp_path / "deep" / "engines")
+    assert [*(tmp_path / "deep").rglob("*.js")] == []
+
+
+@pytest.mark.parametrize("npm", [{"zeros.bin": "\0" * 4000}], indirect=True)
+@pytest.mark.parametrize(
+    ("limit", "value", "words"),
+    [("MOST_UNPACKED", 3000, "3,000 bytes"), ("MOST_FILES", 3, "3 files")],
+)
+def test_a_package_has_a_limit(
+    limit: str,
+    value: int,
+    words: str,
+    tmp_path: Path,
+    npm: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(f"sim2vr_harness.client.webxr.vendor.{limit}", value)
+    packages, _ = packages_behind([f"{CDN}toy@1/lib/toy.js"])
+    with pytest.raises(AppRefused, match=f"toy@1.2.3: .* got more than {words}, expected at most"):
+        vendor(packages, tmp_path / "engines")
+    assert [*(tmp_path / "engines").iterdir()] == []
 
 
 @pytest.mark.parametrize("content", ["[]", '{"three": "folder"}', '{"https://a.b/": 3}', "{"])

@@ -274,12 +274,6 @@ def test_the_default_list_is_the_references() -> None:
     assert longer["observation"] == {"vision": [[6, 80, 120], "uint8"]}
 
 
-def test_configurations_of_before_are_read() -> None:
-    assert EnvConfig(vision={"buffer_s": None}) == EnvConfig()
-    with pytest.raises(ValueError, match=r"- \{sense: vision, history_s: 0.2\}"):
-        EnvConfig(vision={"buffer_s": 0.2})
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -23,7 +23,6 @@ from sim2vr_harness.evaluation.packing import pack_measured
 from sim2vr_harness.policies import store as trained_users
 from sim2vr_harness.policies.registry import new_network
 from sim2vr_harness.policies.store import find_user, list_cards, open_packed
-from sim2vr_harness.runs.checkpoint import load_policy_weights, write_user
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.runs.run_folder import RunFolder
 
@@ -39,7 +38,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder.create(CONFIG)
     folder.checkpoint_file(7).write_bytes(b"")
     folder.note(
-        stage_seconds={"teacher": 600.0, "student": 90.0},
+        stage_seconds={"teacher": 600.0, "student": 90.0, "ppo": 180.0},
         sessions=[
             {"started": "2026-01-01T10:00:00+00:00", "cores": 2, "device": "cpu"},
             {
@@ -276,22 +275,3 @@ def test_damaged_weights_are_named_with_their_file(packed: Path, tmp_path: Path)
     assert "log_std is not finite" in with_log_std(torch.full((size,), float("nan")))
     file.write_bytes(whole)
     assert user.load(network) == 7
-
-
-def test_weights_with_old_names_are_loaded(tmp_path: Path) -> None:
-    """Attention crops had another name when this user shipped, and in checkpoints of that time."""
-    user = find_user("pretrained:beats_level")
-    shipped = torch.load(user.source, weights_only=True)
-    old, new = (
-        f"features_extractor.{name}.grid.weight" for name in ("glimpses", "attention_crops")
-    )
-    network = new_network(user, observation_space_of(user.config.env))
-    user.load(network)
-    loaded = network.state_dict()
-    assert torch.equal(loaded[new], shipped[old].float())
-
-    names = {name: name.replace("attention_crops", "glimpses") for name in loaded}
-    before: Any = SimpleNamespace(state_dict=lambda: {names[k]: v + 1.0 for k, v in loaded.items()})
-    write_user(tmp_path / "step_000000007.zip", before, 7)
-    assert load_policy_weights(tmp_path / "step_000000007.zip", network) == 7
-    assert torch.equal(network.state_dict()[new], shipped[old].float() + 1.0)

@@ -1,15 +1,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.base.notices import set_notice
 from sim2vr_harness.runs.config import (
     TrainingConfig,
     apply_overrides,
@@ -18,7 +15,6 @@ from sim2vr_harness.runs.config import (
     parse_config,
     to_yaml,
 )
-from sim2vr_harness.runs.migration import changed_constant, renamed
 from sim2vr_harness.training.ppo.ppo import LearningRate
 
 CONFIGS = Path(__file__).parents[3] / "configs"
@@ -191,50 +187,13 @@ def test_a_plain_number_is_a_constant_rate() -> None:
         ),
         (
             "speed_mps=1",
-            r"^teacher\.imagined\.game\.speed_mps: got 1, expected it left out: it is 0\.3 in all",
+            r"^teacher\.imagined\.game\.speed_mps: got an unknown key",
         ),
     ],
 )
 def test_settings_of_a_game_s_model_are_checked(override: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         load_config("whacamole_constrained_distill", [f"teacher.imagined.game.{override}"])
-
-
-def test_recorded_configurations_are_read_with_today_s_keys() -> None:
-    recorded = {
-        "recipe": "distill",
-        "env": {"threads": 2},
-        "ppo": {"value_warmup_iterations": 3},
-        "teacher": {
-            "coarse_physics_s": 0.005,
-            "imagination": {"cycles": 12, "stuck_cost": 0.5},
-            "ppo": {
-                "critic_first_iterations": 10,
-                "reward_scale": 0.3,
-                "net_arch": [16],
-                "learning_rate": 3e-4,
-                "mean_penalty": 1e-3,
-            },
-            "aids": {
-                "near_starts": {"start": 0.5, "end": 0.3, "from_step": 0, "to_step": 9},
-                "near_start_m": 0.1,
-                "progress": {"start": 0.0, "end": 0.0},
-            },
-        },
-    }
-    with pytest.raises(InputError, match="unknown key"):
-        parse_config(recorded)
-    config = parse_config(renamed(recorded))
-    assert config.env.cores == 2
-    assert config.ppo.critic_first_updates == 3
-    teacher = config.teacher
-    assert (teacher.imagined.cycles, teacher.imagined.game["dwell_cost"]) == (12, 0.5)
-    assert teacher.reward_scale == 0.3
-    assert teacher.ppo.complete().learning_rate.initial == 3e-4
-    assert teacher.curriculum.near_starts == 0.3
-    assert changed_constant(recorded) == ("teacher.curriculum.near_start_m", 0.1, 0.08)
-    assert renamed(recorded["env"]) == {"threads": 2}, "only where the key is"
-    assert "imagination" in recorded["teacher"], "the recorded one is left as it is"  # type: ignore[operator]
 
 
 @pytest.mark.parametrize(
@@ -273,78 +232,6 @@ def test_a_number_is_not_nothing_because_of_a_comment() -> None:
         load_config("whacamole_constrained", ["env.user.effort.weight=#1"])
 
 
-OLD_NAMES = {
-    "skills": {"user": "decider", "practice": {"cycles": 3}, "looking": {"users": 5}},
-    "policy": {"glimpses": None},
-    "teacher": {
-        "recognition_steps": 2,
-        "imagined": {
-            "growing_lag_cycles": 1,
-            "carry_cost": 0.5,
-            "rest_cost": 0.25,
-            "game": {"stuck_cost": 0.125, "impact_share": 0.75},
-        },
-    },
-}
-NEW_NAMES = {
-    "skills": {
-        "user": "hierarchical",
-        "motor_training": {"cycles": 3},
-        "q_learning": {"users": 5},
-    },
-    "policy": {"attention_crops": None},
-    "teacher": {
-        "recognition_latency_steps": 2,
-        "imagined": {
-            "delay_ramp_cycles": 1,
-            "movement_cost": 0.5,
-            "activation_cost": 0.25,
-            "game": {"dwell_cost": 0.125, "impact_speed_weight": 0.75},
-        },
-    },
-}
-
-
-@pytest.fixture
-def notices() -> Iterator[list[str]]:
-    said: list[str] = []
-    set_notice(said.append)
-    yield said
-    set_notice(None)
-
-
-def test_old_names_are_read_with_a_warning_where_a_user_writes_them(notices: list[str]) -> None:
-    assert parse_config(renamed(OLD_NAMES)) == parse_config(NEW_NAMES)
-    assert notices == []
-    assert parse_config(OLD_NAMES) == parse_config(NEW_NAMES)
-    assert len(notices) == 10
-    warning = (
-        "skills.looking is now called skills.q_learning: the old name works in this version only."
-    )
-    assert warning in notices
-
-
-def test_the_last_of_an_old_and_a_new_name_counts(notices: list[str]) -> None:
-    tree = {"skills": {"looking": {"users": 5, "user_steps": 7}}}
-    for name in ("looking", "q_learning"):
-        config = parse_config(apply_overrides(tree, [f"skills.{name}.users=6"]))
-        assert (config.skills.q_learning.users, config.skills.q_learning.user_steps) == (6, 7)
-    assert "skills.looking.users is now called skills.q_learning.users: the old" in notices[1]
-    tree = {"skills": {"q_learning": {"users": 5}}}
-    assert (
-        parse_config(apply_overrides(tree, ["skills.looking.users=6"])).skills.q_learning.users == 6
-    )
-
-
-def test_a_constant_under_its_old_name() -> None:
-    recorded = {"skills": {"practice": {"aim_cost": 0.2}}}
-    key = "skills.motor_training.actuator_range_cost"
-    assert changed_constant(recorded) == (key, 0.2, 0.1)
-    assert parse_config(renamed(recorded)) == parse_config({})
-    with pytest.raises(InputError, match=f"^{key}: got 0.2, expected it left out: it is 0.1"):
-        parse_config(recorded)
-
-
 def write(file: Path, text: str) -> Path:
     file.write_text(text)
     return file
@@ -362,13 +249,6 @@ def test_a_configuration_extends_another(tmp_path: Path) -> None:
     told = ["name=mine", "seed=5", "ppo.gamma=0.8", "ppo.n_epochs=4", f"env.senses={senses}"]
     assert config == load_config("whacamole_constrained", told)
     assert "extends" not in to_yaml(config)
-
-
-def test_old_names_do_not_count_more_than_new_ones_of_what_extends(tmp_path: Path) -> None:
-    write(tmp_path / "old.yaml", "skills: {looking: {users: 3, user_steps: 50}}")
-    file = write(tmp_path / "new.yaml", "{extends: old.yaml, skills: {q_learning: {users: 4}}}")
-    found = load_config(file).skills.q_learning
-    assert (found.users, found.user_steps) == (4, 50)
 
 
 @pytest.mark.parametrize(
@@ -392,32 +272,6 @@ def test_what_cannot_be_extended_is_refused(
         write(tmp_path / f"{name}.yaml", text)
     with pytest.raises(InputError, match=re.escape(message)):
         load_config(tmp_path / "0.yaml")
-
-
-@pytest.mark.parametrize("wrong", [{"skills": 3}, {"skills": {"practice": 3, "motor_training": 4}}])
-def test_wrong_shapes_with_old_names_are_refused_in_a_sentence(wrong: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match=r"^skills.*a mapping of keys to values"):
-        parse_config(wrong)
-
-
-def test_keys_that_became_constants() -> None:
-    """Recorded ones load; user-written ones are taken with the constant's value only."""
-    teacher = {"imagined": {"lam": 0.8}, "start": None, "policy": {"action_scale": 0.5}}
-    recorded = {"teacher": teacher}
-    assert parse_config(renamed(recorded)) == parse_config({})
-    assert changed_constant(recorded) == ("teacher.imagined.lam", 0.8, 0.9)
-    assert changed_constant({"student": {"noisy_users": 0.25}}) is None
-    assert parse_config({"student": {"noisy_users": 0.25}}) == parse_config({})
-    game = {"speed_mps": 0.5}  # of Beats; Whac-A-Mole's is 0.3
-    recorded = {"env": {"app": {"game": "beats"}}, "teacher": {"imagined": {"game": game}}}
-    assert changed_constant(recorded) is None
-    assert "speed_mps" not in renamed(recorded)["teacher"]["imagined"]["game"]
-    del recorded["env"]
-    assert changed_constant(recorded) == ("teacher.imagined.game.speed_mps", 0.5, 0.3)
-    with pytest.raises(InputError) as caught:
-        load_config("whacamole_constrained_distill", ["teacher.imagined.lam=0.8"])
-    expected = "teacher.imagined.lam: got 0.8, expected it left out: it is 0.9 in all trainings now"
-    assert str(caught.value) == expected
 
 
 @pytest.mark.parametrize(
@@ -451,43 +305,3 @@ def test_yes_and_no_of_games_that_do_not_say(app: str) -> None:
     )
     said = apply_overrides({}, [app, "env.app.options.mirror=false"])["env"]["app"]["options"]
     assert said == {"mirror": False}
-
-
-def test_shaping_stands_for_keys_of_before() -> None:
-    """All its values together are the shaping; any other mixture is refused."""
-    keys = {
-        "busy_starts": 0.6,
-        "angle_deg": 50.0,
-        "near_reward": 40.0,
-        "hazard_cost": 200.0,
-        "look_cost": 20.0,
-        "wall_cost": 40.0,
-        "early_error_cost": 1.0,
-    }
-
-    def beats(**game: object) -> dict[str, Any]:
-        app = {"app": {"game": "beats"}}
-        return {"recipe": "distill", "env": app, "teacher": {"imagined": {"game": game}}}
-
-    whole = parse_config(beats(**keys))
-    assert (
-        whole == parse_config(renamed(beats(**keys))) == parse_config(beats(shaping="whole_levels"))
-    )
-    assert whole.teacher.imagined.game == {"shaping": "whole_levels", "stroke_reward": 0.0}
-    assert changed_constant(beats(**keys)) is None
-    plain = {"busy_starts": 0.9, "hazard_cost": 0.0}
-    assert parse_config(beats(**plain)).teacher.imagined.game["shaping"] == "none"
-    mixed = beats(**{**keys, "wall_cost": 0.0})
-    assert changed_constant(mixed) == ("teacher.imagined.game.busy_starts", 0.6, 0.9)
-    with pytest.raises(InputError, match=r"busy_starts: got 0.6, .* it is 0.9 with shaping: none"):
-        parse_config(mixed)
-    with pytest.raises(InputError, match=r"look_cost: got 0.0, .* 20.0 with shaping: whole_levels"):
-        parse_config(beats(shaping="whole_levels", look_cost=0.0))
-
-
-def test_a_constant_learning_rate_may_be_a_number() -> None:
-    assert parse_config({"teacher": {"ppo": {"learning_rate": 3e-4}}}) == parse_config({})
-    with pytest.raises(
-        InputError, match=r"^teacher.ppo.learning_rate: got 0.001, expected it left"
-    ):
-        parse_config({"teacher": {"ppo": {"learning_rate": 1e-3}}})

@@ -92,7 +92,7 @@ def test_every_command_asks_before_it_starts_what_a_run_names(
         ("train", "--resume", str(received), "--set", "env.app.arguments=[]"),
         ("train", str(received / "config.yaml"), *out),
         ("train", str(copy), *out),
-        ("render", "snapshot", "--run", str(received), *out),
+        ("render", "snapshot", "--user", str(received), *out),
         ("users", "pack", str(received), "name", *out),
     ):
         status, err = call(capsys, *command)

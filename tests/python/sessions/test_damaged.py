@@ -18,7 +18,11 @@ from python.sessions.sessions_made import FRAMES, full_session
 from sim2vr_harness.base import files
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import main
-from sim2vr_harness.sessions import Session, read_session, write_session
+from sim2vr_harness.evaluation.replay.recordings import read_recordings
+from sim2vr_harness.sessions import Session, read_session, replay, write_session
+from sim2vr_harness.sessions.iwer import MOST_IWER
+from sim2vr_harness.sessions.logs import numbered_events
+from sim2vr_harness.sessions.session import AppIdentity
 
 Content = list[dict[str, Any]]
 
@@ -303,3 +307,87 @@ def test_the_command_ends_with_status_2_and_one_line(capsys: Any, tmp_path: Path
         printed, err = capsys.readouterr()
         assert (exit_.value.code, printed, err.count("\n")) == (2, "", 1)
     assert [file.name for file in tmp_path.iterdir()] == ["a.jsonl"]
+
+
+def test_numbers_and_texts_of_a_file_do_no_harm(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "round.jsonl"
+    for line, path in ((0, ("rate_hz",)), (1, ("head", 0)), (1, ("t",))):
+        file.write_bytes(put(line, *path, value=10**309)())
+        with pytest.raises(InputError, match=r"round\.jsonl"):
+            read_session(file)
+    file.write_bytes(put(0, "headset", value="\x1b]0;owned\x07\x1b[2J")())
+    with pytest.raises(SystemExit):
+        main(["session", "show", str(file)])
+    assert "\x1b" not in capsys.readouterr().out
+
+
+def test_a_round_is_no_longer_than_its_limit(tmp_path: Path) -> None:
+    """One gap of eleven days would be resampled at 20 Hz into 19 million rows."""
+    file = tmp_path / "round.jsonl"
+    good = full_session()
+    times = good.time_ns.copy()
+    times[-1] = 10**15
+    write_session(replace(good, time_ns=times), file)
+    with pytest.raises(InputError, match=r"round of .* s \(the longest gap .* at most 14400 s"):
+        read_session(file)
+    log = "condition x random seed 1\ntime," + ",".join(
+        f"{device}_{part}"
+        for device in ("left", "head", "right")
+        for part in ("pos_x", "pos_y", "pos_z", "quat_x", "quat_y", "quat_z", "quat_w")
+    )
+    pose = ",".join(["0,1,0,0,0,0,1"] * 3)
+    (tmp_path / "states.csv").write_text(f"{log}\n0,{pose}\n1000000,{pose}\n2000000,{pose}\n")
+    (tmp_path / "events.csv").write_text("0, target_spawn, target ID 0, grid ID 1\n")
+    for read in (read_session, lambda folder: read_recordings([folder])):
+        with pytest.raises(InputError, match="at most 14400 s"):
+            read(tmp_path)
+
+
+def test_a_time_of_events_is_a_finite_number(tmp_path: Path) -> None:
+    events = tmp_path / "events.csv"
+    events.write_text(f"{10**400}, target_spawn, target ID 0, grid ID 1\n1, x\n")
+    with pytest.raises(InputError, match=r"line 1: got the time .*, expected -1e9 to 1e9 s"):
+        numbered_events(events)
+
+
+def test_a_recording_of_iwer_has_a_limit_of_its_own(tmp_path: Path) -> None:
+    file = tmp_path / "large.json"
+    with file.open("wb") as stream:
+        stream.write(b'{"schema": [], "frames": [')
+        stream.truncate(MOST_IWER + 1)
+    with pytest.raises(InputError, match="more than 67,108,864 bytes"):
+        read_session(file)
+
+
+def test_texts_of_a_session_have_no_control_characters(tmp_path: Path) -> None:
+    file = tmp_path / "round.jsonl"
+    file.write_bytes(put(0, "person", value="\x1b[2Jeve")())
+    assert read_session(file).person == r"\x1b[2Jeve"
+
+
+def test_a_session_opens_levels_of_its_own_folder_only(tmp_path: Path) -> None:
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "secret.dat").write_text("{}")
+    (tmp_path / "deep" / "own.dat").write_text("{}")
+    session = Session(
+        time_ns=np.array([0], dtype=np.int64),
+        head=np.array([[0.0, 1.6, 0.0, 0.0, 0.0, 0.0, 1.0]]),
+        folder=tmp_path / "deep",
+    )
+
+    def chosen(level: str) -> Any:
+        app = AppIdentity("game", "beats", "", {"level": level})
+        return replay._own_options(replace(session, app=app))["level"]
+
+    assert chosen("first") == "first"
+    assert chosen("own.dat") == str(tmp_path / "deep" / "own.dat")
+    for level in (
+        "../secret.dat",
+        str(tmp_path / "secret.dat"),
+        "/etc/passwd",
+        "file:///etc/passwd",
+    ):
+        with pytest.raises(InputError, match=r"option level: got .* copy it to "):
+            chosen(level)

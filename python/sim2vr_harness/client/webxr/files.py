@@ -38,6 +38,9 @@ _TYPES = {
     ".htm": "text/html; charset=utf-8",
 }
 
+_SOURCES = (".ts", ".tsx", ".jsx", ".vue", ".svelte")
+"""Ends of files that a build makes scripts of; no browser runs them."""
+
 
 @dataclass(frozen=True)
 class Answer:
@@ -76,6 +79,8 @@ class PageFiles:
         """Addresses below a mapped one, without a file."""
         self.refused = Kept()
         """Addresses that are mapped nowhere."""
+        self.sources = Kept()
+        """Addresses of source code that has to be built."""
         self.asked: dict[str, int] = {}
         """Status of each address of this round; of so many at most that a page cannot fill."""
         self.outside: str | None = None
@@ -120,6 +125,8 @@ class PageFiles:
             return Answer(404, b"no such file")
         file, content = found
         self._note(plain, 200)
+        if file.suffix.lower() in _SOURCES and b"\0" not in content[:1000]:  # .ts may be a video
+            self.sources.add(plain)
         mime = _TYPES.get(file.suffix.lower()) or mimetypes.guess_type(file.name)[0]
         return Answer(200, content, mime or "application/octet-stream")
 
@@ -127,6 +134,7 @@ class PageFiles:
         """Forget what was requested."""
         self.missing.clear()
         self.refused.clear()
+        self.sources.clear()
         self.asked.clear()
 
     def _note(self, address: str, status: int) -> None:
@@ -151,7 +159,10 @@ class PageFiles:
 def _content(place: Path, rest: str) -> tuple[Path, bytes] | None:
     """Return a file and its bytes; None where the address means none that can be read."""
     try:
-        file = _below(place, rest) if place.is_dir() else (None if rest else place)
+        if place.is_dir():
+            file = file_inside(place, rest) or file_inside(place, f"{rest}/index.html")
+        else:
+            file = None if rest else place
         if file is None or file.stat().st_size > MOST_BYTES:
             return None
         return file, file.read_bytes()
@@ -159,14 +170,13 @@ def _content(place: Path, rest: str) -> tuple[Path, bytes] | None:
         return None
 
 
-def _below(folder: Path, path: str) -> Path | None:
+def file_inside(folder: Path, path: str) -> Path | None:
     """Return the file at a path within a folder, links followed; None outside or without one."""
     if "\0" in path:
         return None
     file = Path(os.path.realpath(folder / path.lstrip("/")))
-    if file.is_dir():
-        file = Path(os.path.realpath(file / "index.html"))
-    return file if file.is_relative_to(folder) and file.is_file() else None
+    inside = file.is_relative_to(os.path.realpath(folder))
+    return file if inside and file.is_file() else None
 
 
 def _checked_prefix(prefix: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import posixpath
 import re
 from collections.abc import Mapping
@@ -10,7 +11,8 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from sim2vr_harness.base.files import read_json, read_text
-from sim2vr_harness.client.webxr.packages import PackageAddress
+from sim2vr_harness.client.webxr.files import file_inside
+from sim2vr_harness.client.webxr.packages import NPM_NAME, PackageAddress
 
 _FOLDER = "modules"
 _IMPORT = re.compile(r"""(\bfrom\s*|\bimport\s*\(?\s*)(["'])([^"'\s]+)\2""")
@@ -101,10 +103,8 @@ def _inner(job: _Copying, name: str, target: str) -> str | None:
     """Return the file of the same package that an import means; None: of another one."""
     if target.startswith("."):
         path = posixpath.normpath(posixpath.join(posixpath.dirname(name), target))
-        for end in ("", ".js", ".mjs", "/index.js"):
-            if (job.place / f"{path}{end}").is_file():
-                return f"{path}{end}"
-        return None
+        ends = ("", ".js", ".mjs", "/index.js")
+        return next((one for end in ends if (one := _file_of(job.place, path + end))), None)
     own, rest = _split(target)
     if own != job.content.get("name"):
         return None
@@ -114,10 +114,12 @@ def _inner(job: _Copying, name: str, target: str) -> str | None:
 def _address_of(job: _Copying, target: str) -> str:
     """Return where a page finds another package: its version there, or that of the wish."""
     name, rest = _split(target)
-    wishes = {
-        **job.content.get("peerDependencies", {}),
-        **job.content.get("dependencies", {}),
-    }
+    if not NPM_NAME.fullmatch(name):
+        return target
+    wishes: dict[str, Any] = {}
+    for key in ("peerDependencies", "dependencies"):
+        wished = job.content.get(key)
+        wishes |= wished if isinstance(wished, dict) else {}
     there = sorted((job.folder / _FOLDER).glob(f"{name}@*"))
     version = there[-1].name.rpartition("@")[2] if there else str(wishes.get(name, "latest"))
     version = version if re.fullmatch(r"[\w.^~-]+", version) else "latest"
@@ -150,11 +152,15 @@ def _entry(content: Mapping[str, Any], place: Path, path: str) -> str | None:
         if content.get("type") == "module" or str(main).endswith(".mjs"):
             names.append(main)
     for name in names:
-        if isinstance(name, str):
-            plain = posixpath.normpath(name)
-            if not plain.startswith("..") and (place / plain).is_file():
-                return plain
+        if isinstance(name, str) and (plain := _file_of(place, name)):
+            return plain
     return None
+
+
+def _file_of(place: Path, name: str) -> str | None:
+    """Return the path of a package's own file within the package; None: it has no such file."""
+    file = file_inside(place, name)
+    return None if file is None else os.path.relpath(file, os.path.realpath(place))
 
 
 def _exported(exports: Any, wanted: str) -> str | None:

@@ -35,6 +35,10 @@ class PackageAddress:
         return f"{self.name}@{self.wanted}"
 
 
+NPM_NAME = re.compile(r"(?:@[\w~-][\w.~-]*/)?[\w~][\w.~-]*", re.ASCII)
+"""A package of the registry; what npm would take for an option, a folder or an address is none."""
+_NPM_VERSION = re.compile(r"[\w.^~<>=*+| -]+", re.ASCII)
+
 _NAME = r"(?P<name>(?:@[\w.~-]+/)?[a-zA-Z0-9][\w.~-]*?)"
 _VERSION = r"(?:@(?P<version>[\w.^~<>=*+% -]+))?"
 _PATH = r"(?P<path>/[^?#]*)?"
@@ -79,7 +83,8 @@ def package_of(address: str) -> PackageAddress | None:
     """Return the package behind an address; None: no npm package is known to be there."""
     for read in _READERS:
         if found := read(address):
-            return found
+            good = NPM_NAME.fullmatch(found.name) and _NPM_VERSION.fullmatch(found.wanted)
+            return found if good else None
     return None
 
 

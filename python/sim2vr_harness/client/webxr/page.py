@@ -134,7 +134,8 @@ class Page:
                 raise
             raise self._refused(
                 f"gave no answer for {self._silence_s:g} s while it loaded, as in an endless loop; "
-                "expected one within a quarter of app.start_timeout_s"
+                "expected one within a quarter of app.start_timeout_s (raise it for a page that "
+                "loads slowly)"
             ) from error
         except AppDied:
             if self._watch.left is None:

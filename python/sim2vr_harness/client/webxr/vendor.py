@@ -6,28 +6,40 @@ npm itself fetches: from its cache where it can, without running any script of a
 from __future__ import annotations
 
 import base64
+import gzip
 import hashlib
 import io
 import json
+import os
+import re
 import shutil
 import subprocess
 import tarfile
+import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.base.files import read_json
+from sim2vr_harness.base.errors import InputError, printable, shown
+from sim2vr_harness.base.files import read_bytes, read_json
 from sim2vr_harness.client.errors import AppRefused
 from sim2vr_harness.client.temporary import TemporaryFolder
+from sim2vr_harness.client.webxr.files import file_inside
 from sim2vr_harness.client.webxr.modules import convert
 from sim2vr_harness.client.webxr.packages import PackageAddress, package_of
 
 MAP_FILE = "map.json"
 """Name of the file that says which folder an address means."""
 NPM_TIMEOUT_S = 300.0
+MOST_PACKED = 1 << 28
+"""Bytes of a package's archive."""
+MOST_UNPACKED = 1 << 29
+"""Bytes of a package; those of the known engines have up to 1 << 27."""
+MOST_FILES = 100_000
+"""Files of a package."""
+_VERSION = re.compile(r"\d[\w.+-]*", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -92,6 +104,7 @@ def vendor(wanted: Iterable[PackageAddress], folder: Path) -> list[Unvendored]:
         AppRefused: npm is not there, or a package is not what npm says it is.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    folder = folder.resolve()
     file = folder / MAP_FILE
     mapped: dict[str, str] = read_json(file, "a map file") if file.exists() else {}
     without = []
@@ -114,7 +127,7 @@ def vendor(wanted: Iterable[PackageAddress], folder: Path) -> list[Unvendored]:
             why = f"{package.spec} has no {package.path or 'main file'}"
             without.append(Unvendored(package.prefix, why))
             continue
-        mapped[package.prefix] = target.relative_to(folder).as_posix()
+        mapped[package.prefix] = os.path.relpath(target, folder)
         _map_minified(package, place, folder, mapped)
     file.write_text(json.dumps(dict(sorted(mapped.items())), indent=2) + "\n")
     return without
@@ -127,23 +140,27 @@ def _map_minified(
     if package.module or package.loose or not package.path.endswith((".min.js", ".min.css")):
         return
     end = package.path.rpartition(".min.")[2]
-    longer = place / f"{package.path.removesuffix(f'.min.{end}')}.{end}"
-    if not (place / package.path).exists() and longer.is_file():
-        mapped[package.prefix + package.path] = longer.relative_to(folder).as_posix()
+    longer = file_inside(place, f"{package.path.removesuffix(f'.min.{end}')}.{end}")
+    if longer is not None and file_inside(place, package.path) is None:
+        mapped[package.prefix + package.path] = os.path.relpath(longer, folder)
 
 
 def _file_of(package: PackageAddress, place: Path) -> Path | None:
     """Return the one file that an address means within a package."""
     if not package.path:
         return _main_of(package, place)
-    if (place / package.path).is_file():
-        return place / package.path
+    if file := file_inside(place, package.path):
+        return file
     name = Path(package.path).name
     names = [name]
     if ".min." in name:
         names.append(name.replace(".min.", "."))
     for wanted in names:
-        found = [one for one in place.rglob(wanted) if "node_modules" not in one.parts]
+        found = [
+            one
+            for one in place.rglob("*")
+            if one.name == wanted and one.is_file() and "node_modules" not in one.parts
+        ]
         if found:
             return min(found, key=lambda one: (len(one.parts), str(one)))
     return None
@@ -159,10 +176,9 @@ def _main_of(package: PackageAddress, place: Path) -> Path | None:
         if not isinstance(name, str):
             continue
         for end in ("", ".js", "/index.js"):
-            if (file := place / f"{name}{end}").is_file():
+            if file := file_inside(place, f"{name}{end}"):
                 return file
-    index = place / "index.js"
-    return index if index.is_file() else None
+    return file_inside(place, "index.js")
 
 
 def _description(place: Path) -> Mapping[str, Any]:
@@ -177,19 +193,28 @@ def _fetch(package: PackageAddress, folder: Path) -> Path | str:
         answer = _npm("pack", package.spec, "--pack-destination", str(home.path))
         if isinstance(answer, str):
             return answer
-        told = answer[0] if isinstance(answer, list) and answer else answer
-        name, version = str(told["name"]), str(told["version"])
-        place = folder / f"{name}@{version}"
+        match answer:
+            case [{"name": package.name, "version": str(version), "filename": str(file)}] if (
+                _VERSION.fullmatch(version)
+            ):
+                archive = file_inside(home.path, file)
+            case _:
+                archive = None
+        if archive is None:
+            raise AppRefused(
+                f"{package.spec}: got {shown(answer)} of npm, expected the package's name, "
+                "version and filename"
+            )
+        spec = f"{package.name}@{version}"
+        place = folder / spec
         if place.exists():
             return place
-        archive = (home.path / str(told["filename"])).read_bytes()
-        _check_integrity(f"{name}@{version}", archive)
+        content = read_bytes(archive, "an npm package", most=MOST_PACKED)
+        _check_integrity(spec, content)
         try:
-            _extract(archive, place)
-        except (tarfile.TarError, OSError) as error:
-            raise AppRefused(
-                f"{name}@{version}: its archive cannot be unpacked: {error}"
-            ) from error
+            _extract(content, place)
+        except (tarfile.TarError, OSError, EOFError, ValueError, zlib.error) as error:
+            raise AppRefused(f"{spec}: its archive cannot be unpacked: {error}") from error
         return place
     finally:
         home.remove()
@@ -217,8 +242,10 @@ def _npm(*arguments: str) -> Any:
         answer = None
     if done.returncode == 0 and answer is not None:
         return answer
-    error = answer.get("error", {}) if isinstance(answer, dict) else {}
-    return f"npm has no {arguments[1]} ({error.get('code') or f'status {done.returncode}'})"
+    match answer:
+        case {"error": {"code": str(code)}}:
+            return f"npm has no {arguments[1]} ({printable(code)})"
+    return f"npm has no {arguments[1]} (status {done.returncode})"
 
 
 def _check_integrity(spec: str, archive: bytes) -> None:
@@ -246,20 +273,34 @@ def _extract(archive: bytes, place: Path) -> None:
     :mod:`tarfile` would do this, but Python has them from 3.11.4 only.
 
     Raises:
-        OSError: a file would lie outside the folder.
+        OSError: it is no archive, a file would lie outside the folder, or there are too many.
     """
+    with gzip.GzipFile(fileobj=io.BytesIO(archive)) as stream:
+        plain = stream.read(MOST_UNPACKED + 1)
+    too_large = OSError(f"got more than {MOST_UNPACKED:,} bytes, expected at most so many")
+    if len(plain) > MOST_UNPACKED:
+        raise too_large
     partial = place.with_name(f"{place.name}.partial")
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
-    with tarfile.open(fileobj=io.BytesIO(archive)) as packed:
-        for member in packed:
-            name = member.name.partition("/")[2]
-            content = packed.extractfile(member) if member.isreg() and name else None
-            if content is None:
-                continue
-            file = partial / name
-            if not file.resolve().is_relative_to(partial.resolve()):
-                raise OSError(f"{name!r} lies outside its folder")
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(content.read())
-    partial.rename(place)
+    size = 0
+    try:
+        with tarfile.open(fileobj=io.BytesIO(plain)) as packed:
+            for count, member in enumerate(packed, start=1):
+                size += member.size  # of a sparse file: more than the archive has
+                if size > MOST_UNPACKED:
+                    raise too_large
+                if count > MOST_FILES:
+                    raise OSError(f"got more than {MOST_FILES:,} files, expected at most so many")
+                name = member.name.partition("/")[2]
+                content = packed.extractfile(member) if member.isreg() and name else None
+                if content is None:
+                    continue
+                file = partial / name
+                if not file.resolve().is_relative_to(partial):
+                    raise OSError(f"{shown(name)} lies outside its folder")
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_bytes(content.read())
+        partial.rename(place)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)

@@ -160,6 +160,11 @@ class PageWatch:
     def notes(self) -> list[str]:
         """What went wrong in this round that the page can do without, a sentence for each kind."""
         files, found = self._files, []
+        if files.sources:
+            found.append(
+                f"loads {files.sources.listed()}, source code that no browser runs: build the "
+                "page, as with `npm run build`, and name the page that this makes"
+            )
         if files.refused:
             found.append(f"asks for {files.refused.listed()}, which app.map maps to no folder")
         if files.missing:

@@ -23,6 +23,7 @@ from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name, read_arrays, read_json
 from sim2vr_harness.client import OptionValue
 from sim2vr_harness.sessions import SessionEvent
+from sim2vr_harness.sessions.checks import LATEST_NS, check_duration
 from sim2vr_harness.sessions.logs import event_text, logged_options, numbered_events
 from sim2vr_harness.sessions.state_log import read_lines, read_state_log
 
@@ -231,6 +232,7 @@ def _checked_frames(source: Path, rows: FloatArray) -> FloatArray:
         i = int(back[0])
         got = f"time {rows[i + 1, 0]:g} after {rows[i, 0]:g}"
         raise InputError(f"{source}, frame {i + 1}", got, "times that do not go backwards")
+    check_duration(rows[:, 0], file_name(source))
     return rows
 
 
@@ -266,7 +268,8 @@ def _event(
 ) -> Event:
     """An event from its parts; an error when one of them cannot be right."""
     speeds = tuple(float(v) for v in velocity)
-    if kind not in _KINDS or not 0 <= int(cell) < 9 or len(speeds) not in (0, 3):
+    late = not abs(time_s) <= LATEST_NS * 1e-9
+    if late or kind not in _KINDS or not 0 <= int(cell) < 9 or len(speeds) not in (0, 3):
         raise ValueError
     three = (speeds[0], speeds[1], speeds[2]) if speeds else None
     return Event(time_s, kind, int(target), int(cell), three)

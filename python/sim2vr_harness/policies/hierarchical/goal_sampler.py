@@ -325,8 +325,8 @@ class GoalSampler:
         """Go on from :meth:`state_dict`."""
         for name in self._STATE:
             setattr(self, name, state[name].clone())
-        for name, usual in self.goals.tensors().items():  # older states have no widths
-            setattr(self.goals, name, state.get(f"goals.{name}", usual).clone())
+        for name in self.goals.tensors():
+            setattr(self.goals, name, state[f"goals.{name}"].clone())
         self.generator.set_state(state["generator"])
 
 

@@ -30,6 +30,7 @@ from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid, rotation
 from sim2vr_harness.policies.hierarchical.frame_history import BEFORE_S
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.options import option_set
+from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS
 from sim2vr_harness.policies.hierarchical.primitives import (
     Manner,
     OptionChoice,
@@ -121,6 +122,8 @@ class HierarchicalPolicy(nn.Module):
     """(1,) user steps for which a decision is seen through."""
     lifts: Tensor
     """(1, 1, 1) whether hands stay before surfaces until they are there, 1 or 0."""
+    rays: Tensor
+    """(H, 2, 3) with which hands point (:mod:`~.pointing`). Only pages have rays of their own."""
     log_std: Tensor
     _head: Chains
 
@@ -139,6 +142,8 @@ class HierarchicalPolicy(nn.Module):
         options = option_set(env.user.inputs, skills.options)
         self.values = ActionValueMap(DepthGrid(vision.height, vision.width), len(hands), options)
         self.register_buffer("tool", torch.zeros(len(hands), 2, 3))
+        rays = AIM_RAYS.repeat(len(hands), 1, 1)
+        self.register_buffer("rays", rays, persistent=env.app.page is not None)
         self.register_buffer("hold", torch.ones(1))
         self.register_buffer("lifts", torch.ones(1, 1, 1))
         self.register_buffer("log_std", torch.full((1,), _QUIET), persistent=False)
@@ -165,11 +170,13 @@ class HierarchicalPolicy(nn.Module):
         hold: int,
         *,
         lifts: bool = True,
+        rays: Tensor = AIM_RAYS,
     ) -> None:
         """Take over what was learned."""
         self.layer.take(layer.weights())
         self.values.load_state_dict(values.state_dict())
         self.tool.copy_(tool)
+        self.rays.copy_(rays)
         self.hold.fill_(hold)
         self.lifts.fill_(lifts)
         self._primitives = None
@@ -183,7 +190,7 @@ class HierarchicalPolicy(nn.Module):
         """Turns decisions into goals; made of the weights when it is first needed."""
         if self._primitives is None:
             self._primitives = PrimitiveController(
-                self.layer, self.tool, self._poses, self.values.options, self.manner
+                self.layer, self.tool, self._poses, self.values.options, self.manner, self.rays
             )
             self._primitives.lifts = self.lifts
         return self._primitives

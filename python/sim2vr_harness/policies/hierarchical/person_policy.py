@@ -22,6 +22,7 @@ from sim2vr_harness.policies.hierarchical.option_policy import (
     as_reported,
 )
 from sim2vr_harness.policies.hierarchical.person_layer import human_goals
+from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS
 from sim2vr_harness.policies.hierarchical.primitives import PERSONS, OptionChoice
 from sim2vr_harness.policies.hierarchical.ray_turning import far_off
 from sim2vr_harness.policies.protocol import Observation, require_observation
@@ -112,6 +113,7 @@ class PersonPolicy(HierarchicalPolicy):
         *,
         lifts: bool = True,
         vigour: float = 1.0,
+        rays: Tensor = AIM_RAYS,
     ) -> None:
         """Take over what was learned."""
         self.vigour.fill_(vigour)
@@ -119,6 +121,7 @@ class PersonPolicy(HierarchicalPolicy):
         self.human.take(human.weights())
         self.values.load_state_dict(values.state_dict())
         self.tool.copy_(tool)
+        self.rays.copy_(rays)
         self.hold.fill_(hold)
         self._primitives = None
 

@@ -3,15 +3,25 @@
 Plain motor layers bring a point that lies on the ray, ``_POINT_M`` before the hand, onto the line
 from the hand to the place, as if it were the tip of a tool. What stays wrong is added up and taken
 off. Persons turn the ray: see :mod:`~.ray_turning`.
+
+Rays are (H, 2, 3): of each hand the origin (m) and the direction, in the device's frame; (2, 3) is
+the same of all hands.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from sim2vr_harness.client.frames import AIM_DIRECTION
-from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
+from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals, tips
+from sim2vr_harness.policies.scripted.places import own_ray
+
+AIM_RAYS = torch.stack([torch.zeros(3), torch.from_numpy(AIM_DIRECTION).float()])
+"""(2, 3) WebXR's, and that of apps without pages."""
 
 _POINT_M = 0.8
 _TO_REST = 0.2
@@ -23,50 +33,77 @@ _NEAR = 0.2
 _MPS, _SOONEST_S, _LATEST_S = 1.5, 0.1, 1.2
 _LEAST_M = 0.4
 """Places that are nearer to a person's hand are taken to be that far away."""
+_SAME = 0.02
+"""Rays whose directions and origins (m) differ by less are the same."""
 _FORWARD = 0.9
 """Cosine: rays of postures that point this much forward tell where hands that point rest."""
 
 
-def aim_of(place: Tensor) -> Tensor:
-    """(..., 3) directions of the aim rays of devices at (..., 4, 4)."""
-    direction: Tensor = place[..., :3, :3] @ torch.from_numpy(AIM_DIRECTION).float()
+def rays_of(simulation: Any, hands: Sequence[str]) -> Tensor:
+    """(H, 2, 3) with which the app of users points for hands such as ``controller_right``."""
+    found = [own_ray(simulation, hand.removeprefix("controller_")) for hand in hands]
+    return torch.tensor([[ray.origin_m.tolist(), ray.direction.tolist()] for ray in found])
+
+
+def apart(rays: Tensor, others: Tensor = AIM_RAYS) -> str:
+    """Say how far rays (H, 2, 3) are from others, WebXR's or (H, 2, 3); "": they are the same."""
+    if torch.allclose(rays, others.expand_as(rays), rtol=0.0, atol=_SAME):
+        return ""
+    one, other = rays[:, 1], others.expand_as(rays)[:, 1]
+    angles = torch.atan2(torch.linalg.cross(one, other).norm(dim=-1), (one * other).sum(-1))
+    cm = 100.0 * float((rays[..., 0, :] - others[..., 0, :]).norm(dim=-1).max())
+    degrees = f"{float(torch.rad2deg(angles).max()):.0f} degrees"
+    return f"{degrees} and {cm:.0f} cm" if cm >= 1.0 else degrees
+
+
+def aim_of(place: Tensor, rays: Tensor = AIM_RAYS) -> Tensor:
+    """(..., H, 3) directions of the rays of devices at (..., H, 4, 4)."""
+    direction: Tensor = (place[..., :3, :3] @ rays[..., 1, :, None])[..., 0]
     return direction
 
 
-def off_ray(place: Tensor, target: Tensor) -> tuple[Tensor, Tensor]:
-    """(...) how far targets (..., 3) are from the aim rays of devices at (..., 4, 4), and along.
+def _origins(place: Tensor, rays: Tensor) -> Tensor:
+    """(..., H, 3) where the rays of devices at (..., H, 4, 4) begin."""
+    return tips(place, rays[..., 0, :])
 
-    Both in m; what is behind the hand has a negative distance along the ray.
+
+def off_ray(place: Tensor, target: Tensor, rays: Tensor = AIM_RAYS) -> tuple[Tensor, Tensor]:
+    """(..., H) how far targets (..., H, 3) are from rays of devices at (..., H, 4, 4), and along.
+
+    Both in m; what is behind a ray's origin has a negative distance along it.
     """
-    way = target - place[..., :3, 3]
-    aim = aim_of(place)
+    way = target - _origins(place, rays)
+    aim = aim_of(place, rays)
     along = (way * aim).sum(-1)
     return (way - along[..., None] * aim).norm(dim=-1), along
 
 
-def turn_rays(goals: MotorGoals, which: Tensor, place: Tensor) -> None:
+def turn_rays(goals: MotorGoals, which: Tensor, place: Tensor, rays: Tensor = AIM_RAYS) -> None:
     """Let hands turn their rays to ``goals.place`` as persons do.
 
     Args:
         goals: changed in place.
         which: (N, H) the hands that point.
         place: (N, H, 4, 4) where the devices are.
+        rays: of the hands.
     """
-    far = (goals.place - place[..., :3, 3]).norm(dim=-1, keepdim=True).clamp(min=_LEAST_M)
-    point = far * torch.from_numpy(AIM_DIRECTION).float()
+    far = (goals.place - _origins(place, rays)).norm(dim=-1, keepdim=True).clamp(min=_LEAST_M)
+    point = rays[..., 0, :] + far * rays[..., 1, :]
     goals.tip = torch.where(which[..., None], point, goals.tip)
     goals.rays = which.float()
 
 
 class Pointing:
-    """Turns the aim rays of hands to places.
+    """Turns the rays of hands to places.
 
     Args:
         poses: (P, H, 4, 4) places that the devices can be at.
+        rays: of the hands.
     """
 
-    def __init__(self, poses: Tensor) -> None:
-        forward = aim_of(poses)[..., 0] > _FORWARD
+    def __init__(self, poses: Tensor, rays: Tensor = AIM_RAYS) -> None:
+        self._rays = rays
+        forward = aim_of(poses, rays)[..., 0] > _FORWARD
         hands = range(poses.shape[1])
         found = [poses[forward[:, h], h, :3, 3] for h in hands]
         everywhere = [poses[:, h, :3, 3] for h in hands]
@@ -82,17 +119,17 @@ class Pointing:
             which: (N, H) the hands that point.
             place: (N, H, 4, 4) where the devices are.
         """
-        hand, aim = place[..., :3, 3], aim_of(place)
-        wanted = torch.nn.functional.normalize(goals.place - hand, dim=-1)
+        begin, aim = _origins(place, self._rays), aim_of(place, self._rays)
+        wanted = torch.nn.functional.normalize(goals.place - begin, dim=-1)
         wrong = wanted - aim
         near = wrong.norm(dim=-1, keepdim=True) < _NEAR
         added = _KEPT * correction + _GAIN * wrong * near
         correction.copy_(torch.where(which[..., None], added, torch.zeros(())))
-        base = hand + _TO_REST * (self._rest - hand)
+        base = begin + _TO_REST * (self._rest - place[..., :3, 3])
         ahead = torch.nn.functional.normalize(goals.place - base, dim=-1)
         there = base + _POINT_M * (ahead + correction)
-        far = (there - hand - _POINT_M * aim).norm(dim=-1)
-        point = (_POINT_M * torch.from_numpy(AIM_DIRECTION).float()).expand_as(there)
+        far = (there - begin - _POINT_M * aim).norm(dim=-1)
+        point = (self._rays[..., 0, :] + _POINT_M * self._rays[..., 1, :]).expand_as(there)
         goals.tip = torch.where(which[..., None], point, goals.tip)
         goals.place = torch.where(which[..., None], there, goals.place)
         goals.left_s = torch.where(which, (far / _MPS).clamp(_SOONEST_S, _LATEST_S), goals.left_s)

@@ -27,7 +27,7 @@ from sim2vr_harness.policies.hierarchical.options import (
     SIDEWAYS,
     OptionSet,
 )
-from sim2vr_harness.policies.hierarchical.pointing import Pointing, off_ray, turn_rays
+from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS, Pointing, off_ray, turn_rays
 
 __all__ = [
     "MOVES",
@@ -246,6 +246,7 @@ class PrimitiveController:
         poses: (P, H, 4, 4) places that the devices can be at.
         options: of the hands.
         manner: how they move.
+        rays: with which they point, see :mod:`~.pointing`.
     """
 
     def __init__(
@@ -255,11 +256,12 @@ class PrimitiveController:
         poses: Tensor,
         options: OptionSet = PLAIN,
         manner: Manner = Manner(),
+        rays: Tensor = AIM_RAYS,
     ) -> None:
         self.layer, self.tool, self.options, self.manner = layer, tool, options, manner
         self.lifts = torch.ones(1, 1, 1)
         """(1, 1, 1) 1: hands stay before surfaces until they are there; 0: they go straight."""
-        self._pointing = Pointing(poses)
+        self.rays, self._pointing = rays, Pointing(poses, rays)
         self._inputs = ControllerInputs(options.inputs, layer.hands)
         self._works = [ROLES.index(FREE[name][0]) for name in options.free]
         self._values = torch.tensor([FREE[name][1] for name in options.free])
@@ -339,7 +341,7 @@ class PrimitiveController:
         if pointing.any():
             goals.place = torch.where(pointing[..., None], choice.seen, goals.place)
             if manner.turns_rays:
-                turn_rays(goals, pointing, place)
+                turn_rays(goals, pointing, place, self.rays)
             else:
                 self._pointing.aim(goals, choice.correction, pointing, place)
         return goals
@@ -396,7 +398,7 @@ class PrimitiveController:
     def _arrived(self, choice: OptionChoice, place: Tensor) -> Tensor:
         """(N, H) hands that are where they go for, or whose ray is on it."""
         near = (_at(place, self.tool[:, 0]) - choice.place).norm(dim=-1) < _ARRIVED_M
-        beside, along = off_ray(place, choice.seen)
+        beside, along = off_ray(place, choice.seen, self.rays)
         within = (_ON_RAD * along).clamp(min=_ON_M)
         if self.manner.by_width:
             within = torch.maximum(within, 0.5 * _ENTERED * choice.width)

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from torch import Tensor
 
-from sim2vr_harness.client.frames import AIM_DIRECTION
 from sim2vr_harness.policies.hierarchical.controller_inputs import with_inputs_at_rest
 from sim2vr_harness.policies.hierarchical.depth_grid import FAR_M, rotation
 from sim2vr_harness.policies.hierarchical.goal_sampler import GoalSampler
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS
 
 _EVERY, _LOOKS, _PICTURES = 3, 30, 960
 """Users look every so many user steps, so often, and oftener where they are so few that there would
@@ -114,7 +114,9 @@ def straight_tool(length_m: float) -> Tool:
     return Tool(points, f"a tool of {100 * length_m:.0f} cm, as skills.tool says")
 
 
-def find_tools(simulation: Any, layer: MotorLayer, poses: Tensor, *, seed: int) -> list[Tool]:
+def find_tools(
+    simulation: Any, layer: MotorLayer, poses: Tensor, *, seed: int, rays: Tensor = AIM_RAYS
+) -> list[Tool]:
     """Return what each hand holds, of users who move their hands about for some seconds.
 
     The users' present rounds are lost.
@@ -124,6 +126,7 @@ def find_tools(simulation: Any, layer: MotorLayer, poses: Tensor, *, seed: int) 
         layer: of their body.
         poses: (P, H, 4, 4) places that the devices can be at.
         seed: of where they move.
+        rays: with which they point.
     """
     n = simulation.n
     simulation.reset(seeds=[seed + i for i in range(n)])
@@ -140,7 +143,9 @@ def find_tools(simulation: Any, layer: MotorLayer, poses: Tensor, *, seed: int) 
         if step % _EVERY == 0:
             looks.append(_look(simulation, _placed(simulation, layer)[0]))
     pointed = any(name.endswith(".trigger") for name in simulation.config.user.inputs)
-    return [_judged(tool, pointed=pointed) for tool in tools_in(looks)]
+    tools = tools_in(looks)
+    each = rays.expand(len(tools), 2, 3).numpy().astype(np.float64)
+    return [_judged(tool, ray, pointed=pointed) for tool, ray in zip(tools, each, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -169,17 +174,19 @@ def tools_in(looks: Sequence[ToolView]) -> list[Tool]:
     return [_found(looks, stands, hand) for hand in range(hands)]
 
 
-def _judged(found: Tool, *, pointed: bool) -> Tool:
+def _judged(found: Tool, ray: NDArray[np.float64], *, pointed: bool) -> Tool:
     """Tell tools from rays that an app draws at a controller, and say what was found.
 
     Args:
         found: what moves with the controller.
+        ray: (2, 3) origin and direction with which it points.
         pointed: whether the user works a trigger, as with a ray.
     """
     if not len(found.points):
         return Tool(found.points, "nothing: no surface moves with it")
-    along = found.points @ AIM_DIRECTION
-    beside = np.linalg.norm(found.points - along[:, None] * AIM_DIRECTION, axis=1)
+    ways, aim = found.points - ray[0], ray[1]
+    along = ways @ aim
+    beside = np.linalg.norm(ways - along[:, None] * aim, axis=1)
     on_ray = float(((along > 0.0) & (beside < _AHEAD_M)).mean())
     length = float(np.linalg.norm(found.points, axis=1).max())
     seen = f"{100 * length:.0f} cm long"

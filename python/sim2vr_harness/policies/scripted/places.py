@@ -18,6 +18,28 @@ FloatArray = NDArray[np.float64]
 
 _SHOWN = 20
 """Names that an error lists at most."""
+_SAME, _SAME_M = 0.01, 0.01
+"""A ray of a page whose direction and origin differ less is WebXR's."""
+
+
+def _app_of(simulation: Any) -> Any:
+    """The app, which a replacement may have become, below its task if there is one."""
+    app = simulation.apps[0]
+    return getattr(app, "app", app)
+
+
+def own_ray(simulation: Any, side: str) -> DeviceRay:
+    """Return the ray with which the app of users points for a hand: a page's own, else WebXR's.
+
+    A page of which this was not asked yet is loaded once more.
+    """
+    app = _app_of(simulation)
+    found = app.pointing_rays().get(side) if isinstance(app, WebXRApp) else None
+    if found is None:
+        return AIM_RAY
+    ray = DeviceRay(*map(position_to_mujoco, found))
+    same = np.allclose(ray.direction, AIM_RAY.direction, atol=_SAME)
+    return AIM_RAY if same and np.linalg.norm(ray.origin_m) < _SAME_M else ray
 
 
 class Places:
@@ -35,9 +57,7 @@ class Places:
 
     @property
     def _app(self) -> Any:
-        """The app, which a replacement may have become, below its task if there is one."""
-        app = self._simulation.apps[0]
-        return getattr(app, "app", app)
+        return _app_of(self._simulation)
 
     def check(self, place: Place) -> None:
         """Refuse a name where the app names no objects.
@@ -85,13 +105,6 @@ class Places:
         chosen = kept[0] if kept else min(shown, key=lambda one: _distance(one, hand))
         self._kept[name] = chosen.id
         return position_to_mujoco(chosen.pose[:3])
-
-    def ray(self, side: str) -> DeviceRay:
-        """Return the ray with which the app points for a hand: a page's own, else the aim ray."""
-        if not isinstance(self._app, WebXRApp):
-            return AIM_RAY
-        found = self._app.pointing_rays().get(side)
-        return AIM_RAY if found is None else DeviceRay(*map(position_to_mujoco, found))
 
     def unknown(self, name: str) -> InputError:
         """Word the error for a name that no object has ever had."""

@@ -12,7 +12,7 @@ from sim2vr_harness.client import Task, TaskedApp
 from sim2vr_harness.policies.protocol import Observation
 from sim2vr_harness.policies.scripted.hand import By, Hand
 from sim2vr_harness.policies.scripted.outcomes import StepOutcome
-from sim2vr_harness.policies.scripted.places import Places
+from sim2vr_harness.policies.scripted.places import Places, own_ray
 from sim2vr_harness.policies.scripted.steps import Place, Step
 from sim2vr_harness.users.kinematics.posture_controller import AIM_RAY
 
@@ -212,7 +212,7 @@ class Episode:
                 if step.by is None:
                     outcome.by = "ray" if self._hand.beyond_m(where) else "touch"
                 if outcome.by == "ray":
-                    self._hand.ray = self._places.ray(outcome.hand)
+                    self._hand.ray = own_ray(self._simulation, outcome.hand)
                     outcome.ray_off_deg = _angle_deg(self._hand.ray.direction, AIM_RAY.direction)
                 return ""
             yield

@@ -24,6 +24,7 @@ from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name, read_text
 from sim2vr_harness.evaluation.replay.recordings import Recording, read_recordings
 from sim2vr_harness.sessions import Session, read_session
+from sim2vr_harness.sessions.checks import check_duration
 from sim2vr_harness.sessions.state_log import StateLog, read_state_log
 
 FloatArray = NDArray[np.float64]
@@ -42,7 +43,7 @@ _DEVICES = {
 _PLACE, _TURN = ("x", "y", "z"), ("qx", "qy", "qz", "qw")
 _FURTHEST_M = 20.0
 """Tracking spaces are smaller; numbers beyond are probably millimetres."""
-_LEAST_ROWS, _LONGEST_S = 3, 3600.0
+_LEAST_ROWS = 3
 _PAUSE_S = 0.5
 """A first gap this long is the countdown of a game, not movement."""
 _QUATERNION = 0.05
@@ -287,10 +288,7 @@ def _check_times(file: Path, lines: list[tuple[int, str]], times_s: FloatArray) 
         i = int(back[0]) + 1
         got = f"{times_s[i]:g} after {times_s[i - 1]:g}"
         raise InputError(f"{file_name(file)}, line {lines[i + 1][0]}, time_s", got, "a later time")
-    if times_s[-1] - times_s[0] > _LONGEST_S:
-        got = f"{times_s[-1] - times_s[0]:g} s of movement"
-        expected = f"at most {_LONGEST_S:g} s; times are in seconds"
-        raise InputError(f"{file_name(file)}, time_s", got, expected)
+    check_duration(times_s, f"{file_name(file)}, time_s")
 
 
 def _check_places(

@@ -32,7 +32,6 @@ from sim2vr_harness.policies.sharding import in_shards
 from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
 from sim2vr_harness.runs.checkpoint import read_header, state_header
 from sim2vr_harness.runs.dagger_config import StudentConfig
-from sim2vr_harness.runs.migration import with_new_tensor_names
 from sim2vr_harness.training.replay import ReplayStore
 from sim2vr_harness.training.run.episode_stats import episode_means
 
@@ -470,7 +469,7 @@ class Student:
             ValueError: it is of another format.
         """
         header, arrays = read_header(state, STATE_FORMAT), state["arrays"]
-        self.policy.load_state_dict(with_new_tensor_names(state["policy"]))
+        self.policy.load_state_dict(state["policy"])
         for name, head in self._dropped.items():
             head.load_state_dict(state[name])
         self._optimizer.load_state_dict(state["optimizer"])
@@ -479,7 +478,7 @@ class Student:
         self._cut = arrays["cut"].cpu().numpy().copy()
         self._acted = arrays["acted"].cpu().numpy().copy()
         kept = {k.removeprefix("store."): v for k, v in arrays.items() if k.startswith("store.")}
-        self.store.load_state_dict(header["count"], with_new_tensor_names(kept))
+        self.store.load_state_dict(header["count"], kept)
         self.round, self._ended = header["round"], header["ended"]
         self._episodes.extend(header["episodes"])
         self._rng.bit_generator.state = header["rng"]

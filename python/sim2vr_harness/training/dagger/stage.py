@@ -21,7 +21,6 @@ from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
 from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors
 from sim2vr_harness.runs.config import TrainingConfig
-from sim2vr_harness.runs.migration import with_new_tensor_names
 from sim2vr_harness.runs.run_folder import append_row, keep_rows, metric_key
 from sim2vr_harness.training.dagger.dagger import (
     CHECKPOINT_ROUNDS,
@@ -78,7 +77,7 @@ class StudentStage:
 
     def weights(self) -> dict[str, Tensor]:
         """Return the policy's weights in the end."""
-        return with_new_tensor_names(read_tensors(self.folder / _POLICY, "the student's weights"))
+        return read_tensors(self.folder / _POLICY, "the student's weights")
 
     def open(self) -> None:
         """See the protocol."""

@@ -345,13 +345,10 @@ class ModelBasedTrainer(Generic[AnyTask]):
         Raises:
             ValueError: it is of another format.
         """
-        if "layer" in state:
-            state = _of_motor_policies(state)
         header = read_header(state, STATE_FORMAT)
         self.cycle, self.updates = header["cycle"], header["updates"]
         self.task.rng.bit_generator.state = header["rng"]
-        random = state["torch"]
-        self._random_state = [random] if isinstance(random, Tensor) else random
+        self._random_state = state["torch"]
         self._best = None if state["best"] is None else (state["best"][0], state["best"][1])
         with self._device.active(self.task.policy):
             self.task.policy.load_state_dict(state["policy"])
@@ -369,16 +366,3 @@ class ModelBasedTrainer(Generic[AnyTask]):
 
 def _most_threads() -> int:
     return min(_MOST_THREADS, torch.get_num_threads())
-
-
-def _of_motor_policies(state: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the state that format 2 of the training of motor policies held."""
-    header = read_header(state, 2)
-    return {
-        **state,
-        "header": state_header(STATE_FORMAT, **{k: header[k] for k in ("cycle", "updates", "rng")}),
-        "policy": state["layer"],
-        "body": state["model"],
-        "average": [torch.tensor(0)],
-        "best": None,
-    }

@@ -32,6 +32,7 @@ from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolic
 from sim2vr_harness.policies.hierarchical.options import OptionSet, option_set
 from sim2vr_harness.policies.hierarchical.person_layer import PersonLayer
 from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy, seen_late_steps
+from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS, apart, rays_of
 from sim2vr_harness.policies.hierarchical.primitives import (
     MEASURED,
     PERSONS,
@@ -178,11 +179,11 @@ class QLearningStage:
         poses = reachable_poses(layer, seed)
         manner = MEASURED if self._config.skills.people else Manner()
         with torch_threads(1):
-            tool, before, rate = self._prepared(simulation, layer, poses, callbacks)
+            (tool, rays), before, rate = self._prepared(simulation, layer, poses, callbacks)
             learner = self._learner = OptionQLearning(
                 self._config.skills.q_learning,
                 simulation,
-                PrimitiveController(layer, tool, poses, self._options, manner),
+                PrimitiveController(layer, tool, poses, self._options, manner, rays),
                 self.folder / _PICTURES,
                 seed=seed,
                 late_steps=self._late_steps,
@@ -215,10 +216,9 @@ class QLearningStage:
         """Let persons play in the place of the measured body, and learn from what they do."""
         measured, (self._simulation, layer) = self._simulation, self._persons()
         assert measured is not None
-        poses, tool = reachable_poses(layer, self._config.seed), learner.primitives.tool
-        learner.continue_with_persons(
-            self._simulation, PrimitiveController(layer, tool, poses, self._options, PERSONS)
-        )
+        poses, hands = reachable_poses(layer, self._config.seed), learner.primitives
+        own = PrimitiveController(layer, hands.tool, poses, self._options, PERSONS, hands.rays)
+        learner.continue_with_persons(self._simulation, own)
         measured.close()
 
     @property
@@ -233,16 +233,16 @@ class QLearningStage:
         self, layer: MotorPolicy, learner: OptionQLearning, hold: int
     ) -> HierarchicalPolicy:
         """The user that this stage has made."""
-        net, tool = learner.net, learner.primitives.tool
+        net, tool, rays = learner.net, learner.primitives.tool, learner.primitives.rays
         lifts = bool(learner.primitives.lifts.all())
         if self._config.skills.people:
             person = PersonPolicy(self._config)
             persons = learner.primitives.layer
             vigour = persons.vigour if isinstance(persons, PersonLayer) else 1.0
-            person.learned_by(self._human(), net, tool, hold, lifts=lifts, vigour=vigour)
+            person.learned_by(self._human(), net, tool, hold, lifts=lifts, vigour=vigour, rays=rays)
             return person
         user = HierarchicalPolicy(self._config)
-        user.learned(layer, net, tool, hold, lifts=lifts)
+        user.learned(layer, net, tool, hold, lifts=lifts, rays=rays)
         return user
 
     def _prepared(
@@ -251,18 +251,24 @@ class QLearningStage:
         layer: MotorLayer,
         poses: Tensor,
         callbacks: Callbacks,
-    ) -> tuple[Tensor, dict[str, float], float]:
-        """What is in the hands, what is earned by who does nothing, and user steps a second.
+    ) -> tuple[tuple[Tensor, Tensor], dict[str, float], float]:
+        """Tools and rays of the hands, what is earned by who does nothing, and user steps a second.
 
         Rewards are per minute; of a resumed run the rate is 0.
         """
         file = self.folder / "before.pt"
         known = read_tensors(file, "what was found before trying") if file.is_file() else {}
-        if "tool" in known:
-            return known["tool"], {name: float(v) for name, v in known["earned"].items()}, 0.0
+        if "rays" in known:
+            earned = {name: float(v) for name, v in known["earned"].items()}
+            return (known["tool"], known["rays"]), earned, 0.0
         callbacks.doing("tools and baselines")
         callbacks.say("Finding tools and measuring baselines ...")
-        tools = self._tools(simulation, layer, poses)
+        rays = AIM_RAYS.repeat(len(layer.hands), 1, 1)
+        if any(name.endswith(".trigger") for name in self._config.env.user.inputs):
+            rays = rays_of(simulation, layer.hands)
+        if off := apart(rays):
+            callbacks.say(f"Hands point with the page's own ray, {off} from WebXR's.")
+        tools = self._tools(simulation, layer, poses, rays)
         points = np.array([[tool.tip, tool.middle] for tool in tools])
         for hand, held in zip(layer.hands, tools, strict=True):
             callbacks.say(f"In the hand of {hand}: {held.why}.")
@@ -279,14 +285,16 @@ class QLearningStage:
         )
         tool = torch.tensor(points, dtype=torch.float32)
         rewards = {name: torch.tensor(value) for name, value in earned.items()}
-        write_tensors(file, {"tool": tool, "earned": rewards})
-        return tool, earned, rate
+        write_tensors(file, {"tool": tool, "rays": rays, "earned": rewards})
+        return (tool, rays), earned, rate
 
-    def _tools(self, simulation: Simulation, layer: MotorLayer, poses: Tensor) -> list[Tool]:
+    def _tools(
+        self, simulation: Simulation, layer: MotorLayer, poses: Tensor, rays: Tensor
+    ) -> list[Tool]:
         """What each hand holds, as ``skills.tool`` says or as it is seen."""
         wanted = self._config.skills.tool
         if wanted == "auto":
-            return find_tools(simulation, layer, poses, seed=self._config.seed)
+            return find_tools(simulation, layer, poses, seed=self._config.seed, rays=rays)
         if wanted == "none":
             return [Tool(np.zeros((0, 3)), "nothing, as skills.tool says") for _ in layer.hands]
         return [straight_tool(wanted) for _ in layer.hands]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import cast
 
 from torch import Tensor, nn
@@ -102,14 +101,8 @@ def _skills(run: Run) -> list[Stage]:
     """Hands that know how to come to places, then what is worth doing there."""
     config, path = run.config, run.folder.path
     motor = MotorStage(config, path / MotorStage.name) if needs_motor_policy(config) else None
-    values = QLearningStage(config, _of_values(path), motor, run.folder, stop=run.stop)
+    values = QLearningStage(config, path / QLearningStage.name, motor, run.folder, stop=run.stop)
     return [values] if motor is None else [motor, values]
-
-
-def _of_values(path: Path) -> Path:
-    """Return the folder of Q-learning in a run's; of runs of version 0.1 it has another name."""
-    old = path / "looking"
-    return old if old.is_dir() else path / QLearningStage.name
 
 
 def _adapt(run: Run) -> list[Stage]:

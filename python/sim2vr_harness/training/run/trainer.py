@@ -19,8 +19,7 @@ from sim2vr_harness.base.file_lock import sole_training
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.envs.protocols import SimulationLike
 from sim2vr_harness.runs.checkpoint import require_readable
-from sim2vr_harness.runs.config import TrainingConfig, first_difference, read_mapping
-from sim2vr_harness.runs.migration import changed_constant
+from sim2vr_harness.runs.config import TrainingConfig, first_difference
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.runs.trust import remember
 from sim2vr_harness.training.run.expected import plan_lines
@@ -273,11 +272,6 @@ def _check_resumable(folder: RunFolder, config: TrainingConfig) -> None:
         if folder.run_file.is_file():
             expected += "; a run that was killed before it began is begun again without --resume"
         raise InputError("--resume", f"{str(folder.path)!r}, which holds no run", expected)
-    changed = changed_constant(read_mapping(folder.config_file))
-    if changed is not None:
-        key, old, new = changed
-        expected = f"{new!r}, as in all trainings now: evaluate the run, or train it anew"
-        raise InputError(f"{folder.config_file}: {key}", repr(old), expected)
     difference = first_difference(config, folder.load_config(), ignore=CHANGEABLE)
     if difference is not None:
         key, new, old = difference

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import copy
+from contextlib import closing
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.envs import AppConfig, EnvConfig
+from sim2vr_harness.envs.games import with_task
+from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.evaluation.evaluate import _another_ray
 from sim2vr_harness.policies.hierarchical.action_selection import best_choices, choose
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.controller_inputs import (
@@ -20,8 +26,9 @@ from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
 from sim2vr_harness.policies.hierarchical.motor_goals import WIDTH_M
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
+from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy
 from sim2vr_harness.policies.hierarchical.options import MOVES, PLACED, PLAIN, option_set
-from sim2vr_harness.policies.hierarchical.pointing import aim_of, off_ray
+from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS, aim_of, off_ray, rays_of
 from sim2vr_harness.policies.hierarchical.primitives import (
     PERSONS,
     OptionChoice,
@@ -29,10 +36,16 @@ from sim2vr_harness.policies.hierarchical.primitives import (
 )
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, _judged, straight_tool
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
+from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.users import UserBatch, load_body
+from sim2vr_harness.users.kinematics.posture_controller import DeviceRay
+from webxr_pages import CDN, ENGINES, NEEDS_BROWSER, NEEDS_ENGINES, PAGES
 
 STEP_S = 0.05
 RAY = np.array([0.5, 0.0, -np.sqrt(0.75)])
+AHEAD = np.array([1.0, 0.0, 0.0])
+ALONG_GRIP = torch.tensor([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]])
+"""The laser of an A-Frame page without its model of the controller."""
 
 
 @pytest.fixture(scope="module")
@@ -40,9 +53,14 @@ def layer() -> MotorPolicy:
     return motor_layer_for(load_body("mobl_arms_wrist"), STEP_S)
 
 
-def controller(layer: MotorPolicy, *inputs: str, wanted: tuple[str, ...] | None = None):
-    options = option_set(inputs, wanted)
-    return PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1), options)
+def controller(
+    layer: MotorPolicy,
+    *inputs: str,
+    wanted: tuple[str, ...] | None = None,
+    rays: torch.Tensor = AIM_RAYS,
+):
+    options, poses = option_set(inputs, wanted), reachable_poses(layer, 1)
+    return PrimitiveController(layer, torch.zeros(1, 2, 3), poses, options, rays=rays)
 
 
 def test_options_follow_from_the_inputs() -> None:
@@ -230,10 +248,13 @@ def test_the_aim_ray_is_the_page_s_and_the_runtime_s() -> None:
     assert float(along) == pytest.approx(2.0, abs=1e-6)
 
 
-def test_a_ray_comes_to_a_place_within_a_degree_and_stays(layer: MotorPolicy) -> None:
+@pytest.mark.parametrize("rays", [AIM_RAYS, ALONG_GRIP], ids=["WebXR", "page"])
+def test_a_ray_comes_to_a_place_within_a_degree_and_stays(
+    layer: MotorPolicy, rays: torch.Tensor
+) -> None:
     """A key of 6 cm at 1.5 m is 1.1 degrees to each side; rays were within 0.8 after 1 s."""
     body, n = layer.body, 6
-    primitives = controller(layer, "right.trigger")
+    primitives = controller(layer, "right.trigger", rays=rays)
     bodies = UserBatch(body, n, threads=1, effort="zero")
     bodies.reset(range(n), [np.random.default_rng(i) for i in range(n)])
     choice = OptionChoice(n, 1)
@@ -246,7 +267,7 @@ def test_a_ray_comes_to_a_place_within_a_degree_and_stays(layer: MotorPolicy) ->
         placed = layer.places(*motion[:2])
         head = torch.from_numpy(bodies.device_poses("headset")[0]).float()
         goals = primitives.goals(choice, head, *placed)
-        beside, along = off_ray(placed[0], choice.seen)
+        beside, along = off_ray(placed[0], choice.seen, rays)
         wrong.append(torch.rad2deg(torch.atan2(beside, along)).flatten())
         on = primitives.inputs(choice, placed[0])[:, 0] > 0.0
         started = on & (pulled == 0.0)
@@ -259,18 +280,21 @@ def test_a_ray_comes_to_a_place_within_a_degree_and_stays(layer: MotorPolicy) ->
 
 
 @pytest.mark.parametrize(
-    ("length_m", "way", "pointed", "is_tool"),
+    ("length_m", "way", "ray", "pointed", "is_tool"),
     [
-        (0.3, RAY, True, True),
-        (0.9, RAY, True, False),
-        (0.9, RAY, False, True),
-        (0.9, np.array([1.0, 0.0, 0.0]), True, True),
-        (1.3, np.array([1.0, 0.0, 0.0]), False, False),
+        (0.3, RAY, RAY, True, True),
+        (0.9, RAY, RAY, True, False),
+        (0.9, RAY, RAY, False, True),
+        (0.9, AHEAD, RAY, True, True),
+        (0.9, AHEAD, AHEAD, True, False),
+        (1.3, AHEAD, RAY, False, False),
     ],
 )
-def test_a_ray_is_no_tool(length_m: float, way: np.ndarray, pointed: bool, is_tool: bool) -> None:
+def test_a_ray_is_no_tool(
+    length_m: float, way: np.ndarray, ray: np.ndarray, pointed: bool, is_tool: bool
+) -> None:
     found = Tool(np.outer(np.linspace(0.05, length_m, 40), way))
-    judged = _judged(found, pointed=pointed)
+    judged = _judged(found, np.array([np.zeros(3), ray]), pointed=pointed)
     assert bool(judged.tip.any()) == is_tool
     assert ("a tool of" in judged.why) == is_tool
     assert is_tool or f"{100 * length_m:.0f} cm" in judged.why
@@ -291,3 +315,61 @@ def test_a_hand_forgets_its_inputs_when_a_round_begins() -> None:
     assert choice.closed.flatten().tolist() == [3, 0]
     assert choice.pulled.flatten().tolist() == [7, 0]
     assert torch.equal(before.move[0], choice.move[0])
+
+
+def laser_page() -> EnvConfig:
+    task = {
+        "inputs": ["right.trigger"],
+        "reward": {"expression": "app.clicks"},
+        "values": {"clicks": "app.clicks"},
+    }
+    page = str(PAGES / "laser.html")
+    app = AppConfig(transport="webxr", page=page, map={CDN: str(ENGINES)}, task=task)
+    return with_task(EnvConfig(app=app))
+
+
+def clicks(simulation: Simulation, layer: MotorPolicy, rays: torch.Tensor) -> float:
+    """Point at the page's box for two seconds; its clicks."""
+    primitives = controller(layer, "right.trigger", rays=rays)
+    choice = OptionChoice(1, 1)
+    choice.move[:] = PLACED.index("point")
+    choice.place[:, 0] = choice.seen[:, 0] = torch.tensor([1.0, -0.2, 1.2])
+    simulation.reset(seeds=[1])
+    for _ in range(40):
+        motion = layer.motion(simulation.users)
+        placed = layer.places(*motion[:2])
+        head = torch.from_numpy(simulation.users.device_poses("headset")[0]).float()
+        goals = primitives.goals(choice, head, *placed)
+        body = layer.decide(motion, placed, goals)
+        result = simulation.step(np.concatenate([body, primitives.inputs(choice, placed[0])], 1))
+    return float(result.infos[0]["log"]["clicks"])
+
+
+@NEEDS_BROWSER
+@NEEDS_ENGINES
+def test_hands_press_what_a_page_s_own_ray_is_on(layer: MotorPolicy) -> None:
+    """Its laser lies along the grip's axis, 60 degrees from WebXR's ray, which hits nothing."""
+    with closing(Simulation(laser_page())) as simulation, torch.inference_mode():
+        rays = rays_of(simulation, layer.hands)
+        torch.testing.assert_close(rays, ALONG_GRIP, rtol=0.0, atol=0.01)
+        assert clicks(simulation, layer, rays) >= 2.0
+        assert clicks(simulation, layer, AIM_RAYS) == 0.0
+
+
+def test_a_run_keeps_the_ray_of_its_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its weights have it, an evaluation says when the page's has changed; games have none."""
+    page, inputs = f"env.app.page={PAGES / 'laser.html'}", "env.user.inputs=[right.trigger]"
+    config = load_config("skills", [page, "env.app.transport=webxr", inputs])
+    policy = HierarchicalPolicy(config)
+    policy.rays.copy_(ALONG_GRIP)
+    again = HierarchicalPolicy(config)
+    again.load_state_dict(policy.state_dict())
+    assert torch.equal(again.primitives.rays, ALONG_GRIP)
+    assert "rays" not in HierarchicalPolicy(load_config("skills", [inputs])).state_dict()
+    users = SimpleNamespace(config=config.env)
+    found = "sim2vr_harness.policies.hierarchical.pointing.own_ray"
+    monkeypatch.setattr(found, lambda *_: DeviceRay(np.zeros(3), AHEAD))
+    assert _another_ray(again, users) == ""
+    monkeypatch.setattr(found, lambda *_: DeviceRay(np.zeros(3), RAY))
+    words = "pointing with the page's ray of today, 60 degrees from that of its training"
+    assert _another_ray(again, users) == words

@@ -163,15 +163,6 @@ def test_a_resumed_stage_is_the_same_to_the_bit(tmp_path: Path, kept: int | None
         make(tmp_path / "new").load_state_dict({"header": '{"format": 9}'})
 
 
-def with_old_names(state: dict[str, Any]) -> dict[str, Any]:
-    """The state as versions up to 0.2 wrote it."""
-    policy = {k.replace("attention_crops", "glimpses"): v for k, v in state["policy"].items()}
-    arrays = {k.replace("crop_places", "glances"): v for k, v in state["arrays"].items()}
-    assert policy.keys() != state["policy"].keys()
-    assert arrays.keys() != state["arrays"].keys()
-    return state | {"policy": policy, "arrays": arrays}
-
-
 def test_a_student_learns_where_to_look_and_what_is_there(tmp_path: Path) -> None:
     crops = AttentionCropConfig(count=1)
     config = CONFIG.model_copy(update={"numbers_weight": 0.5})
@@ -198,7 +189,7 @@ def test_a_student_learns_where_to_look_and_what_is_there(tmp_path: Path) -> Non
     for _ in range(6):
         parts.step()
     resumed = student("parts")
-    resumed.load_state_dict(with_old_names(parts.state_dict()))
+    resumed.load_state_dict(parts.state_dict())
     for _ in range(6):
         again = resumed.step()
     assert again == dataclasses.replace(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import json
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -415,24 +414,6 @@ def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
     other = load_body("mobl_arms_bimanual_motor")
     with pytest.raises(InputError, match="joints differ"):
         load_motor_layer(tmp_path / "layer.pt", other, STEP_S)
-
-
-@pytest.mark.usefixtures("tiny_practice")
-def test_a_state_of_format_2_of_a_motor_training_is_read() -> None:
-    body = load_body("mobl_arms_wrist")
-    whole = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
-    whole.step()
-    state = copy.deepcopy(whole.state_dict())
-    header = {**json.loads(state["header"]), "format": 2}
-    old = {"header": json.dumps(header), "layer": state["policy"], "model": state["body"]}
-    old["rest"] = whole.users.rest.clone()
-    same = ("critic", "optimizer", "torch", "users", "exercises", "played", "seen")
-    again = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
-    again.load_state_dict(old | {name: state[name] for name in same})
-    assert torch.equal(again.users.rest, whole.users.rest)
-    assert again.step() == whole.step()
-    for name, values in whole.task.policy.weights().items():
-        assert torch.equal(values, again.task.policy.weights()[name]), name
 
 
 @pytest.mark.usefixtures("tiny_practice")

@@ -193,9 +193,13 @@
     const names = [];
     clicks.forEach((_, element) => {
       const exit = exits.has(element) ? ` (${exits.get(element)})` : '';
-      push(names, `${element.textContent.trim().slice(0, 30) || element.id}${exit}`);
+      const label = element.textContent.trim() || element.getAttribute('aria-label') || element.title || element.id;
+      push(names, `${label.slice(0, 30) || `<${element.localName} class="${element.getAttribute('class') ?? ''}">`}${exit}`);
     });
     const tried = names.slice(0, 5).join(', ');
+    if (sim.modes.size === 0 && navigator.getVRDisplays) { // browsers have none: the page brings a polyfill
+      return 'uses WebVR, which WebXR replaced, expected an engine with WebXR (A-Frame 1.0 or three.js r112, or later)';
+    }
     if (sim.modes.size === 0) return `never calls WebXR (navigator.xr)${tried && `; tried to click: ${tried}`}`;
     if (sim.session) return 'enters VR, but asks for no frames there';
     if (!sim.modes.has('immersive-vr') && sim.modes.has('immersive-ar')) {

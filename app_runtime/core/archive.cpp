@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <bit>
+
 #include "sim2vr/core/errors.hpp"
 
 namespace sim2vr {
@@ -26,6 +28,17 @@ void Archive::expectEnd() const {
   if (loading_ && offset_ != bytes_.size()) {
     throw EngineError("saved state: " + std::to_string(bytes_.size() - offset_) +
                       " bytes left over; it was made by another game or version");
+  }
+}
+
+void Archive::byteOrder() {
+  constexpr std::uint32_t kOurs = 0x01020304;
+  std::uint32_t order = kOurs;
+  field("byte_order", order);
+  if (order != kOurs) {
+    throw EngineError("saved state: made on a machine with another byte order, expected " +
+                      std::string(std::endian::native == std::endian::little ? "little" : "big") +
+                      " endian");
   }
 }
 

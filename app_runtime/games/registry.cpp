@@ -29,11 +29,8 @@ rl::GameEntry entry() {
 
 std::span<const rl::GameEntry> registry() {
   static const std::array entries{
-      entry<whacamole::WhacAMole>(),
-      entry<beats::Beats>(),
-      entry<pointing::Pointing>(),
-      entry<panel::Panel>(),
-      entry<sample::TouchTheBall>(),
+      entry<whacamole::WhacAMole>(), entry<beats::Beats>(),         entry<pointing::Pointing>(),
+      entry<panel::Panel>(),         entry<sample::TouchTheBall>(),
   };
   return entries;
 }

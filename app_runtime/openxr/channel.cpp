@@ -32,6 +32,12 @@ void Channel::read(char* to, std::size_t bytes) {
   while (bytes > 0) {
     const ssize_t n = ::recv(socket_, to, bytes, 0);
     if (n < 0 && errno == EINTR) continue;
+    if (n < 0 && errno == EAGAIN) {
+      throw ChannelClosed(
+          fmt::format("the harness gave no answer within {:g} s, expected one to every hello and "
+                      "session; see where it hangs, and start the program again",
+                      limit_s_));
+    }
     if (n < 0) throw ChannelClosed(fmt::format("the harness is gone ({})", std::strerror(errno)));
     if (n == 0) throw ChannelClosed("the harness is gone (it closed the socket)");
     to += n;
@@ -55,6 +61,14 @@ Message Channel::receive() {
   Message message{static_cast<MessageKind>(kind), std::string(length - 1, '\0')};
   read(message.body.data(), message.body.size());
   return message;
+}
+
+void Channel::limit(double seconds) {
+  limit_s_ = seconds;
+  // The kernel's own time-out: poll() would wait for virtual time.
+  const auto us = static_cast<std::int64_t>(seconds * 1e6);
+  const timeval time{us / 1'000'000, us % 1'000'000};
+  ::setsockopt(socket_, SOL_SOCKET, SO_RCVTIMEO, &time, sizeof time);
 }
 
 void Channel::shutdown() { ::shutdown(socket_, SHUT_RDWR); }

@@ -27,6 +27,9 @@ class Channel {
   /// Blocks for a whole message. Throws ChannelClosed, and wire::MalformedMessage for a length
   /// above kMaximumMessageBytes or an unknown kind.
   Message receive();
+  /// From now on receive() throws ChannelClosed where nothing comes for `seconds` of real time; 0:
+  /// it waits for ever.
+  void limit(double seconds);
   /// Wakes a thread in receive().
   void shutdown();
 
@@ -34,6 +37,7 @@ class Channel {
   void read(char* to, std::size_t bytes);
 
   int socket_;
+  double limit_s_ = 0.0;
   std::mutex sending_;
 };
 

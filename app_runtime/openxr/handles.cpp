@@ -20,19 +20,26 @@ World& world() {
 }
 
 std::uint64_t Handles::add(HandleType type, std::shared_ptr<Object> object, std::uint64_t parent) {
-  std::uint32_t index = 0;
-  if (!free_.empty()) {
-    index = free_.back();
-    free_.pop_back();
+  if (children(parent) == nullptr) {
+    throw Failure(XR_ERROR_HANDLE_INVALID, "the parent is no living handle");
+  }
+  std::uint32_t index = free_;
+  if (index != kNone) {
+    free_ = entries_[index].next;
   } else if (entries_.size() < kMaximumObjects) {
     index = static_cast<std::uint32_t>(entries_.size());
     entries_.emplace_back();
   } else {
     throw Failure(XR_ERROR_LIMIT_REACHED, "more than 1048576 objects are alive");
   }
+  auto& siblings = const_cast<List&>(*children(parent));
   Entry& entry = entries_[index];
   ++entry.generation;
   entry.type = type;
+  entry.next = kNone;
+  entry.previous = siblings.last;
+  (siblings.last == kNone ? siblings.first : entries_[siblings.last].next) = index;
+  siblings.last = index;
   const std::uint64_t handle = static_cast<std::uint64_t>(entry.generation) << 32U |
                                static_cast<std::uint64_t>(index) << 8U |
                                static_cast<std::uint64_t>(type);
@@ -54,24 +61,30 @@ std::shared_ptr<Object> Handles::find(HandleType type, std::uint64_t handle) con
   return found != nullptr && found->type == type ? found->object : nullptr;
 }
 
-void Handles::remove(std::uint64_t handle) {
+const Handles::List* Handles::children(std::uint64_t parent) const {
+  if (parent == 0) return &instances_;
+  const Entry* found = entry(parent);
+  return found != nullptr ? &found->children : nullptr;
+}
+
+void Handles::remove(std::uint64_t handle) noexcept {
   if (entry(handle) == nullptr) return;
-  for (std::size_t i = 0; i < entries_.size(); ++i) {
-    if (entries_[i].object && entries_[i].object->parent == handle) {
-      remove(entries_[i].object->handle);
-    }
-  }
   const std::uint32_t index = indexOf(handle);
-  const std::shared_ptr<Object> last = std::exchange(entries_[index].object, nullptr);
-  free_.push_back(index);
+  Entry& gone = entries_[index];
+  while (gone.children.first != kNone) remove(entries_[gone.children.first].object->handle);
+  auto& siblings = const_cast<List&>(*children(gone.object->parent));
+  (gone.previous == kNone ? siblings.first : entries_[gone.previous].next) = gone.next;
+  (gone.next == kNone ? siblings.last : entries_[gone.next].previous) = gone.previous;
+  gone.next = std::exchange(free_, index);
+  const std::shared_ptr<Object> last = std::exchange(gone.object, nullptr);
 }
 
 std::vector<std::shared_ptr<Object>> Handles::below(HandleType type, std::uint64_t parent) const {
   std::vector<std::shared_ptr<Object>> found;
-  for (const Entry& each : entries_) {
-    if (each.object && each.type == type && (parent == 0 || each.object->parent == parent)) {
-      found.push_back(each.object);
-    }
+  const List* of_parent = children(parent);
+  if (of_parent == nullptr) return found;
+  for (std::uint32_t i = of_parent->first; i != kNone; i = entries_[i].next) {
+    if (entries_[i].type == type) found.push_back(entries_[i].object);
   }
   return found;
 }

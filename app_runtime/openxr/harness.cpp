@@ -53,9 +53,12 @@ std::shared_ptr<Harness> Harness::connect(const Hello& hello) {
   }
 }
 
-Harness::Harness(int socket, const Hello& hello) : channel_(socket) {
+Harness::Harness(int socket, const Hello& hello, double greeting_s)
+    : channel_(socket), greeting_s_(greeting_s) {
   channel_.send(MessageKind::hello, encodeHello(hello));
+  channel_.limit(greeting_s_);
   const Message message = channel_.receive();
+  channel_.limit(0.0);
   if (message.kind == MessageKind::error) unavailable(decodeError(message.body));
   if (message.kind != MessageKind::config) {
     unavailable(
@@ -89,7 +92,9 @@ void Harness::openSession(std::string_view graphics, bool depth_layers) {
   Message message;
   try {
     channel_.send(MessageKind::session, encodeSession(facts));
+    channel_.limit(greeting_s_);
     message = channel_.receive();
+    channel_.limit(0.0);
   } catch (const std::runtime_error& error) {
     lost_ = true;
     throw Failure(XR_ERROR_RUNTIME_FAILURE, error.what());

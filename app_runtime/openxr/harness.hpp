@@ -22,12 +22,17 @@ struct Picture {
   bool has_depth = false;
 };
 
+/// Most seconds from hello to the configuration, and from session to its acceptance, during which
+/// no other call of the program gets on. Long, as a program that was started for the next round is
+/// answered between the steps of this one, and a user may learn for minutes there.
+inline constexpr double kGreeting_s = 600.0;
+
 class Harness {
  public:
   /// Says hello over the socket of SIM2VR_OPENXR_SOCKET and waits for the configuration. nullptr
   /// where the variable is not set. Throws Failure (XR_ERROR_RUNTIME_UNAVAILABLE).
   static std::shared_ptr<Harness> connect(const Hello& hello);
-  Harness(int socket, const Hello& hello);
+  Harness(int socket, const Hello& hello, double greeting_s = kGreeting_s);
   ~Harness();
 
   const Config& config() const { return config_; }
@@ -56,6 +61,7 @@ class Harness {
   void watch();
 
   Channel channel_;
+  double greeting_s_;
   Config config_;
   std::unique_ptr<wire::SharedImages> images_;
   XrTime latest_ = 0;

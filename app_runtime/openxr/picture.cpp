@@ -5,6 +5,7 @@
 
 #include "check.hpp"
 #include "layers.hpp"
+#include "pixels.hpp"
 #include "system.hpp"
 #include "tracking.hpp"
 
@@ -28,18 +29,18 @@ void flipRows(std::span<std::uint8_t> rows, std::size_t row_bytes) {
   }
 }
 
-/// `over`: RGBA of the same size, or one pixel each.
+/// One pixel over another, in linear light as OpenXR says. The alpha of `under` is its depth.
 void blend(std::uint8_t* under, const std::uint8_t* over, XrCompositionLayerFlags flags) {
-  if ((flags & XR_COMPOSITION_LAYER_BLEND_TEXTURE_SOURCE_ALPHA_BIT) == 0) {
+  if ((flags & XR_COMPOSITION_LAYER_BLEND_TEXTURE_SOURCE_ALPHA_BIT) == 0 || over[3] == 255) {
     std::copy_n(over, 3, under);
     return;
   }
   const bool straight = (flags & XR_COMPOSITION_LAYER_UNPREMULTIPLIED_ALPHA_BIT) != 0;
-  const unsigned alpha = over[3];
+  const float alpha = static_cast<float>(over[3]) / 255.0F;
+  const auto& linear = linearValues(true);
   for (int c = 0; c < 3; ++c) {
-    const unsigned source = straight ? over[c] * alpha : over[c] * 255U;
-    under[c] = static_cast<std::uint8_t>(
-        std::min(255U, (source + under[c] * (255U - alpha) + 127U) / 255U));
+    const float source = straight ? linear[over[c]] * alpha : linear[over[c]];
+    under[c] = linearToByte(source + linear[under[c]] * (1.0F - alpha));
   }
 }
 

@@ -39,12 +39,6 @@ std::array<float, 255> makeThresholds() {
   return thresholds;
 }
 
-std::uint8_t linearToByte(float linear) {
-  static const std::array<float, 255> thresholds = makeThresholds();
-  return static_cast<std::uint8_t>(
-      std::upper_bound(thresholds.begin(), thresholds.end(), clamped(linear)) - thresholds.begin());
-}
-
 std::uint8_t alphaToByte(float alpha) {
   return static_cast<std::uint8_t>(std::lround(clamped(alpha) * 255.0F));
 }
@@ -79,20 +73,6 @@ const HalfTable& halfTable() {
     return made;
   }();
   return table;
-}
-
-/// The linear value of every byte, of an sRGB or of a linear format.
-const std::array<float, 256>& linearValues(bool srgb) {
-  static const auto tables = [] {
-    std::array<std::array<float, 256>, 2> made{};
-    for (std::size_t i = 0; i < 256; ++i) {
-      const float value = static_cast<float>(i) / 255.0F;
-      made[0][i] = value;
-      made[1][i] = srgbToLinear(value);
-    }
-    return made;
-  }();
-  return tables[srgb ? 1 : 0];
 }
 
 bool isSrgb(PixelFormat format) {
@@ -228,6 +208,25 @@ float depthAt(const PixelView& view, const std::byte* row, std::size_t x) {
 }
 
 }  // namespace
+
+const std::array<float, 256>& linearValues(bool srgb) {
+  static const auto tables = [] {
+    std::array<std::array<float, 256>, 2> made{};
+    for (std::size_t i = 0; i < 256; ++i) {
+      const float value = static_cast<float>(i) / 255.0F;
+      made[0][i] = value;
+      made[1][i] = srgbToLinear(value);
+    }
+    return made;
+  }();
+  return tables[srgb ? 1 : 0];
+}
+
+std::uint8_t linearToByte(float linear) {
+  static const std::array<float, 255> thresholds = makeThresholds();
+  return static_cast<std::uint8_t>(
+      std::upper_bound(thresholds.begin(), thresholds.end(), clamped(linear)) - thresholds.begin());
+}
 
 std::size_t pixelBytes(PixelFormat format) {
   switch (format) {

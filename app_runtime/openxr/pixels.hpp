@@ -2,6 +2,7 @@
 // size that the simulated user sees. Done on the CPU, the same for OpenGL and Vulkan.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -19,6 +20,11 @@ enum class PixelFormat {
   kDepth24,  // the low 24 bits of 32
   kDepthFloat,
 };
+
+/// The linear value of every byte, of an sRGB or of a linear format.
+const std::array<float, 256>& linearValues(bool srgb);
+/// The sRGB byte of a linear value, which is clamped to 0..1.
+std::uint8_t linearToByte(float linear);
 
 /// Return the bytes of one pixel.
 std::size_t pixelBytes(PixelFormat format);

@@ -30,7 +30,10 @@ void tellMessengers(const char* call, const std::string& cause) {
   std::vector<std::shared_ptr<Object>> messengers;
   {
     const Lock lock(world().mutex);
-    messengers = world().handles.below(HandleType::messenger, 0);
+    for (const auto& instance : world().handles.below(HandleType::instance, 0)) {
+      const auto own = world().handles.below(HandleType::messenger, instance->handle);
+      messengers.insert(messengers.end(), own.begin(), own.end());
+    }
   }
   for (const auto& object : messengers) {
     const auto& messenger = static_cast<const Messenger&>(*object);

@@ -33,26 +33,39 @@ struct Object {
 };
 
 /// A handle is an index, a generation and a type: one that was destroyed never names its
-/// successor.
+/// successor. Entries with the same parent are a list, so that a program with many handles pays for
+/// those that a call concerns.
 class Handles {
  public:
+  /// `parent`: a living handle, or 0 for an instance.
   std::uint64_t add(HandleType type, std::shared_ptr<Object> object, std::uint64_t parent);
   /// nullptr for a handle that is unknown, destroyed or of another type.
   std::shared_ptr<Object> find(HandleType type, std::uint64_t handle) const;
-  /// With everything below it.
-  void remove(std::uint64_t handle);
-  /// Living handles of a type below `parent`; 0: anywhere.
+  /// With everything below it. Allocates nothing.
+  void remove(std::uint64_t handle) noexcept;
+  /// Living children of a type, in the order in which they were added. `parent`: 0 for instances.
   std::vector<std::shared_ptr<Object>> below(HandleType type, std::uint64_t parent) const;
 
  private:
+  static constexpr std::uint32_t kNone = ~0U;
+  struct List {
+    std::uint32_t first = kNone;
+    std::uint32_t last = kNone;
+  };
   struct Entry {
     std::shared_ptr<Object> object;
     std::uint32_t generation = 0;
     HandleType type{};
+    std::uint32_t next = kNone;  // with the same parent; of a free entry: the next free one
+    std::uint32_t previous = kNone;
+    List children;
   };
   const Entry* entry(std::uint64_t handle) const;
+  /// nullptr: the parent is no living handle.
+  const List* children(std::uint64_t parent) const;
   std::vector<Entry> entries_;
-  std::vector<std::uint32_t> free_;
+  List instances_;
+  std::uint32_t free_ = kNone;
 };
 
 using Lock = std::unique_lock<std::mutex>;

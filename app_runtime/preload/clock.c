@@ -19,7 +19,6 @@
 #include <dlfcn.h>
 #include <errno.h>
 #include <pthread.h>
-#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <sys/mman.h>
@@ -39,21 +38,16 @@ static const int64_t kEpoch_ns = 1767225600LL * NS_PER_S; /* 2026-01-01 */
 static const int64_t kStalled_ns = NS_PER_S;
 static const uint32_t kReads = 20000;
 
-static Page* page;
+static Page* _Atomic page; /* threads may have begun before this library did */
 static _Atomic uint32_t seen_generation;
 static _Atomic int64_t seen_real_ns;
 static _Atomic uint32_t reads;
-static _Atomic int frame_thread_known;
-static pthread_t frame_thread;
+static _Atomic pthread_t frame_thread; /* 0: no frame was taken yet */
 
 void* next_function(const char* name) {
   void* found = dlvsym(RTLD_NEXT, name, "GLIBC_2.3.2"); /* of pthread_cond_*, the newer one */
   return found != NULL ? found : dlsym(RTLD_NEXT, name);
 }
-
-#define NEXT(type, name)                                   \
-  static type next_##name;                                 \
-  if (next_##name == NULL) next_##name = (type)next_function(#name)
 
 typedef int (*ClockGettime)(clockid_t, struct timespec*);
 
@@ -96,14 +90,11 @@ PUBLIC void sim2vr_clock_advance(int64_t time_ns);
 PUBLIC void sim2vr_clock_advance(int64_t time_ns) {
   if (page == NULL) return;
   frame_thread = pthread_self();
-  frame_thread_known = 1;
   virtual_to(time_ns);
   page->generation += 1;
 }
 
-bool is_frame_thread(void) {
-  return frame_thread_known && pthread_equal(frame_thread, pthread_self());
-}
+bool is_frame_thread(void) { return pthread_equal(frame_thread, pthread_self()); }
 
 /* Real time since the last frame or step; none while the harness has its turn. */
 static int64_t since_progress_ns(void) {

@@ -2,6 +2,7 @@
 #ifndef SIM2VR_CLOCK_H
 #define SIM2VR_CLOCK_H
 
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stdint.h>
 #include <time.h>
@@ -19,6 +20,11 @@ typedef struct {
 
 /* Next function of this name after ours. */
 void* next_function(const char* name);
+/* Declares next_NAME, which is looked up once. Threads that meet here find the same address. */
+#define NEXT(type, name)              \
+  static _Atomic(type) known_##name;  \
+  type next_##name = known_##name;    \
+  if (next_##name == NULL) known_##name = next_##name = (type)next_function(#name)
 /* Real monotonic time. */
 int64_t real_ns(void);
 /* Whether time is virtual in this process. */

@@ -23,10 +23,6 @@ static const int64_t kSlice_ns = NS_PER_MS;
 /* Of a wait that ends as a spurious one then, which the caller looks through. */
 static const int64_t kSpurious_ns = 5 * NS_PER_MS;
 
-#define NEXT(type, name)                                   \
-  static type next_##name;                                 \
-  if (next_##name == NULL) next_##name = (type)next_function(#name)
-
 static int64_t min_ns(int64_t a, int64_t b) { return a < b ? a : b; }
 
 /* --- sleeps ----------------------------------------------------------------------------------- */

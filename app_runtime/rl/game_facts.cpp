@@ -171,22 +171,21 @@ std::string factsJson(std::string_view name, std::string_view description, GameF
   checkDevices(facts.devices);
   checkScore(measures, facts.score);
   checkConditions(conditions, facts.default_condition);
-  Json all{
-      {"name", name},
-      {"description", description},
-      {"id", facts.id.empty() ? inCapitals(name) : facts.id},
-      {"round_seconds", facts.round_seconds},
-      {"devices", facts.devices},
-      {"hand_option", textOrNull(facts.hand_option)},
-      {"level_option", textOrNull(facts.level_option)},
-      {"measures", measures},
-      {"score", textOrNull(facts.score)},
-      {"reward_terms", terms},
-      {"reward_rest", facts.reward_rest},
-      {"items", items},
-      {"conditions", conditions},
-      {"default_condition", facts.default_condition},
-      {"evaluation_options", objectOf("evaluation_options", facts.evaluation_options_json)}};
+  Json all{{"name", name},
+           {"description", description},
+           {"id", facts.id.empty() ? inCapitals(name) : facts.id},
+           {"round_seconds", facts.round_seconds},
+           {"devices", facts.devices},
+           {"hand_option", textOrNull(facts.hand_option)},
+           {"level_option", textOrNull(facts.level_option)},
+           {"measures", measures},
+           {"score", textOrNull(facts.score)},
+           {"reward_terms", terms},
+           {"reward_rest", facts.reward_rest},
+           {"items", items},
+           {"conditions", conditions},
+           {"default_condition", facts.default_condition},
+           {"evaluation_options", objectOf("evaluation_options", facts.evaluation_options_json)}};
   // Left out by games without, whose facts stay as they were.
   if (!facts.inputs.empty()) all["inputs"] = facts.inputs;
   return all.dump();

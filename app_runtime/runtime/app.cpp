@@ -319,6 +319,7 @@ void App::fields(Archive& archive) {
 std::string App::save() {
   round("save");
   Archive archive = Archive::saver();
+  archive.byteOrder();
   fields(archive);
   return archive.bytes();
 }
@@ -328,6 +329,7 @@ void App::load(const std::string& state) {
   try {
     try {
       Archive archive = Archive::loader(state);
+      archive.byteOrder();
       fields(archive);
       archive.expectEnd();
     } catch (const InvalidArgument& error) {

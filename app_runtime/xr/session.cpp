@@ -143,11 +143,20 @@ DeviceState Session::sampleAt(XrTime time) {
 }
 
 void Session::fields(Archive& archive) {
-  archive.field("session_state", state_);
+  archive.field("session_state", state_, XR_SESSION_STATE_EXITING);
   std::vector<std::pair<XrSessionState, XrTime>> events(events_.begin(), events_.end());
   archive.field("events", events);
-  if (archive.loading()) events_.assign(events.begin(), events.end());
-  archive.field("frame_stage", frame_stage_);
+  if (archive.loading()) {
+    for (const auto& [state, time] : events) {
+      if (state < XR_SESSION_STATE_UNKNOWN || state > XR_SESSION_STATE_EXITING) {
+        throw EngineError("saved state: field 'events': got session state " +
+                          std::to_string(state) + ", expected 0 to " +
+                          std::to_string(XR_SESSION_STATE_EXITING));
+      }
+    }
+    events_.assign(events.begin(), events.end());
+  }
+  archive.field("frame_stage", frame_stage_, FrameStage::begun);
   archive.field("frame_time", frame_time_);
   archive.field("any_frame", any_frame_);
   fieldsOfActions(archive);

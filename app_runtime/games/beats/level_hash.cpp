@@ -14,8 +14,8 @@ void addBoxes(Archive& archive, Level& level) {
     archive.field("time_s", box.time_s);
     archive.field("column", box.column);
     archive.field("row", box.row);
-    archive.field("hand", box.hand);
-    archive.field("cut", box.cut);
+    archive.field("hand", box.hand, Hand::kRight);
+    archive.field("cut", box.cut, CutDirection::kAny);
     archive.field("angle_offset_deg", box.angle_offset_deg);
     archive.field("link", box.link);
   }

@@ -10,10 +10,10 @@
 
 namespace sim2vr::games::beats {
 
-/// How many are told: of each hand's boxes, of mines, of walls.
-inline constexpr std::size_t kToldBoxes = 2;
-inline constexpr std::size_t kToldMines = 3;
-inline constexpr std::size_t kToldWalls = 2;
+/// How many are reported: of each hand's boxes, of mines, of walls.
+inline constexpr std::size_t kShownBoxes = 2;
+inline constexpr std::size_t kShownMines = 3;
+inline constexpr std::size_t kShownWalls = 2;
 
 const std::vector<std::string>& privilegedNames();
 

@@ -315,7 +315,7 @@ void Round::closeCut(const OpenCut& cut) {
 void Round::Burst::fields(Archive& archive) {
   archive.field("time_s", time_s, kQuantities);
   archive.field("place", place_m);
-  archive.field("of", of);
+  archive.field("of", of, Of::kMine);
   if (of > Of::kMine) throw EngineError("saved state: sparks of nothing known");
 }
 
@@ -342,7 +342,7 @@ void Round::fields(Archive& archive) {
   const std::size_t count = walls_touched_.size();
   archive.field("walls_touched", walls_touched_);
   if (walls_touched_.size() != count) throw EngineError("saved state: another number of walls");
-  archive.field("phase", phase_);
+  archive.field("phase", phase_, Phase::kDone);
   archive.field("start_ns", start_ns_, {0.0, 9.0e18});
   archive.field("time_s", time_s_, kQuantities);
   archive.field("frame_s", frame_s_, kQuantities);

@@ -44,8 +44,10 @@ void addRod(scene::GameObject& controller, const std::string& name, double from_
 void addSaberLooks(scene::GameObject& controller, Hand hand, const Rod& blade) {
   const render::Color& color = colorOf(hand);
   const render::Color dim{color.r * 0.5F, color.g * 0.5F, color.b * 0.5F, 1.0F};
-  addRod(controller, "Handle", kHandleEnd_m, kHandleTop_m, kHandleRadius_m, render::unlitMaterial(dim));
-  addRod(controller, "Blade", blade.root_m, blade.tip_m, kBladeRadius_m, render::unlitMaterial(color));
+  addRod(controller, "Handle", kHandleEnd_m, kHandleTop_m, kHandleRadius_m,
+         render::unlitMaterial(dim));
+  addRod(controller, "Blade", blade.root_m, blade.tip_m, kBladeRadius_m,
+         render::unlitMaterial(color));
   render::Material both_sides = render::unlitMaterial(color);
   both_sides.cull_back = false;
   addPart(controller, "Ring", ringMesh(), both_sides).setLocalPosition({0.0, 0.0, kHandleTop_m});

@@ -107,7 +107,7 @@ bool OpenCut::follow(const Swing& swing) {
 
 void OpenCut::fields(Archive& archive) {
   archive.field("box", box);
-  archive.field("hand", hand);
+  archive.field("hand", hand, Hand::kRight);
   archive.field("factor", factor, kCounts);
   archive.field("time_s", time_s, kQuantities);
   archive.field("normal", normal);

@@ -170,7 +170,7 @@ void Round::fields(Archive& archive) {
   archive.field("erred", erred_);
   archive.field("grabbed", grabbed_, {-1.0, static_cast<double>(widgets_.size() - 1)});
   archive.field("tally", tally_);
-  archive.field("last", last_);
+  archive.field("last", last_, Flash::error);
   archive.field("last_s", last_s_, kQuantities);
 }
 

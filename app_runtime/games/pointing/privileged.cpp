@@ -3,8 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <limits>
+#include <optional>
 
-#include "sim2vr/core/errors.hpp"
+#include "sim2vr/rl/privileged_table.hpp"
 #include "sim2vr/rl/view_frustum.hpp"
 #include "sim2vr/scene/scene.hpp"
 
@@ -16,42 +17,75 @@ namespace {
 constexpr std::array kShownPlaces_m{-0.14, -0.10, -0.06, -0.02, 0.02, 0.06, 0.10, 0.14};
 constexpr std::array kShownWidths_m{0.025, 0.0375};
 
-std::vector<std::string> allNames() {
-  std::vector<std::string> names{"round.side_m", "round.height_m", "round.depth_m",
-                                 "round.progress"};
-  const auto add = [&names](const std::string& name, const std::string& unit) {
-    for (const char* axis : {"x", "y", "z"}) names.push_back(name + axis + unit);
-  };
-  add("tip.", "_m");
-  add("tip.v", "_mps");
-  names.emplace_back("tip.depth_m");
-  names.emplace_back("tip.armed");
-  for (const char* number : {"present", "start", "width_m", "age_s"}) {
-    names.push_back(std::string("target.") + number);
+// What the table's getters read.
+struct Source {
+  const Round& round;
+  Vec3 head_m;
+  bool present;  // the target, and in view
+  double start_distance_m;
+
+  Vec3 target_m() const { return round.targetCenter(round.target()); }
+  std::optional<int> next() const { return present ? round.nextTarget() : std::nullopt; }
+};
+
+rl::PrivilegedTable<Source> makeTable() {
+  rl::PrivilegedTable<Source> table;
+  const auto tip_m = [](const Source& s) { return s.round.stylus().tip_m(); };
+  constexpr std::array kCenters{"round.side_m", "round.height_m", "round.depth_m"};
+  for (int axis = 0; axis < 3; ++axis) {
+    table.number(kCenters[axis],
+                 [axis](const Source& s) { return s.round.settings().center_m()[axis]; });
   }
-  add("target.", "_m");
-  add("target.place_", "_m");
-  names.emplace_back("next.present");
-  add("next.place_", "_m");
-  for (const char* axis : {"x", "y"}) {
+  table.number("round.progress", [](const Source& s) { return s.round.progress(); });
+  table.vector("tip.", "_m", [=](const Source& s) -> Vec3 { return tip_m(s) - s.head_m; });
+  table.vector("tip.v", "_mps", [](const Source& s) { return s.round.stylus().velocity_mps(); });
+  table.number("tip.depth_m",
+               [=](const Source& s) { return tip_m(s).z() - s.round.center_m().z(); });
+  table.number("tip.armed", [](const Source& s) { return s.round.stylus().armed(); });
+
+  table.number("target.present", [](const Source& s) { return s.present; });
+  table.number("target.start", [](const Source& s) { return s.present && s.round.trial() == 0; });
+  table.number("target.width_m",
+               [](const Source& s) { return s.present ? s.round.block().width_m : 0.0; });
+  table.number("target.age_s", [](const Source& s) { return s.present ? s.round.age_s() : 0.0; });
+  table.vector("target.", "_m", [=](const Source& s) {
+    return s.present ? Vec3(s.target_m() - tip_m(s)) : Vec3(Vec3::Zero());
+  });
+  table.vector("target.place_", "_m", [](const Source& s) {
+    return s.present ? Vec3(s.target_m() - s.head_m) : Vec3(Vec3::Zero());
+  });
+  table.number("next.present", [](const Source& s) { return s.next().has_value(); });
+  table.vector("next.place_", "_m", [](const Source& s) {
+    const auto next = s.next();
+    return next ? Vec3(s.round.targetCenter(*next) - s.head_m) : Vec3(Vec3::Zero());
+  });
+  for (int axis = 0; axis < 2; ++axis) {
     for (std::size_t i = 0; i < kShownPlaces_m.size(); ++i) {
-      names.push_back("shown." + std::string(axis) + std::to_string(i));
+      table.number(std::string("shown.") + "xy"[axis] + std::to_string(i),
+                   [axis, least_m = kShownPlaces_m[i]](const Source& s) {
+                     const Vec3 place_m = s.target_m() - s.round.center_m();
+                     return s.present && place_m[axis] > least_m;
+                   });
     }
   }
   for (std::size_t i = 0; i < kShownWidths_m.size(); ++i) {
-    names.push_back("shown.width" + std::to_string(i));
+    table.number("shown.width" + std::to_string(i), [least_m = kShownWidths_m[i]](const Source& s) {
+      return s.present && s.round.block().width_m > least_m;
+    });
   }
-  names.emplace_back("aid.start_distance_m");
-  names.emplace_back("aid.start_cell");
-  return names;
+  table.number("aid.start_distance_m", [](const Source& s) { return s.start_distance_m; });
+  table.number("aid.start_cell", [](const Source&) { return 0.0; });
+  return table;
+}
+
+const rl::PrivilegedTable<Source>& table() {
+  static const auto table = makeTable();
+  return table;
 }
 
 }  // namespace
 
-const std::vector<std::string>& Privileged::names() {
-  static const std::vector<std::string> names = allNames();
-  return names;
-}
+const std::vector<std::string>& Privileged::names() { return table().names(); }
 
 void Privileged::look() {
   if (round_->phase() != Round::Phase::kPlay) return;
@@ -80,45 +114,8 @@ double Privileged::startDistance_m() const {
 }
 
 void Privileged::fill(std::span<float> values) const {
-  if (values.size() != names().size()) {
-    throw InvalidArgument("values", std::to_string(values.size()) + " numbers",
-                          std::to_string(names().size()));
-  }
-  rl::NumberWriter out(values);
-  const Stylus& stylus = round_->stylus();
-  const Vec3& tip_m = stylus.tip_m();
   const Vec3 head_m = camera_->transform().position();
-  out.vector(round_->settings().center_m());
-  out.number(round_->progress());
-  out.vector(tip_m - head_m);
-  out.vector(stylus.velocity_mps());
-  out.number(tip_m.z() - round_->center_m().z());
-  out.flag(stylus.armed());
-
-  const bool present = seen();
-  out.flag(present);
-  out.flag(present && round_->trial() == 0);
-  out.number(present ? round_->block().width_m : 0.0);
-  out.number(present ? round_->age_s() : 0.0);
-  const Vec3 target_m = round_->targetCenter(round_->target());
-  out.vector(present ? Vec3(target_m - tip_m) : Vec3(Vec3::Zero()));
-  out.vector(present ? Vec3(target_m - head_m) : Vec3(Vec3::Zero()));
-  const auto next = present ? round_->nextTarget() : std::nullopt;
-  out.flag(next.has_value());
-  out.vector(next ? Vec3(round_->targetCenter(*next) - head_m) : Vec3(Vec3::Zero()));
-  writeShown(out, present);
-  out.number(startDistance_m());
-  out.number(0.0);
-}
-
-void Privileged::writeShown(rl::NumberWriter& out, bool present) const {
-  const Vec3 place_m = round_->targetCenter(round_->target()) - round_->center_m();
-  for (const double along_m : {place_m.x(), place_m.y()}) {
-    for (const double least_m : kShownPlaces_m) out.flag(present && along_m > least_m);
-  }
-  for (const double least_m : kShownWidths_m) {
-    out.flag(present && round_->block().width_m > least_m);
-  }
+  table().fill({*round_, head_m, seen(), startDistance_m()}, values);
 }
 
 void Privileged::fields(Archive& archive) {

@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "pointing/round.hpp"
-#include "sim2vr/rl/number_writer.hpp"
 
 namespace sim2vr::games::pointing {
 
@@ -31,7 +30,6 @@ class Privileged {
  private:
   bool seen() const;
   double startDistance_m() const;
-  void writeShown(rl::NumberWriter& out, bool present) const;
 
   const Round* round_;
   const scene::GameObject* camera_;

@@ -138,7 +138,7 @@ std::optional<int> Round::nextTarget() const {
 
 void Round::fields(Archive& archive) {
   archive.field("stylus", setup_.stylus);
-  archive.field("phase", phase_);
+  archive.field("phase", phase_, Phase::kDone);
   archive.field("block", block_, {0.0, static_cast<double>(blocks_.size() - 1)});
   archive.field("trial", trial_, {0.0, static_cast<double>(settings().targets)});
   archive.field("target_id", target_id_, kCounts);
@@ -147,7 +147,7 @@ void Round::fields(Archive& archive) {
   archive.field("began", began_);
   archive.field("sums", sums_);
   archive.field("tally", tally_);
-  archive.field("last_outcome", last_outcome_);
+  archive.field("last_outcome", last_outcome_, Outcome::kTimeout);
   archive.field("last_center_m", last_center_m_);
   archive.field("last_width_m", last_width_m_, kQuantities);
   archive.field("last_outcome_s", last_outcome_s_, kQuantities);

@@ -2,53 +2,18 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
+#include <utility>
 
-#include "sim2vr/core/errors.hpp"
 #include "sim2vr/physics/collider.hpp"
+#include "sim2vr/rl/privileged_table.hpp"
 #include "sim2vr/rl/view_frustum.hpp"
 #include "sim2vr/scene/scene.hpp"
 #include "whacamole/hammer.hpp"
 
 namespace sim2vr::games::whacamole {
 namespace {
-
-const std::array<const char*, 3> kAxes{"x", "y", "z"};
-
-void addVector(std::vector<std::string>& names, const std::string& name, const std::string& unit) {
-  for (const char* axis : kAxes) names.push_back(name + axis + unit);
-}
-
-void addTarget(std::vector<std::string>& names, const std::string& name) {
-  for (const char* number : {"present", "alive", "overlap", "life_s"}) {
-    names.push_back(name + number);
-  }
-  addVector(names, name, "_m");
-}
-
-std::vector<std::string> allNames() {
-  std::vector<std::string> names{"round.low",         "round.mid",
-                                 "round.high",        "round.constrained",
-                                 "round.max_targets", "round.strike_threshold_mps",
-                                 "round.elapsed_s"};
-  addVector(names, "hammer.", "_m");
-  addVector(names, "hammer.v", "_mps");
-  addVector(names, "hammer.root_v", "_mps");
-  addVector(names, "hammer.face_", "");
-  addVector(names, "hammer.handle_", "");
-  names.emplace_back("hammer.strike_mps");
-  names.emplace_back("hammer.depth_m");
-  for (int cell = 0; cell < kCells; ++cell) {
-    addTarget(names, "cell" + std::to_string(cell) + ".");
-  }
-  for (int i = 0; i < Privileged::kNext; ++i) addTarget(names, "next" + std::to_string(i) + ".");
-  addTarget(names, "nearest.");
-  for (const char* aid : {"progress_m", "strike", "start_distance_m", "start_cell"}) {
-    names.push_back(std::string("aid.") + aid);
-  }
-  addVector(names, "aid.home_", "_m");
-  return names;
-}
 
 bool hasEnded(const Target& target) { return target.state() == Target::State::kFadeOut; }
 
@@ -69,12 +34,102 @@ const Target* nearest(const std::vector<const Target*>& targets, const Vec3& poi
   return found == targets.end() ? nullptr : *found;
 }
 
+// What the table's getters read. Of targets only those that the head camera has shown, null where
+// there is none.
+struct Source {
+  const Round& round;
+  const Hammer& hammer;
+  Vec3 marker_m;
+  Vec3 marker_velocity_mps;
+  Vec3 head_m;
+  const scene::Transform& area;
+  double now_s;
+  std::array<const Target*, kCells> cells{};
+  std::array<const Target*, Privileged::kNext> next{};
+  const Target* nearest = nullptr;
+  double progress_m;
+  double strike;
+  double start_distance_m = std::numeric_limits<double>::infinity();
+  int start_cell = 0;
+};
+
+using Table = rl::PrivilegedTable<Source>;
+
+void addTarget(Table& table, const std::string& name,
+               const std::function<const Target*(const Source&)>& target) {
+  table.number(name + "present", [=](const Source& s) { return target(s) != nullptr; });
+  table.number(name + "alive", [=](const Source& s) {
+    return target(s) != nullptr && target(s)->state() == Target::State::kAlive;
+  });
+  table.number(name + "overlap", [=](const Source& s) {
+    return target(s) != nullptr &&
+           physics::overlaps(*s.hammer.gameObject().getComponent<physics::Collider>(),
+                             *target(s)->gameObject().getComponent<physics::Collider>());
+  });
+  table.number(name + "life_s", [=](const Source& s) {
+    return target(s) == nullptr ? 0.0 : target(s)->expiry_s() - s.now_s;
+  });
+  table.vector(name, "_m", [=](const Source& s) {
+    return target(s) == nullptr ? Vec3(Vec3::Zero()) : Vec3(target(s)->hitCenter_m() - s.marker_m);
+  });
+}
+
+Table makeTable() {
+  Table table;
+  constexpr std::array kPlacements{std::pair{"round.low", Placement::kLow},
+                                   std::pair{"round.mid", Placement::kMid},
+                                   std::pair{"round.high", Placement::kHigh}};
+  for (const auto& [name, placement] : kPlacements) {
+    table.number(name, [placement = placement](const Source& s) {
+      return s.round.condition().placement == placement;
+    });
+  }
+  table.number("round.constrained",
+               [](const Source& s) { return s.round.condition().constrained; });
+  table.number("round.max_targets",
+               [](const Source& s) { return s.round.condition().max_targets; });
+  table.number("round.strike_threshold_mps", [](const Source& s) {
+    return s.round.condition().constrained ? s.round.settings().strike_threshold_mps : 0.0;
+  });
+  table.number("round.elapsed_s", [](const Source& s) { return s.round.elapsed_s(); });
+  const auto rotation = [](const Source& s) { return s.hammer.transform().rotation(); };
+  table.vector("hammer.", "_m", [](const Source& s) -> Vec3 { return s.marker_m - s.head_m; });
+  table.vector("hammer.v", "_mps", [](const Source& s) { return s.marker_velocity_mps; });
+  table.vector("hammer.root_v", "_mps", [](const Source& s) { return s.hammer.velocity_mps(); });
+  table.vector("hammer.face_", "",
+               [=](const Source& s) -> Vec3 { return rotation(s) * -Vec3::UnitX(); });
+  table.vector("hammer.handle_", "",
+               [=](const Source& s) -> Vec3 { return rotation(s) * Vec3::UnitY(); });
+  table.number("hammer.strike_mps",
+               [](const Source& s) { return s.round.strikeSpeed_mps(s.hammer.velocity_mps()); });
+  table.number("hammer.depth_m", [](const Source& s) {
+    return (s.marker_m - s.area.position()).dot(s.area.forward());
+  });
+  for (std::size_t i = 0; i < kCells; ++i) {
+    addTarget(table, "cell" + std::to_string(i) + ".", [i](const Source& s) { return s.cells[i]; });
+  }
+  for (std::size_t i = 0; i < Privileged::kNext; ++i) {
+    addTarget(table, "next" + std::to_string(i) + ".", [i](const Source& s) { return s.next[i]; });
+  }
+  addTarget(table, "nearest.", [](const Source& s) { return s.nearest; });
+  table.number("aid.progress_m", [](const Source& s) { return s.progress_m; });
+  table.number("aid.strike", [](const Source& s) { return s.strike; });
+  table.number("aid.start_distance_m", [](const Source& s) { return s.start_distance_m; });
+  table.number("aid.start_cell", [](const Source& s) { return s.start_cell; });
+  table.vector("aid.home_", "_m", [](const Source& s) -> Vec3 {
+    return s.area.transformPoint(Vec3(0.0, 0.0, -Privileged::kStrokeStart_m)) - s.marker_m;
+  });
+  return table;
+}
+
+const Table& table() {
+  static const Table table = makeTable();
+  return table;
+}
+
 }  // namespace
 
-const std::vector<std::string>& Privileged::names() {
-  static const std::vector<std::string> names = allNames();
-  return names;
-}
+const std::vector<std::string>& Privileged::names() { return table().names(); }
 
 void Privileged::look() {
   const auto& camera = *camera_->getComponent<render::Camera>();
@@ -91,7 +146,7 @@ void Privileged::addToAids() {
   const double dt_s = camera_->scene().clock().deltaTime();
   if (has_marker_) {
     if (dt_s > 0.0) marker_velocity_mps_ = (marker - marker_m_) / dt_s;
-    std::vector<const Target*> alive = told();
+    std::vector<const Target*> alive = shown();
     std::erase_if(alive, [](const Target* t) { return t->state() != Target::State::kAlive; });
     if (const Target* aim = firstAlive(alive)) {
       const Vec3 there = aim->hitCenter_m();
@@ -107,7 +162,7 @@ void Privileged::addToAids() {
   has_marker_ = true;
 }
 
-std::vector<const Target*> Privileged::told() const {
+std::vector<const Target*> Privileged::shown() const {
   std::vector<const Target*> targets;
   camera_->scene().forEach<Target>([&](const Target& target) {
     if (hasEnded(target)) return;
@@ -122,93 +177,36 @@ std::vector<const Target*> Privileged::told() const {
 }
 
 void Privileged::fill(std::span<float> values) const {
-  if (values.size() != names().size()) {
-    throw InvalidArgument("values", std::to_string(values.size()) + " numbers",
-                          std::to_string(names().size()));
-  }
-  rl::NumberWriter out(values);
-  // The targets of a finished round are on their way out.
-  const bool over = round_->phase() == Round::Phase::kDone;
-  const std::vector<const Target*> targets = over ? std::vector<const Target*>() : told();
-  writeRound(out);
-  writeHammer(out);
-  writeCells(out, targets);
-  writeNext(out, targets);
-  writeTarget(out, nearest(targets, round_->hammer().markerPosition()));
-  writeAids(out);
-}
-
-void Privileged::writeRound(rl::NumberWriter& out) const {
-  const Condition& condition = round_->condition();
-  for (const Placement placement : {Placement::kLow, Placement::kMid, Placement::kHigh}) {
-    out.flag(condition.placement == placement);
-  }
-  out.flag(condition.constrained);
-  out.number(condition.max_targets);
-  out.number(condition.constrained ? round_->settings().strike_threshold_mps : 0.0);
-  out.number(round_->elapsed_s());
-}
-
-void Privileged::writeHammer(rl::NumberWriter& out) const {
   const Hammer& hammer = round_->hammer();
-  const Quat rotation = hammer.transform().rotation();
-  const Vec3 marker = hammer.markerPosition();
-  const scene::Transform& area = area_->transform();
-  out.vector(marker - camera_->transform().position());
-  out.vector(marker_velocity_mps_);
-  out.vector(hammer.velocity_mps());
-  out.vector(rotation * -Vec3::UnitX());
-  out.vector(rotation * Vec3::UnitY());
-  out.number(round_->strikeSpeed_mps(hammer.velocity_mps()));
-  out.number((marker - area.position()).dot(area.forward()));
-}
-
-void Privileged::writeCells(rl::NumberWriter& out, const std::vector<const Target*>& told) const {
-  for (int cell = 0; cell < kCells; ++cell) {
-    const auto found = std::find_if(
-        told.begin(), told.end(), [cell](const Target* target) { return target->cell() == cell; });
-    writeTarget(out, found == told.end() ? nullptr : *found);
+  Source source{.round = *round_,
+                .hammer = hammer,
+                .marker_m = hammer.markerPosition(),
+                .marker_velocity_mps = marker_velocity_mps_,
+                .head_m = camera_->transform().position(),
+                .area = area_->transform(),
+                .now_s = camera_->scene().clock().time(),
+                .progress_m = progress_sum_m_,
+                .strike = strike_sum_};
+  // The targets of a finished round are about to vanish.
+  if (round_->phase() != Round::Phase::kDone) {
+    const std::vector<const Target*> targets = shown();
+    for (const Target* target : targets) {
+      const Target*& cell = source.cells[static_cast<std::size_t>(target->cell())];
+      if (cell == nullptr) cell = target;
+    }
+    std::copy_n(targets.begin(), std::min(targets.size(), source.next.size()), source.next.begin());
+    source.nearest = nearest(targets, source.marker_m);
   }
-}
-
-void Privileged::writeNext(rl::NumberWriter& out, const std::vector<const Target*>& told) const {
-  for (std::size_t i = 0; i < kNext; ++i) writeTarget(out, i < told.size() ? told[i] : nullptr);
-}
-
-void Privileged::writeTarget(rl::NumberWriter& out, const Target* target) const {
-  const bool present = target != nullptr;
-  out.flag(present);
-  if (!present) {
-    for (int i = 0; i < 3; ++i) out.number(0.0);
-    out.vector(Vec3::Zero());
-    return;
-  }
-  const Hammer& hammer = round_->hammer();
-  out.flag(target->state() == Target::State::kAlive);
-  out.flag(physics::overlaps(*hammer.gameObject().getComponent<physics::Collider>(),
-                             *target->gameObject().getComponent<physics::Collider>()));
-  out.number(target->expiry_s() - camera_->scene().clock().time());
-  out.vector(target->hitCenter_m() - hammer.markerPosition());
-}
-
-void Privileged::writeAids(rl::NumberWriter& out) const {
-  out.number(progress_sum_m_);
-  out.number(strike_sum_);
-  double least_m = std::numeric_limits<double>::infinity();
-  int start_cell = 0;
-  const scene::Transform& area = area_->transform();
   for (int cell = 0; cell < kCells; ++cell) {
-    const Vec3 start = area.transformPoint(cellCenter_m(cell, round_->settings()) - Vec3(0.0, 0.0, kStrokeStart_m));
-    const double distance_m = (start - round_->hammer().markerPosition()).norm();
-    if (distance_m < least_m) {
-      least_m = distance_m;
-      start_cell = cell;
+    const Vec3 center_m = cellCenter_m(cell, round_->settings());
+    const Vec3 start_m = source.area.transformPoint(center_m - Vec3(0.0, 0.0, kStrokeStart_m));
+    const double distance_m = (start_m - source.marker_m).norm();
+    if (distance_m < source.start_distance_m) {
+      source.start_distance_m = distance_m;
+      source.start_cell = cell;
     }
   }
-  out.number(least_m);
-  out.number(start_cell);
-  out.vector(area.transformPoint(Vec3(0.0, 0.0, -kStrokeStart_m)) -
-             round_->hammer().markerPosition());
+  table().fill(source, values);
 }
 
 void Privileged::fields(Archive& archive) {

@@ -7,17 +7,16 @@
 #include <string>
 #include <vector>
 
-#include "sim2vr/rl/number_writer.hpp"
 #include "sim2vr/scene/game_object.hpp"
 #include "whacamole/round.hpp"
 #include "whacamole/target.hpp"
 
 namespace sim2vr::games::whacamole {
 
-/// Targets are told while they grow or live, once their middle has been in the head camera's view.
+/// Reports targets while they grow or live, once their middle has been in the head camera's view.
 class Privileged {
  public:
-  /// How many targets are told in order of urgency, next to the cells.
+  /// How many targets are reported in order of urgency, next to the cells.
   static constexpr int kNext = 3;
   /// In front of a cell by this much lies where a stroke may begin.
   static constexpr double kStrokeStart_m = 0.10;
@@ -38,15 +37,9 @@ class Privileged {
   void fields(Archive& archive);
 
  private:
-  /// Those that may be told, the one that expires first in front.
-  std::vector<const Target*> told() const;
+  /// Targets that the head camera has shown, the one that expires first in front.
+  std::vector<const Target*> shown() const;
   void addToAids();
-  void writeRound(rl::NumberWriter& out) const;
-  void writeHammer(rl::NumberWriter& out) const;
-  void writeCells(rl::NumberWriter& out, const std::vector<const Target*>& told) const;
-  void writeNext(rl::NumberWriter& out, const std::vector<const Target*>& told) const;
-  void writeAids(rl::NumberWriter& out) const;
-  void writeTarget(rl::NumberWriter& out, const Target* target) const;
 
   const Round* round_;
   const scene::GameObject* camera_;

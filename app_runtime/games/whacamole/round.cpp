@@ -205,7 +205,7 @@ void Round::logTarget(const char* what, const Target& target,
 void Round::fields(Archive& archive) {
   archive.field("spawner", spawner_);
   archive.field("counts", counts_);
-  archive.field("phase", phase_);
+  archive.field("phase", phase_, Phase::kDone);
   archive.field("phase_start_s", phase_start_s_, kQuantities);
 }
 

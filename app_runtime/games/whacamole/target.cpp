@@ -126,7 +126,7 @@ void Target::endLife(bool was_hit) {
 }
 
 void Target::fields(Archive& archive) {
-  archive.field("state", state_);
+  archive.field("state", state_, State::kFadeOut);
   archive.field("id", id_, kCounts);
   archive.field("cell", cell_, {0.0, kCells - 1});
   archive.field("spawn_time", spawn_time_, kQuantities);

@@ -2,9 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <limits>
 #include <map>
 #include <optional>
@@ -47,7 +49,7 @@ struct Everything {
     archive.field("flag", flag);
     archive.field("time_ns", time_ns);
     archive.field("score", score);
-    archive.field("phase", phase);
+    archive.field("phase", phase, Phase::play);
     archive.field("text", text);
     archive.field("vector", vector);
     archive.field("pose", pose);
@@ -183,6 +185,56 @@ TEST(Archive, DamagedCountDoesNotAskForMemory) {
   bytes[2 + 7] = '\x7f';  // highest byte of the count
   const std::string error = loadError(bytes, numbers);
   EXPECT_NE(error.find("exceeds the bytes left"), std::string::npos) << error;
+}
+
+// As many as the bytes left, of which each element takes nine.
+TEST(Archive, DamagedCountMakesNoMoreElementsThanTheBytesHold) {
+  static int made = 0;
+  struct Large {
+    Large() { ++made; }
+    double value = 0.0;
+    std::array<char, 1000> more{};
+    void fields(Archive& a) { a.field("", value); }
+  };
+  struct Larges {
+    std::vector<Large> values;
+    void fields(Archive& a) { a.field("v", values); }
+  } larges;
+  std::string bytes = "\x01v" + std::string(8, '\0') + std::string(9 * 1000, '\0');
+  const std::uint64_t damaged = 9 * 1000;
+  std::memcpy(bytes.data() + 2, &damaged, sizeof(damaged));
+  EXPECT_EQ(loadError(bytes, larges),
+            "saved state: expected the field '' at byte 9010; it is damaged or was made by another "
+            "game or version");
+  EXPECT_EQ(made, 1001);
+}
+
+TEST(Archive, AnEnumeratorThatThereIsNotIsRefused) {
+  struct State {
+    Phase phase = Phase::play;
+    void fields(Archive& a) { a.field("phase", phase, Phase::play); }
+  } state;
+  Archive archive = Archive::saver();
+  state.fields(archive);
+  for (const int damaged : {2, -1}) {
+    std::string bytes = archive.bytes();
+    std::memcpy(bytes.data() + 6, &damaged, sizeof(damaged));
+    EXPECT_EQ(loadError(bytes, state),
+              "saved state: field 'phase': got " + std::to_string(damaged) + ", expected 0 to 1");
+  }
+}
+
+TEST(Archive, BytesOfAnotherOrderAreRefused) {
+  Archive archive = Archive::saver();
+  archive.byteOrder();
+  struct Order {
+    void fields(Archive& a) { a.byteOrder(); }
+  } order;
+  EXPECT_EQ(loadError(archive.bytes(), order), "none");
+  std::string bytes = archive.bytes();
+  std::reverse(bytes.end() - 4, bytes.end());
+  EXPECT_EQ(loadError(bytes, order),
+            "saved state: made on a machine with another byte order, expected little endian");
 }
 
 TEST(Archive, DamagedBoolIsRefused) {

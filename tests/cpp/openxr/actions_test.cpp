@@ -239,10 +239,10 @@ TEST_F(Actions, ThreadsUseASessionAtOnce) {
     const XrHapticVibration vibration{XR_TYPE_HAPTIC_VIBRATION, nullptr, 1, 0.0F, 0.5F};
     const XrHapticActionInfo info{XR_TYPE_HAPTIC_ACTION_INFO, nullptr, buzz, XR_NULL_PATH};
     for (int i = 0; i < kTimes; ++i) {
-      EXPECT_EQ(XR_CALL(program.instance, xrApplyHapticFeedback)(
-                    program.session, &info,
-                    reinterpret_cast<const XrHapticBaseHeader*>(&vibration)),
-                XR_SUCCESS);
+      EXPECT_EQ(
+          XR_CALL(program.instance, xrApplyHapticFeedback)(
+              program.session, &info, reinterpret_cast<const XrHapticBaseHeader*>(&vibration)),
+          XR_SUCCESS);
     }
     --busy;
   });

@@ -5,6 +5,7 @@
 #include <thread>
 
 #include "calls.hpp"
+#include "harness.hpp"
 #include "program.hpp"
 
 namespace sim2vr::openxr::test {
@@ -278,6 +279,42 @@ TEST(Connecting, RefusesAConfigurationThatIsWrong) {
   harness.sendConfig({{"eyes", 3}});
   Program program;
   EXPECT_EQ(program.create({"XR_MND_headless"}), XR_ERROR_RUNTIME_UNAVAILABLE);
+}
+
+TEST(Connecting, AHarnessThatIsSilentIsNamed) {
+  FakeHarness harness;
+  const int socket = std::atoi(std::getenv("SIM2VR_OPENXR_SOCKET"));
+  const auto reason = [](auto work) -> std::string {
+    try {
+      work();
+    } catch (const std::runtime_error& error) {
+      return error.what();
+    }
+    return "answered";
+  };
+  const std::string silent =
+      "the harness gave no answer within 0.05 s, expected one to every hello and session; see "
+      "where it hangs, and start the program again";
+  EXPECT_EQ(reason([&] { Harness(socket, Hello{}, 0.05); }), silent);
+  harness.sendConfig();
+  Harness connected(socket, Hello{}, 0.05);
+  EXPECT_EQ(reason([&] { connected.openSession("headless", false); }), silent);
+  EXPECT_TRUE(connected.lost());
+}
+
+TEST(Connecting, ASessionWaitsForItsStepsWithoutALimit) {
+  FakeHarness harness;
+  const int socket = std::atoi(std::getenv("SIM2VR_OPENXR_SOCKET"));
+  harness.sendConfig();
+  harness.send(MessageKind::accepted);
+  Harness connected(socket, Hello{}, 0.05);
+  connected.openSession("headless", false);
+  std::thread thinking([&] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(200));
+    harness.sendStep();
+  });
+  EXPECT_EQ(connected.nextStep()->frames.size(), 1U);
+  thinking.join();
 }
 
 TEST(RealTime, FramesKeepTheDisplaysPace) {

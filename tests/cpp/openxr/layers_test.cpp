@@ -139,7 +139,21 @@ TEST_F(Layers, AQuadLiesWhereItsPoseIs) {
   quad.eyeVisibility = XR_EYE_VISIBILITY_BOTH;
   quad.layerFlags = XR_COMPOSITION_LAYER_BLEND_TEXTURE_SOURCE_ALPHA_BIT;
   show({base(layer), base(quad)});
-  EXPECT_EQ(image[0], 0x80 + 8);  // 16 * 127 / 255 is added
+  // sRGB bytes 128 and 16 are 0.21586 and 0.00518 of the light: 0.21586 + 0.00518 * 127 / 255 =
+  // 0.21844, whose byte is 255 * (1.055 * 0.21844^(1 / 2.4) - 0.055) = 128.7.
+  EXPECT_EQ(image[0], 129);
+  EXPECT_EQ(image[1], 0);
+  // Colours that are not multiplied yet: 0.21586 * 128 / 255 + 0.00258 = 0.11093, 93.6.
+  quad.layerFlags |= XR_COMPOSITION_LAYER_UNPREMULTIPLIED_ALPHA_BIT;
+  show({base(layer), base(quad)});
+  EXPECT_EQ(image[0], 94);
+  // With an alpha of 255 or 0, one of the two is there as it was.
+  program.show(sign, 0xFF000080);
+  show({base(layer), base(quad)});
+  EXPECT_EQ(image[0], 0x80);
+  program.show(sign, 0x00000080);
+  show({base(layer), base(quad)});
+  EXPECT_EQ(image[0], 0x10);
 }
 
 TEST_F(Layers, NoImageWhereNoneIsWanted) {

@@ -42,14 +42,28 @@ class Archive {
   std::uint64_t hash() const;
   /// Throws EngineError when a loader has bytes left over.
   void expectEnd() const;
+  /// Saves how this machine orders the bytes of a number; a loader throws EngineError for bytes of
+  /// another order.
+  void byteOrder();
 
   /// Saves or loads one value under `name`. Types: arithmetic, enum, std::string, Eigen vectors and
   /// quaternions, Pose, std::array/vector/optional/map/pair of these, and anything with
   /// fields(Archive&).
   template <class T>
   void field(std::string_view name, T& value) {
+    static_assert(!std::is_enum_v<T>, "say which enumerator is the last: field(name, value, last)");
     tag(name);
     transfer(value);
+  }
+
+  /// The same for an enumeration whose enumerators run from 0 to `last`. A loader throws
+  /// EngineError naming the field for a value that is none of them.
+  template <class E>
+    requires std::is_enum_v<E>
+  void field(std::string_view name, E& value, E last) {
+    tag(name);
+    transfer(value);
+    if (loading_) expectIn({0.0, static_cast<double>(last)}, name, static_cast<double>(value));
   }
 
   /// The same for a number, or an array of numbers, that arithmetic follows. A loader throws
@@ -100,15 +114,19 @@ class Archive {
   }
   template <class T>
   void transfer(std::vector<T>& values) {
-    values.resize(count(values.size()));
-    if constexpr (std::is_same_v<T, bool>) {
-      for (std::size_t i = 0; i < values.size(); ++i) {
+    const std::uint64_t size = count(values.size());
+    if (size < values.size()) values.resize(size);
+    // Grown while its elements are read: an element is larger in memory than in the bytes, so that
+    // a damaged count must meet the end of the bytes first.
+    for (std::size_t i = 0; i < size; ++i) {
+      if (i == values.size()) values.emplace_back();
+      if constexpr (std::is_same_v<T, bool>) {
         bool value = values[i];
         transfer(value);
         values[i] = value;
+      } else {
+        transfer(values[i]);
       }
-    } else {
-      for (T& value : values) transfer(value);
     }
   }
   template <class T>

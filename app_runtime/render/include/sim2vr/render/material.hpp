@@ -61,7 +61,7 @@ struct Material {
     archive.field("albedo", albedo);
     archive.field("metallic", metallic);
     archive.field("smoothness", smoothness);
-    archive.field("blend", blend);
+    archive.field("blend", blend, Blend::alpha);
     archive.field("cull_back", cull_back);
     archive.field("unlit", unlit);
     archive.field("specular_highlights", specular_highlights);

@@ -210,7 +210,6 @@ def test_the_readme_is_short() -> None:
             "`users motor train B --out F.pt --set cycle=3`",
             "skills.motor_training.cycle: got an unknown",
         ),
-        ("`snapshot --game sample --out x.png`", "no command snapshot"),
         (
             "```sh\nsim2vr-harness train sample\n```\n`--set env.app.options.condition=hard`",
             "sample has no option condition",

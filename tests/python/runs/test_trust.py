@@ -42,6 +42,10 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[str]:
             super().__init__(config, n, **how)
 
     monkeypatch.setattr(module, "Simulation", Simulation)
+    # It plays idle users, which the stand-in has none of.
+    idle = "sim2vr_harness.policies.scripted.baselines.doing_nothing_pays"
+    monkeypatch.setattr(idle, lambda _: None)
+    monkeypatch.setattr("sim2vr_harness.evaluation.evaluate.doing_nothing_pays", lambda _: None)
     return programs
 
 

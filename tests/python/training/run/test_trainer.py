@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 import stable_baselines3
 import torch
-import yaml
 from fake_simulation import FakeSimulation
 from rich.console import Console
 
@@ -229,20 +228,6 @@ def test_resuming_needs_a_run_with_the_same_settings(tmp_path: Path) -> None:
     assert (folder / "run.json").read_bytes() == before, "nothing to train, nothing touched"
     longer = run(folder, 2 * ITERATION, tiny(total_timesteps=1200), resume=True)
     assert longer.folder.load_config().total_timesteps == 1200
-
-
-def test_a_run_with_another_value_of_a_constant_is_not_resumed(tmp_path: Path) -> None:
-    folder = run(tmp_path / "run", ITERATION).folder
-    tree = yaml.safe_load(folder.config_file.read_text())
-    tree["student"]["noisy_users"] = 0.25
-    folder.config_file.write_text(yaml.safe_dump(tree))
-    run(folder.path, 2 * ITERATION, resume=True)  # the constant's value
-    tree["student"]["noisy_users"] = 0.5
-    folder.config_file.write_text(yaml.safe_dump(tree))
-    assert folder.load_config() == tiny()
-    expected = r"config\.yaml: student\.noisy_users: got 0\.5, expected 0\.25, as in all trainings"
-    with pytest.raises(InputError, match=expected):
-        run(folder.path, 3 * ITERATION, resume=True)
 
 
 def test_resuming_before_the_first_checkpoint_starts_again(tmp_path: Path) -> None:

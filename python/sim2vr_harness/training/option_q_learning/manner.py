@@ -26,6 +26,11 @@ def hold_steps(users: int, steps_per_s: float) -> int:
     return max(1, round(min(max(4.0, _HOLD_S / users), 10.0) * steps_per_s))
 
 
+def compared_steps(steps_per_s: float, *, persons: bool) -> int:
+    """Return user steps of each user that compare manners of hands."""
+    return round(_MANNER_S * steps_per_s) * (2 + len(_VIGOURS) * persons)
+
+
 def best_hold(learner: OptionQLearning, callbacks: Callbacks) -> int:
     """Return for how many user steps it pays to see decisions through."""
     callbacks.doing("durations of decisions")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 _LAST = 50
@@ -10,16 +11,34 @@ _LAST = 50
 
 
 class Pace:
-    """Adds up the time of what is left: exploration, learning, and what follows.
+    """Adds up the time of all that is left of the stage.
+
+    Exploring decisions are played, later ones are learned from too. Decisions that compare manners
+    of hands come in between, those that compare durations of decisions after the last.
 
     Args:
         explored: decisions that are made before the learning begins.
         decisions: of the whole stage.
-        after: decisions that are made after it, without learning.
+        compared: decisions that compare manners of hands.
+        durations: user steps of each user that compare a duration of decisions, and that duration
+            in user steps; one for each.
+        hold: user steps of a decision of the stage.
+        step_s: how long a user step of all users takes without deciding; 0: not known.
     """
 
-    def __init__(self, explored: int, decisions: int, after: int = 0) -> None:
-        self._explored, self._decisions, self._after = explored, decisions, after
+    def __init__(
+        self,
+        explored: int,
+        decisions: int,
+        *,
+        compared: int = 0,
+        durations: Sequence[tuple[int, int]] = (),
+        hold: int = 1,
+        step_s: float = 0.0,
+    ) -> None:
+        self._explored, self._decisions = explored, decisions
+        self.compared = compared
+        self._durations, self._hold, self._step_s = durations, hold, step_s
         self._played: deque[float] = deque(maxlen=_LAST)
         self._learned: deque[float] = deque(maxlen=_LAST)
         self.update_s = 0.0
@@ -51,8 +70,11 @@ class Pace:
         """Return how long it takes still when so many decisions are made."""
         exploring = max(0, min(self._explored, self._decisions) - done)
         learning = max(0, self._decisions - done - exploring)
-        alone = exploring + self._after
-        return alone * self._played_s + learning * self.decision_s
+        step_s = min(self._step_s, self._played_s / self._hold)
+        deciding_s = self._played_s - self._hold * step_s
+        end_s = sum(steps * (step_s + deciding_s / hold) for steps, hold in self._durations)
+        alone = exploring + self.compared
+        return alone * self._played_s + learning * self.decision_s + end_s
 
 
 @dataclass(frozen=True)

@@ -49,6 +49,7 @@ from sim2vr_harness.training.motor_control.stage import MotorStage
 from sim2vr_harness.training.option_q_learning.manner import (
     best_hold,
     choose_manner,
+    compared_steps,
     hold_steps,
     holds,
 )
@@ -66,6 +67,8 @@ persons do: what an app rewards does not depend on who moves, and persons move s
 _COMPARED_SHARE = 0.5
 """Share of the user steps before plain users compare manners of their hands; persons do when they
 begin to play."""
+_FIRST_S = 60.0
+"""Before that the rates say little: learning has not begun."""
 _HOPELESS = 0.35
 """Share of the stage after which a user should do better than one who does nothing."""
 
@@ -309,16 +312,17 @@ class QLearningStage:
     ) -> None:
         began, first, decisions = time.monotonic(), learner.step_count, 0
         each = learner.n * DECIDE_STEPS
-        pace = self._pace(each)
+        pace = self._pace(each, learner, rate)
         doing = "trying at random"
-        warned = False
+        warned = said = False
         while learner.step_count < self.stop:
-            before_s = time.monotonic()
             if learner.step_count >= self._measured_steps and not learner.persons:
                 callbacks.say("Persons play from now on, with what has been learned.")
                 self._begin_persons(learner)
             if learner.step_count >= self._compared_steps and not learner.manner_chosen:
                 choose_manner(learner, callbacks)
+                pace.compared = 0
+            before_s = time.monotonic()
             report = learner.step(callbacks.doing)
             decisions += 1
             done = learner.step_count
@@ -326,8 +330,11 @@ class QLearningStage:
             if rate and decisions == max(_PACE_DECISIONS, N_STEP + 1):
                 measuring = time.monotonic()
                 pace.update_s = learner.updates * learner.update_seconds()
-                callbacks.say(_expected(pace, done // each, rate))
                 began += time.monotonic() - measuring
+            if not said and time.monotonic() - began >= _FIRST_S:
+                said = True
+                left = duration(pace.left_s(done // each))
+                callbacks.say(f"About {left} of Q-learning are left, all measurements included.")
             callbacks.show(lambda: View(done, doing, pace.left_s(done // each)))  # noqa: B023
             if decisions % _REPORT_DECISIONS == 0 or done >= self.stop:
                 rate = (done - first) / (time.monotonic() - began)
@@ -348,12 +355,27 @@ class QLearningStage:
                 _warn(report.reward, before, learner, callbacks)
         callbacks.say("Q-learning: " + doing)
 
-    def _pace(self, each: int) -> Pace:
-        """The time that the stage takes; a decision of all users is ``each`` user steps."""
-        users, rate = self._config.skills.q_learning.users, self._config.env.action_frequency_hz
-        steps = hold_steps(users, rate) * len(holds())
-        explored = -(-self._config.skills.q_learning.try_steps // each)
-        return Pace(explored, -(-self.stop // each), steps // DECIDE_STEPS)
+    def _pace(self, each: int, learner: OptionQLearning, rate: float) -> Pace:
+        """The time that the stage takes.
+
+        Args:
+            each: user steps of a decision of all users.
+            learner: as it begins or continues.
+            rate: user steps a second of idle users; 0: not known.
+        """
+        persons, hz = self._config.skills.people, self._config.env.action_frequency_hz
+        steps = hold_steps(learner.n, hz)
+        compared = 0
+        if not learner.manner_chosen and self.stop > self._compared_steps:
+            compared = compared_steps(hz, persons=persons) // DECIDE_STEPS
+        return Pace(
+            -(-self._config.skills.q_learning.try_steps // each),
+            -(-self.stop // each),
+            compared=compared,
+            durations=() if persons else [(steps, hold) for hold in holds()],
+            hold=DECIDE_STEPS,
+            step_s=learner.n / rate if rate else 0.0,
+        )
 
     @property
     def _measured_steps(self) -> float:
@@ -401,21 +423,6 @@ def _seeing(env: EnvConfig) -> EnvConfig:
     """The users of this stage look at the whole picture themselves; nothing else is drawn."""
     vision = env.vision.model_copy(update={"foveation": None, "eyes": 1, "zoom": 1})
     return env.model_copy(update={"vision": vision})
-
-
-def _expected(pace: Pace, done: int, rate: float) -> str:
-    """One line: how long a run will take.
-
-    Args:
-        pace: of the first decisions.
-        done: how many these were.
-        rate: user steps a second of users who do nothing but step.
-    """
-    return (
-        f"This machine takes {rate:,.0f} user steps a second with this app, and "
-        f"{pace.decision_s:.2f} s to decide and to learn from it: expect about "
-        f"{duration(pace.left_s(done))} of Q-learning."
-    )
 
 
 def _warn(

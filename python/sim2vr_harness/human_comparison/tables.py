@@ -165,7 +165,7 @@ def _headlines(report: ComparisonReport, compared: Compared) -> RenderableType:
     found = [
         rows[group, *pair] for group in compared.groups for pair in wanted if (group, *pair) in rows
     ]
-    return _table(f"{compared.name}: first of all", found)
+    return _table(f"{compared.name}: main measures", found)
 
 
 def _farthest(compared: Compared) -> list[ComparisonRow]:

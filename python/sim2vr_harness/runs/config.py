@@ -134,9 +134,8 @@ class TrainingConfig(Settings):
     recipe: Literal["ppo", "distill", "skills", "adapt"] = "ppo"
     """The stages of the run. ``ppo``: PPO from pixels alone, as the reference. ``distill``: first
     imagined rollouts, a teacher and a student, whose weights PPO begins with; for games that have a
-    differentiable game model. ``skills``: value learning over motor options at image cells; a
-    student may imitate it, and PPO continues with the student; for any app
-    (docs/concepts/training.md). ``adapt``: PPO continues with the weights of ``from_user``."""
+    differentiable game model. ``skills``: value learning over motor options at image cells, for any
+    app (docs/concepts/training.md). ``adapt``: PPO continues with the weights of ``from_user``."""
     from_user: str | None = None
     """With the recipe ``adapt``: the trained user that goes on, as ``evaluate`` takes it."""
     skills: SkillsConfig = SkillsConfig()
@@ -144,7 +143,7 @@ class TrainingConfig(Settings):
     teacher: TeacherConfig = TeacherConfig()
     """The teacher policy of the recipe ``distill``."""
     student: StudentConfig = StudentConfig()
-    """The student policy of the recipes ``distill`` and ``skills``."""
+    """The student policy of the recipe ``distill``."""
     env: EnvConfig = EnvConfig()
     """The app, the simulated user and its senses."""
     policy: PolicyConfig = PolicyConfig()

@@ -139,7 +139,7 @@ def test_aliases_and_merged_keys_are_what_they_were() -> None:
 
 
 def test_an_integer_that_no_float_holds_is_infinite() -> None:
-    assert parse_json('{"a": ' + "9" * 5000 + "}", "f", "a thing") == {"a": math.inf}
+    assert files.parse_json('{"a": ' + "9" * 5000 + "}", "f", "a thing") == {"a": math.inf}
 
 
 @pytest.mark.parametrize(

@@ -45,9 +45,11 @@ def unpractised(config: TrainingConfig, env: EnvConfig, conditions: Sequence[str
     }
     new = []
     trained, now = _settings(config.env), _settings(env)
-    for settings, app in ((trained, config.env.app), (now, env.app)):
-        for key, value in _defaults(app).items():
-            settings.setdefault(f"app.options.{key}", value)
+    defaults = _defaults(config.env.app), _defaults(env.app)
+    if all(defaults):
+        for settings, values in zip((trained, now), defaults, strict=True):
+            for key, value in values.items():
+                settings.setdefault(f"app.options.{key}", value)
     for key in sorted({*trained, *now}):
         plays = key.startswith(_FELT) or "." not in key
         if _switched(key, trained, now):

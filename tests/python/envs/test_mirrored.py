@@ -150,6 +150,7 @@ def test_poses_and_vibrations_change_sides() -> None:
         def __init__(self) -> None:
             self.pictures = np.arange(12, dtype=np.uint8).reshape(1, 2, 2, 3)
             self.failed: dict[int, str] = {}
+            self.left: dict[int, str] = {}
             self.apps = self.failures = self.reward = self.finished = self.time_feature = None
             self.sounds: dict[int, Any] = {}
             self.haptics = {0: (HapticPulse("left", 1.0, 0.0, 0.1),)}

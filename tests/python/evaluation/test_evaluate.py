@@ -297,7 +297,7 @@ def test_what_was_never_practised_is_said(trained: Path) -> None:
         ),
     )
     assert found.unpractised == [
-        "life_seconds = 2.0",
+        "life_seconds = 2.0 (trained: 1.0)",
         "noise.constant = white",
         "condition hard (trained: medium)",
     ]

@@ -124,6 +124,8 @@ def test_snapshot_writes_every_view(fake_body: None, tmp_path: Path) -> None:
     class Wide(FakeSimulation):
         """Takes the 32 actions of the real user."""
 
+        resting_action = -np.ones(32, dtype=np.float32)
+
         def step(self, actions):
             return super().step(np.asarray(actions)[:, :3])
 

@@ -11,7 +11,7 @@ from sim2vr_harness.client.frames import aim_direction, position_to_mujoco
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, VisionConfig
 from sim2vr_harness.users import load_body
 from sim2vr_harness.users.kinematics.bounded import bounded_least_squares
-from sim2vr_harness.users.kinematics.posture_controller import PostureController
+from sim2vr_harness.users.kinematics.posture_controller import AIM_RAY, PostureController
 
 SECONDS = 2.5
 
@@ -70,7 +70,7 @@ def test_a_tool_comes_to_the_place_instead_of_the_hand() -> None:
     found = controller.find(start, place=place, tip_m=(0.1, 0.0, 0.0))
     assert found.gap_m < 0.005
     # Without the tool the same posture has the device 10 cm from there.
-    _, device, _ = controller._reached(found.angles, (0.0, 0.0, 0.0))
+    _, device, *_ = controller._reached(found.angles, (0.0, 0.0, 0.0), AIM_RAY)
     assert np.linalg.norm(device - place) == pytest.approx(0.1, abs=0.006)
 
 

@@ -167,7 +167,7 @@ def test_a_plan_says_how_many_persons_a_difference_needs(
 
     code, text = planned("--plan")
     assert code == 0 and not out.exists() and quick == [], "nothing is played"
-    # G*Power: 34, 15 and 8 pairs for d_z = 0.5, 0.8 and 1.2.
+    # G*Power: 34, 15 and 8 pairs by t for d_z = 0.5, 0.8 and 1.2; ranks need 1 / .955 of the first.
     rows = [line.split() for line in text.splitlines() if "drawn - mean" in line]
     assert [(row[-3], row[-1]) for row in rows] == [("0.50", "35"), ("0.80", "15"), ("1.20", "8")]
     assert "SD: unknown: no earlier results" in text

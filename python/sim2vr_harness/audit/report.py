@@ -20,13 +20,13 @@ from sim2vr_harness.audit.labels import labels_of
 from sim2vr_harness.audit.population import FEWEST
 from sim2vr_harness.audit.remedies import GOAL
 from sim2vr_harness.audit.summary import EVERYONE, Audit, plain
+from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.client import AppRefused
 from sim2vr_harness.client.webxr.printing import print_page
 from sim2vr_harness.figures.figure import GREY, INK, Bars, Figure, Panel
 from sim2vr_harness.figures.figure import Path as Places
 from sim2vr_harness.figures.html import save_page, table
 from sim2vr_harness.figures.matplotlib_backend import write_figure
-from sim2vr_harness.runs.run_folder import write_atomically
 
 LIMITS = (
     "The trunk leans and turns, but persons do not stand up, step, turn their feet or shift on a "

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeVar, cast
 
 from sim2vr_harness.base.errors import InputError, reason, shown
+from sim2vr_harness.base.file_lock import temporary_of
 
 MOST_TEXT = 256 * 2**20
 """Bytes of a text file: JSON, CSV, logs."""
@@ -219,9 +220,7 @@ def read_members(path: Path_, names: Sequence[str], expected: str) -> dict[str, 
     Raises:
         InputError: as :func:`read_bytes`, or it is no such archive, damaged, or lacks a member.
     """
-    content = read_bytes(path, expected)
-
-    name = file_name(path)
+    content, name = read_bytes(path, expected), file_name(path)
 
     def unpack() -> dict[str, bytes]:
         with _archive(content, name, expected) as archive:
@@ -373,3 +372,24 @@ def naming(path: Path_) -> Iterator[None]:
         if error.filename is not None or error.errno is None:
             raise
         raise OSError(error.errno, error.strerror, str(Path(path))) from error
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a file so that it is either complete or not there, whatever happens meanwhile.
+
+    Folders that are missing are made: what took minutes is not lost for want of one.
+
+    Raises:
+        OSError: names the file, also where the system does not (a full disk).
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = temporary_of(path)
+    with naming(path):
+        try:
+            with temporary.open("wb") as stream:
+                stream.write(content)
+                stream.flush()
+                os.fsync(stream.fileno())
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)

@@ -386,6 +386,7 @@ def _compare_aimed(
     json: bool,
 ) -> None:
     """Compare users of aimed movements: Fitts' law, throughput, end points, submovements."""
+    from sim2vr_harness.base.files import write_atomically
     from sim2vr_harness.human_comparison.fitts.comparison import (
         AimedReport,
         aimed_json,
@@ -398,7 +399,6 @@ def _compare_aimed(
         read_aimed_user,
     )
     from sim2vr_harness.human_comparison.sources import trained_user
-    from sim2vr_harness.runs.run_folder import write_atomically
 
     with Share("Comparing") as share:
         recorded = read_aimed_people(people)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sim2vr_harness.base.errors import printable
 from sim2vr_harness.cli import record
 from sim2vr_harness.cli.command import CommandGroup
 from sim2vr_harness.cli.options import JsonOption, game_option, print_json
@@ -84,7 +83,7 @@ def convert(
         session = replace(session, seed=seed)
     write_session(session, out)
     for note in session.notes:
-        typer.echo(printable(f"note: {note}"), err=True)
+        typer.echo(f"note: {note}", err=True)
     lost = _lost(session, form.name)
     if lost:
         typer.echo(f"note: {form.name} has no place for {', '.join(lost)}", err=True)
@@ -107,8 +106,7 @@ def show(source: _In, json: JsonOption = False) -> None:
     for name, value in content.items():
         lines = value if isinstance(value, list) else [_plain(value)]
         for i, line in enumerate(lines or ["none"]):
-            heading = name.replace("_", " ") if i == 0 else ""
-            typer.echo(printable(f"{heading:{width}}  {line}"))
+            typer.echo(f"{(name.replace('_', ' ') if i == 0 else ''):{width}}  {line}")
 
 
 def strip(source: _In, out: _Out) -> None:
@@ -128,7 +126,7 @@ def strip(source: _In, out: _Out) -> None:
     write_session(session, out)
     typer.echo(f"Written: {out}")
     for line in personal_content(session):
-        typer.echo(printable(f"still in it: {line}"))
+        typer.echo(f"still in it: {line}")
 
 
 def _content(session: Session) -> dict[str, Any]:

@@ -100,6 +100,7 @@ def train(
         sim2vr-harness train --resume runs/sample
     """
     from sim2vr_harness.envs.games import with_task
+    from sim2vr_harness.policies.scripted.baselines import doing_nothing_pays
     from sim2vr_harness.runs.trust import named_app, require_trust
     from sim2vr_harness.training.run import trainer
 
@@ -117,7 +118,8 @@ def train(
     if not resume:
         settings = settings.model_copy(update={"env": with_task(settings.env)})
     settings = _of_people(settings) if people else settings
-    _note_idle_reward(settings, resume=resume)
+    if not resume and (note := doing_nothing_pays(settings.env)):
+        say(f"note: {note}")
     how: dict[str, Any] = {"resume": resume, "overwrite": overwrite, "set_aside": set_aside}
     result = trainer.train(settings, folder, timesteps=timesteps, **how)
     if not result.interrupted and settings.evaluation.episodes_after_training:
@@ -125,14 +127,6 @@ def train(
     goes_on = result.step < settings.last_stage_steps
     _print_where_next(result, resumable=result.interrupted or goes_on)
     return INTERRUPTED if result.interrupted else 0
-
-
-def _note_idle_reward(settings: TrainingConfig, *, resume: bool) -> None:
-    """Say so if a new run's app pays a user that does nothing."""
-    from sim2vr_harness.policies.scripted.baselines import doing_nothing_pays
-
-    if not resume and (note := doing_nothing_pays(settings.env)):
-        say(f"note: {note}")
 
 
 def _short(values: Mapping[str, Any]) -> list[str]:

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 from sim2vr_harness.base.errors import InputError, shown
-from sim2vr_harness.base.files import file_name, read_json
+from sim2vr_harness.base.files import file_name, read_json, write_atomically
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.figures.figure import Figure, Layer, Line, Panel, Points, colour_of
 from sim2vr_harness.figures.matplotlib_backend import write_figure
 from sim2vr_harness.policies.store import TrainedUser, find_user, is_packed
-from sim2vr_harness.runs.run_folder import RunFolder, metric_key, read_rows, write_atomically
+from sim2vr_harness.runs.run_folder import RunFolder, metric_key, read_rows
 
 _PANELS = 6
 _MOST_DRAWN = 1e100

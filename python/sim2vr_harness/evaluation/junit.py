@@ -7,8 +7,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from sim2vr_harness.base.errors import printable
+from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.evaluation.expectations import CheckResult
-from sim2vr_harness.runs.run_folder import write_atomically
 
 
 def write_junit(file: Path, suite: str, results: Sequence[CheckResult], seconds: float) -> None:

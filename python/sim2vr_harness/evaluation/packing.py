@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.base.progress import progress_of_part
 from sim2vr_harness.client import GameFacts, Measure
 from sim2vr_harness.envs.senses import observation_space_of
@@ -20,7 +21,7 @@ from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.policies.registry import new_network
 from sim2vr_harness.policies.store import TrainedUser, find_user, pack
 from sim2vr_harness.runs.config import first_difference
-from sim2vr_harness.runs.run_folder import RunFolder, write_atomically
+from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.runs.trust import require_trust
 
 

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.base.errors import InputError, shown
-from sim2vr_harness.base.files import file_name, read_json
-from sim2vr_harness.runs.run_folder import write_atomically
+from sim2vr_harness.base.files import file_name, read_json, write_atomically
 
 _WHO = ("user", "trained_steps")
 _HOW = ("episodes", "seed", "deterministic", "overrides", "app")

@@ -16,9 +16,9 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.evaluation.metrics import RoundResult
 from sim2vr_harness.evaluation.rollouts import Job
-from sim2vr_harness.runs.run_folder import write_atomically
 
 PERSON_FILE = "person.json"
 """Beside the logs of a round: the fields of the ``users.Person`` who played it."""

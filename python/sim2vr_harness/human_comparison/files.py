@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.figures.html import save_page, table
 from sim2vr_harness.human_comparison.comparing import (
     Compared,
@@ -26,7 +27,6 @@ from sim2vr_harness.human_comparison.comparing import (
 from sim2vr_harness.human_comparison.contrasts import ContrastRow
 from sim2vr_harness.human_comparison.measures import plain
 from sim2vr_harness.human_comparison.report import ComparisonReport
-from sim2vr_harness.runs.run_folder import write_atomically
 
 
 def as_json(report: ComparisonReport) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.base.errors import InputError, shown
-from sim2vr_harness.base.files import file_name, read_bytes, read_json
+from sim2vr_harness.base.files import file_name, read_bytes, read_json, write_atomically
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.replay.recordings import Recording, read_recordings
@@ -26,7 +26,7 @@ from sim2vr_harness.human_comparison.persons import (
 )
 from sim2vr_harness.human_comparison.rounds import round_of
 from sim2vr_harness.policies.store import TrainedUser, find_user, is_packed
-from sim2vr_harness.runs.run_folder import RunFolder, write_atomically
+from sim2vr_harness.runs.run_folder import RunFolder
 
 _RESULTS, _PLAYED, _PERSON = "results.json", "played.json", "person.json"
 _EXPECTED_RESULTS = "results of an evaluation: conditions with their rounds"

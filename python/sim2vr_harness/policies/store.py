@@ -22,7 +22,7 @@ from torch import nn
 from sim2vr_harness import __version__
 from sim2vr_harness.base import paths
 from sim2vr_harness.base.errors import InputError, UnusableFile, closest, shown
-from sim2vr_harness.base.files import file_name, read_json
+from sim2vr_harness.base.files import file_name, read_json, write_atomically
 from sim2vr_harness.base.finite import first_not_finite
 from sim2vr_harness.base.python_classes import load_class
 from sim2vr_harness.envs.config import EnvConfig
@@ -41,7 +41,7 @@ from sim2vr_harness.runs.config import (
     read_mapping,
     to_yaml,
 )
-from sim2vr_harness.runs.run_folder import RunFolder, write_atomically
+from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.users.bodies import foreign_package
 
 PREFIX = "pretrained:"

@@ -25,9 +25,10 @@ from numpy.typing import NDArray
 from sim2vr_harness import __version__
 from sim2vr_harness.base import files
 from sim2vr_harness.base.errors import InputError, UnusableFile, reason
+from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.base.finite import NotFinite, first_not_finite
 from sim2vr_harness.base.signals import interrupts_deferred
-from sim2vr_harness.runs.run_folder import checkpoints_in, step_of, write_atomically
+from sim2vr_harness.runs.run_folder import checkpoints_in, step_of
 
 FORMAT = 1
 EXPECTED = "a checkpoint written by sim2vr-harness train"

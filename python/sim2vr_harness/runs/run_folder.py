@@ -31,8 +31,8 @@ from typing import Any
 from sim2vr_harness import __version__
 from sim2vr_harness.base import paths
 from sim2vr_harness.base.errors import InputError, closest
-from sim2vr_harness.base.file_lock import is_temporary, temporary_of
-from sim2vr_harness.base.files import file_name, naming, read_json
+from sim2vr_harness.base.file_lock import is_temporary
+from sim2vr_harness.base.files import file_name, naming, read_json, write_atomically
 from sim2vr_harness.client import Measure
 from sim2vr_harness.runs.config import (
     TrainingConfig,
@@ -46,27 +46,6 @@ STAGE_FOLDERS = ("imagined", "student")
 """What stages call their folders in a run's; the last stage works in the run's own."""
 
 _PACKAGES = ("mujoco", "stable-baselines3", "torch", "gymnasium", "numpy", "scipy")
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file so that it is either complete or not there, whatever happens meanwhile.
-
-    Folders that are missing are made: what took minutes is not lost for want of one.
-
-    Raises:
-        OSError: names the file, also where the system does not (a full disk).
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = temporary_of(path)
-    with naming(path):
-        try:
-            with temporary.open("wb") as stream:
-                stream.write(content)
-                stream.flush()
-                os.fsync(stream.fileno())
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
 
 
 def read_rows(file: Path) -> list[dict[str, Any]]:

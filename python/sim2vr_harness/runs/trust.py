@@ -20,10 +20,10 @@ from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.client.tasks import TaskRules, names_code
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.runs.config import apply_overrides
-from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.users.bodies import allow_package, foreign_package, origin_of
 
 _KEYS = ("executable", "arguments", "connect", "page", "map", "browser", "task")

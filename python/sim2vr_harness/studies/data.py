@@ -13,7 +13,7 @@ from typing import Any
 import pyarrow as pa
 
 from sim2vr_harness.base.errors import InputError, unknown_name
-from sim2vr_harness.base.files import file_name, read_json
+from sim2vr_harness.base.files import file_name, read_json, write_atomically
 from sim2vr_harness.client import Measure
 from sim2vr_harness.evaluation.data import Column, EvaluationData, read_data
 from sim2vr_harness.evaluation.data.columns import column_name, merged, row_table
@@ -26,7 +26,6 @@ from sim2vr_harness.evaluation.data.folder import (
     parquet_bytes,
     read_table,
 )
-from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.studies.cells import content_hash
 from sim2vr_harness.studies.config import StudyConfig, parse_study
 from sim2vr_harness.studies.hashes import HASHES, changed_file, hashes_of, require_whole_cell

@@ -19,12 +19,11 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from sim2vr_harness.base.errors import InputError, shown
-from sim2vr_harness.base.files import file_name, read_yaml
+from sim2vr_harness.base.files import file_name, read_yaml, write_atomically
 from sim2vr_harness.base.settings import Settings, first_problem
 from sim2vr_harness.policies.hierarchical.motor_store import human_policy_for, load_human_policy
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import TrainingConfig, load_config
-from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.statistics.intervals import mean_interval
 from sim2vr_harness.studies.config import parse_study
 from sim2vr_harness.studies.data import StudyData, factor_column

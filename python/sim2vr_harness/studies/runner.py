@@ -14,11 +14,10 @@ from typing import Any
 from sim2vr_harness.base.cores import available
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.file_lock import sole_training
-from sim2vr_harness.base.files import read_json
+from sim2vr_harness.base.files import read_json, write_atomically
 from sim2vr_harness.base.notices import notice_once
 from sim2vr_harness.base.signals import sigterm_interrupts
 from sim2vr_harness.evaluation.expectations import Planned
-from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.studies.cells import content_hash
 from sim2vr_harness.studies.config import StudyConfig, load_study, parse_study
 from sim2vr_harness.studies.data import (

@@ -18,9 +18,9 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 
 from sim2vr_harness.base.errors import InputError, unknown_name
-from sim2vr_harness.base.files import file_name, read_bytes, read_json
+from sim2vr_harness.base.files import file_name, read_bytes, read_json, write_atomically
 from sim2vr_harness.evaluation.data.columns import Column, merged, row_table, schema_of
-from sim2vr_harness.runs.run_folder import versions, write_atomically
+from sim2vr_harness.runs.run_folder import versions
 
 FOLDER = "data"
 """In the folder of an evaluation."""

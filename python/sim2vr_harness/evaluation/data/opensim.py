@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.evaluation.data.folder import EvaluationData
-from sim2vr_harness.runs.run_folder import write_atomically
 
 
 def export_opensim(data: EvaluationData, out: Path, episodes: Sequence[str] = ()) -> list[Path]:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.figures.matplotlib_backend import write_stills
 from sim2vr_harness.games.published import published_of
-from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.studies.report.body import (
     body_pictures,
     body_with,

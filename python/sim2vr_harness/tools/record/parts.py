@@ -13,8 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from sim2vr_harness.base.errors import InputError, counted, reason
-from sim2vr_harness.base.file_lock import sole_training, temporary_of
-from sim2vr_harness.base.files import naming
+from sim2vr_harness.base.file_lock import sole_training
+from sim2vr_harness.base.files import naming, write_atomically
 from sim2vr_harness.base.notices import notice_once
 from sim2vr_harness.sessions import Session, read_session, write_session
 
@@ -118,16 +118,9 @@ class Parts:
 
     def _keep(self, number: int, content: bytes) -> None:
         """Write a part to the disk, all of it or nothing."""
-        file = self.folder / f"{number:05}.part"
-        made = temporary_of(file)
         try:
-            with made.open("wb") as written:
-                written.write(content)
-                written.flush()
-                os.fsync(written.fileno())
-            made.replace(file)
+            write_atomically(self.folder / f"{number:05}.part", content)
         except OSError as error:
-            made.unlink(missing_ok=True)
             why = f"cannot be written ({reason(error)})"
             notice_once(f"{self.folder}: a part {why}; make room, the page sends it again")
             raise RefusedPart(507, f"Part: {why}, expected to be sent again.") from error

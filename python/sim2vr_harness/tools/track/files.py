@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.client.frames import position_to_app
 from sim2vr_harness.evaluation.data import export_opensim, read_data
 from sim2vr_harness.evaluation.data.columns import Column, columns_of, merged, number_table
 from sim2vr_harness.evaluation.data.folder import FOLDER, DataFolder
 from sim2vr_harness.evaluation.data.items import item_columns
-from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.tools.track.figure import draw
 from sim2vr_harness.tools.track.joint_moments import joint_moments, named_joints
 from sim2vr_harness.tools.track.tracking import Tracked

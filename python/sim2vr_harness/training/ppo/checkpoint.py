@@ -24,6 +24,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sim2vr_harness import __version__
 from sim2vr_harness.base.errors import UnusableFile
+from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.base.finite import require_finite
 from sim2vr_harness.base.signals import interrupts_deferred
 from sim2vr_harness.client.errors import AppDied, AppTimeout
@@ -38,7 +39,6 @@ from sim2vr_harness.runs.checkpoint import (
     random_state,
     set_random_state,
 )
-from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.training.ppo.ppo import PPO
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
 

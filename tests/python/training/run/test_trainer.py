@@ -20,10 +20,11 @@ from fake_simulation import FakeSimulation
 from rich.console import Console
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.client import describe_game
 from sim2vr_harness.runs import checkpoint
 from sim2vr_harness.runs.config import LearningRateConfig, TrainingConfig, parse_config
-from sim2vr_harness.runs.run_folder import RunFolder, write_atomically
+from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.training.ppo.ppo import LearningRate
 from sim2vr_harness.training.run import trainer
 from sim2vr_harness.training.run.episode_stats import episode_means

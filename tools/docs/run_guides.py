@@ -69,6 +69,10 @@ STAND_INS = {
 }
 ENGINES = f"--map https://cdn.jsdelivr.net/npm/={WEBXR}/engines"
 ROUND = "--set env.app.options.round_seconds=3"
+SHORT = (
+    "--set recipe=ppo --set total_timesteps=128 --set ppo.n_envs=4 --set ppo.n_steps=32 "
+    "--set ppo.batch_size=64 --set evaluation.episodes_after_training=0"
+)
 # (text in a command, what replaces it): the reader's own things, and shorter work.
 CHANGES = (
     ("--openxr ./game", "--openxr 'hello_xr -g Vulkan2'"),
@@ -98,19 +102,12 @@ CHANGES = (
     ("--set total_timesteps=61440", "--set total_timesteps=4096"),
     ("--episodes 2 --set env.app.options.round", "--episodes 1 --set env.app.options.round"),
     ("--steps 20000", "--steps 2048"),
+    ("train sample", f"train sample {SHORT}"),
+    ("train --page page.html", f"train --page page.html {SHORT}"),
+    ("train --page game.html", f"train --page game.html {SHORT}"),
+    ("train mygame", f"train mygame {SHORT}"),
+    ("train --page catch", f"train --page catch {SHORT}"),
 )
-SHORT = (
-    "--set recipe=ppo --set total_timesteps=128 --set ppo.n_envs=4 --set ppo.n_steps=32 "
-    "--set ppo.batch_size=64 --set evaluation.episodes_after_training=0"
-)
-for _command in (
-    "train sample",
-    "train --page page.html",
-    "train --page game.html",
-    "train mygame",
-    "train --page catch",
-):
-    CHANGES = (*CHANGES, (_command, f"{_command} {SHORT}"))
 # (text in a command, reason): the first that matches.
 SKIPPED = (
     ("make ", "installs and builds: the state in which this script starts"),

@@ -47,7 +47,9 @@ class ExertionRecorder:
             own = [Strength(factor=simulation.config.user.person.strength)] * n
         else:
             own = [people.shoulder(person) for person in users.persons]
-        strength = Strength([each.man for each in own], [each.factor for each in own])
+        strength = Strength(
+            np.array([each.man for each in own]), np.array([each.factor for each in own])
+        )
         self._arms = arms_of(users.body)
         models = [users.who.body(i).physics_model for i in range(n)]
         # One for all users of a model: its memory stays in the caches.

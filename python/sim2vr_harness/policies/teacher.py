@@ -53,14 +53,13 @@ class TeacherPolicy(nn.Module):
     def __init__(self, size: int, actions: int) -> None:
         super().__init__()
         self.normaliser = _Normaliser(size)
-        self.hidden = nn.Sequential(
-            nn.Linear(size, _WIDTH), nn.SiLU(), nn.Linear(_WIDTH, _WIDTH), nn.SiLU()
-        )
+        first, second = nn.Linear(size, _WIDTH), nn.Linear(_WIDTH, _WIDTH)
+        self.hidden = nn.Sequential(first, nn.SiLU(), second, nn.SiLU())
         self.action_net = nn.Linear(_WIDTH, actions)
-        gains = ((self.hidden[0], math.sqrt(2.0)), (self.hidden[2], math.sqrt(2.0)))
+        gains = ((first, math.sqrt(2.0)), (second, math.sqrt(2.0)), (self.action_net, 0.01))
         # The last bits of orthogonal weights depend on the number of threads.
         with torch_threads(1):
-            for layer, gain in (*gains, (self.action_net, 0.01)):
+            for layer, gain in gains:
                 nn.init.orthogonal_(layer.weight, gain)
                 nn.init.zeros_(layer.bias)
 

@@ -48,7 +48,7 @@ def checked(session: Session, source: str) -> Session:
     if not 1 <= count <= MOST_FRAMES:
         raise InputError(source, f"{count:,} frames", f"1 to {MOST_FRAMES:,} frames")
     _check_times(session.time_ns, source, "frame")
-    check_duration(session.time_ns * 1e-9, source)
+    check_duration(np.asarray(session.time_ns * 1e-9, dtype=np.float64), source)
     head = _poses(session.head, count, source, "head", required=True)
     left, right = (
         None if one is None else _controller(one, count, source, side)

@@ -115,7 +115,7 @@ def _tests(
         return independent(data.study, comparison.factor, compared)
 
     everyone = everyone[everyone[factor_column(comparison.factor)].isin(levels)]
-    about = {
+    about: dict[str, Any] = {
         "factor": comparison.factor,
         "by": where,
         "measure": measure,

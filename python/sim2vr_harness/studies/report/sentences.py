@@ -193,7 +193,7 @@ def _answer(result: Mapping[str, Any], measure: Measure | None) -> Sentence:
         text = f"{text}, p {_equal(p_words(_p(result)))}"
     else:
         values = _values(result, measure)
-        if within:
+        if bound is not None and within:
             text = (
                 f"No difference in {_lower(label)} between {_list(levels)}{place} that is as large "
                 f"as {_amount(bound, measure)}: {values}"
@@ -211,9 +211,15 @@ def _answer(result: Mapping[str, Any], measure: Measure | None) -> Sentence:
     return Sentence(text, test_numbers(result, measure))
 
 
+def _means(result: Mapping[str, Any]) -> tuple[float | None, float | None]:
+    """Means of the first two levels; None where there is none."""
+    first, second = (result.get("means") or (None, None))[:2]
+    return first, second
+
+
 def _values(result: Mapping[str, Any], measure: Measure | None) -> str:
     """Both levels' means: ``2.78 against 0.54 bit/s``."""
-    first, second = (result.get("means") or (None, None))[:2]
+    first, second = _means(result)
     if first is None or second is None:
         return f"difference {_amount(result['difference']['mean'], measure)}"
     unit = _amount(second, measure)
@@ -229,8 +235,8 @@ def _amount(value: float, measure: Measure | None) -> str:
 
 def _percentage(result: Mapping[str, Any], measure: Measure | None) -> str:
     """How much a difference of positive means is of the second; empty for proportions."""
-    first, second = (result.get("means") or (None, None))[:2]
-    if measure is None or measure.unit == PROPORTION or None in (first, second):
+    first, second = _means(result)
+    if measure is None or measure.unit == PROPORTION or first is None or second is None:
         return ""
     if first <= 0.0 or second <= 0.0 or not 0.005 <= abs(first / second - 1.0) < 10.0:
         return ""

@@ -191,7 +191,8 @@ def test_importing_the_package_registers_every_game_and_loads_nothing_heavy() ->
     assert len(ids.split()) == len(list_games())
     assert heavy == "[]"
     assert ours.split() == [
-        f"sim2vr_harness.{name}" for name in ("base", "base.errors", "base.files", "registration")
+        f"sim2vr_harness.{name}"
+        for name in ("base", "base.errors", "base.file_lock", "base.files", "registration")
     ]
 
 

@@ -20,7 +20,6 @@ from sim2vr_harness.users import AVERAGE
 from sim2vr_harness.users.exertion import arms_of
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 from sim2vr_harness.users.kinematics.inverse import CLOSE_M, solve
-from sim2vr_harness.users.kinematics.stacked import StackedLinkage
 
 FloatArray = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -120,7 +119,7 @@ class Crowd:
         self._joints = first.independent_joints
         self.rest = np.array([first.reset_rule.posture.get(j, 0.0) for j in self._joints])
         self._hands = [Linkage(each.body, Point(_DEVICE)) for each in subjects]
-        self._stacks: dict[bool, StackedLinkage] = {}
+        self._stacks: dict[bool, Linkage] = {}
         self.heads = np.array([_head(each, self.rest) for each in subjects])
         statures = np.array([each.person.stature_m for each in subjects])
         self._sizes = statures / AVERAGE.stature_m
@@ -184,11 +183,9 @@ class Crowd:
         angles = np.stack([self._whole(stack, found.q[:, i]) for i in range(_KEPT)], axis=1)
         return Solved(angles, found.gap == 0.0, found.gap[:, 0], nearest, found.leans)
 
-    def _stack(self, points: bool) -> StackedLinkage:
+    def _stack(self, points: bool) -> Linkage:
         if points not in self._stacks:
-            ahead = Point(_DEVICE, (float(AIM_DIRECTION[0]), 0.0, float(AIM_DIRECTION[2])))
-            rays = [Linkage(each.body, ahead) for each in self.subjects] if points else None
-            stack = StackedLinkage(self._hands, rays)
+            stack = Linkage.stacked(self._hands, AIM_DIRECTION if points else None)
             self._stacks[points] = stack.with_limits(_narrowed(stack, self._limitation.limits_deg))
         return self._stacks[points]
 
@@ -208,9 +205,7 @@ class Crowd:
             chosen.append(postures[tree.query(scaled, k=count)[1].reshape(len(local), count)])
         return np.swapaxes(np.concatenate(chosen, axis=1), 0, 1)
 
-    def _cost(
-        self, persons: Ints, stack: StackedLinkage, q: FloatArray, there: Bools
-    ) -> FloatArray:
+    def _cost(self, persons: Ints, stack: Linkage, q: FloatArray, there: Bools) -> FloatArray:
         """(B,) what tells easy postures from others; infinite where the hand is not there.
 
         Gravity's torque at the shoulder, and how far wrist and forearm are turned.
@@ -224,7 +219,7 @@ class Crowd:
             cost[row] = load.torque + _TURNED_NM * float(strain.sum())
         return cost
 
-    def _whole(self, stack: StackedLinkage, q: FloatArray) -> FloatArray:
+    def _whole(self, stack: Linkage, q: FloatArray) -> FloatArray:
         """(B, J) angles of all joints: the others rest."""
         angles = np.repeat(self.rest[None], len(q), axis=0)
         for column, joint in enumerate(stack.joints):
@@ -262,7 +257,7 @@ def _head(subject: Subject, rest: FloatArray) -> FloatArray:
     return place
 
 
-def _narrowed(stack: StackedLinkage, limits_deg: Mapping[str, tuple[float, float]]) -> FloatArray:
+def _narrowed(stack: Linkage, limits_deg: Mapping[str, tuple[float, float]]) -> FloatArray:
     limits = stack.limits.copy()
     for joint, narrow in limits_deg.items():
         column = stack.joints.index(joint)
@@ -272,14 +267,14 @@ def _narrowed(stack: StackedLinkage, limits_deg: Mapping[str, tuple[float, float
     return limits
 
 
-def _upright(stack: StackedLinkage) -> FloatArray:
+def _upright(stack: Linkage) -> FloatArray:
     """Limits that keep the trunk where it is."""
     limits = stack.limits.copy()
     limits[:, [joint.startswith(_TRUNK) for joint in stack.joints]] = 0.0
     return limits
 
 
-def _raised(stack: StackedLinkage) -> FloatArray:
+def _raised(stack: Linkage) -> FloatArray:
     """(S, K) postures with the elbow at a right angle and the upper arm raised more and more."""
     postures = np.repeat(stack.rest[None], len(_ELEVATIONS_DEG), axis=0)
     postures[:, stack.joints.index("elbow_flexion")] = np.radians(90.0)

@@ -18,7 +18,7 @@ from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, MotorGoal
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.workspace import INSIDE, reachable_poses
 from sim2vr_harness.users import UserBatch
-from sim2vr_harness.users.kinematics.reach_controller import ReachController
+from sim2vr_harness.users.kinematics.posture_controller import PostureController
 from sim2vr_harness.users.noise import MotorNoiseSettings
 
 FloatArray = NDArray[np.float64]
@@ -217,7 +217,7 @@ class _Course:
         poses = reachable_poses(layer, seed)[:, self._hand]
         self._poses = poses[poses[:, 0, 3] > _FRONT_M]
         muscles = bool(layer.drives.muscles.size)
-        self._reacher = ReachController(layer.body, layer.hands[self._hand]) if muscles else None
+        self._reacher = PostureController(layer.body, layer.hands[self._hand]) if muscles else None
 
     def reach(self, tool_m: float) -> BenchmarkMovements:
         """To places anywhere, and stay."""

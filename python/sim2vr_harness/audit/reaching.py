@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sim2vr_harness.audit.population import EYE_HEIGHT_STANDING, Limitation, Stance, Subject
-from sim2vr_harness.client.frames import AIM_DIRECTION, position_to_app
+from sim2vr_harness.client.frames import position_to_app
 from sim2vr_harness.users import AVERAGE
 from sim2vr_harness.users.exertion import arms_of
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 from sim2vr_harness.users.kinematics.inverse import CLOSE_M, solve
+from sim2vr_harness.users.kinematics.posture_controller import DeviceRay
 
 FloatArray = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -54,7 +55,7 @@ class Rows:
         mirrored: (B,) whether the left hand does it.
         places: (B, 3) MuJoCo's world, m.
         close_m: (B,) how near is enough.
-        points: whether a ray has to get there, not the hand.
+        ray: that has to get there, not the hand; None: the hand.
         quick: whether only to find out who gets there, not how easily: fewer postures are tried.
     """
 
@@ -62,7 +63,7 @@ class Rows:
     mirrored: Bools
     places: FloatArray
     close_m: FloatArray
-    points: bool = False
+    ray: DeviceRay | None = None
     quick: bool = False
 
     def take(self, chosen: Ints) -> Rows:
@@ -72,7 +73,7 @@ class Rows:
             self.mirrored[chosen],
             self.places[chosen],
             self.close_m[chosen],
-            self.points,
+            self.ray,
             self.quick,
         )
 
@@ -119,7 +120,7 @@ class Crowd:
         self._joints = first.independent_joints
         self.rest = np.array([first.reset_rule.posture.get(j, 0.0) for j in self._joints])
         self._hands = [Linkage(each.body, Point(_DEVICE)) for each in subjects]
-        self._stacks: dict[bool, Linkage] = {}
+        self._stacks: dict[bytes, Linkage] = {}
         self.heads = np.array([_head(each, self.rest) for each in subjects])
         statures = np.array([each.person.stature_m for each in subjects])
         self._sizes = statures / AVERAGE.stature_m
@@ -156,7 +157,7 @@ class Crowd:
         count = len(rows.persons)
         lift = self.lifted(rows.persons)
         local = (rows.places - lift) * np.where(rows.mirrored[:, None], MIRROR, 1.0)
-        stack = self._stack(rows.points)
+        stack = self._stack(rows.ray)
         found = _Best(count, len(stack.joints))
         for trunk in (True,) if rows.quick else (False, True):
             left = np.flatnonzero(found.gap[:, 0] > 0.0)
@@ -183,16 +184,22 @@ class Crowd:
         angles = np.stack([self._whole(stack, found.q[:, i]) for i in range(_KEPT)], axis=1)
         return Solved(angles, found.gap == 0.0, found.gap[:, 0], nearest, found.leans)
 
-    def _stack(self, points: bool) -> Linkage:
-        if points not in self._stacks:
-            stack = Linkage.stacked(self._hands, AIM_DIRECTION if points else None)
-            self._stacks[points] = stack.with_limits(_narrowed(stack, self._limitation.limits_deg))
-        return self._stacks[points]
+    def _stack(self, ray: DeviceRay | None) -> Linkage:
+        key = b"" if ray is None else ray.key
+        if key not in self._stacks:
+            hands, direction = self._hands, None
+            if ray is not None:
+                x, y, z = ray.origin_m.tolist()
+                hands = [Linkage(each.body, Point(_DEVICE, (x, y, z))) for each in self.subjects]
+                direction = ray.direction
+            stack = Linkage.stacked(hands, direction)
+            self._stacks[key] = stack.with_limits(_narrowed(stack, self._limitation.limits_deg))
+        return self._stacks[key]
 
     def _starts(self, rows: Rows, local: FloatArray, trunk: bool) -> FloatArray:
         """(S, B, K) postures to begin with."""
-        if rows.points:
-            rest = _raised(self._stack(True))
+        if rows.ray is not None:
+            rest = _raised(self._stack(rows.ray))
             starts = np.repeat(rest[:, None], len(local), axis=1)
             starts[:, :, -1] = np.linalg.norm(local - self.heads[rows.persons], axis=1)
             return starts

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
-from sim2vr_harness.client.frames import AIM_DIRECTION
+from sim2vr_harness.client.frames import AIM_DIRECTION, position_to_mujoco
 from sim2vr_harness.users.actuation import Actuation
 from sim2vr_harness.users.bodies.body import Body
 from sim2vr_harness.users.bodies.moments import moment_arms
@@ -74,8 +74,24 @@ class DeviceRay(NamedTuple):
     origin_m: FloatArray
     direction: FloatArray
 
+    @property
+    def key(self) -> bytes:
+        """The same for equal rays."""
+        return np.concatenate(self).tobytes()
+
 
 AIM_RAY = DeviceRay(np.zeros(3), AIM_DIRECTION)
+_SAME, _SAME_M = 0.01, 0.01
+"""A ray of a page whose direction and origin differ less is WebXR's."""
+
+
+def page_ray(found: tuple[FloatArray, FloatArray] | None) -> DeviceRay:
+    """Return the ray with which a page points: its own, in the app's frame, if it has one."""
+    if found is None:
+        return AIM_RAY
+    ray = DeviceRay(*map(position_to_mujoco, found))
+    same = np.allclose(ray.direction, AIM_RAY.direction, atol=_SAME)
+    return AIM_RAY if same and np.linalg.norm(ray.origin_m) < _SAME_M else ray
 
 
 class PostureController:

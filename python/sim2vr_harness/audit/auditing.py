@@ -184,8 +184,9 @@ def population_audit(request: AuditRequest, say: Say = lambda text: None) -> Aud
         InputError: Something cannot be used.
     """
     targets = _listed(request, say)
-    for condition in [*request.condition] or [None] if request.game is not None else []:
-        targets += _of_game(request, condition, say)
+    if request.game is not None:
+        for condition in request.condition or (None,):
+            targets += _of_game(request, condition, say)
     return run(
         request.title,
         targets,
@@ -217,7 +218,7 @@ def user_reach(request: AuditRequest, say: Say = lambda text: None) -> Measured:
             overrides=request.overrides,
             trust_app=request.trust_app,
         )
-        for condition in request.condition or [None]
+        for condition in request.condition or (None,)
     ]
     body = body_of(environments[0].user)
     point = chosen_point(body, request.point)
@@ -292,7 +293,7 @@ def _of_game(request: AuditRequest, condition: str | None, say: Say) -> list[Tar
     return [replace(each, name=f"{condition or ''} {each.name}".strip()) for each in found]
 
 
-def limitations_of(stance: Stance) -> tuple[Limitation, ...]:
+def limitations_of(stance: str) -> tuple[Limitation, ...]:
     """Return the limitations that differ from an audit with a stance."""
     return tuple(each for each in LIMITATIONS if each.stance != stance or each.lift_m)
 

@@ -1,4 +1,4 @@
-"""How long arms can hold a posture.
+"""Postures that arms hold: activations, torques and the time until exhaustion.
 
 The largest muscle activation is made as small as possible while all joints of the arm are in
 equilibrium: static optimisation by the min/max criterion (Rasmussen, Damsgaard, Voigt 2001).

@@ -87,7 +87,8 @@ class Chain:
                 return -1, curve[:1]
             driver, inner = follows(couplings[name].driver)
             direct = couplings[name].driver in independent
-            return driver, curve if direct else Polynomial(curve)(Polynomial(inner)).coef
+            outer = curve if direct else Polynomial(curve)(Polynomial(inner)).coef
+            return driver, np.asarray(outer, dtype=np.float64)
 
         before, parts, drivers, curves = np.eye(4), [], [], []
         for number in bodies:
@@ -172,7 +173,7 @@ class Linkage:
             raise ValueError("linkages: got bodies with other joints, expected other sizes only")
         stack.limits = np.stack([each.limits for each in linkages])
         stack._places = np.stack([each._places for each in linkages])
-        return stack if ray is None else stack._with_ray(stack._axes @ ray)
+        return stack if ray is None else stack._with_ray(stack._axes @ np.asarray(ray, dtype=np.float64))
 
     def _with_ray(self, axis: FloatArray) -> Linkage:
         """Let the point slide along an axis (3,) of the last joint."""
@@ -189,8 +190,8 @@ class Linkage:
         parts = self._places[:, :-1].reshape(count, 3, -1, 3)
         begin = np.zeros((count, 3, 1, 3))
         begin[:, 0, 0] = self._places[:, -1]
-        parts = np.concatenate([parts, begin], axis=2).reshape(count, -1, 3)
-        self._places = np.concatenate([parts, np.zeros((count, 1, 3))], axis=1)
+        joined = np.concatenate([parts, begin], axis=2).reshape(count, -1, 3)
+        self._places = np.concatenate([joined, np.zeros((count, 1, 3))], axis=1)
         return self
 
     def take(self, rows: NDArray[np.integer]) -> Linkage:

@@ -1,8 +1,10 @@
 #include "games_binding.hpp"
 
 #include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
 
 #include <cstdint>
+#include <filesystem>
 #include <map>
 #include <string>
 
@@ -23,6 +25,11 @@ std::map<std::string, std::string> listGames() {
 
 void bindGames(py::module_& module) {
   module.def("list_games", &listGames, "Names of the games with their descriptions.");
+  module.def(
+      "load_game_library",
+      [](const std::filesystem::path& file) { return games::loadGameLibrary(file); },
+      py::arg("file"),
+      "Opens a shared library and adds its games; returns their names. Opening runs its code.");
   module.def(
       "game_facts", [](const std::string& name) { return games::gameFactsJson(name); },
       py::arg("name"), "What a game publishes, as a JSON object: measures, conditions.");

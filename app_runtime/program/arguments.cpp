@@ -69,6 +69,9 @@ constexpr std::uint32_t kLastSeed = std::numeric_limits<std::uint32_t>::max();
 
 void addGameOptions(CLI::App& cli, Arguments& arguments, Raw& raw) {
   cli.add_flag("--list-games", raw.list_games, "List the games and exit")->group("Game");
+  cli.add_option("--game-library", arguments.game_library,
+                 "A shared library of games, whose code is run")
+      ->group("Game");
   cli.add_option("--game", arguments.game, "Which game to run")->group("Game");
   cli.add_option("--condition", arguments.condition, "The game's condition")->group("Game");
   cli.add_option("--options", arguments.options, "The game's options as a JSON object")

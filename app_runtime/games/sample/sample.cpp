@@ -1,4 +1,4 @@
-#include "sample/sample.hpp"
+#include "sample.hpp"
 
 #include "sim2vr/core/random.hpp"
 #include "sim2vr/physics/collider.hpp"

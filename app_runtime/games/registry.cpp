@@ -58,8 +58,8 @@ std::vector<rl::GameEntry> gamesIn(const std::string& file) {
     throw refusedLibrary(file, std::string("which cannot be opened (") + ::dlerror() + ")");
   }
   const auto build = reinterpret_cast<const char* (*)()>(::dlsym(library, "sim2vrBuild"));
-  const auto games = reinterpret_cast<void (*)(std::vector<rl::GameEntry>&)>(
-      ::dlsym(library, "sim2vrGames"));
+  const auto games =
+      reinterpret_cast<void (*)(std::vector<rl::GameEntry>&)>(::dlsym(library, "sim2vrGames"));
   if (build == nullptr || games == nullptr) throw refusedLibrary(file, "a library without games");
   if (std::string_view(build()) != kBuild) {
     throw refusedLibrary(file, std::string("which was built against ") + build());
@@ -80,7 +80,11 @@ std::vector<rl::GameEntry> registry() {
 std::vector<std::string> loadGameLibrary(const std::filesystem::path& file) {
   std::error_code problem;
   const std::filesystem::path real = std::filesystem::canonical(file, problem);
-  if (problem) throw refusedLibrary(file.native(), "which cannot be opened (" + problem.message() + ")");
+  if (problem) {
+    throw InvalidArgument("game_library",
+                          "'" + printable(file.native()) + "' (" + problem.message() + ")",
+                          "a shared library of games");
+  }
   Registry& all = theRegistry();
   const std::lock_guard<std::mutex> lock(all.mutex);
   if (const auto known = all.libraries.find(real); known != all.libraries.end()) {

@@ -69,8 +69,10 @@ constexpr std::uint32_t kLastSeed = std::numeric_limits<std::uint32_t>::max();
 
 void addGameOptions(CLI::App& cli, Arguments& arguments, Raw& raw) {
   cli.add_flag("--list-games", raw.list_games, "List the games and exit")->group("Game");
-  cli.add_option("--game-library", arguments.game_library,
-                 "A shared library of games, whose code is run")
+  cli.add_option("--game-library", arguments.game_libraries,
+                 "A shared library of games, whose code is run; may be repeated")
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
+      ->expected(1)
       ->group("Game");
   cli.add_option("--game", arguments.game, "Which game to run")->group("Game");
   cli.add_option("--condition", arguments.condition, "The game's condition")->group("Game");

@@ -40,7 +40,7 @@ int runArguments(const std::vector<std::string>& words) {
   // "-" is Unity's word for the standard output; ours is for the launcher's line.
   if (!arguments.log_file.empty() && arguments.log_file != "-") setLogFile(arguments.log_file);
   for (const std::string& warning : arguments.warnings) logger().warn("{}", warning);
-  if (!arguments.game_library.empty()) games::loadGameLibrary(arguments.game_library);
+  for (const auto& library : arguments.game_libraries) games::loadGameLibrary(library);
   const int code = runMode(arguments);
   // A launcher need not listen to a server any more; of the others the output is what they are for.
   if (arguments.mode != Mode::serve && !std::cout.flush()) {

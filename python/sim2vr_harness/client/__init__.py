@@ -65,6 +65,7 @@ from sim2vr_harness.client.runtime import (
     frame_times_ns,
     gl_renderer,
     list_games,
+    load_game_library,
     runtime_version,
 )
 from sim2vr_harness.client.scene import PLAYER_LAYER, AppScene, SceneMesh, SceneObject
@@ -154,6 +155,7 @@ __all__ = [
     "list_games",
     "list_options",
     "list_transports",
+    "load_game_library",
     "load_task",
     "register_transport",
     "require_capability",

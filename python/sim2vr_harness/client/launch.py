@@ -17,7 +17,7 @@ from sim2vr_harness.client.base import OptionValue, plain_options
 from sim2vr_harness.client.channel import Channel, checked_duration_s
 from sim2vr_harness.client.games import describe_game
 from sim2vr_harness.client.process import AppProcess, log_folder
-from sim2vr_harness.client.runtime import list_games
+from sim2vr_harness.client.runtime import list_games, loaded_game_libraries
 
 _FLAGS = ("adaptive", "sparse")
 """Options of the reference that are flags."""
@@ -164,6 +164,8 @@ def sim2vr_arguments(
         "--renderer",
         renderer,
     ]
+    for library in loaded_game_libraries():
+        arguments += ["--game-library", library]
     arguments += ["--width", str(width), "--height", str(height)]
     return arguments if log_dir is None else [*arguments, "--log-dir", str(log_dir)]
 

@@ -17,8 +17,8 @@ enum class Mode : std::uint8_t { serve, play, replay, list_games };
 struct Arguments {
   Mode mode = Mode::serve;
 
-  /// A shared library with games of its own; empty: none.
-  std::filesystem::path game_library;
+  /// Shared libraries with games of their own.
+  std::vector<std::filesystem::path> game_libraries;
   std::string game = "whacamole";
   std::string condition;
   std::string options = "{}";

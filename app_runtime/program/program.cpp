@@ -7,6 +7,7 @@
 
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/log.hpp"
+#include "sim2vr/core/options.hpp"
 #include "sim2vr/core/text.hpp"
 #include "sim2vr/games/registry.hpp"
 
@@ -77,10 +78,7 @@ nlohmann::json conditionOptions(const Arguments& arguments) {
 }  // namespace
 
 std::string gameOptions(const Arguments& arguments) {
-  nlohmann::json options = nlohmann::json::parse(arguments.options, nullptr, false);
-  if (!options.is_object()) {
-    throw InvalidArgument("options", "'" + arguments.options.substr(0, 80) + "'", "a JSON object");
-  }
+  nlohmann::json options = jsonObject("options", arguments.options);
   const auto set = [&options](const std::string& argument, const std::string& name,
                               const nlohmann::json& value) {
     const auto found = options.find(name);

@@ -7,6 +7,7 @@
 
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/log.hpp"
+#include "sim2vr/core/options.hpp"
 #include "sim2vr/core/text.hpp"
 #include "sim2vr/core/version.hpp"
 
@@ -17,12 +18,6 @@ using protocol2::Result;
 using protocol2::Status;
 
 constexpr std::size_t kMaximumImageBytes = std::size_t{512} << 20;
-
-std::string merged(const std::string& options, const std::string& changes) {
-  nlohmann::json json = nlohmann::json::parse(options);
-  json.update(nlohmann::json::parse(changes));
-  return json.dump();
-}
 
 void checkMemory(const runtime::AppSettings& settings, std::uint32_t apps) {
   render::checkImageSize(settings.headset_size);
@@ -148,7 +143,7 @@ runtime::AppSettings Session2::appSettings(const protocol2::Hello& hello) const 
     settings.game = *hello.game;
     settings.options_json = "{}";
   }
-  settings.options_json = merged(settings.options_json, hello.options_json);
+  settings.options_json = mergedOptions(settings.options_json, hello.options_json);
   settings.headset_size = {hello.width.value_or(settings.headset_size.width),
                            hello.height.value_or(settings.headset_size.height)};
   settings.eyes = hello.eyes.value_or(settings.eyes);

@@ -15,17 +15,28 @@ constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
 }  // namespace
 
-void Env::CalculateReward() {
-  const Tally& tally = round_.tally();
+void Env::declareLog() {
   const bool sparse = round_.settings().sparse;
-  const double errors = -round_.settings().error_cost * (tally.errors - errors_);
-  const double closeness = sparse ? 0.0 : closenessReward();
-  reward_ = static_cast<float>(kHitReward * (tally.hits - hits_) + errors + closeness);
-  logTerm("ErrorReward", errors);
-  logTerm("ClosenessReward", sparse ? kNone : closeness);
+  logTerm("ErrorReward", [this] { return error_; });
+  logTerm("ClosenessReward", [this, sparse] { return sparse ? kNone : closeness_; });
+  const Tally& tally = round_.tally();
+  logColumn("Points", [&] { return tally.hits; });
+  logColumn("Errors", [&] { return tally.errors; });
+  logColumn("Timeouts", [&] { return tally.timeouts; });
+  logColumn("MissedFirst", [&] { return tally.missed_first; });
+  logColumn("HitFirst", [&] { return tally.targets - tally.missed_first; });
+  logColumn("SelectionTime", [&] { return tally.meanTime_s(); });
+  logColumn("MedianSelectionTime", [&] { return tally.medianTime_s(); });
+}
+
+double Env::calculateReward() {
+  const Tally& tally = round_.tally();
+  error_ = -round_.settings().error_cost * (tally.errors - errors_);
+  closeness_ = round_.settings().sparse ? 0.0 : closenessReward();
+  const double hit = kHitReward * (tally.hits - hits_);
   hits_ = tally.hits;
   errors_ = tally.errors;
-  updateLog();
+  return hit + error_ + closeness_;
 }
 
 double Env::closenessReward() const {
@@ -34,17 +45,6 @@ double Env::closenessReward() const {
     if (pointer.state().active) gap = std::min(gap, pointer.gap(round_.handle_m()));
   }
   return kClosenessWeight * (std::exp(-kClosenessRate * gap) - 1.0) / framesPerStep();
-}
-
-void Env::updateLog() {
-  const Tally& tally = round_.tally();
-  log_["Points"] = tally.hits;
-  log_["Errors"] = tally.errors;
-  log_["Timeouts"] = tally.timeouts;
-  log_["MissedFirst"] = tally.missed_first;
-  log_["HitFirst"] = tally.targets - tally.missed_first;
-  log_["SelectionTime"] = tally.meanTime_s();
-  log_["MedianSelectionTime"] = tally.medianTime_s();
 }
 
 void Env::fields(Archive& archive) {

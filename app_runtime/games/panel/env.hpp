@@ -14,22 +14,23 @@ class Env : public rl::RLEnv {
   explicit Env(const Round& round) : round_(round) {}
 
   std::string_view typeName() const override { return "panel.Env"; }
-  void InitialiseGame() override {}
-  void InitialiseReward() override { updateLog(); }
-  void CalculateReward() override;
-  void UpdateIsFinished() override { finished_ = round_.over(); }
-  float GetTimeFeature() const override {
+  void declareLog() override;
+  double calculateReward() override;
+  bool isOver() const override { return round_.over(); }
+  float timeFeature() const override {
     return static_cast<float>(2.0 * round_.progress() - 1.0);
   }
   void fields(Archive& archive) override;
 
  private:
   double closenessReward() const;
-  void updateLog();
 
   const Round& round_;
   int hits_ = 0;
   int errors_ = 0;
+  // Of the present frame.
+  double error_ = 0.0;
+  double closeness_ = 0.0;
 };
 
 }  // namespace sim2vr::games::panel

@@ -16,46 +16,44 @@ double meanOf(double sum, int count) { return count == 0 ? 0.0 : sum / count; }
 
 }  // namespace
 
-void Env::InitialiseGame() {
-  log_["Trials"] = static_cast<double>(round_.blocks().size()) * (round_.settings().targets + 1);
+void Env::declareLog() {
+  const auto trials =
+      static_cast<double>(round_.blocks().size()) * (round_.settings().targets + 1);
+  logColumn("Trials", [trials] { return trials; });
+  const bool sparse = round_.settings().sparse;
+  logTerm("ErrorReward", [this] { return error_; });
+  logTerm("DistanceReward", [this, sparse] { return sparse ? kNone : distance_; });
+  const Tally& tally = round_.tally();
+  logColumn("Points", [&] { return tally.hits; });
+  logColumn("Errors", [&] { return tally.errors; });
+  logColumn("Timeouts", [&] { return tally.timeouts; });
+  logColumn("Failures", [&] { return tally.failures(); });
+  logColumn("Selections", [&] { return tally.hits + tally.errors; });
+  logColumn("Movements", [&] { return tally.movements; });
+  logColumn("MovementTime", [&] { return meanOf(tally.time_sum_s, tally.movements); });
+  logColumn("IndexOfDifficulty", [&] { return meanOf(tally.index_sum_bits, tally.movements); });
+  logColumn("Blocks", [&] { return tally.blocks; });
+  logColumn("Throughput", [&] { return meanOf(tally.throughput_sum_bps, tally.blocks); });
+  logColumn("EffectiveIndex", [&] { return meanOf(tally.effective_index_sum_bits, tally.blocks); });
+  logColumn("EndpointSpread",
+            [&] { return std::sqrt(meanOf(tally.variance_sum_m2, tally.blocks)); });
 }
 
-void Env::InitialiseReward() { updateLog(); }
-
-void Env::CalculateReward() {
+double Env::calculateReward() {
   const Tally& tally = round_.tally();
-  const bool sparse = round_.settings().sparse;
-  const double errors = -round_.settings().error_cost * (tally.errors - errors_);
-  const double distance = sparse ? 0.0 : distanceReward();
-  reward_ = static_cast<float>(kHitReward * (tally.hits - hits_) + errors + distance);
-  logTerm("ErrorReward", errors);
-  logTerm("DistanceReward", sparse ? kNone : distance);
+  error_ = -round_.settings().error_cost * (tally.errors - errors_);
+  distance_ = round_.settings().sparse ? 0.0 : distanceReward();
+  const double hit = kHitReward * (tally.hits - hits_);
   hits_ = tally.hits;
   errors_ = tally.errors;
-  updateLog();
   privileged_.look();
+  return hit + error_ + distance_;
 }
 
 double Env::distanceReward() const {
   if (round_.phase() != Round::Phase::kPlay) return 0.0;
   const double distance_m = (round_.targetCenter(round_.target()) - round_.stylus().tip_m()).norm();
   return kDistanceWeight * (std::exp(-kDistanceRate_per_m * distance_m) - 1.0) / framesPerStep();
-}
-
-void Env::updateLog() {
-  const Tally& tally = round_.tally();
-  log_["Points"] = tally.hits;
-  log_["Errors"] = tally.errors;
-  log_["Timeouts"] = tally.timeouts;
-  log_["Failures"] = tally.failures();
-  log_["Selections"] = tally.hits + tally.errors;
-  log_["Movements"] = tally.movements;
-  log_["MovementTime"] = meanOf(tally.time_sum_s, tally.movements);
-  log_["IndexOfDifficulty"] = meanOf(tally.index_sum_bits, tally.movements);
-  log_["Blocks"] = tally.blocks;
-  log_["Throughput"] = meanOf(tally.throughput_sum_bps, tally.blocks);
-  log_["EffectiveIndex"] = meanOf(tally.effective_index_sum_bits, tally.blocks);
-  log_["EndpointSpread"] = std::sqrt(meanOf(tally.variance_sum_m2, tally.blocks));
 }
 
 void Env::fields(Archive& archive) {

@@ -19,11 +19,10 @@ class Env : public rl::RLEnv {
       : round_(round), privileged_(std::move(privileged)) {}
 
   std::string_view typeName() const override { return "pointing.Env"; }
-  void InitialiseGame() override;
-  void InitialiseReward() override;
-  void CalculateReward() override;
-  void UpdateIsFinished() override { finished_ = round_.phase() == Round::Phase::kDone; }
-  float GetTimeFeature() const override {
+  void declareLog() override;
+  double calculateReward() override;
+  bool isOver() const override { return round_.phase() == Round::Phase::kDone; }
+  float timeFeature() const override {
     return static_cast<float>(2.0 * round_.progress() - 1.0);
   }
   void fillPrivileged(std::span<float> values) const override { privileged_.fill(values); }
@@ -31,12 +30,14 @@ class Env : public rl::RLEnv {
 
  private:
   double distanceReward() const;
-  void updateLog();
 
   const Round& round_;
   Privileged privileged_;
   int hits_ = 0;
   int errors_ = 0;
+  // Of the present frame.
+  double error_ = 0.0;
+  double distance_ = 0.0;
 };
 
 }  // namespace sim2vr::games::pointing

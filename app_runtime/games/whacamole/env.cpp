@@ -1,7 +1,6 @@
 #include "whacamole/env.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <string>
@@ -20,49 +19,51 @@ constexpr double kReferenceDistanceWeight = 0.1;
 /// In the log: a number that the round has not.
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
-struct CellNames {
-  std::string fail_rate, hits, misses;
-};
-
-// Made once: the log is written in every frame.
-const std::array<CellNames, kCells> kCellNames = [] {
-  std::array<CellNames, kCells> names;
-  for (std::size_t i = 0; i < names.size(); ++i) {
-    const std::string number = std::to_string(i);
-    names[i] = {"failrateTarget" + number, "hitsTarget" + number, "missesTarget" + number};
-  }
-  return names;
-}();
-
 double meanOf(double sum, int count) { return count == 0 ? 0.0 : sum / count; }
 
 }  // namespace
 
-void Env::InitialiseGame() {
+void Env::beginRound() {
+  points_ = round_.counts().hits;
+  first_contacts_ = round_.counts().first_contacts;
+}
+
+void Env::declareLog() {
   const Condition& condition = round_.condition();
-  log_["Placement"] = static_cast<double>(condition.placement) - 1.0;  // -1 low, 0 mid, 1 high
-  log_["MaxTargets"] = condition.max_targets;
-  log_["Constrained"] = condition.constrained ? 1.0 : 0.0;
+  logColumn("Placement", [&] { return static_cast<double>(condition.placement) - 1.0; });
+  logColumn("MaxTargets", [&] { return condition.max_targets; });
+  logColumn("Constrained", [&] { return condition.constrained ? 1.0 : 0.0; });
+  const bool sparse = round_.settings().sparse;
+  logTerm("RewardUnsuccessfulContact", [this, sparse] { return sparse ? kNone : contact_; });
+  logTerm("DistanceReward", [this, sparse] { return sparse ? kNone : distance_; });
+  const Counts& counts = round_.counts();
+  logColumn("Points", [&] { return counts.hits; });
+  logColumn("Misses", [&] { return counts.misses; });
+  logColumn("Contacts", [&] { return counts.contacts; });
+  logColumn("HitSpeedSum", [&] { return counts.hit_speed_sum_mps; });
+  logColumn("HitSpeed", [&] { return meanOf(counts.hit_speed_sum_mps, counts.hits); });
+  logColumn("HitLatency", [&] { return meanOf(counts.hit_latency_sum_s, counts.hits); });
+  logColumn("HammerDepthZ", [&] { return meanOf(counts.depth_z_sum_m, counts.play_frames); });
+  logColumn("HammerDepthNormal",
+            [&] { return meanOf(counts.depth_normal_sum_m, counts.play_frames); });
+  for (int cell = 0; cell < kCells; ++cell) {
+    const std::string number = std::to_string(cell);
+    const auto i = static_cast<std::size_t>(cell);
+    logColumn("failrateTarget" + number, [this, cell] { return round_.tally().failRate(cell); });
+    logColumn("hitsTarget" + number, [this, i] { return round_.tally().hits[i]; });
+    logColumn("missesTarget" + number, [this, i] { return round_.tally().misses[i]; });
+  }
 }
 
-void Env::InitialiseReward() {
-  points_ = round_.counts().hits;
-  first_contacts_ = round_.counts().first_contacts;
-  updateLog();
-}
-
-void Env::CalculateReward() {
+double Env::calculateReward() {
   double reward = kPointReward * (round_.counts().hits - points_);
-  const double contact = contactReward();
-  const double distance = distanceReward();
-  if (!round_.settings().sparse) reward += contact + distance;
+  contact_ = contactReward();
+  distance_ = distanceReward();
+  if (!round_.settings().sparse) reward += contact_ + distance_;
   points_ = round_.counts().hits;
   first_contacts_ = round_.counts().first_contacts;
-  logTerm("RewardUnsuccessfulContact", round_.settings().sparse ? kNone : contact);
-  logTerm("DistanceReward", round_.settings().sparse ? kNone : distance);
-  reward_ = static_cast<float>(reward);
-  updateLog();
   privileged_.look();
+  return reward;
 }
 
 double Env::contactReward() const {
@@ -86,28 +87,10 @@ double Env::distanceReward() const {
   return sum / framesPerStep();
 }
 
-void Env::UpdateIsFinished() { finished_ = round_.phase() == Round::Phase::kDone; }
+bool Env::isOver() const { return round_.phase() == Round::Phase::kDone; }
 
-float Env::GetTimeFeature() const {
+float Env::timeFeature() const {
   return 2.0F * (round_.elapsed_s() / round_.settings().round_s) - 1.0F;
-}
-
-void Env::updateLog() {
-  const Counts& counts = round_.counts();
-  log_["Points"] = counts.hits;
-  log_["Misses"] = counts.misses;
-  log_["Contacts"] = counts.contacts;
-  log_["HitSpeedSum"] = counts.hit_speed_sum_mps;
-  log_["HitSpeed"] = meanOf(counts.hit_speed_sum_mps, counts.hits);
-  log_["HitLatency"] = meanOf(counts.hit_latency_sum_s, counts.hits);
-  log_["HammerDepthZ"] = meanOf(counts.depth_z_sum_m, counts.play_frames);
-  log_["HammerDepthNormal"] = meanOf(counts.depth_normal_sum_m, counts.play_frames);
-  for (int cell = 0; cell < kCells; ++cell) {
-    const auto i = static_cast<std::size_t>(cell);
-    log_[kCellNames[i].fail_rate] = round_.tally().failRate(cell);
-    log_[kCellNames[i].hits] = round_.tally().hits[i];
-    log_[kCellNames[i].misses] = round_.tally().misses[i];
-  }
 }
 
 void Env::fields(Archive& archive) {

@@ -24,23 +24,25 @@ class Env : public rl::RLEnv {
       : round_(round), privileged_(std::move(privileged)) {}
 
   std::string_view typeName() const override { return "whacamole.Env"; }
-  void InitialiseGame() override;
-  void InitialiseReward() override;
-  void CalculateReward() override;
-  void UpdateIsFinished() override;
-  float GetTimeFeature() const override;
+  void beginRound() override;
+  void declareLog() override;
+  double calculateReward() override;
+  bool isOver() const override;
+  float timeFeature() const override;
   void fillPrivileged(std::span<float> values) const override { privileged_.fill(values); }
   void fields(Archive& archive) override;
 
  private:
   double contactReward() const;
   double distanceReward() const;
-  void updateLog();
 
   const Round& round_;
   Privileged privileged_;
   int points_ = 0;
   int first_contacts_ = 0;
+  // Of the present frame.
+  double contact_ = 0.0;
+  double distance_ = 0.0;
 };
 
 }  // namespace sim2vr::games::whacamole

@@ -122,8 +122,8 @@ TEST(BeatsEnv, TimeFeatureIsConstantUnlessAskedFor) {
   BeatsRound plain(emptyLevel(2.0));
   BeatsRound told(emptyLevel(2.0), R"({"end_on_miss": false, "time_feature": true})");
   for (BeatsRound* round : {&plain, &told}) round->waitUntil(0.5);
-  EXPECT_EQ(plain.harness.env().GetTimeFeature(), 0.0F);
-  EXPECT_NEAR(told.harness.env().GetTimeFeature(), -0.5F, 1e-5F);
+  EXPECT_EQ(plain.harness.env().timeFeature(), 0.0F);
+  EXPECT_NEAR(told.harness.env().timeFeature(), -0.5F, 1e-5F);
 }
 
 TEST(BeatsEnv, HandTravelIsTheWayOfBothGrips) {

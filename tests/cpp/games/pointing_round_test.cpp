@@ -29,7 +29,7 @@ TEST(Pointing, TheFirstFramePutsTheCircleBeforeTheHead) {
   EXPECT_TRUE(round.round().center_m().isApprox(Vec3(0.15, 1.1, 0.4), kFloat));
   EXPECT_EQ(round.round().target(), 0);
   EXPECT_TRUE(round.round().targetCenter(0).isApprox(Vec3(0.15, 1.1 + 0.173205, 0.4), kFloat));
-  EXPECT_EQ(round.harness.env().GetTimeFeature(), -1.0F);
+  EXPECT_EQ(round.harness.env().timeFeature(), -1.0F);
   round.head_m = {0.3, 1.0, -0.2};
   round.idle();
   EXPECT_TRUE(round.round().center_m().isApprox(Vec3(0.15, 1.1, 0.4), kFloat));
@@ -52,7 +52,7 @@ TEST(Pointing, AHitIsWorthTenAndTheNextTargetIsUpInTheSameFrame) {
   // The tip is 2 cm behind the plane, 30 cm from the next target along it.
   const double distance_m = std::hypot(0.3, 0.02);
   EXPECT_NEAR(round.harness.env().reward(), 10.0 + distanceReward(distance_m), kFloat);
-  EXPECT_NEAR(round.harness.env().GetTimeFeature(), 2.0 / 4.0 - 1.0, kFloat);
+  EXPECT_NEAR(round.harness.env().timeFeature(), 2.0 / 4.0 - 1.0, kFloat);
   const auto sounds = round.harness.sounds().take();
   ASSERT_EQ(sounds.size(), 1U);
   EXPECT_EQ(sounds[0].name, "hit");
@@ -166,7 +166,7 @@ TEST(Pointing, ABlockIsMeasured) {
     round.tap(offsets_m[i] * axis);
   }
   EXPECT_TRUE(round.harness.env().finished());
-  EXPECT_EQ(round.harness.env().GetTimeFeature(), 1.0F);
+  EXPECT_EQ(round.harness.env().timeFeature(), 1.0F);
   EXPECT_EQ(round.log("Points"), 4.0);
   EXPECT_EQ(round.log("Movements"), 3.0);
   EXPECT_EQ(round.log("Blocks"), 1.0);

@@ -18,14 +18,23 @@ namespace {
 class CountingEnv : public RLEnv {
  public:
   std::string_view typeName() const override { return "test.Env"; }
-  void InitialiseGame() override { calls += "game "; }
-  void InitialiseReward() override { calls += "reward "; }
-  void Reset() override { calls += "reset "; }
-  void CalculateReward() override { calls += "calculate "; }
-  void UpdateIsFinished() override { calls += "finished "; }
-  float GetTimeFeature() const override { return 0.0F; }
+  void beginRound() override { calls += "begin "; }
+  void declareLog() override {
+    calls += "log ";
+    logColumn("frames", [this] { return ++frames_; });
+    logTerm("term", [] { return 0.25; });
+  }
+  double calculateReward() override {
+    calls += "reward ";
+    return 0.5;
+  }
+  bool isOver() const override { return frames_ == 2; }
+  float timeFeature() const override { return 0.0F; }
 
   std::string calls;
+
+ private:
+  int frames_ = 0;
 };
 
 class XrRigTest : public ::testing::Test {

@@ -1,5 +1,5 @@
-# One library per app_runtime folder. Each room exports only its own include
-# directory (app_runtime/<room>/include), so the link line of a room is the
+# One library per app_runtime folder. Each module exports only its own include
+# directory (app_runtime/<module>/include), so the link line of a module is the
 # complete list of what it may include.
 
 add_library(sim2vr_options INTERFACE)

@@ -43,7 +43,7 @@ InvalidArgument refusedLibrary(const std::string& file, const std::string& probl
 }
 
 /// Libraries of games use the runtime's functions that this program, or this module of Python's,
-/// has; modules keep theirs to themselves unless told otherwise.
+/// has; Python's modules keep theirs to themselves otherwise.
 void offerSymbols() {
   Dl_info self{};
   if (::dladdr(reinterpret_cast<const void*>(&theRegistry), &self) == 0) return;

@@ -148,7 +148,7 @@ bool overlaps(const Collider& a, const Collider& b) {
   return overlap(PlacedShape(a), PlacedShape(b));
 }
 
-// Names a collider across save and load, and tells a collider that was off in between from before.
+// Names a collider across save and load, and distinguishes it from one that was off in between.
 struct ColliderKey {
   std::uint64_t object_id = 0;
   std::uint32_t component_index = 0;

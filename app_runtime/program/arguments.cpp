@@ -15,6 +15,7 @@
 namespace sim2vr::program {
 namespace {
 
+/// Help text in 80 columns; CLI11 of Debian's version does not wrap.
 class OptionHelp : public CLI::Formatter {
  public:
   std::string make_option(const CLI::Option* option, bool is_positional) const override {
@@ -133,8 +134,8 @@ void addServerOptions(CLI::App& cli, Arguments& arguments, Raw& raw) {
   const std::string group = "Serving (the default)";
   addNumber(cli, "--port", arguments.port, 0, 65535, "TCP port; 0 picks a free one")->group(group);
   cli.add_option("--bind", arguments.bind,
-                 "Address to listen on, or an endpoint such as ipc:///tmp/app; anybody who reaches "
-                 "it can use the app")
+                 "Address to listen on, or an endpoint such as ipc:///tmp/app; who reaches it "
+                 "can use the app")
       ->group(group);
   addNumber(cli, "--timeout", raw.timeout_s, 0.0, kLongest_s,
             "Longest wait for a message, s (60; 600 on port 5555)")

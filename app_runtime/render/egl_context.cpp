@@ -1,4 +1,4 @@
-// EGL without a window. libEGL is loaded when asked for, so that machines without it still start.
+// EGL without a window. libEGL is loaded on demand, so that machines without it still start.
 #include <EGL/egl.h>
 #include <EGL/eglext.h>
 #include <dlfcn.h>

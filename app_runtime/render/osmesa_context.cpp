@@ -1,4 +1,4 @@
-// OSMesa: Mesa's CPU driver as a plain library, for machines without EGL. Loaded when asked for.
+// OSMesa: Mesa's CPU driver as a plain library, for machines without EGL. Loaded on demand.
 #include <GL/glcorearb.h>
 #include <dlfcn.h>
 #include <fmt/format.h>

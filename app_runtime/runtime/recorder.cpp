@@ -26,6 +26,7 @@
 namespace sim2vr::runtime {
 namespace {
 
+/// A program that reads what we write.
 class ChildProcess {
  public:
   /// Starts arguments[0], found on PATH, with its standard input connected to write(). Throws
@@ -48,7 +49,7 @@ class ChildProcess {
 };
 
 ChildProcess::ChildProcess(std::vector<std::string> arguments) {
-  // A socket rather than a pipe: writing to one that is closed can be told not to raise SIGPIPE.
+  // A socket rather than a pipe: writing to one that is closed need not raise SIGPIPE.
   int ends[2];
   if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0) {
     throw EngineError(std::string("socketpair: ") + std::strerror(errno));

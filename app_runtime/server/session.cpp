@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cmath>
+#include <cstdint>
 #include <exception>
 #include <memory>
 #include <new>
@@ -10,11 +12,11 @@
 #include <numbers>
 #include <optional>
 #include <string>
+#include <thread>
 #include <utility>
 #include <variant>
 #include <vector>
 
-#include "pacer.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/log.hpp"
 #include "sim2vr/core/options.hpp"
@@ -30,6 +32,43 @@
 namespace sim2vr::server {
 namespace {
 
+/// Paces frames against the wall clock, for people who watch. Lockstep itself needs none.
+class FrameScheduler {
+ public:
+  /// `time_scale`: game seconds per wall-clock second.
+  FrameScheduler(bool enabled, double time_scale) : enabled_(enabled), time_scale_(time_scale) {}
+
+  /// The frame at `time_ns` is shown now.
+  void restart(std::int64_t time_ns);
+  /// Returns when the frame at `time_ns` is due, after a second of wall-clock time at most. A delay
+  /// of more than 0.1 s is not caught up.
+  void waitFor(std::int64_t time_ns);
+
+ private:
+  using Clock = std::chrono::steady_clock;
+
+  bool enabled_;
+  double time_scale_;
+  std::int64_t shown_ns_ = 0;
+  Clock::time_point shown_at_{};
+};
+
+void FrameScheduler::restart(std::int64_t time_ns) {
+  shown_ns_ = time_ns;
+  shown_at_ = Clock::now();
+}
+
+void FrameScheduler::waitFor(std::int64_t time_ns) {
+  if (!enabled_) return;
+  const double wait_ns = static_cast<double>(time_ns - shown_ns_) / time_scale_;
+  const auto wait = std::chrono::nanoseconds(std::int64_t(std::clamp(wait_ns, 0.0, 1e9)));
+  const Clock::time_point due = shown_at_ + wait;
+  std::this_thread::sleep_until(due);
+  shown_ns_ = time_ns;
+  shown_at_ = std::max(due, Clock::now() - std::chrono::milliseconds(100));
+}
+
+/// A session of protocol 1: one app, the reference's order of messages and clocks.
 class Session1 final : public Session {
  public:
   /// Throws as decodeHandshake and runtime::App do.
@@ -57,7 +96,7 @@ class Session1 final : public Session {
   protocol1::ClockOrigin clock_;
   protocol1::HeadRotation head_rotation_;
   std::unique_ptr<HostedApp> app_;
-  Pacer pacer_;
+  FrameScheduler scheduler_;
   /// headPitch_deg of the round.
   std::optional<double> head_pitch_deg_;
   /// The user's clock at the start of the round, where the game clock restarts with each round.
@@ -114,7 +153,7 @@ Session1::Session1(AppHost& host, std::string_view handshake)
       app_(std::move(
           host.makeApps(appSettings(host.settings(), handshake_), host.settings().renderer, 1)
               .front())),
-      pacer_(host.settings().realtime, timeScale(host.settings(), handshake_)) {
+      scheduler_(host.settings().realtime, timeScale(host.settings(), handshake_)) {
   logger().info("protocol 1: {} states per second, fixed step {} s, {} frame time, {} clock",
                 handshake_.sample_frequency_hz, handshake_.fixedStep_s(),
                 frame_time_ == protocol1::FrameTime::next ? "next" : "current",
@@ -207,7 +246,7 @@ runtime::StepResult Session1::reset(const protocol1::State& state) {
   head_pitch_deg_ = pitch_deg;
   origin_s_ = restarts ? state.current_s : 0.0;
   logger().info("round with seed {} at {} s", seed, static_cast<double>(time_ns) * 1e-9);
-  pacer_.restart(time_ns);
+  scheduler_.restart(time_ns);
   return result;
 }
 
@@ -226,7 +265,7 @@ runtime::StepResult Session1::step(const protocol1::State& state) {
     frames.push_back({time_ns, devices(state.poses, head_pitch_deg_)});
   }
   runtime::StepResult result = app_->step(frames);
-  pacer_.waitFor(frames.back().time_ns);
+  scheduler_.waitFor(frames.back().time_ns);
   return result;
 }
 
@@ -255,6 +294,7 @@ std::int64_t Session1::gameTimeNs(double user_time_s) const {
   return frameTimeNs(user_time_s - origin_s_, handshake_.sample_frequency_hz);
 }
 
+/// A session of protocol 2: several apps, batched messages.
 class Session2 final : public Session {
  public:
   explicit Session2(AppHost& host);
@@ -302,7 +342,7 @@ class Session2 final : public Session {
   /// What comes back is what the client can take.
   bool sends_haptics_ = true;
   bool sends_sounds_ = true;
-  Pacer pacer_;
+  FrameScheduler scheduler_;
   bool over_ = false;
 };
 
@@ -347,8 +387,8 @@ std::string asString(std::span<const std::uint8_t> bytes) {
 Session2::Session2(AppHost& host)
     : host_(host),
       workers_(host.settings().threads),
-      pacer_(host.settings().realtime,
-             host.settings().time_scale > 0.0 ? host.settings().time_scale : 1.0) {}
+      scheduler_(host.settings().realtime,
+                 host.settings().time_scale > 0.0 ? host.settings().time_scale : 1.0) {}
 
 Reply Session2::answer(Frames body) {
   Header header;
@@ -551,10 +591,10 @@ Reply Session2::playAll(const Header& header, const std::vector<Record>& records
   return reply;
 }
 
-void Session2::pace(const protocol2::ResetRecord& record) { pacer_.restart(record.time_ns); }
+void Session2::pace(const protocol2::ResetRecord& record) { scheduler_.restart(record.time_ns); }
 
 void Session2::pace(const protocol2::StepRecord& record) {
-  if (!record.frames.empty()) pacer_.waitFor(record.frames.back().time_ns);
+  if (!record.frames.empty()) scheduler_.waitFor(record.frames.back().time_ns);
 }
 
 void Session2::addImages(const std::vector<Result>& results, Reply& reply) {

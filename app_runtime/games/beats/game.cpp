@@ -220,6 +220,7 @@ std::vector<rl::LoggedItem> loggedItems() {
 
 }  // namespace
 
+// docs/reference/games/beats.md has the log's definitions.
 rl::GameFacts Beats::facts() const {
   rl::GameFacts facts;
   facts.round_seconds = makeLevel({}, 0).length_s;

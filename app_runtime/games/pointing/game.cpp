@@ -197,6 +197,7 @@ rl::GameCondition plane(const std::string& name, const std::string& where, doubl
 
 }  // namespace
 
+// docs/reference/games/pointing.md has the formulas.
 rl::GameFacts Pointing::facts() const {
   rl::GameFacts facts;
   facts.devices = {"controller_right"};

@@ -258,6 +258,8 @@ std::vector<rl::Measure> measures() {
 
 }  // namespace
 
+// Definitions follow the released analysis of the user study, so that a simulated user's numbers
+// compare with people's. docs/reference/games/whacamole.md has the log's.
 rl::GameFacts WhacAMole::facts() const {
   const Settings usual;
   rl::GameFacts facts;

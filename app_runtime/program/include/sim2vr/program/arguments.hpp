@@ -68,7 +68,7 @@ struct Arguments {
   std::vector<std::string> warnings;
 };
 
-/// Help or version text was asked for, or the command line cannot be used.
+/// Help or version text was requested, or the command line cannot be used.
 class Finished : public std::runtime_error {
  public:
   Finished(const std::string& text, int code) : std::runtime_error(text), code_(code) {}

@@ -19,7 +19,7 @@ from sim2vr_harness.client import (
     start_sim2vr_app,
     transport_named,
 )
-from sim2vr_harness.client.runtime import loaded_game_libraries
+from sim2vr_harness.client.games import loaded_game_libraries
 
 
 def over(

@@ -43,6 +43,7 @@ from sim2vr_harness.client.games import (
     describe_game,
     facts_of_outside,
     list_options,
+    load_game_library,
 )
 from sim2vr_harness.client.in_process import InProcessApp
 from sim2vr_harness.client.in_process_batch import InProcessBatch, InProcessBatchApp
@@ -65,7 +66,6 @@ from sim2vr_harness.client.runtime import (
     frame_times_ns,
     gl_renderer,
     list_games,
-    load_game_library,
     runtime_version,
 )
 from sim2vr_harness.client.scene import PLAYER_LAYER, AppScene, SceneMesh, SceneObject

@@ -15,9 +15,9 @@ from pathlib import Path
 from sim2vr_harness.base.notices import notice_once
 from sim2vr_harness.client.base import OptionValue, plain_options
 from sim2vr_harness.client.channel import Channel, checked_duration_s
-from sim2vr_harness.client.games import describe_game
+from sim2vr_harness.client.games import describe_game, loaded_game_libraries
 from sim2vr_harness.client.process import AppProcess, log_folder
-from sim2vr_harness.client.runtime import list_games, loaded_game_libraries
+from sim2vr_harness.client.runtime import list_games
 
 _FLAGS = ("adaptive", "sparse")
 """Options of the reference that are flags."""

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import os
-from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.base.gl import prepare_process
 from sim2vr_harness.client.base import Int64Array
-from sim2vr_harness.registration import register_games
 
 
 def checked_seed(seed: int) -> int:
@@ -45,46 +41,6 @@ def gl_renderer(kind: str = "automatic") -> str:
 def list_games() -> dict[str, str]:
     """Names of the games the runtime can play, with their descriptions."""
     return dict(load_runtime().list_games())
-
-
-_libraries: dict[str, None] = {}
-"""Libraries of games that this process has opened, in this order."""
-
-
-def load_game_library(file: str | Path) -> tuple[str, ...]:
-    """Open a shared library of games, which runs its code, and return the games' names.
-
-    They are then games of this process like those that are built in, Gymnasium ids included.
-
-    Raises:
-        ValueError: it cannot be opened, was built against another version of sim2vr, or has a game
-            of a name that is taken.
-    """
-    real = os.path.realpath(file)
-    runtime = load_runtime()
-    names = tuple(runtime.load_game_library(real))
-    register_games({json.loads(runtime.game_facts(name))["id"]: name for name in names})
-    _libraries[real] = None
-    return names
-
-
-def loaded_game_libraries() -> tuple[str, ...]:
-    """Return the libraries that this process has opened; servers that it starts open them too."""
-    return tuple(_libraries)
-
-
-def require_game_library(file: str | Path) -> None:
-    """Check that a library of games that a configuration names was opened.
-
-    Raises:
-        ValueError: it was not: no one has agreed to run its code.
-    """
-    if os.path.realpath(file) not in _libraries:
-        raise ValueError(
-            f"app.game_library: got {str(file)!r}, code that you have not run before; expected "
-            "--trust-app, if you know where it comes from, or, in Python, "
-            "sim2vr_harness.client.load_game_library(FILE) before"
-        )
 
 
 def frame_time_ns(frame: int, frame_rate_hz: int) -> int:

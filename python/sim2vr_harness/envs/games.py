@@ -7,7 +7,7 @@ from functools import cache
 from typing import Any
 
 from sim2vr_harness.client import GameFacts, describe_game, facts_of_outside, list_games
-from sim2vr_harness.client.runtime import require_game_library
+from sim2vr_harness.client.games import require_game_library
 from sim2vr_harness.client.tasks import load_task, names_code, task_facts
 from sim2vr_harness.envs.apps import facts_told, judged, knows_options
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, with_options

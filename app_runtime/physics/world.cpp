@@ -144,10 +144,6 @@ bool overlap(const PlacedShape& a, const PlacedShape& b) {
   return coresWithin(a.core(), b.core(), relative, radii);
 }
 
-bool overlaps(const Collider& a, const Collider& b) {
-  return overlap(PlacedShape(a), PlacedShape(b));
-}
-
 // Names a collider across save and load, and distinguishes it from one that was off in between.
 struct ColliderKey {
   std::uint64_t object_id = 0;
@@ -231,6 +227,10 @@ void tell(const std::vector<Event>& events, Callback callback) {
 }
 
 }  // namespace
+
+bool overlaps(const Collider& a, const Collider& b) {
+  return overlap(PlacedShape(a), PlacedShape(b));
+}
 
 class PhysicsWorld::Impl {
  public:

@@ -11,11 +11,6 @@
 namespace sim2vr::openxr {
 namespace {
 
-bool isTopLevel(std::string_view path) {
-  return path == "/user/hand/left" || path == "/user/hand/right" || path == "/user/head" ||
-         path == "/user/gamepad" || path == "/user/treadmill";
-}
-
 void requireName(std::string_view name, std::string_view localized, const char* what) {
   if (!xr::isName(name)) {
     throw Failure(name.empty() ? XR_ERROR_NAME_INVALID : XR_ERROR_PATH_FORMAT_INVALID,
@@ -68,6 +63,11 @@ std::shared_ptr<Instance> instanceOf(const Object& child) {
 }
 
 }  // namespace
+
+bool isTopLevel(std::string_view path) {
+  return path == "/user/hand/left" || path == "/user/hand/right" || path == "/user/head" ||
+         path == "/user/gamepad" || path == "/user/treadmill";
+}
 
 std::size_t subactionIndex(const Instance& instance, const Action& action, XrPath subaction) {
   if (subaction == XR_NULL_PATH) return xr::kBothHands;

@@ -1,12 +1,15 @@
 // Actions, and what they are bound to.
 #pragma once
 
+#include <string_view>
 #include <vector>
 
 #include "objects.hpp"
 
 namespace sim2vr::openxr {
 
+/// Such as /user/hand/left.
+bool isTopLevel(std::string_view path);
 /// Index into Action::states for a subaction path. Throws Failure (XR_ERROR_PATH_INVALID; where the
 /// action has no such subaction XR_ERROR_PATH_UNSUPPORTED).
 std::size_t subactionIndex(const Instance& instance, const Action& action, XrPath subaction);

@@ -1,6 +1,5 @@
 // Suggested bindings, which of them apply, and what the program is told about them.
 #include <algorithm>
-#include <array>
 
 #include "actions.hpp"
 #include "calls.hpp"
@@ -117,9 +116,7 @@ XrResult XRAPI_CALL calls::xrGetCurrentInteractionProfile(
     auto& to =
         structure(interactionProfile, XR_TYPE_INTERACTION_PROFILE_STATE, "interactionProfile");
     const std::string& text = pathText(*self->instance, topLevelUserPath, "topLevelUserPath");
-    const std::array<std::string_view, 5> known{"/user/hand/left", "/user/hand/right", "/user/head",
-                                                "/user/gamepad", "/user/treadmill"};
-    if (std::find(known.begin(), known.end(), text) == known.end()) {
+    if (!isTopLevel(text)) {
       throw Failure(XR_ERROR_PATH_UNSUPPORTED, fmt::format("'{}' is no top level user path", text));
     }
     if (!self->attached) {

@@ -29,7 +29,7 @@ BELOW: dict[str, tuple[str, ...]] = {
     "world_models": _ENVIRONMENTS,
     "runs": _ENVIRONMENTS,
     "policies": (*_ENVIRONMENTS, "runs", "world_models"),
-    "training": _POLICIES,
+    "training": (*_POLICIES, "statistics"),
     "evaluation": (*_POLICIES, "figures", "statistics", "sessions"),
     "human_comparison": _EVALUATION,
     "studies": _TOP,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.state import RowState
 from sim2vr_harness.perception import StepContext
 from sim2vr_harness.perception.wrappers import Ring
 
@@ -16,13 +16,15 @@ BEFORE_S = 0.2
 """How far apart the two pictures are that are looked at, s."""
 
 
-class FrameHistory:
+class FrameHistory(RowState):
     """Colour and depth as the apps drew them; a ``Sense`` that watches N users.
 
     Args:
         simulation: the users; watched from their next reset on.
         late_steps: user steps by which everything is seen late.
     """
+
+    _state = ("_ring", "_heads")
 
     name, pauses, frame = "pictures of the last moments", (), -1
     needs: str | None = None
@@ -64,15 +66,6 @@ class FrameHistory:
         """(N, 3) and (N, 4) where headsets were when what is seen now was drawn."""
         pose = self._heads.ago(self._late)
         return pose[:, :3], pose[:, 3:]
-
-    def get_state(self, i: int) -> dict[str, Any]:
-        """User i's past."""
-        return {"pictures": self._ring.get_state(i), "heads": self._heads.get_state(i)}
-
-    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
-        """Restore what :meth:`get_state` returned."""
-        self._ring.set_state(i, state["pictures"])
-        self._heads.set_state(i, state["heads"])
 
     def _one_eye(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """(H, W, 4) of one eye, or of the left one of two, as ``vision`` has it."""

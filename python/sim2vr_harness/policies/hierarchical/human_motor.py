@@ -195,22 +195,22 @@ class HumanHands:
         """Let users (K,) be in new episodes: they know their first posture."""
         self._new[torch.from_numpy(ids)] = True
 
-    def memory(self) -> dict[str, Any]:
-        """Return what the users have felt and done, for :meth:`recall`."""
+    def state_dict(self) -> dict[str, Any]:
+        """Return what the users have felt and done, for :meth:`load_state_dict`."""
         kept: dict[str, Any] = {name: getattr(self, name).clone() for name in _REMEMBERED}
         for name in ("_felt", "_predicted"):
             motion = getattr(self, name)
             kept |= {} if motion is None else {name: dict(vars(motion))}
         return kept | {"goals": {} if self._perception is None else self._perception.state_dict()}
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Continue from :meth:`memory`."""
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from :meth:`state_dict`."""
         for name in _REMEMBERED:
-            setattr(self, name, memory[name].clone())
+            setattr(self, name, state[name].clone())
         for name in ("_felt", "_predicted"):
-            setattr(self, name, Motion(**memory[name]) if name in memory else None)
+            setattr(self, name, Motion(**state[name]) if name in state else None)
         if self._perception is not None:
-            self._perception.load_state_dict(memory["goals"])
+            self._perception.load_state_dict(state["goals"])
 
     def aim_anew(self, ids: Tensor, far: Tensor) -> None:
         """Let goals of users (K,) be new ones, at distances (K, H) from their hands."""

@@ -63,16 +63,16 @@ class PersonLayer:
     def vigour(self, value: float) -> None:
         self._moved.vigour = value
 
-    def memory(self) -> dict[str, Any]:
-        """Return what the persons remember, for :meth:`recall`."""
+    def state_dict(self) -> dict[str, Any]:
+        """Return what the persons remember, for :meth:`load_state_dict`."""
         own = {} if self._goal is None else {"goal": self._goal.clone()}
-        return {"hands": self._moved.memory(), "vigour": self.vigour, **own}
+        return {"hands": self._moved.state_dict(), "vigour": self.vigour, **own}
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Continue from :meth:`memory`."""
-        self._moved.recall(memory["hands"])
-        self.vigour = memory["vigour"]
-        self._goal = memory.get("goal")
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from :meth:`state_dict`."""
+        self._moved.load_state_dict(state["hands"])
+        self.vigour = state["vigour"]
+        self._goal = state.get("goal")
 
     def motion(self, users: UserBatch) -> tuple[Tensor, Tensor, Tensor]:
         """Angles, speeds (N, J) and drives (N, A) of the users as they are now."""

@@ -8,10 +8,10 @@ rare colours more often than to common ones, and are seen through.
 
 from __future__ import annotations
 
-import copy
 from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +20,14 @@ import torch
 from numpy.typing import NDArray
 
 from sim2vr_harness.base.cores import budget
+from sim2vr_harness.base.state import State
 from sim2vr_harness.policies.hierarchical.action_selection import ActionSelector, OptionScene
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.frame_history import FrameHistory
 from sim2vr_harness.policies.hierarchical.person_layer import PersonLayer
 from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, PrimitiveController
-from sim2vr_harness.runs.checkpoint import read_header, state_header
 from sim2vr_harness.runs.option_config import QLearningConfig
 from sim2vr_harness.training.option_q_learning.exploration import Exploration
-from sim2vr_harness.training.option_q_learning.pace import QLearningReport
 from sim2vr_harness.training.option_q_learning.value_learner import (
     LEARNING_RATE,
     PARTS,
@@ -39,7 +38,6 @@ from sim2vr_harness.training.replay import ReplayStore
 
 __all__ = ["OptionQLearning", "OptionScene", "QLearningReport"]
 
-STATE_FORMAT = 6
 DECIDE_STEPS = 3
 """User steps from one decision to the next: 0.15 s at 20 Hz.
 Users see decisions through for longer where it pays."""
@@ -53,7 +51,24 @@ _SETTLED_RATE, _SETTLED_TRIES = 0.05, 0.25
 _NEAR_M, _REACHED_M = 1.2, 0.06
 
 
-class OptionQLearning:
+@dataclass(frozen=True)
+class QLearningReport:
+    """Progress of the Q-learning.
+
+    Attributes:
+        step: user steps of all users so far.
+        reward: mean reward of the app per minute, over the last ones.
+        loss: of the values.
+        explore: proportion of exploratory decisions.
+    """
+
+    step: int
+    reward: float
+    loss: float
+    explore: float
+
+
+class OptionQLearning(State):
     """Learns values of places and moves while N users try.
 
     Args:
@@ -231,11 +246,6 @@ class OptionQLearning:
             played = self.play(DECIDE_STEPS)
             return played, learning.result()
 
-    def update_seconds(self) -> float:
-        """How long a step of learning takes; see :meth:`ValueLearner.update_seconds`."""
-        alone = budget(self.simulation.config.cores) == 1
-        return self.learner.update_seconds(1 if alone else PARTS)
-
     def play(self, steps: int) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_]]:
         """See the present choice through.
 
@@ -296,64 +306,24 @@ class OptionQLearning:
 
     # --- exact resume ------------------------------------------------------------------------
 
+    _state = (
+        *("step_count", "persons", "manner_chosen", "_rewards", "rng", "net", "learner"),
+        *("_memory", "_trying", "_tried", "_exploration.colours", "primitives.lifts"),
+        "simulation",
+    )
+
     def state_dict(self) -> dict[str, Any]:
         """Copy everything that the next decision depends on; pictures stay in their file."""
-        header = state_header(
-            STATE_FORMAT,
-            step=self.step_count,
-            scale=self.learner.scale,
-            since=self.learner.since,
-            persons=self.persons,
-            manner_chosen=self.manner_chosen,
-            rewards=list(self._rewards),
-            rng=self.rng.bit_generator.state,
-        )
         layer = self.primitives.layer
-        arrays: dict[str, NDArray[Any]] = {
-            "trying": self._trying,
-            "tried": self._tried,
-            "colours": self._exploration.colours,
-            "lifts": self.primitives.lifts.numpy(),
-            "simulation": np.frombuffer(self.simulation.save_state(), np.uint8),
-        }
-        return {
-            "header": header,
-            "net": copy.deepcopy(self.net.state_dict()),
-            "slow": copy.deepcopy(self.learner.slow.state_dict()),
-            "optimizer": copy.deepcopy(self.learner.optimizer.state_dict()),
-            "memory": {key: value.clone() for key, value in self._memory.state_dict().items()},
+        return super().state_dict() | {
             "choice": {name: getattr(self._choice, name).clone() for name in self._kept},
-            "arrays": {name: torch.from_numpy(values.copy()) for name, values in arrays.items()},
-            "layer": layer.memory() if isinstance(layer, PersonLayer) else {},
+            "layer": layer.state_dict() if isinstance(layer, PersonLayer) else {},
         }
-
-    @staticmethod
-    def of_persons(state: Mapping[str, Any]) -> bool:
-        """Whether persons play in a state."""
-        return bool(read_header(state, STATE_FORMAT)["persons"])
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from :meth:`state_dict`.
-
-        Raises:
-            ValueError: it is of another format.
-        """
-        header = read_header(state, STATE_FORMAT)
-        self.step_count, self.learner.scale = header["step"], header["scale"]
-        self.learner.since = header["since"]
-        self.persons, self.manner_chosen = header["persons"], header["manner_chosen"]
-        self._rewards.extend(header["rewards"])
-        self.rng.bit_generator.state = header["rng"]
-        self.net.load_state_dict(state["net"])
-        self.learner.slow.load_state_dict(state["slow"])
-        self.learner.optimizer.load_state_dict(state["optimizer"])
-        self._memory.load_state_dict(len(state["memory"]["over"]), state["memory"])
+        """Continue from :meth:`state_dict`."""
+        super().load_state_dict(state)
         for name in self._kept:
             setattr(self._choice, name, state["choice"][name].clone())
-        arrays = {name: values.numpy() for name, values in state["arrays"].items()}
-        self._trying, self._tried = arrays["trying"].copy(), arrays["tried"].copy()
-        self._exploration.colours = arrays["colours"].copy()
-        self.primitives.lifts = state["arrays"]["lifts"].clone()
-        self.simulation.load_state(arrays["simulation"].tobytes())
         if isinstance(self.primitives.layer, PersonLayer):
-            self.primitives.layer.recall(state["layer"])
+            self.primitives.layer.load_state_dict(state["layer"])

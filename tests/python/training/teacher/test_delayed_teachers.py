@@ -114,12 +114,12 @@ def test_a_teacher_knows_the_past_and_what_it_has_done_since() -> None:
             np.testing.assert_array_equal(known[:, angle], history[max(0, step - 3)][1])
             np.testing.assert_allclose(known[:, done], actions[-1][:, 0], atol=1e-7)
             np.testing.assert_allclose(known[:, done + 32], actions[-2][:, 0], atol=1e-7)
-        state, known = sim.save_state(), sim.observation()[OBSERVATION]
+        state, known = sim.state_dict(), sim.observation()[OBSERVATION]
         sim.reset([0, 1])
         fresh = sim.observation()[OBSERVATION]
         assert not fresh[:2, done:].any()
         assert fresh[2, done:].any()
-        sim.load_state(state)
+        sim.load_state_dict(state)
         np.testing.assert_array_equal(sim.observation()[OBSERVATION], known)
 
 
@@ -149,10 +149,10 @@ def test_who_labels_a_picture_knows_what_it_shows(vision: object, recognition: i
             expected = np.full(4, vision / 1000.0)
         np.testing.assert_allclose(age_s, expected + 0.05 * recognition, atol=1e-5)
         # A saved user goes on with what it knew.
-        state = sim.save_state()
+        state = sim.state_dict()
         sim.step(np.zeros((4, 32)))
         after = senses.observe()
-        sim.load_state(state)
+        sim.load_state_dict(state)
         sim.step(np.zeros((4, 32)))
         np.testing.assert_array_equal(senses.observe(), after)
 

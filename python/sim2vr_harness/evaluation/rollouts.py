@@ -16,7 +16,7 @@ from sim2vr_harness.envs.protocols import SimulationLike
 from sim2vr_harness.evaluation.exertion import ExertionRecorder
 from sim2vr_harness.evaluation.metrics import RoundResult, round_result
 from sim2vr_harness.evaluation.muscle_groups import groups_of, worst_of
-from sim2vr_harness.policies.protocol import Act, FunctionPolicy, Policy, episode_of
+from sim2vr_harness.policies.protocol import Act, FunctionPolicy, Policy
 
 
 @dataclass(frozen=True)
@@ -133,8 +133,8 @@ class _Wave:
         watchers: Sequence[Watcher],
     ) -> None:
         self._simulation, self._jobs = simulation, jobs
-        chosen = policy if isinstance(policy, Policy) else FunctionPolicy(policy)
-        self._acts = [episode_of(chosen) for _ in jobs]
+        self._policy = policy if isinstance(policy, Policy) else FunctionPolicy(policy)
+        self._memory = self._policy.begin(len(jobs))
         self._facts, self._watchers = facts, watchers
         self._fatigue = groups_of(simulation)
         self._rngs: list[np.random.Generator | None] = [
@@ -163,17 +163,12 @@ class _Wave:
             watcher.started(self._simulation, self._jobs)
         while any(result is None for result in self._results):
             observation = self._simulation.observation()
-            self._step(self._actions(observation))
+            actions = self._policy.act(observation, self._memory, self._rngs)
+            # Who is done rests until the others are.
+            over = np.array([result is not None for result in self._results])
+            self._step(np.where(over[:, None], np.float32(0.0), actions))
             on_progress(self._share(observation))
         return [result for result in self._results if result is not None]
-
-    def _actions(self, observation: dict[str, NDArray]) -> NDArray[np.float32]:
-        actions = np.zeros((len(self._jobs), *(self._simulation.action_space.shape)), np.float32)
-        for i, result in enumerate(self._results):
-            if result is None:
-                own = {key: value[i] for key, value in observation.items()}
-                actions[i] = self._acts[i](own, self._rngs[i])
-        return actions
 
     def _step(self, actions: NDArray[np.float32]) -> None:
         outcome = self._simulation.step(actions)

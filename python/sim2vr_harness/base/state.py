@@ -54,7 +54,7 @@ class RowState:
 
     def state_dict(self, i: int) -> dict[str, Any]:
         """Copy everything that user i's future depends on."""
-        state = {}
+        state: dict[str, Any] = {}
         for name in self._state:
             value = getattr(self, name)
             if isinstance(value, np.ndarray):

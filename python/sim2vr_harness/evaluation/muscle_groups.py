@@ -89,14 +89,14 @@ def fatigue_names(user: UserConfig) -> tuple[str, ...]:
 
 def worst_of(simulation: Any, user: int) -> NDArray[np.float64]:
     """Return (L,) largest shares of fatigued motor units of a user's round so far."""
-    worst: NDArray[np.float64] = simulation.users.effort.state()["max_MF"][user]
+    worst: NDArray[np.float64] = simulation.users.effort.state_dict()["max_MF"][user]
     return worst
 
 
 def groups_of(simulation: Any) -> FatigueGroups | None:
     """Return what tires of a simulation's users; None without a model of fatigue."""
     users = getattr(simulation, "users", None)
-    if not isinstance(users, UserBatch) or "max_MF" not in users.effort.state():
+    if not isinstance(users, UserBatch) or "max_MF" not in users.effort.state_dict():
         return None
     return fatigue_groups(users.body)
 

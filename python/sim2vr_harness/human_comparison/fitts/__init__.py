@@ -14,6 +14,7 @@ from sim2vr_harness.human_comparison.fitts.law import (
     FittedLine,
     FittsResult,
     fit_line,
+    fitts_law,
     measure_user,
 )
 from sim2vr_harness.human_comparison.fitts.movements import Block, Movement, blocks_of, movements_of
@@ -27,6 +28,7 @@ __all__ = [
     "Tap",
     "blocks_of",
     "fit_line",
+    "fitts_law",
     "measure_user",
     "movements_of",
     "read_taps",

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.human_comparison.fitts.movements import Block, Movement, blocks_of, movements_of
@@ -34,15 +35,22 @@ class FittedLine:
     points: int
 
 
-def fit_line(bits: Sequence[float], times_s: Sequence[float]) -> FittedLine | None:
-    """Fit movement times by indices of difficulty; None below three different indices."""
-    if len(set(bits)) < 3:
-        return None
-    x, y = np.asarray(bits, dtype=np.float64), np.asarray(times_s, dtype=np.float64)
+def fitts_law(id_bits: ArrayLike, seconds: ArrayLike) -> tuple[float, float, float]:
+    """Fit MT = a + b ID by least squares; return a (s), b (s/bit) and R2.
+
+    Args:
+        id_bits: (N,) indices of difficulty, of at least two different values.
+        seconds: (N,) movement times; R2 is 0 where all are the same.
+    """
+    x, y = np.asarray(id_bits, dtype=np.float64), np.asarray(seconds, dtype=np.float64)
     b, a = np.polyfit(x, y, 1)
     rest, total = np.sum((y - a - b * x) ** 2), np.sum((y - y.mean()) ** 2)
-    r2 = 1.0 - rest / total if total > 0.0 else 0.0
-    return FittedLine(float(a), float(b), float(r2), len(x))
+    return float(a), float(b), float(1.0 - rest / total) if total > 0.0 else 0.0
+
+
+def fit_line(bits: Sequence[float], times_s: Sequence[float]) -> FittedLine | None:
+    """Fit movement times by indices of difficulty; None below three different indices."""
+    return FittedLine(*fitts_law(bits, times_s), len(bits)) if len(set(bits)) > 2 else None
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,17 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import file_name
 from sim2vr_harness.games.behaviour import Behaviour
 from sim2vr_harness.human_comparison import motion, outcomes, strikes
+from sim2vr_harness.human_comparison.fitts import (
+    AimedPerson,
+    AimedRound,
+    aimed_person,
+    aimed_round,
+)
 from sim2vr_harness.human_comparison.grid import SETTLING_S, Track
 from sim2vr_harness.human_comparison.measures import measures_in
 from sim2vr_harness.human_comparison.reaction import Effect, effect_of, effects, reaction
-from sim2vr_harness.human_comparison.rounds import PlayedRound
+from sim2vr_harness.human_comparison.rounds import PlayedRound, round_of
+from sim2vr_harness.sessions import Session
 
 FloatArray = NDArray[np.float64]
 Cell = tuple[str, str]
@@ -37,6 +44,7 @@ class RoundMeasures:
         samples: single targets, hits and frames.
         cells: (C, 2) hits and misses of every cell.
         effect: what the visuomotor latency is worked out from; None where it is not measured.
+        aimed: the movements of a round of aimed movements, in which nothing else is measured.
     """
 
     cell: Cell
@@ -45,6 +53,7 @@ class RoundMeasures:
     samples: Mapping[str, FloatArray]
     cells: FloatArray
     effect: Effect | None
+    aimed: AimedRound | None = None
 
 
 @dataclass(frozen=True)
@@ -58,6 +67,8 @@ class RecordedPerson:
         cell_rates: (C,) hit rate of every cell, NaN where nothing came up.
         effect: of all its targets; None where it is not measured.
         rounds: how many.
+        further: numbers that are no measures of the game, such as misses.
+        aimed: of all its aimed movements; None in other games.
     """
 
     name: str
@@ -67,7 +78,21 @@ class RecordedPerson:
     effect: Effect | None
     rounds: int
     further: Mapping[str, float] = field(default_factory=dict)
-    """Beside the 64: misses."""
+    aimed: AimedPerson | None = None
+
+
+def measure_session(session: Session, behaviour: Behaviour, person: str) -> RoundMeasures | None:
+    """Measure a session; None of a condition that is not compared.
+
+    Raises:
+        InputError: It is no round of the game, or too short.
+    """
+    if behaviour.aimed:
+        cell = next(iter(behaviour.groups)), next(iter(behaviour.conditions))
+        nothing = np.zeros((len(behaviour.places_m), 2))
+        return RoundMeasures(cell, person, {}, {}, nothing, None, aimed_round(session))
+    played = round_of(session, behaviour, person)
+    return None if played is None else measure_round(played, behaviour)
 
 
 def measure_round(played: PlayedRound, behaviour: Behaviour) -> RoundMeasures:
@@ -155,6 +180,10 @@ def _person(name: str, rounds: Sequence[RoundMeasures], behaviour: Behaviour) ->
     if np.isfinite(rates).any():
         values["cell_hit_rates"] = float(np.nanmean(rates))
         values["worst_cell"] = float(np.nanmin(rates))
+    movements = [each.aimed for each in rounds if each.aimed is not None]
+    aimed = aimed_person(movements, name) if movements else None
+    if aimed is not None:
+        values |= aimed.values()
     chosen = {measure.name for measure in measures_in(behaviour, *rounds[0].cell)}
     return RecordedPerson(
         name=name,
@@ -163,5 +192,6 @@ def _person(name: str, rounds: Sequence[RoundMeasures], behaviour: Behaviour) ->
         cell_rates=rates,
         effect=effect_of(parts) if parts else None,
         rounds=len(rounds),
-        further={"misses": values["misses"]},
+        further={key: values[key] for key in ("misses",) if key in values},
+        aimed=aimed,
     )

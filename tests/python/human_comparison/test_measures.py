@@ -24,9 +24,9 @@ def values_of(*rounds):
     return person.values
 
 
-def test_there_are_64_measures_in_ten_families() -> None:
+def test_there_are_64_measures_in_ten_families_beside_aimed_movements() -> None:
     assert len({measure.name for measure in MEASURES}) == 64
-    assert len(FAMILIES) == 10
+    assert len(FAMILIES) == 11
     counts = {
         (group, condition): len(measures_in(WHACAMOLE, group, condition))
         for group in ("constrained", "unconstrained")

@@ -3,9 +3,8 @@
 - :mod:`.rounds`: a session as it is measured: tool, hand, head and targets
 - :mod:`.grid`: positions on an even grid of time, and values computed from them
 - :mod:`.measures`: the list of measures
-- :mod:`.outcomes`, :mod:`.motion`, :mod:`.reaction`, :mod:`.strikes`: measures of a round
+- :mod:`.persons`, :mod:`.reaction`: measures of a round, and of one person's rounds
 - :mod:`.fitts`: aimed movements: Fitts' law, throughput, what is published
-- :mod:`.persons`: measures of a round and of one person's rounds
 - :mod:`.comparing`: users against people, and one of the people against the others
 - :mod:`.contrasts`: differences between conditions, fatigue
 - :mod:`.sources`: recorded people and users; lets users play if needed

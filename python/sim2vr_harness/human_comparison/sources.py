@@ -138,11 +138,11 @@ class Recorded:
 
 @dataclass(frozen=True)
 class Sources:
-    """Everybody who is compared.
+    """People and users, measured.
 
     Attributes:
         behaviour: what the measures know of the game, or of an app without a description.
-        people: whose range decides; of nobody where none were recorded.
+        people: whose range decides; empty where none were recorded.
         users: by what was given for each.
     """
 
@@ -174,8 +174,8 @@ def read_sources(
         on_progress: Called with the share of the work done.
 
     Raises:
-        InputError: somebody cannot be measured or cannot play. All that can be known before
-            anybody plays is checked before.
+        InputError: a round cannot be measured, or a user cannot play. All that can be known before
+            a user plays is checked before.
     """
     recorded = [each for path in people for each in read_people(path, unconstrained=unconstrained)]
     behaviour = _described(users, recorded, game, plays)
@@ -251,7 +251,7 @@ def _check(
     behaviour: Behaviour | None,
     plays: Plays,
 ) -> None:
-    """Refuse before anybody plays what would be refused after it."""
+    """Refuse before users play what would be refused after it."""
     if behaviour is None:
         every = [*recorded, *(each for own in ready.values() for each in own)]
         known = behaviour_of_sessions(_name(recorded, plays.remote), [e.session for e in every])

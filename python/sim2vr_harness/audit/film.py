@@ -13,7 +13,7 @@ from sim2vr_harness.audit.reaching import MIRROR
 from sim2vr_harness.audit.summary import Audit
 from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
-from sim2vr_harness.evaluation.video import Film
+from sim2vr_harness.play.film import Film
 from sim2vr_harness.users import load_body
 from sim2vr_harness.users.rendering import OrbitView, UserRenderer
 

@@ -245,7 +245,7 @@ def _listed(
     from sim2vr_harness.audit.pages import find_things, located, things_as_targets
     from sim2vr_harness.audit.targets import read_targets
     from sim2vr_harness.base.errors import InputError
-    from sim2vr_harness.evaluation.environment import evaluation_env
+    from sim2vr_harness.play.environment import evaluation_env
     from sim2vr_harness.runs.config import TrainingConfig
 
     env = evaluation_env(TrainingConfig(), remote, overrides, source="--set") if remote else None

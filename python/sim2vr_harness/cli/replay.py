@@ -118,7 +118,7 @@ def replay(
 
 def _film(video: Path, size: str, fps: float) -> ReplayFilm:
     from sim2vr_harness.evaluation.replay.film import ReplayFilm
-    from sim2vr_harness.evaluation.snapshot import parse_size
+    from sim2vr_harness.play.snapshot import parse_size
 
     return ReplayFilm(video, parse_size(size, (4096, 4096)), fps)
 

@@ -53,7 +53,7 @@ def snapshot(
         sim2vr-harness render snapshot --game beats --condition level
         sim2vr-harness render snapshot --page game.html --user random
     """
-    from sim2vr_harness.evaluation import snapshot as pictures
+    from sim2vr_harness.play import snapshot as pictures
 
     run, baseline = who_plays(None, user)
     files = pictures.snapshot(

@@ -25,14 +25,15 @@ from sim2vr_harness.evaluation.conditions import (
 )
 from sim2vr_harness.evaluation.data.folder import EvaluationData
 from sim2vr_harness.evaluation.data.recording import DataRecorder
-from sim2vr_harness.evaluation.environment import evaluation_env, make_simulation
 from sim2vr_harness.evaluation.expectations import Planned
-from sim2vr_harness.evaluation.metrics import RoundResult, summarise
 from sim2vr_harness.evaluation.results import EvaluationResults
-from sim2vr_harness.evaluation.rollouts import Watcher, jobs_for, play
-from sim2vr_harness.evaluation.round_logs import RoundLogs
 from sim2vr_harness.evaluation.training_distribution import met, unpractised
-from sim2vr_harness.evaluation.video import RoundFilmer
+from sim2vr_harness.play.environment import evaluation_env, make_simulation
+from sim2vr_harness.play.exertion import ExertionRecorder, FatigueRecorder
+from sim2vr_harness.play.film import RoundFilmer
+from sim2vr_harness.play.player import Watcher, jobs_for, play
+from sim2vr_harness.play.round import Round, summarise
+from sim2vr_harness.play.round_logs import RoundLogs
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy
 from sim2vr_harness.policies.hierarchical.pointing import apart, rays_of
 from sim2vr_harness.policies.protocol import Policy
@@ -124,7 +125,7 @@ class Evaluation:
     step: int
     checkpoint: Path
     files: list[Path]
-    rounds: list[RoundResult]
+    rounds: list[Round]
     unpractised: list[str]
     data: EvaluationData
     unread: list[str]
@@ -196,14 +197,15 @@ def evaluate(
 
 def _recorded(
     plan: _Plan, simulation: SimulationFactory, on_progress: Callable[[float], None]
-) -> tuple[list[RoundResult], DataRecorder, list[Path]]:
+) -> tuple[list[Round], DataRecorder, list[Path]]:
     """Play all rounds and write tables; return them, what wrote them, and films and logs."""
     wanted, out = plan.request, plan.out
     kept = wanted.log or _logs_by_itself(plan.env)
     logs = RoundLogs(out / ("logs" if wanted.log else _PASSING_LOGS)) if kept else None
     filmer = RoundFilmer(out, plan.facts, seconds=wanted.film_seconds) if wanted.record else None
     recorder = DataRecorder(out, plan.facts, plan.env, moments=wanted.steps)
-    watchers: list[Watcher] = [*recorder.watchers, *wanted.watchers]
+    watchers: list[Watcher] = [ExertionRecorder(), FatigueRecorder()]
+    watchers += [*recorder.watchers, *wanted.watchers]
     watchers += [each for each in (logs, filmer) if each]
     with ExitStack() as stack:
         stack.callback(shutil.rmtree, out / _PASSING_LOGS, ignore_errors=True)
@@ -290,7 +292,7 @@ class _Plan:
         """The weight of effort in the reward."""
         return effort_weight(self.env.user.effort.model, self.env.user.effort.weight)
 
-    def summaries(self, rounds: Sequence[RoundResult]) -> dict[str, dict[str, Any]]:
+    def summaries(self, rounds: Sequence[Round]) -> dict[str, dict[str, Any]]:
         """Return means by condition, with settings and rounds."""
         found = {}
         for condition in self.conditions:
@@ -314,7 +316,7 @@ def _play(
     watchers: Sequence[Watcher],
     simulation: SimulationFactory,
     on_progress: Callable[[float], None],
-) -> list[RoundResult]:
+) -> list[Round]:
     """Play all rounds, conditions that the same apps can play together."""
 
     def make_policy(users: Any) -> Policy:
@@ -329,7 +331,7 @@ def _play(
             plan.results.require_room(names, plan.settings)
         return policy
 
-    rounds: list[RoundResult] = []
+    rounds: list[Round] = []
     groups = condition_groups(plan.env, plan.conditions)
     for number, (env, conditions) in enumerate(groups):
 

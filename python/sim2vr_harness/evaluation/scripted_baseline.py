@@ -29,13 +29,14 @@ from sim2vr_harness.evaluation.conditions import (
     chosen_conditions,
     condition_groups,
 )
-from sim2vr_harness.evaluation.environment import make_simulation
 from sim2vr_harness.evaluation.evaluate import batch_for
 from sim2vr_harness.evaluation.expectations import Planned
-from sim2vr_harness.evaluation.metrics import RoundResult, summarise
 from sim2vr_harness.evaluation.results import EvaluationResults
-from sim2vr_harness.evaluation.rollouts import Job, Watcher, jobs_for, play
-from sim2vr_harness.evaluation.video import RoundFilmer
+from sim2vr_harness.play.environment import make_simulation
+from sim2vr_harness.play.exertion import ExertionRecorder, FatigueRecorder
+from sim2vr_harness.play.film import RoundFilmer
+from sim2vr_harness.play.player import Job, Watcher, jobs_for, play
+from sim2vr_harness.play.round import Round, summarise
 from sim2vr_harness.policies.protocol import Policy
 from sim2vr_harness.policies.scripted import (
     ScriptedPolicy,
@@ -161,12 +162,13 @@ class _Baseline:
         seed: int,
         watchers: Sequence[Watcher],
         on_progress: Callable[[float], None],
-    ) -> list[RoundResult]:
+    ) -> list[Round]:
         """Return the rounds of all groups, each with apps of its own."""
-        rounds: list[RoundResult] = []
+        rounds: list[Round] = []
         if is_script(self._user):
             self._script = _ScriptWatcher(self._facts)
             watchers = [self._script, *watchers]
+        watchers = [ExertionRecorder(), FatigueRecorder(), *watchers]
         for number, (config, conditions) in enumerate(groups):
             rounds += play(
                 partial(self._make, config),
@@ -206,7 +208,7 @@ class _Baseline:
         return found
 
 
-class _ScriptWatcher:
+class _ScriptWatcher(Watcher):
     """Passes the values of the app to a script, and keeps what its steps did."""
 
     def __init__(self, facts: GameFacts) -> None:
@@ -230,12 +232,12 @@ class _ScriptWatcher:
             values = {name: value for name, value in log.items() if name in self._values}
             self.policy.episodes[-1].take(values)
 
-    def ended(self, index: int, result: RoundResult) -> None:
+    def ended(self, index: int, result: Round) -> None:
         """See :class:`Watcher`."""
         assert self.policy is not None
         self.steps.append(self.policy.episodes[-1].ended())
 
-    def with_steps(self, rounds: Sequence[RoundResult]) -> list[RoundResult]:
+    def with_steps(self, rounds: Sequence[Round]) -> list[Round]:
         """Return the rounds with the measures of the script."""
         found = []
         for result, steps in zip(rounds, self.steps, strict=True):
@@ -270,7 +272,7 @@ def _saved(
 
 def _summary(
     condition: str,
-    rounds: list[RoundResult],
+    rounds: list[Round],
     facts: GameFacts,
     scripts: Sequence[list[dict[str, Any]]],
 ) -> dict[str, Any]:

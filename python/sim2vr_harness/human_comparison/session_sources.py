@@ -13,7 +13,6 @@ from sim2vr_harness.envs.config import AppConfig
 from sim2vr_harness.envs.games import game_facts, with_task
 from sim2vr_harness.evaluation.evaluate import evaluate
 from sim2vr_harness.evaluation.scripted_baseline import evaluate_baseline
-from sim2vr_harness.evaluation.session_recorder import SessionRecorder
 from sim2vr_harness.games.behaviour import Behaviour
 from sim2vr_harness.human_comparison.app_sessions import (
     behaviour_of_sessions,
@@ -24,6 +23,7 @@ from sim2vr_harness.human_comparison.app_sessions import (
 from sim2vr_harness.human_comparison.persons import persons_of
 from sim2vr_harness.human_comparison.report import ComparisonReport
 from sim2vr_harness.human_comparison.sources import Plays, Source
+from sim2vr_harness.play.session_recorder import SessionRecorder
 from sim2vr_harness.policies.scripted.steps import is_script, read_steps
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import load_config

@@ -14,12 +14,12 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import Condition, GameFacts, describe_game, facts_of_outside
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.evaluation import evaluate as module
-from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
-from sim2vr_harness.evaluation.metrics import RoundResult, round_result, summarise
-from sim2vr_harness.evaluation.rollouts import Job, jobs_for, play
 from sim2vr_harness.evaluation.tables import results_table
 from sim2vr_harness.evaluation.training_distribution import met, unpractised
+from sim2vr_harness.play.environment import evaluation_env
+from sim2vr_harness.play.player import Job, jobs_for, play
+from sim2vr_harness.play.round import Round, round_result, summarise
 from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import TrainingConfig
@@ -39,7 +39,7 @@ def play_with(trained: Path, request: Request, **how: Any) -> module.Evaluation:
     return evaluate(trained, request, simulation=FakeSimulation, **how)
 
 
-def result(hits: float, misses: float, **log: float) -> RoundResult:
+def result(hits: float, misses: float, **log: float) -> Round:
     return round_result(
         WHACAMOLE,
         condition="medium",
@@ -382,26 +382,25 @@ def test_player_is_the_mean_plus_its_own_noise(trained: Path) -> None:
     assert np.array_equal(draws[0], player.act(own, None, np.random.default_rng(0)))
 
 
-def test_users_who_finish_early_do_not_disturb_the_others() -> None:
-    resets: list[Any] = []
+def test_users_who_finish_early_rest_while_the_others_play_on() -> None:
+    rests: list[list[int]] = []
 
     class Watched(FakeSimulation):
-        def reset(self, ids=None, seeds=None, options=None):
-            resets.append((ids, options))
-            return super().reset(ids, seeds, options)
+        def step(self, actions, resting=()):
+            rests.append(list(resting))
+            return super().step(actions)
 
-    jobs = [Job("easy", k, k) for k in range(4)]
     results = play(
         lambda n: Watched(n=n),
         lambda simulation: lambda observation, rng: rng.uniform(-1, 1, 3).astype(np.float32),
-        jobs,
+        [Job("easy", k, k) for k in range(4)],
         WHACAMOLE,
         deterministic=False,
     )
     assert [r.seed for r in results] == [0, 1, 2, 3]
-    idle = [ids for ids, options in resets if options is None]
-    longest = max(r.steps for r in results)
-    assert sum(len(ids) for ids in idle) == sum(r.steps < longest for r in results)
+    assert len({r.steps for r in results}) > 1
+    for step, resting in enumerate(rests):
+        assert resting == [k for k, r in enumerate(results) if r.steps <= step]
 
 
 def test_jobs() -> None:

@@ -9,8 +9,7 @@ import numpy as np
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import AppClient, AppReply, facts_of_outside
-from sim2vr_harness.evaluation.scene_images import Painter, headset_view, score_text
-from sim2vr_harness.evaluation.video import Film
+from sim2vr_harness.play.film import Film, Painter, headset_view, score_text
 from sim2vr_harness.sessions import Session
 
 _COUNTDOWN_NS = 500_000_000

@@ -12,8 +12,7 @@ from PIL import Image, ImageDraw, ImageFont
 from sim2vr_harness.base.files import naming
 from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.frames import position_to_app
-from sim2vr_harness.evaluation.scene_images import PlainLooks
-from sim2vr_harness.evaluation.video import Film
+from sim2vr_harness.play.film import Film, PlainLooks
 from sim2vr_harness.tools.reach.measuring import Measured
 from sim2vr_harness.tools.reach.shell import shell
 from sim2vr_harness.users.rendering import OrbitView, UserRenderer

@@ -19,7 +19,7 @@ from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.client.runtime import frame_time_ns
 from sim2vr_harness.envs.apps import app_factory
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.evaluation.environment import make_simulation
+from sim2vr_harness.play.environment import make_simulation
 from sim2vr_harness.sessions.state_log import read_lines
 from sim2vr_harness.users.kinematics.forward import Point
 

@@ -11,8 +11,8 @@ from fake_body import FakeBody
 from fake_simulation import FakeSimulation
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.evaluation import comparison_video as side_by_side
-from sim2vr_harness.evaluation.comparison_video import film_comparison
+from sim2vr_harness.play import comparison_film as side_by_side
+from sim2vr_harness.play.comparison_film import film_comparison
 
 imageio_ffmpeg = pytest.importorskip(
     "imageio_ffmpeg", reason="needs imageio-ffmpeg: pip install imageio-ffmpeg"

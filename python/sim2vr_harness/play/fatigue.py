@@ -1,8 +1,8 @@
-"""Group the muscles of a body by the joints that they cross, and measure their fatigue."""
+"""Fatigue of single muscles and of the body parts that they move."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,10 +10,61 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.client import Measure
 from sim2vr_harness.envs.config import UserConfig, body_of
-from sim2vr_harness.evaluation.fatigue import FATIGUE, PARTS, SIDES, split_side
-from sim2vr_harness.users import Body, UserBatch
+from sim2vr_harness.users import Body
 
+FATIGUE = "fatigue."
+"""What names of these measures begin with; a muscle or a body part follows."""
+
+MUSCLE_NAMES = {
+    "DELT1": "deltoid anterior",
+    "DELT2": "deltoid middle",
+    "DELT3": "deltoid posterior",
+    "SUPSP": "supraspinatus",
+    "INFSP": "infraspinatus",
+    "SUBSC": "subscapularis",
+    "TMIN": "teres minor",
+    "TMAJ": "teres major",
+    "PECM1": "pectoralis major clavicular",
+    "PECM2": "pectoralis major sternal",
+    "PECM3": "pectoralis major ribs",
+    "LAT1": "latissimus dorsi thoracic",
+    "LAT2": "latissimus dorsi lumbar",
+    "LAT3": "latissimus dorsi iliac",
+    "CORB": "coracobrachialis",
+    "TRIlong": "triceps long head",
+    "TRIlat": "triceps lateral head",
+    "TRImed": "triceps medial head",
+    "ANC": "anconeus",
+    "SUP": "supinator",
+    "BIClong": "biceps long head",
+    "BICshort": "biceps short head",
+    "BRA": "brachialis",
+    "BRD": "brachioradialis",
+    "ECRL": "extensor carpi radialis longus",
+    "ECRB": "extensor carpi radialis brevis",
+    "ECU": "extensor carpi ulnaris",
+    "FCR": "flexor carpi radialis",
+    "FCU": "flexor carpi ulnaris",
+    "PL": "palmaris longus",
+    "PT": "pronator teres",
+    "PQ": "pronator quadratus",
+}
+"""Abbreviation in MoBL ARMS -> muscle (Holzbaur et al. 2005, doi 10.1007/s10439-005-3320-7; Saul
+et al. 2015 keep the names)."""
+
+PARTS = {
+    "elv_angle": "shoulder",
+    "shoulder_elv": "shoulder",
+    "shoulder_rot": "shoulder",
+    "elbow_flexion": "elbow",
+    "pro_sup": "forearm",
+    "deviation": "wrist",
+    "flexion": "wrist",
+}
+"""Joint of MoBL ARMS -> body part; another joint is a part of its own name."""
+SIDES = {"_r": "right", "_l": "left"}
 _TIRING = "cumulative_fatigue_3ccr"
 """The effort model with motor units that tire."""
 _LEAST_ARM_M = 1e-5
@@ -22,6 +73,31 @@ _POSTURES = 8
 """Drawn from the joints' ranges, beside their middle: an arm may vanish in one posture."""
 _STEP = 1e-4
 """Of a joint, for the difference of lengths; rad, slides m."""
+
+
+def full_name(name: str) -> str:
+    """Return a muscle or part for people: ``ANC_r`` -> ``anconeus, right``; others as they are."""
+    stem, side = split_side(name)
+    words = MUSCLE_NAMES.get(stem, stem)
+    if not side or (stem not in MUSCLE_NAMES and stem not in PARTS.values()):
+        return MUSCLE_NAMES.get(name, name)
+    return f"{words}, {SIDES[side]}"
+
+
+def fatigue_measure(name: str) -> Measure:
+    """Return the measure of a name that begins with :data:`FATIGUE`."""
+    who = full_name(name.removeprefix(FATIGUE))
+    return Measure(name, f"Fatigue of {who}", unit="proportion", better="lower", digits=3)
+
+
+def fatigue_measures(names: Iterable[str]) -> tuple[Measure, ...]:
+    """Return the measures of those names that are of fatigue, each once, in their order."""
+    return tuple(fatigue_measure(name) for name in dict.fromkeys(names) if name.startswith(FATIGUE))
+
+
+def split_side(name: str) -> tuple[str, str]:
+    """Return a name without its side, and the side: ``_r``, ``_l`` or nothing."""
+    return (name[:-2], name[-2:]) if name[-2:] in SIDES else (name, "")
 
 
 @dataclass(frozen=True)
@@ -85,20 +161,6 @@ def muscles_by_part(body: Body, muscles: Sequence[str]) -> dict[str, NDArray[np.
 def fatigue_names(user: UserConfig) -> tuple[str, ...]:
     """Return the names of a user's measures of fatigue; none without a model of fatigue."""
     return fatigue_groups(body_of(user)).names if user.effort.model == _TIRING else ()
-
-
-def worst_of(simulation: Any, user: int) -> NDArray[np.float64]:
-    """Return (L,) largest shares of fatigued motor units of a user's round so far."""
-    worst: NDArray[np.float64] = simulation.users.effort.state()["max_MF"][user]
-    return worst
-
-
-def groups_of(simulation: Any) -> FatigueGroups | None:
-    """Return what tires of a simulation's users; None without a model of fatigue."""
-    users = getattr(simulation, "users", None)
-    if not isinstance(users, UserBatch) or "max_MF" not in users.effort.state():
-        return None
-    return fatigue_groups(users.body)
 
 
 def _moment_arms(body: Body, muscles: Sequence[str]) -> NDArray[np.float64]:

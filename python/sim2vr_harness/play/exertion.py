@@ -1,13 +1,20 @@
-"""Exertion of every arm in a round: NICER and Consumed Endurance, from the body's dynamics."""
+"""What a round costs the body: exertion of every arm, fatigue of every muscle.
+
+NICER and Consumed Endurance come from the body's dynamics.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.evaluation.metrics import ARM_MEASURES
+from sim2vr_harness.play.fatigue import fatigue_groups
+from sim2vr_harness.play.player import Job, Watcher
+from sim2vr_harness.play.round import Round
 from sim2vr_harness.users.batch import UserBatch
 from sim2vr_harness.users.exertion import (
     ArmDynamics,
@@ -24,19 +31,16 @@ _TOGETHER = 256
 """User steps whose dynamics are worked out in one go at most."""
 
 
-class ExertionRecorder:
-    """Follows the arms of N users through their rounds.
+class ExertionRecorder(Watcher):
+    """Follows the arms of N users through their rounds; a body without an arm has no values of it.
 
     Torques are those of inverse dynamics at the end of a user step, with the mean acceleration of
     the step. The published strength is that of the person's sex, times the person's strength
     relative to the median of that sex.
-
-    Args:
-        simulation: whose rounds have begun. Stand-ins without a
-            :class:`~sim2vr_harness.users.batch.UserBatch` have no arms.
     """
 
-    def __init__(self, simulation: Any) -> None:
+    def started(self, simulation: Any, jobs: Sequence[Job]) -> None:
+        """Follow the arms anew; stand-ins without a :class:`UserBatch` have none."""
         users = getattr(simulation, "users", None)
         self._users = users if isinstance(users, UserBatch) else None
         if self._users is None:
@@ -59,19 +63,16 @@ class ExertionRecorder:
         self._consumed = [ConsumedEnduranceMeter(n, strength) for _ in self._arms]
         self._steps: list[tuple[list[int], FloatArray, FloatArray, FloatArray]] = []
         self._velocity, self._dt = users.qvel, users.dt
+        self._playing = list(range(n))
 
-    def step(self, playing: NDArray[np.bool_]) -> None:
-        """Add the step that the users have taken.
-
-        Args:
-            playing: (N,) whose round goes on; what becomes of the others does not matter.
-        """
+    def stepped(self, reward: NDArray[Any], infos: Sequence[Mapping[str, Any]]) -> None:
+        """Add the step of the users whose rounds go on."""
         if self._users is None or not self._arms:
             return
         qpos, qvel = self._users.qpos, self._users.qvel
         qacc = (qvel - self._velocity) / self._dt
         self._velocity = qvel
-        self._steps.append((np.flatnonzero(playing).tolist(), qpos, qvel, qacc))
+        self._steps.append((list(self._playing), qpos, qvel, qacc))
         if len(self._steps) == _TOGETHER:
             self._update()
 
@@ -90,12 +91,33 @@ class ExertionRecorder:
             nicer.update(torque, shoulder, elbow, self._dt)
             consumed.update(torque, self._dt)
 
-    def values(self, i: int) -> dict[str, float | None]:
-        """Return the ``ARM_MEASURES`` of user i's round so far."""
-        found: dict[str, float | None] = {measure.name: None for measure in ARM_MEASURES}
-        if self._users is not None:
-            self._update()
-            for arm, nicer, consumed in zip(self._arms, self._nicer, self._consumed, strict=True):
-                found[f"exertion.nicer_{arm.side}"] = float(nicer.value[i])
-                found[f"exertion.consumed_endurance_{arm.side}"] = float(consumed.value[i])
-        return found
+    def measured(self, index: int, result: Round) -> Round:
+        """Add the :data:`ARM_MEASURES`."""
+        if self._users is None:
+            return result
+        self._playing.remove(index)
+        self._update()
+        found: dict[str, float | None] = {}
+        for arm, nicer, consumed in zip(self._arms, self._nicer, self._consumed, strict=True):
+            found[f"exertion.nicer_{arm.side}"] = float(nicer.value[index])
+            found[f"exertion.consumed_endurance_{arm.side}"] = float(consumed.value[index])
+        return result.with_values(found)
+
+
+class FatigueRecorder(Watcher):
+    """Adds the largest fatigue of each muscle and body part, where a model of fatigue runs."""
+
+    def started(self, simulation: Any, jobs: Sequence[Job]) -> None:
+        """Group the muscles of the users."""
+        users = getattr(simulation, "users", None)
+        tires = isinstance(users, UserBatch) and "max_MF" in users.effort.state()
+        self._users = users if tires else None
+        self._groups = fatigue_groups(users.body) if tires else None
+
+    def measured(self, index: int, result: Round) -> Round:
+        """Add the measures of fatigue."""
+        if self._users is None or self._groups is None:
+            return result
+        worst = self._users.effort.state()["max_MF"][index]
+        parts = self._groups.part_names
+        return replace(result.with_values(self._groups.values(worst)), fatigue_parts=parts)

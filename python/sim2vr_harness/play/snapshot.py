@@ -17,8 +17,8 @@ from sim2vr_harness.base.notices import notice_once
 from sim2vr_harness.client import AppDied
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, VisionConfig
 from sim2vr_harness.envs.games import game_facts, with_condition, with_game, without_training
-from sim2vr_harness.evaluation.environment import evaluation_env, make_simulation
-from sim2vr_harness.evaluation.scene_images import BodyPainter, compose, score_text
+from sim2vr_harness.play.environment import evaluation_env, make_simulation
+from sim2vr_harness.play.film import BodyPainter, compose, score_text
 from sim2vr_harness.policies.protocol import Act, episode_of
 from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.scripted import scripted_policy, with_inputs

@@ -13,9 +13,8 @@ from PIL import Image
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.envs.games import game_facts, with_condition
-from sim2vr_harness.evaluation.environment import evaluation_env, make_simulation
-from sim2vr_harness.evaluation.scene_images import BodyPainter, Painter, Picture, score_text
-from sim2vr_harness.evaluation.video import Film
+from sim2vr_harness.play.environment import evaluation_env, make_simulation
+from sim2vr_harness.play.film import BodyPainter, Film, Painter, Picture, score_text
 from sim2vr_harness.policies.protocol import episode_of
 from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.store import find_user, require_contract

@@ -13,7 +13,7 @@ from sim2vr_harness.base.notices import notice_once
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.client import Condition, GameFacts, OptionValue
 from sim2vr_harness.play.round import Round, round_result
-from sim2vr_harness.policies.protocol import Act, FunctionPolicy, Policy, episode_of
+from sim2vr_harness.policies.protocol import Act, FunctionPolicy, Policy
 
 
 @dataclass(frozen=True)
@@ -137,8 +137,10 @@ class Player:
         self._begin(jobs)
         while playing := [i for i, result in enumerate(self.rounds) if result is None]:
             self._observation = self.simulation.observation()
-            actions = self._act(playing)
+            acted = self._policy.act(self._observation, self._memory, self._rngs)
+            actions = np.array(acted, np.float32)
             resting = [i for i, result in enumerate(self.rounds) if result is not None]
+            actions[resting] = 0.0
             outcome = self.simulation.step(actions, resting)
             if self.step_count:
                 self._changes[playing] += np.abs(actions - self.actions).mean(axis=1)[playing]
@@ -158,7 +160,6 @@ class Player:
     def _begin(self, jobs: Sequence[Job]) -> None:
         n = len(jobs)
         self._jobs, self.step_count = jobs, 0
-        self._acts = [episode_of(self._policy) for _ in jobs]
         self._rngs: list[np.random.Generator | None] = [
             None if self._deterministic else np.random.default_rng([job.seed, 1]) for job in jobs
         ]
@@ -168,19 +169,13 @@ class Player:
             self._started += self.simulation.reset(
                 ids=[i], seeds=[job.seed], options=dict(job.options), **who
             )
+        self._memory = self._policy.begin(n)
         self.actions = np.zeros((n, *self.simulation.action_space.shape), np.float32)
         self.game_returns, self.efforts, self._changes = np.zeros((3, n))
         self.logs: list[Mapping[str, float]] = [{} for _ in jobs]
         self.rounds: list[Round | None] = [None for _ in jobs]
         for watcher in self._watchers:
             watcher.started(self.simulation, jobs)
-
-    def _act(self, playing: Sequence[int]) -> NDArray[np.float32]:
-        actions = np.zeros_like(self.actions)
-        for i in playing:
-            own = {key: value[i] for key, value in self._observation.items()}
-            actions[i] = self._acts[i](own, self._rngs[i])
-        return actions
 
     def _finish(self, i: int, info: Mapping[str, Any]) -> None:
         job, steps = self._jobs[i], self.step_count

@@ -372,14 +372,14 @@ def test_player_is_the_mean_plus_its_own_noise(trained: Path) -> None:
     simulation.reset(seeds=[1, 2])
     spaces = simulation.observation_space, simulation.action_space
     player, _ = load_policy(find_user(trained), *spaces)
-    own = {key: value[1] for key, value in simulation.observation().items()}
-    mean = player.act(own, None, None)
+    own = {key: value[1:] for key, value in simulation.observation().items()}
+    mean = player.act(own, None, [None])
     assert mean.dtype == np.float32
-    draws = np.array([player.act(own, None, np.random.default_rng(k)) for k in range(300)])
+    draws = np.array([player.act(own, None, [np.random.default_rng(k)]) for k in range(300)])
     assert np.abs(draws).max() == 1.0
     # Standard deviation 1, clipped at +-1: 0.52 in all (numerically) around a mean near 0.
     assert draws.std() == pytest.approx(0.72, abs=0.05)
-    assert np.array_equal(draws[0], player.act(own, None, np.random.default_rng(0)))
+    assert np.array_equal(draws[0], player.act(own, None, [np.random.default_rng(0)]))
 
 
 def test_users_who_finish_early_rest_while_the_others_play_on() -> None:

@@ -7,6 +7,7 @@ that with, and loses what takes longer than a user step (docs/concepts/training.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -181,8 +182,16 @@ class HierarchicalPolicy(nn.Module):
         self.lifts.fill_(lifts)
         self._primitives = None
 
-    def reset(self) -> Intention:
-        """Return the memory of an episode that begins: no option is chosen yet."""
+    def begin(self, n: int) -> list[Intention]:
+        """Return the memory of users whose episodes begin: no option is chosen yet."""
+        return [self._begun() for _ in range(n)]
+
+    def restart(self, memory: list[Intention], users: Sequence[int]) -> None:
+        """Let the episodes of these users begin anew."""
+        for user in users:
+            memory[user] = self._begun()
+
+    def _begun(self) -> Intention:
         return Intention(OptionChoice(1, len(self.layer.hands)))
 
     @property
@@ -196,17 +205,21 @@ class HierarchicalPolicy(nn.Module):
         return self._primitives
 
     def act(
-        self, observation: Observation, memory: Intention, rng: np.random.Generator | None
+        self,
+        observations: Observation,
+        memory: list[Intention],
+        rngs: Sequence[np.random.Generator | None],
     ) -> NDArray[np.float32]:
-        """Return the action of one user, (A,) in [-1, 1]; it is deterministic.
+        """Return the actions, (N, A) in [-1, 1]; they are deterministic."""
+        first = {key: value[0] for key, value in observations.items()}
+        require_observation(self._shapes(first), first)
+        actions = [
+            self._act({key: value[i] for key, value in observations.items()}, own)
+            for i, own in enumerate(memory)
+        ]
+        return np.stack(actions)
 
-        Args:
-            observation: of this user.
-            memory: of :meth:`reset`; changed where another option is chosen.
-            rng: not used.
-        """
-        require_observation(self._shapes(observation), observation)
-        intention = memory
+    def _act(self, observation: Observation, intention: Intention) -> NDArray[np.float32]:
         with torch.inference_mode():
             motion = self._read(observation["proprioception"])
             placed = self.layer.places(*motion[:2])

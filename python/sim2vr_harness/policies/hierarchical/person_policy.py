@@ -25,7 +25,7 @@ from sim2vr_harness.policies.hierarchical.person_layer import human_goals
 from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS
 from sim2vr_harness.policies.hierarchical.primitives import PERSONS, OptionChoice
 from sim2vr_harness.policies.hierarchical.ray_turning import far_off
-from sim2vr_harness.policies.protocol import Observation, require_observation
+from sim2vr_harness.policies.protocol import Observation
 from sim2vr_harness.runs.option_config import PeopleTraining
 from sim2vr_harness.users import FEATURES
 from sim2vr_harness.users.kinematics.forward_torch import Chains
@@ -125,18 +125,13 @@ class PersonPolicy(HierarchicalPolicy):
         self.hold.fill_(hold)
         self._primitives = None
 
-    def reset(self) -> PersonMemory:
-        """Return the memory of an episode that begins."""
+    def _begun(self) -> PersonMemory:
         generator = torch.Generator().manual_seed(self._seed)
         hands = HumanHands(self.human, 1, self.human.perception(1, generator))
         hands.vigour = float(self.vigour)
         return PersonMemory(OptionChoice(1, len(self.layer.hands)), hands=hands)
 
-    def act(
-        self, observation: Observation, memory: Intention, rng: np.random.Generator | None
-    ) -> NDArray[np.float32]:
-        """Return the action of one user, (A,) in [-1, 1]; see :class:`HierarchicalPolicy`."""
-        require_observation(self._shapes(observation), observation)
+    def _act(self, observation: Observation, memory: Intention) -> NDArray[np.float32]:
         assert isinstance(memory, PersonMemory) and memory.hands is not None
         with torch.no_grad():
             who = self.human.persons.told(observation["person"])

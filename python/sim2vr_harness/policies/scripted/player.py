@@ -82,20 +82,28 @@ class ScriptedPolicy:
         self.episodes: list[Episode] = []
         """Those that were begun, the last one last."""
 
-    def reset(self) -> Episode:
-        """Begin an episode."""
+    def begin(self, n: int) -> list[Episode]:
+        """Begin an episode of the one user."""
+        if n != 1:
+            raise ValueError(f"n: got {n}, expected 1: a script has one user")
         for hand in self._hands.values():
             hand.begin()
         episode = Episode(self._simulation, self._steps, self._task, self._places, self._hands)
         self.episodes.append(episode)
-        return episode
+        return [episode]
+
+    def restart(self, memory: list[Episode], users: Sequence[int]) -> None:
+        """Begin the script anew."""
+        memory[:] = self.begin(1)
 
     def act(
-        self, observation: Observation, memory: Any, rng: np.random.Generator | None
+        self,
+        observations: Observation,
+        memory: list[Episode],
+        rngs: Sequence[np.random.Generator | None],
     ) -> NDArray[np.float32]:
-        """Return the action, (A,) in [-1, 1]; observation and random numbers are not used."""
-        action: NDArray[np.float32] = memory.act()
-        return action
+        """Return the action, (1, A) in [-1, 1]; observation and random numbers are not used."""
+        return memory[0].act()[None]
 
     def state_dict(self) -> Mapping[str, Any]:
         """Return no weights."""

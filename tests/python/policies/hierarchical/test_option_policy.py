@@ -67,7 +67,7 @@ def test_it_does_what_the_stage_does_that_made_it() -> None:
     user = HierarchicalPolicy(settings)
     user.learned(layer, net, tool, HELD)
     simulation.reset(seeds=[5, 6, 7])
-    choice, intended = OptionChoice(USERS, 1), [user.reset() for _ in range(USERS)]
+    choice, intended = OptionChoice(USERS, 1), user.begin(USERS)
     moves = []
     for step in range(3 * HELD):
         if step % HELD == 0:
@@ -78,10 +78,8 @@ def test_it_does_what_the_stage_does_that_made_it() -> None:
             selector.choose(choice, chosen, scene, places)
             moves.append(chosen[:, 0].copy())
         wanted = selector.actions(choice)
-        observation = simulation.observation()
-        for i in range(USERS):
-            own = {key: value[i] for key, value in observation.items()}
-            np.testing.assert_allclose(user.act(own, intended[i], None), wanted[i], atol=2e-3)
+        found = user.act(simulation.observation(), intended, [None] * USERS)
+        np.testing.assert_allclose(found, wanted, atol=2e-3)
         simulation.step(wanted)
     assert len({*np.concatenate(moves).tolist()}) > 1  # they did decide different things
     simulation.close()

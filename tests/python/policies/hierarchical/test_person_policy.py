@@ -45,15 +45,15 @@ def policy() -> Following:
 def places(policy: Following, heights: list[float]) -> list[float]:
     """Return where it wants to be, 0.1 m, after pictures with these heights, one per user step."""
     vision = policy._wanted["vision"]
-    memory, found = policy.reset(), []
+    memory, found = policy.begin(1), []
     for height in heights:
         observation = {
-            "vision": np.full((2 * vision[0], *vision[1:]), height, dtype=np.float32),
-            "proprioception": np.zeros(len(Proprioception(policy.layer.body).names), np.float32),
-            "person": np.zeros(len(FEATURES), np.float32),
+            "vision": np.full((1, 2 * vision[0], *vision[1:]), height, dtype=np.float32),
+            "proprioception": np.zeros((1, len(Proprioception(policy.layer.body).names)), "f4"),
+            "person": np.zeros((1, len(FEATURES)), np.float32),
         }
-        policy.act(observation, memory, None)
-        found.append(round(10.0 * float(memory.choice.place[0, 0, 2]), 3))
+        policy.act(observation, memory, [None])
+        found.append(round(10.0 * float(memory[0].choice.place[0, 0, 2]), 3))
     return found
 
 
@@ -84,11 +84,11 @@ def test_people_work_the_inputs_of_a_game(monkeypatch: pytest.MonkeyPatch) -> No
     policy = Following(given[0])
     vision = policy._wanted["vision"]
     observation = {
-        "vision": np.zeros((2 * vision[0], *vision[1:]), np.float32),
-        "proprioception": np.zeros(len(Proprioception(policy.layer.body).names), np.float32),
-        "person": np.zeros(len(FEATURES), np.float32),
+        "vision": np.zeros((1, 2 * vision[0], *vision[1:]), np.float32),
+        "proprioception": np.zeros((1, len(Proprioception(policy.layer.body).names)), "f4"),
+        "person": np.zeros((1, len(FEATURES)), np.float32),
     }
-    action = policy.act(observation, policy.reset(), None)
+    action = policy.act(observation, policy.begin(1), [None])[0]
     assert len(action) == len(policy.layer.body.action_names) + 1
     assert action[-1] == -1.0
 
@@ -101,20 +101,18 @@ def test_persons_look_from_where_their_eyes_were() -> None:
     config = _of_people(load_config("skills", ["env.app.game=pointing"]))
     policy, simulation = Following(config), Simulation(config.env, 6)
     simulation.reset(seeds=list(range(6)), persons=list(range(6)))
-    memories, true = [policy.reset() for _ in range(6)], []
+    memories, true = policy.begin(6), []
     for step in range(8):
         observations = simulation.observation()
         true.append(simulation.users.device_poses("headset")[0].copy())
-        acts = []
-        for user, memory in enumerate(memories):
-            observation = {name: values[user] for name, values in observations.items()}
-            acts.append(policy.act(observation, memory, None))
+        acts = policy.act(observations, memories, [None] * 6)
+        for memory in memories:
             if step == 0:
                 assert memory.seen is not None
                 ahead = memory.seen[1][0, :3, 0].numpy()
                 down = np.arctan2(0.1, 0.4)
                 assert ahead == pytest.approx([np.cos(down), 0.0, -np.sin(down)], abs=1e-3)
-        simulation.step(np.stack(acts))
+        simulation.step(acts)
     simulation.close()
     assert np.ptp(true[0][:, 2]) > 0.05
     assert np.abs(true[-3] - true[-5]).min(0)[1] > 1e-5  # everyone sways
@@ -186,12 +184,12 @@ def test_persons_stay_before_a_thing_until_they_are_inside(
 
 def test_persons_work_controller_inputs() -> None:
     policy = Following(_of_people(load_config("skills", ["env.user.inputs=[right.trigger]"])))
-    vision, memory = policy._wanted["vision"], policy.reset()
+    vision, memory = policy._wanted["vision"], policy.begin(1)
     observation = {
-        "vision": np.full((2 * vision[0], *vision[1:]), 5.0, dtype=np.float32),
-        "proprioception": np.zeros(len(Proprioception(policy.layer.body).names), np.float32),
-        "person": np.zeros(len(FEATURES), np.float32),
+        "vision": np.full((1, 2 * vision[0], *vision[1:]), 5.0, dtype=np.float32),
+        "proprioception": np.zeros((1, len(Proprioception(policy.layer.body).names)), "f4"),
+        "person": np.zeros((1, len(FEATURES)), np.float32),
     }
-    action = policy.act(observation, memory, None)
+    action = policy.act(observation, memory, [None])[0]
     assert action.shape == (policy.layer.drives.count + 1,)
     assert action[-1] == -1.0  # at rest: a touch pulls no trigger

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,9 +9,8 @@ from typing import Any
 
 from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.envs.config import AppConfig
-from sim2vr_harness.envs.games import game_facts, with_task
+from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.evaluation.evaluate import evaluate
-from sim2vr_harness.evaluation.scripted_baseline import evaluate_baseline
 from sim2vr_harness.games.behaviour import Behaviour
 from sim2vr_harness.human_comparison.app_sessions import (
     behaviour_of_sessions,
@@ -24,9 +22,9 @@ from sim2vr_harness.human_comparison.persons import persons_of
 from sim2vr_harness.human_comparison.report import ComparisonReport
 from sim2vr_harness.human_comparison.sources import Plays, Source
 from sim2vr_harness.play.session_recorder import SessionRecorder
+from sim2vr_harness.play.users import SimulatedUser
 from sim2vr_harness.policies.scripted.steps import is_script, read_steps
 from sim2vr_harness.policies.store import find_user
-from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.sessions import AppIdentity, Session, read_session
 from sim2vr_harness.sessions.formats import is_session
 from sim2vr_harness.sessions.replay import replay_session
@@ -241,41 +239,19 @@ def _play(
     plays = how.plays
     games = [each.session for each in recorded if each.session.app.kind == "game"]
     conditions = plays.conditions or list(dict.fromkeys(map(name_of_condition, games))) or None
-    untrained = user in _BASELINES or is_script(user)
-    if untrained:
-        own = dict(how.remote)
-        if games and not own:
-            own = {"game": games[0].app.name, "transport": "in_process"}
-        settings = (f"env.app.{key}={json.dumps(value)}" for key, value in own.items())
-        overrides = [*plays.overrides, *settings]
-        env = with_task(load_config("webxr", overrides).env)
-    else:
-        env = find_user(user, code=True).config.env
-        env = with_task(env.model_copy(update={"app": _with(env.app, how.remote)}))
+    app = dict(how.remote)
+    if games and not app and (user in _BASELINES or is_script(user)):
+        app = {"game": games[0].app.name, "transport": "in_process"}
+    env = SimulatedUser.find(user).env(app, plays.overrides, trust_app=plays.trust_app)
     recorder = SessionRecorder(_identity(env.app))
     name = user.replace("/", "_").replace(" ", "_")
-    if untrained:
-        evaluate_baseline(
-            env,
-            user,
-            conditions=conditions or (),
-            episodes=plays.episodes,
-            seed=plays.seed,
-            watchers=[recorder],
-            on_progress=on_progress,
-        )
-    else:
-        logged = env.app.page is None and env.app.transport == "in_process"
-        request = plays.request(
-            plays.out / name,
-            conditions=conditions,
-            log=logged,
-            app=dict(how.remote),
-            watchers=[recorder],
-        )
-        evaluate(user, request, on_progress=on_progress)
-        if logged and (plays.out / name / "logs").is_dir():
-            return _read(plays.out / name / "logs", "USER"), _settings(env.app)
+    logged = env.app.page is None and env.app.transport == "in_process"
+    request = plays.request(
+        plays.out / name, conditions=conditions, log=logged, app=app, watchers=[recorder]
+    )
+    evaluate(user, request, on_progress=on_progress)
+    if logged and (plays.out / name / "logs").is_dir():
+        return _read(plays.out / name / "logs", "USER"), _settings(env.app)
     rounds = [_Played(each.person or name, plays.out / name, each) for each in recorder.sessions]
     return rounds, _settings(env.app)
 

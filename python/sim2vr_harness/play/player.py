@@ -77,7 +77,8 @@ class Player:
 
     Args:
         simulation: N users.
-        policy: Acts for them; or a function of one user's observation and random numbers.
+        policy: Acts for them, and looks on if it is a watcher; or a function of one user's
+            observation and random numbers.
         facts: What the game publishes.
         deterministic: Whether actions are the policy's mean instead of samples.
         watchers: Look on.
@@ -100,8 +101,10 @@ class Player:
         deterministic: bool = False,
         watchers: Sequence[Watcher] = (),
     ) -> None:
-        self.simulation, self._facts, self._watchers = simulation, facts, watchers
+        self.simulation, self._facts = simulation, facts
         self._policy = policy if isinstance(policy, Policy) else FunctionPolicy(policy)
+        own = [policy] if isinstance(policy, Watcher) else []
+        self._watchers = [*own, *watchers]
         self._deterministic = deterministic
 
     @property

@@ -9,12 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sim2vr_harness.client import GameFacts, Measure
 from sim2vr_harness.play.fatigue import fatigue_measures
+
+if TYPE_CHECKING:
+    from sim2vr_harness.policies.scripted import StepOutcome
 
 _EXERTION = {
     "nicer": ("NICER", "Time as a share of the arm's endurance, with recovery (Li et al. 2024)"),
@@ -105,6 +108,7 @@ class Round:
         person: The person who played, field by field (``users.Person``); None where all users are
             the same.
         fatigue_parts: Measures of fatigue that are of a body part, not of a muscle.
+        script: What the steps of a scripted user did.
     """
 
     condition: str
@@ -118,6 +122,7 @@ class Round:
     log_folder: str | None = None
     person: dict[str, Any] | None = None
     fatigue_parts: tuple[str, ...] = ()
+    script: tuple[StepOutcome, ...] = ()
 
     def with_values(self, values: Mapping[str, float | None]) -> Round:
         """Return the round with more measures; of a round whose app failed none has a value."""
@@ -140,7 +145,9 @@ class Round:
         """Return everything, ready for JSON; ``person`` is the number, with ``person_fields``."""
         content = asdict(self)
         content |= content.pop("values")
-        del content["fatigue_parts"]
+        del content["fatigue_parts"], content["script"]
+        if self.script:
+            content["script"] = [step.as_dict() for step in self.script]
         fields = content.pop("person")
         if fields is not None:
             content |= {"person": fields.pop("index"), "person_fields": fields}

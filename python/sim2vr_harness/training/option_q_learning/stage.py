@@ -20,6 +20,7 @@ from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.envs.people_preset import with_measured_body
 from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.play.users import BASELINE_S, baseline_reward, note_of_baselines
 from sim2vr_harness.policies.hierarchical.human_motor import HumanMotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer, MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import (
@@ -41,7 +42,6 @@ from sim2vr_harness.policies.hierarchical.primitives import (
 )
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools, straight_tool
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
-from sim2vr_harness.policies.scripted.baselines import BASELINE_S, baseline_reward
 from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors, write_user
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder, append_row, keep_rows
@@ -276,16 +276,18 @@ class QLearningStage:
         for hand, held in zip(layer.hands, tools, strict=True):
             callbacks.say(f"In the hand of {hand}: {held.why}.")
         began = time.monotonic()
-        earned = {
-            user: baseline_reward(simulation, user, self._config.seed)[0]
-            for user in ("still", "random")
-        }
+        idle, random = (
+            baseline_reward(simulation, user, self._config.seed) for user in ("still", "random")
+        )
+        earned = {"still": idle[0], "random": random[0]}
         steps = 2.0 * BASELINE_S * self._config.env.action_frequency_hz * simulation.n
         rate = steps / (time.monotonic() - began)
         callbacks.say(
             f"Reward of the app per minute: {earned['still']:.2f} of the idle baseline, "
             f"{earned['random']:.2f} of the random baseline."
         )
+        if note := note_of_baselines(idle, random):
+            callbacks.say(f"Note: {note}.")
         tool = torch.tensor(points, dtype=torch.float32)
         rewards = {name: torch.tensor(value) for name, value in earned.items()}
         write_tensors(file, {"tool": tool, "rays": rays, "earned": rewards})

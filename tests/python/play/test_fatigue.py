@@ -16,9 +16,9 @@ from sim2vr_harness.client import describe_game
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.tables import results_table
 from sim2vr_harness.figures.figure import Heat
+from sim2vr_harness.play.exertion import fatigue_groups
 from sim2vr_harness.play.fatigue import (
     MUSCLE_NAMES,
-    fatigue_groups,
     fatigue_measure,
     full_name,
 )

@@ -239,13 +239,14 @@ def _play(
     plays = how.plays
     games = [each.session for each in recorded if each.session.app.kind == "game"]
     conditions = plays.conditions or list(dict.fromkeys(map(name_of_condition, games))) or None
-    app = dict(how.remote)
-    if games and not app and (user in _BASELINES or is_script(user)):
+    found, app = SimulatedUser.find(user), dict(how.remote)
+    if games and not app and found.trained is None:
         app = {"game": games[0].app.name, "transport": "in_process"}
-    env = SimulatedUser.find(user).env(app, plays.overrides, trust_app=plays.trust_app)
+    env = found.env(app, plays.overrides, trust_app=plays.trust_app)
     recorder = SessionRecorder(_identity(env.app))
     name = user.replace("/", "_").replace(" ", "_")
-    logged = env.app.page is None and env.app.transport == "in_process"
+    own = env.app.page is None and env.app.transport == "in_process"
+    logged = own and found.trained is not None
     request = plays.request(
         plays.out / name, conditions=conditions, log=logged, app=app, watchers=[recorder]
     )

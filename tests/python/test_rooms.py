@@ -31,7 +31,7 @@ BELOW: dict[str, tuple[str, ...]] = {
     "runs": _ENVIRONMENTS,
     "policies": (*_ENVIRONMENTS, "runs", "world_models"),
     "play": (*_POLICIES, "sessions"),
-    "training": _PLAY,
+    "training": (*_PLAY, "statistics"),
     "evaluation": (*_PLAY, "figures", "statistics"),
     "human_comparison": _EVALUATION,
     "studies": _TOP,

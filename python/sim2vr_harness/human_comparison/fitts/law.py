@@ -15,34 +15,7 @@ from sim2vr_harness.human_comparison.fitts.movements import Block, Movement, blo
 from sim2vr_harness.human_comparison.fitts.submovements import submovements
 from sim2vr_harness.human_comparison.fitts.taps import Tap, read_taps
 from sim2vr_harness.sessions.state_log import read_state_log
-
-
-@dataclass(frozen=True)
-class FittedLine:
-    """MT = a + b ID by least squares.
-
-    Attributes:
-        a_s: intercept.
-        b_s_per_bit: slope.
-        r2: share of the variance of movement times that it explains.
-        points: how many.
-    """
-
-    a_s: float
-    b_s_per_bit: float
-    r2: float
-    points: int
-
-
-def fit_line(bits: Sequence[float], times_s: Sequence[float]) -> FittedLine | None:
-    """Fit movement times by indices of difficulty; None below three different indices."""
-    if len(set(bits)) < 3:
-        return None
-    x, y = np.asarray(bits, dtype=np.float64), np.asarray(times_s, dtype=np.float64)
-    b, a = np.polyfit(x, y, 1)
-    rest, total = np.sum((y - a - b * x) ** 2), np.sum((y - y.mean()) ** 2)
-    r2 = 1.0 - rest / total if total > 0.0 else 0.0
-    return FittedLine(float(a), float(b), float(r2), len(x))
+from sim2vr_harness.statistics.fitts import FittedLine, fit_line
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from sim2vr_harness.base.errors import InputError
@@ -22,7 +21,7 @@ from sim2vr_harness.envs.people_preset import with_measured_body
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.play.users import BASELINE_S, baseline_reward, note_of_baselines
 from sim2vr_harness.policies.hierarchical.human_motor import HumanMotorPolicy
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer, MotorPolicy
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import (
     human_policy_for,
     load_human_policy,
@@ -31,17 +30,10 @@ from sim2vr_harness.policies.hierarchical.motor_store import (
 )
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, require_senses
 from sim2vr_harness.policies.hierarchical.options import OptionSet, option_set
-from sim2vr_harness.policies.hierarchical.person_layer import PersonLayer
 from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy, seen_late_steps
 from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS, apart, rays_of
-from sim2vr_harness.policies.hierarchical.primitives import (
-    MEASURED,
-    PERSONS,
-    Manner,
-    PrimitiveController,
-)
+from sim2vr_harness.policies.hierarchical.primitives import MEASURED
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools, straight_tool
-from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors, write_user
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder, append_row, keep_rows
@@ -127,18 +119,8 @@ class QLearningStage:
             return load_human_policy(Path(given), env.user, step_s)
         return human_policy_for(env.user, step_s)
 
-    def _persons(self) -> tuple[Simulation, PersonLayer]:
-        """Return the simulated persons, and what moves their hands."""
-        human, config = self._human(), self._config
-        simulation = Simulation(_seeing(config.env), config.skills.q_learning.users)
-
-        def persons() -> NDArray[np.float64]:
-            return human.persons.of(simulation)
-
-        return simulation, PersonLayer(human, simulation.n, persons, config.seed)
-
     def _layer(self) -> MotorPolicy:
-        """Return what moves the hands of the measured body."""
+        """Return what moves the hands, of persons before they play: those of the measured body."""
         env, given = with_measured_body(self._config.env), self._config.skills.motor
         given = None if self._config.skills.people else given  # a person's, then
         body, step_s = body_of(env.user), 1.0 / env.action_frequency_hz
@@ -164,13 +146,13 @@ class QLearningStage:
         self._options  # noqa: B018  # refuses options without their input
         require_senses(self._config.env)
         width = config.motor_training.width
-        if self._motor is None and not config.people:
+        if self._motor is None:
             width = self._layer().width
         if width != config.motor_training.width:
             got = f"{config.motor_training.width}, with a motor layer of width {width}"
             expected = f"{width} for a hierarchical policy"
             raise InputError("skills.motor_training.width", got, expected)
-        env = with_measured_body(self._config.env) if config.people else self._config.env
+        env = self._before_persons.env
         self._simulation = Simulation(_seeing(env), config.q_learning.users)
 
     def run(self, callbacks: Callbacks) -> None:
@@ -178,19 +160,21 @@ class QLearningStage:
         simulation, seed = self._simulation, self._config.seed
         assert simulation is not None
         self.folder.mkdir(parents=True, exist_ok=True)
-        layer = self._layer()
-        poses = reachable_poses(layer, seed)
-        manner = MEASURED if self._config.skills.people else Manner()
+        config = self._config
         with torch_threads(1):
-            (tool, rays), before, rate = self._prepared(simulation, layer, poses, callbacks)
+            policy = HierarchicalPolicy(self._before_persons)
+            policy.layer.take(self._layer().weights())
+            policy.late_steps = self._late_steps
+            if config.skills.people:
+                policy.manner = MEASURED
+            before, rate = self._prepared(simulation, policy, callbacks)
             learner = self._learner = OptionQLearning(
-                self._config.skills.q_learning,
+                config.skills.q_learning,
                 simulation,
-                PrimitiveController(layer, tool, poses, self._options, manner, rays),
+                policy,
                 self.folder / _PICTURES,
                 seed=seed,
-                late_steps=self._late_steps,
-                for_persons=self._config.skills.people,
+                for_persons=config.skills.people,
             )
             if (self.folder / _STATE).is_file():
                 take_in(self.folder / _STATE, "the state of Q-learning", self._resume)
@@ -203,8 +187,13 @@ class QLearningStage:
         steps = learner.step_count
         file = self._run.checkpoint_file(self.stop if finished else steps)
         # A person may decide in every user step: its refractory period says how often it does.
-        hold = 1 if self._config.skills.people else best_hold(learner, callbacks)
-        write_user(file, self._hierarchical_user(layer, learner, hold), steps)
+        hold = 1 if config.skills.people else best_hold(learner, callbacks)
+        learner.policy.hold.fill_(hold)
+        user = learner.policy
+        if config.skills.people and not learner.persons:
+            user = self._person(user)
+            user.values = learner.net
+        write_user(file, user, steps)
         if finished:
             self.tidy()
 
@@ -217,12 +206,24 @@ class QLearningStage:
 
     def _begin_persons(self, learner: OptionQLearning) -> None:
         """Let persons play in the place of the measured body, and learn from what they do."""
-        measured, (self._simulation, layer) = self._simulation, self._persons()
+        measured, config = self._simulation, self._config
         assert measured is not None
-        poses, hands = reachable_poses(layer, self._config.seed), learner.primitives
-        own = PrimitiveController(layer, hands.tool, poses, self._options, PERSONS, hands.rays)
-        learner.continue_with_persons(self._simulation, own)
+        self._simulation = Simulation(_seeing(config.env), config.skills.q_learning.users)
+        learner.continue_with_persons(self._simulation, self._person(learner.policy))
         measured.close()
+
+    def _person(self, measured: HierarchicalPolicy) -> PersonPolicy:
+        """Return a person with the tools, rays and manner of the measured body."""
+        person = PersonPolicy(self._config)
+        person.human.take(self._human().weights())
+        for name in ("tool", "rays", "lifts"):
+            getattr(person, name).copy_(getattr(measured, name))
+        return person
+
+    @property
+    def _before_persons(self) -> TrainingConfig:
+        """The configuration of the users who begin: of plain users, or of the measured body."""
+        return self._config.model_copy(update={"env": with_measured_body(self._config.env)})
 
     @property
     def _late_steps(self) -> int:
@@ -232,38 +233,20 @@ class QLearningStage:
             return 0
         return seen_late_steps(env.user.people.visual_delay_s, 1.0 / env.action_frequency_hz)
 
-    def _hierarchical_user(
-        self, layer: MotorPolicy, learner: OptionQLearning, hold: int
-    ) -> HierarchicalPolicy:
-        """The user that this stage has made."""
-        net, tool, rays = learner.net, learner.primitives.tool, learner.primitives.rays
-        lifts = bool(learner.primitives.lifts.all())
-        if self._config.skills.people:
-            person = PersonPolicy(self._config)
-            persons = learner.primitives.layer
-            vigour = persons.vigour if isinstance(persons, PersonLayer) else 1.0
-            person.learned_by(self._human(), net, tool, hold, lifts=lifts, vigour=vigour, rays=rays)
-            return person
-        user = HierarchicalPolicy(self._config)
-        user.learned(layer, net, tool, hold, lifts=lifts, rays=rays)
-        return user
-
     def _prepared(
-        self,
-        simulation: Simulation,
-        layer: MotorLayer,
-        poses: Tensor,
-        callbacks: Callbacks,
-    ) -> tuple[tuple[Tensor, Tensor], dict[str, float], float]:
-        """Tools and rays of the hands, what is earned by who does nothing, and user steps a second.
+        self, simulation: Simulation, policy: HierarchicalPolicy, callbacks: Callbacks
+    ) -> tuple[dict[str, float], float]:
+        """Find tools and rays of the hands; return baseline rewards and the simulation rate.
 
-        Rewards are per minute; of a resumed run the rate is 0.
+        Rewards are per minute, effort taken off, the rate is in user steps a second; of a resumed
+        run it is 0.
         """
-        file = self.folder / "before.pt"
+        file, layer = self.folder / "before.pt", policy.layer
         known = read_tensors(file, "what was found before trying") if file.is_file() else {}
         if "rays" in known:
-            earned = {name: float(v) for name, v in known["earned"].items()}
-            return (known["tool"], known["rays"]), earned, 0.0
+            policy.tool.copy_(known["tool"])
+            policy.rays.copy_(known["rays"])
+            return {name: float(v) for name, v in known["earned"].items()}, 0.0
         callbacks.doing("tools and baselines")
         callbacks.say("Finding tools and measuring baselines ...")
         rays = AIM_RAYS.repeat(len(layer.hands), 1, 1)
@@ -271,7 +254,7 @@ class QLearningStage:
             rays = rays_of(simulation, layer.hands)
         if off := apart(rays):
             callbacks.say(f"Hands point with the page's own ray, {off} from WebXR's.")
-        tools = self._tools(simulation, layer, poses, rays)
+        tools = self._tools(simulation, policy, rays)
         points = np.array([[tool.tip, tool.middle] for tool in tools])
         for hand, held in zip(layer.hands, tools, strict=True):
             callbacks.say(f"In the hand of {hand}: {held.why}.")
@@ -279,11 +262,11 @@ class QLearningStage:
         idle, random = (
             baseline_reward(simulation, user, self._config.seed) for user in ("still", "random")
         )
-        earned = {"still": idle[0], "random": random[0]}
+        earned = {"still": idle[0] - idle[1], "random": random[0] - random[1]}
         steps = 2.0 * BASELINE_S * self._config.env.action_frequency_hz * simulation.n
         rate = steps / (time.monotonic() - began)
         callbacks.say(
-            f"Reward of the app per minute: {earned['still']:.2f} of the idle baseline, "
+            f"Reward per minute, less effort: {earned['still']:.2f} of the idle baseline, "
             f"{earned['random']:.2f} of the random baseline."
         )
         if note := note_of_baselines(idle, random):
@@ -291,13 +274,15 @@ class QLearningStage:
         tool = torch.tensor(points, dtype=torch.float32)
         rewards = {name: torch.tensor(value) for name, value in earned.items()}
         write_tensors(file, {"tool": tool, "rays": rays, "earned": rewards})
-        return (tool, rays), earned, rate
+        policy.tool.copy_(tool)
+        policy.rays.copy_(rays)
+        return earned, rate
 
     def _tools(
-        self, simulation: Simulation, layer: MotorLayer, poses: Tensor, rays: Tensor
+        self, simulation: Simulation, policy: HierarchicalPolicy, rays: Tensor
     ) -> list[Tool]:
         """What each hand holds, as ``skills.tool`` says or as it is seen."""
-        wanted = self._config.skills.tool
+        wanted, layer, poses = self._config.skills.tool, policy.layer, policy.poses
         if wanted == "auto":
             return find_tools(simulation, layer, poses, seed=self._config.seed, rays=rays)
         if wanted == "none":
@@ -422,8 +407,8 @@ class QLearningStage:
 
 
 def _seeing(env: EnvConfig) -> EnvConfig:
-    """The users of this stage look at the whole picture themselves; nothing else is drawn."""
-    vision = env.vision.model_copy(update={"foveation": None, "eyes": 1, "zoom": 1})
+    """What users decide by is drawn, and no larger."""
+    vision = env.vision.model_copy(update={"zoom": 1})
     return env.model_copy(update={"vision": vision})
 
 

@@ -129,16 +129,18 @@ def _chosen(
     **how: Any,
 ) -> Playlist:
     """Return what to watch: a session, a user, or both."""
-    from sim2vr_harness.cli.session import read_any
-    from sim2vr_harness.sessions.formats import is_session
+    from sim2vr_harness.sessions import find_sessions, read_session
+    from sim2vr_harness.sessions.whacamole import is_recorded_round
     from sim2vr_harness.tools.watch.selection import choose
     from sim2vr_harness.tools.watch.sessions import beside as shown_beside
     from sim2vr_harness.tools.watch.sessions import session_show
 
-    if run is not None and Path(run).suffix != ".npz" and is_session(Path(run)):
-        alone = Path(run)
-        return session_show(read_any(alone), alone.name, game=game, app=remote)
-    session = None if beside is None else read_any(beside)
+    alone = None if run is None or Path(run).is_dir() else Path(run)
+    if alone is not None and find_sessions(alone) == [alone]:
+        session = read_session(alone)
+        if not is_recorded_round(session):
+            return session_show(session, alone.name, game=game, app=remote)
+    session = None if beside is None else read_session(beside)
     if session is not None:
         seed = session.seed if seed is None else seed
         same = session.app.kind == "game" and not remote and game in (None, session.app.name)

@@ -29,8 +29,9 @@ from sim2vr_harness.client import (
 )
 from sim2vr_harness.client.tasks import TaskedApp, load_task
 from sim2vr_harness.sessions.divergence import Comparison, compare_events
-from sim2vr_harness.sessions.logs import logged_events
+from sim2vr_harness.sessions.logs import WHACAMOLE, logged_events, times_of_log
 from sim2vr_harness.sessions.session import AppIdentity, Session, SessionEvent
+from sim2vr_harness.sessions.whacamole import RECORDED, is_recorded_round, with_clock
 
 _COUNT = "_count"
 """How a task's counts of its events end in the log."""
@@ -111,6 +112,10 @@ def replay_session(
         InputError: neither names an app, or the app cannot be played with the session's devices.
     """
     settings = dict(app or {})
+    if is_recorded_round(session) and game in (None, WHACAMOLE) and "transport" not in settings:
+        session = with_clock(session)
+    elif session.source in RECORDED:
+        session = replace(session, time_ns=times_of_log(session.time_ns / 1e9)[0])
     chosen = _chosen(session, game, settings, options)
     start_ns = 0 if chosen.kind == "game" else int(session.time_ns[0])
     recorder = EventRecorder(session.time_ns, len(session), on_progress)
@@ -128,13 +133,8 @@ def replay_session(
         logs = sorted(log_dir.rglob("events.csv"))
         logged = logged_events(logs[-1]) if logs else ()
     events = sorted([*recorder.events, *logged], key=lambda event: event.time_ns)
-    kept = slice(0, recorder.frames)
     replayed = replace(
-        session,
-        time_ns=session.time_ns[kept],
-        head=session.head[kept],
-        left=None if session.left is None else session.left.map(lambda rows: rows[kept]),
-        right=None if session.right is None else session.right.map(lambda rows: rows[kept]),
+        session.frames(slice(0, recorder.frames)),
         events=tuple(events),
         app=chosen,
         seed=session.seed or 0,

@@ -8,10 +8,10 @@ from pathlib import Path
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import without_training
-from sim2vr_harness.evaluation.replay.recordings import read_recordings
-from sim2vr_harness.evaluation.replay.replayer import session_of
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import load_config
+from sim2vr_harness.sessions import read_sessions
+from sim2vr_harness.sessions.whacamole import is_recorded_round, with_clock
 from sim2vr_harness.tools.users import environment_of
 from sim2vr_harness.tools.watch.frames import Playlist, person_show, user_show
 from sim2vr_harness.tools.watch.sessions import session_show
@@ -74,11 +74,14 @@ def recorded_show(path: Path) -> Playlist:
     Raises:
         InputError: there is no such recording, or several.
     """
-    recordings = read_recordings([path])
-    if len(recordings) != 1:
-        names = ", ".join(recording.name for recording in recordings[:5])
-        raise InputError("RUN", f"{len(recordings)} recordings ({names})", "the folder of one")
-    return session_show(session_of(recordings[0], closed_loop=False), recordings[0].name)
+    found = read_sessions(path)
+    if len(found) != 1:
+        names = ", ".join(each.name for each in found[:5])
+        raise InputError("RUN", f"{len(found)} recordings ({names})", "the folder of one")
+    session, name = found[0], found[0].name
+    if is_recorded_round(session):
+        session = with_clock(session, closed_loop=False)
+    return session_show(session, name)
 
 
 def _refuse_with_recording(person: bool, game: str | None, condition: str | None) -> None:

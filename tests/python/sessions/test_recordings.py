@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.evaluation.replay.recordings import Event, read_events, read_recordings
+from sim2vr_harness.sessions import read_session, read_sessions
+from sim2vr_harness.sessions.logs import TargetEvent as Event
+from sim2vr_harness.sessions.logs import target_events
+from sim2vr_harness.sessions.whacamole import constrained, plane_of, timing_of, without_constraint
 
 POSE = "0.1, 1.2, 0.3, 0, 0, 0, 1"
 
@@ -42,15 +45,20 @@ def write_log(folder: Path, title: str = "condition medium, random seed 859190")
 
 
 def test_the_originals_log(tmp_path: Path) -> None:
-    (recording,) = read_recordings([write_log(tmp_path / "13-39-48-medium")])
+    recording = read_session(write_log(tmp_path / "13-39-48-medium"))
     assert recording.name == "13-39-48-medium"
-    assert (recording.condition, recording.seed) == ("medium", 859190)
-    assert recording.constrained
-    assert recording.finished
-    assert recording.times_s.tolist() == [324.9251, 328.9481, 328.962, 328.976]
-    assert recording.right[0, 0] == 0.2
+    assert (recording.app.condition, recording.seed) == ("medium", 859190)
+    assert (recording.app.kind, recording.app.name) == ("game", "whacamole")
+    assert constrained(recording)
+    assert (recording.time_ns / 1e9).tolist() == [324.9251, 328.9481, 328.962, 328.976]
+    assert recording.left is None  # which was not used
+    assert recording.right is not None and recording.right.grip[0, 0] == 0.2
     assert recording.head[0, 0] == 0.3
-    assert recording.events == (
+    assert recording.objects["marker"][0, 0] == 0.4
+    plane = plane_of(recording)
+    assert plane is not None
+    assert plane.tolist() == [0.145153, 0.9885641, 0.335235, 0.0, 0.0, 0.0, 1.0]
+    assert target_events(recording) == (
         Event(329.0148, "spawn", 0, 4),
         Event(329.4, "contact", 0, 4, (-0.4, 2.5e-05, 0.7912978)),
         Event(329.7, "hit", 0, 4, (-0.4, 0.01, 1.321925)),
@@ -58,19 +66,25 @@ def test_the_originals_log(tmp_path: Path) -> None:
 
 
 def test_a_log_that_does_not_say_that_any_touch_was_a_hit(tmp_path: Path) -> None:
-    (recording,) = read_recordings([write_log(tmp_path)], unconstrained=True)
-    assert recording.condition == "medium-unconstrained"
-    assert not recording.constrained
+    recording = without_constraint(read_session(write_log(tmp_path)))
+    assert recording.app.condition == "medium-unconstrained"
+    assert not constrained(recording)
     ours = write_log(tmp_path / "ours", "condition low-unconstrained, random seed 1")
-    assert read_recordings([ours], unconstrained=True)[0].condition == "low-unconstrained"
-    assert not read_recordings([ours])[0].constrained
+    assert without_constraint(read_session(ours)).app.condition == "low-unconstrained"
+    assert not constrained(read_session(ours))
 
 
 def packed(folder: Path, **changes: object) -> Path:
     t = np.array([10.0, 14.0, 14.014, 14.028])
     pose = np.tile(np.array([0, 1.2, 0, 0, 0, 0, 1], dtype=np.float32), (4, 1))
     folder.mkdir(exist_ok=True)
-    np.savez(folder / "77_low.npz", t=t, right=pose + np.float32(0.1), head=pose, marker=pose)
+    np.savez(
+        folder / "77_low.npz",
+        t=t,
+        right=pose + np.float32([0.1, 0, 0, 0, 0, 0, 0]),
+        head=pose,
+        marker=pose,
+    )
     (folder / "77_low_events.csv").write_text(
         "t,type,target_id,grid_id,vx,vy,vz\n14.014,spawn,0,3,,,\n15.0,contact,0,3,1,2,3\n"
     )
@@ -88,12 +102,12 @@ def packed(folder: Path, **changes: object) -> Path:
 
 def test_the_packed_form(tmp_path: Path) -> None:
     folder = packed(tmp_path / "rounds")
-    (recording,) = read_recordings([folder])
-    assert read_recordings([folder / "77_low.npz"])[0].events == recording.events
-    assert (recording.name, recording.condition) == ("77_low", "low-unconstrained")
-    assert recording.fixed_step_s == 0.014285714
-    assert recording.right.dtype == np.float64
-    assert recording.events == (
+    (recording,) = read_sessions(folder)
+    assert read_session(folder / "77_low.npz").events == recording.events
+    assert (recording.name, recording.app.condition) == ("77_low", "low-unconstrained")
+    assert timing_of(recording).clock.fixed_delta_time_s == 0.014285714
+    assert recording.right is not None and recording.right.grip.dtype == np.float64
+    assert target_events(recording) == (
         Event(14.014, "spawn", 0, 3),
         Event(15.0, "contact", 0, 3, (1.0, 2.0, 3.0)),
     )
@@ -103,12 +117,12 @@ def test_everything_below_a_folder(tmp_path: Path) -> None:
     write_log(tmp_path / "2023" / "b")
     write_log(tmp_path / "2023" / "a")
     packed(tmp_path / "packed")
-    assert [r.name for r in read_recordings([tmp_path])] == ["a", "b", "77_low"]
+    assert [r.name for r in read_sessions(tmp_path)] == ["a", "b", "77_low"]
 
 
 def error_of(path: Path) -> str:
     with pytest.raises(InputError) as caught:
-        read_recordings([path])
+        read_sessions(path)
     return str(caught.value)
 
 
@@ -125,8 +139,6 @@ def test_errors_say_where_and_what(tmp_path: Path) -> None:
     (log / "states.csv").write_text((log / "states.csv").read_text().replace("328.976", "328.9"))
     assert "line 6: got '328.9', expected a time from the row above to 1e9 s" in error_of(log)
     write_log(log)
-    (log / "events.csv").unlink()
-    assert error_of(log).endswith("log/states.csv', expected its events in events.csv beside it")
     (log / "events.csv").write_text(EVENTS.replace("grid ID 4\n", "grid ID 9\n"))
     assert "events.csv, line 3: got '329.0148, target_spawn, target id 0, grid id 9'" in error_of(
         log
@@ -139,40 +151,49 @@ def test_errors_say_where_and_what(tmp_path: Path) -> None:
         f"PATH: got '{rounds}/77_low.npz', expected a manifest.json beside it, which has its "
         "condition and seed"
     )
-    assert error_of(log / "events.csv") == (
-        f"PATH: got '{log}/events.csv', expected a states.csv, a packed round NAME.npz, a "
-        "manifest.json, or a folder of such"
-    )
+    assert "events.csv: got another file, expected a session" in error_of(log / "events.csv")
 
 
 def test_a_file_is_that_file_and_not_its_folder(tmp_path: Path) -> None:
     folder = write_log(tmp_path / "log")
-    (again,) = read_recordings([folder / "states.csv"])
-    assert (again.name, again.source) == ("log", folder)
+    (again,) = read_sessions(folder / "states.csv")
+    assert (again.name, again.path) == ("log", folder)
     for name in ("states.csv", "events.csv"):
         (folder / f"other_{name}").write_bytes((folder / name).read_bytes())
     title = (folder / "other_states.csv").read_text().replace("seed 859190", "seed 7")
     (folder / "other_states.csv").write_text(title)
-    (other,) = read_recordings([folder / "other_states.csv"])
+    other = read_session(folder / "other_states.csv")
     assert (other.name, other.seed) == ("other", 7)
-    (folder / "other_events.csv").unlink()
-    assert "expected its events in other_events.csv beside it" in error_of(other.source)
     rounds = packed(tmp_path / "rounds")
     write_log(rounds)  # a loose round in the same folder
-    assert read_recordings([rounds / "77_low.npz"])[0].seed == 5
-    assert read_recordings([rounds / "manifest.json"])[0].seed == 5
+    assert read_session(rounds / "77_low.npz").seed == 5
+    assert read_sessions(rounds / "manifest.json")[0].seed == 5
 
 
 def test_events_as_a_spreadsheet_saves_them(tmp_path: Path) -> None:
-    plain = read_recordings([write_log(tmp_path)])[0]
+    plain = target_events(read_session(write_log(tmp_path)))
     short = EVENTS.replace("\n", ",,,,\n") + ",,,,,\n,,,,,\n"
     for text in (short, EVENTS.replace(", ", "\t"), "\ufeff" + EVENTS.replace("\n", "\r")):
         (tmp_path / "events.csv").write_text(text, newline="")
-        (found,) = read_recordings([tmp_path])
-        assert (found.events, found.finished) == (plain.events, True)
+        found = read_session(tmp_path)
+        assert target_events(found) == plain
+        assert found.events[-1].kind == "episode_statistics"
 
 
 def test_a_cut_last_line_is_left_out(tmp_path: Path) -> None:
-    file = tmp_path / "events.csv"
+    file = write_log(tmp_path) / "events.csv"
     file.write_text("1, target_spawn, target ID 0, grid ID 4\n2, target_hit, targ")
-    assert read_events(file) == (Event(1.0, "spawn", 0, 4),)
+    assert target_events(read_session(tmp_path)) == (Event(1.0, "spawn", 0, 4),)
+
+
+def test_the_person_beside_a_log_is_known(tmp_path: Path) -> None:
+    (write_log(tmp_path) / "person.json").write_text('{"index": 3}')
+    assert read_session(tmp_path).person == "3"
+
+
+def test_logs_of_pointing_are_no_rounds_of_whacamole(tmp_path: Path) -> None:
+    (write_log(tmp_path) / "events.csv").write_text(
+        "0, block_start, block 0, distance 0.2, width 0.03\n"
+        "0, target_spawn, target ID 0, grid ID 0, block 0, trial 0, center 0 0.1\n"
+    )
+    assert read_session(tmp_path).app.name == "pointing"

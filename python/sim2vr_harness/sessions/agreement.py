@@ -1,4 +1,4 @@
-"""Agreement of a replay with its recording, per target and per hit."""
+"""Agreement of a replayed round of Whac-A-Mole with its recording, per target and per hit."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from sim2vr_harness.evaluation.replay.recordings import Event
-from sim2vr_harness.evaluation.replay.replayer import Replay
-from sim2vr_harness.evaluation.replay.timing import printed
+from sim2vr_harness.sessions.logs import TargetEvent, target_events
+from sim2vr_harness.sessions.session import Session
+from sim2vr_harness.sessions.whacamole import constrained, printed
 
 # Hits are the same hit when they are of the same target and this close in time.
 WINDOWS_S = (0.050, 0.100)
@@ -62,9 +62,15 @@ class Agreement:
         return self.identical_rounds / self.rounds
 
 
-def agreement_of(replay: Replay) -> Agreement:
-    """Compare a replay with its recording."""
-    recorded, predicted = replay.recording.events, replay.events
+def agreement_of(recording: Session, replayed: Session) -> Agreement:
+    """Compare a replay with its recording.
+
+    Args:
+        recording: as it was read.
+        replayed: the replay, with its clock.
+    """
+    assert replayed.clock is not None
+    recorded, predicted = target_events(recording), target_events(replayed)
     spawned, spawned_again = _spawns(recorded), _spawns(predicted)
     # In a closed loop, target 7 of the replay is the recorded one only if it is the same spawn.
     same = {
@@ -84,9 +90,9 @@ def agreement_of(replay: Replay) -> Agreement:
     within = [sum(abs(dt) <= window for dt in apart.values()) for window in WINDOWS_S]
     pairs = [t for t, dt in apart.items() if abs(dt) <= WINDOWS_S[0]]
     dt = [printed(hits_again[t].time_s) - printed(hits[t].time_s) for t in pairs]
-    half_step_s = replay.timing.clock.fixed_delta_time_s / 2
+    half_step_s = replayed.clock.fixed_delta_time_s / 2
     divergence = _first_divergence(recorded, predicted)
-    play_start_s = float(replay.recording.times_s[1])
+    play_start_s = float(recording.time_ns[1] / 1e9)
     return Agreement(
         rounds=1,
         identical_rounds=int(divergence is None),
@@ -149,6 +155,49 @@ def as_json(part: Agreement) -> dict[str, Any]:
     }
 
 
+def rounds_json(
+    rounds: Sequence[tuple[str, Session, Agreement]], *, closed_loop: bool
+) -> dict[str, Any]:
+    """``rounds`` (a list) and ``total`` (all rounds, and ``constrained``/``unconstrained``).
+
+    Args:
+        rounds: name, recording and agreement of each.
+        closed_loop: whether spawns were predicted as well.
+    """
+    parts = {
+        wanted: [part for _, session, part in rounds if constrained(session) == wanted]
+        for wanted in (True, False)
+    }
+    return {
+        "rounds": [
+            {
+                "name": name,
+                "source": str(session.path),
+                "condition": session.app.condition,
+                "constrained": constrained(session),
+                "closed_loop": closed_loop,
+                **as_json(part),
+                "identical": part.identical_rounds == 1,
+                "first_divergence_s": part.first_divergence_s,
+            }
+            for name, session, part in rounds
+        ],
+        "total": {
+            **(_total([part for *_, part in rounds]) or {}),
+            "constrained": _total(parts[True]),
+            "unconstrained": _total(parts[False]),
+        },
+    }
+
+
+def _total(parts: Sequence[Agreement]) -> dict[str, Any] | None:
+    if not parts:
+        return None
+    total = pooled(parts)
+    identical = {"identical": total.identical, "identical_rounds": total.identical_rounds}
+    return {"rounds": total.rounds, **as_json(total), **identical}
+
+
 def _share(part: int, whole: int) -> float | None:
     return part / whole if whole else None
 
@@ -157,19 +206,19 @@ def _or_none(values: np.ndarray, statistic: Any) -> float | None:
     return float(statistic(values)) if len(values) else None
 
 
-def _spawns(events: Iterable[Event]) -> dict[int, Event]:
+def _spawns(events: Iterable[TargetEvent]) -> dict[int, TargetEvent]:
     return {event.target: event for event in events if event.kind == "spawn"}
 
 
-def _hits(events: Iterable[Event]) -> dict[int, Event]:
+def _hits(events: Iterable[TargetEvent]) -> dict[int, TargetEvent]:
     return {event.target: event for event in events if event.kind == "hit"}
 
 
-def _ends(events: Iterable[Event]) -> dict[int, str]:
+def _ends(events: Iterable[TargetEvent]) -> dict[int, str]:
     return {event.target: event.kind for event in events if event.kind in ("hit", "miss")}
 
 
-def _counts(events: Iterable[Event]) -> dict[str, int]:
+def _counts(events: Iterable[TargetEvent]) -> dict[str, int]:
     kinds = [event.kind for event in events]
     return {kind: kinds.count(kind) for kind in ("spawn", "hit", "contact", "miss")}
 
@@ -182,17 +231,19 @@ def _sums(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
     return total
 
 
-def _apart(a: Event, b: Event) -> float:
+def _apart(a: TargetEvent, b: TargetEvent) -> float:
     return abs(a.time_s - b.time_s)
 
 
-def _velocity_difference(a: Event, b: Event) -> float:
+def _velocity_difference(a: TargetEvent, b: TargetEvent) -> float:
     if a.velocity_mps is None or b.velocity_mps is None:
         return float("nan")
     return float(np.linalg.norm(np.subtract(a.velocity_mps, b.velocity_mps)))
 
 
-def _first_divergence(recorded: Iterable[Event], predicted: Iterable[Event]) -> float | None:
+def _first_divergence(
+    recorded: Iterable[TargetEvent], predicted: Iterable[TargetEvent]
+) -> float | None:
     """Time of the first event that the other list does not have, s; None: the lists agree."""
     ours, theirs = _keyed(predicted), _keyed(recorded)
     differing = [
@@ -203,12 +254,12 @@ def _first_divergence(recorded: Iterable[Event], predicted: Iterable[Event]) -> 
     return min(differing, default=None)
 
 
-def _keyed(events: Iterable[Event]) -> dict[_Key, Event]:
+def _keyed(events: Iterable[TargetEvent]) -> dict[_Key, TargetEvent]:
     """Events by kind, target, cell and how many like it came before.
 
     The order of events within a fixed step does not matter: nothing depends on it.
     """
-    keyed: dict[_Key, Event] = {}
+    keyed: dict[_Key, TargetEvent] = {}
     for event in sorted(events, key=lambda event: event.time_s):
         count = 0
         while (event.kind, event.target, event.cell, count) in keyed:

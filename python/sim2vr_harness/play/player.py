@@ -127,17 +127,34 @@ class Player:
             on_progress: Called with the share of the work done, from 0 to 1.
         """
         with torch_threads(1):
-            for _ in self.steps(jobs):
+            self.begin(jobs)
+            for _ in self.steps():
                 on_progress(self._share())
         return [result for result in self.rounds if result is not None]
 
-    def steps(self, jobs: Sequence[Job]) -> Iterator[Any]:
-        """Play N rounds, and yield the ``StepBatch`` of every user step.
+    def begin(self, jobs: Sequence[Job]) -> None:
+        """Begin N rounds."""
+        n = len(jobs)
+        self._jobs, self.step_count = jobs, 0
+        self._rngs: list[np.random.Generator | None] = [
+            None if self._deterministic else np.random.default_rng([job.seed, 1]) for job in jobs
+        ]
+        self._started = []
+        for i, job in enumerate(jobs):
+            who = {} if job.person is None else {"persons": [job.person]}
+            self._started += self.simulation.reset(
+                ids=[i], seeds=[job.seed], options=dict(job.options), **who
+            )
+        self._memory = self._policy.begin(n)
+        self.actions = np.zeros((n, *self.simulation.action_space.shape), np.float32)
+        self.game_returns, self.efforts, self._changes = np.zeros((3, n))
+        self.logs: list[Mapping[str, float]] = [{} for _ in jobs]
+        self.rounds: list[Round | None] = [None for _ in jobs]
+        for watcher in self._watchers:
+            watcher.started(self.simulation, jobs)
 
-        Args:
-            jobs: N.
-        """
-        self._begin(jobs)
+    def steps(self) -> Iterator[Any]:
+        """Play the rounds that were begun, and yield the ``StepBatch`` of every user step."""
         while playing := [i for i, result in enumerate(self.rounds) if result is None]:
             self._observation = self.simulation.observation()
             acted = self._policy.act(self._observation, self._memory, self._rngs)
@@ -159,26 +176,6 @@ class Player:
                 if outcome.over[i]:
                     self._finish(i, outcome.infos[i])
             yield outcome
-
-    def _begin(self, jobs: Sequence[Job]) -> None:
-        n = len(jobs)
-        self._jobs, self.step_count = jobs, 0
-        self._rngs: list[np.random.Generator | None] = [
-            None if self._deterministic else np.random.default_rng([job.seed, 1]) for job in jobs
-        ]
-        self._started = []
-        for i, job in enumerate(jobs):
-            who = {} if job.person is None else {"persons": [job.person]}
-            self._started += self.simulation.reset(
-                ids=[i], seeds=[job.seed], options=dict(job.options), **who
-            )
-        self._memory = self._policy.begin(n)
-        self.actions = np.zeros((n, *self.simulation.action_space.shape), np.float32)
-        self.game_returns, self.efforts, self._changes = np.zeros((3, n))
-        self.logs: list[Mapping[str, float]] = [{} for _ in jobs]
-        self.rounds: list[Round | None] = [None for _ in jobs]
-        for watcher in self._watchers:
-            watcher.started(self.simulation, jobs)
 
     def _finish(self, i: int, info: Mapping[str, Any]) -> None:
         job, steps = self._jobs[i], self.step_count

@@ -151,9 +151,9 @@ def baseline_reward(simulation: Any, user: str, seed: int) -> tuple[float, float
         Mean reward of the app and mean cost of effort, both per minute.
     """
     player = Player(simulation, scripted_policy(user, simulation), GameFacts(""))
-    jobs = jobs_for([Condition("")], simulation.n, seed)
+    player.begin(jobs_for([Condition("")], simulation.n, seed))
     hz = simulation.config.action_frequency_hz
-    for _ in islice(player.steps(jobs), round(BASELINE_S * hz)):
+    for _ in islice(player.steps(), round(BASELINE_S * hz)):
         pass
     steps = sum(player.step_count if one is None else one.steps for one in player.rounds)
     minutes = steps / hz / 60.0

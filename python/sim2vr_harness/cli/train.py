@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from rich.console import Console
 
-from sim2vr_harness.cli.app_options import as_overrides, with_app_options
+from sim2vr_harness.cli.app_options import with_app_options
 from sim2vr_harness.cli.errors import INTERRUPTED
 from sim2vr_harness.cli.options import (
     SetOption,
@@ -100,6 +100,7 @@ def train(
         sim2vr-harness train --resume runs/sample
     """
     from sim2vr_harness.envs.games import with_task
+    from sim2vr_harness.play.environment import as_overrides
     from sim2vr_harness.play.users import doing_nothing_pays
     from sim2vr_harness.runs.trust import named_app, require_trust
     from sim2vr_harness.training.run import trainer

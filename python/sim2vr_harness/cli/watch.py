@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sim2vr_harness.cli.app_options import as_overrides, with_page_options
+from sim2vr_harness.cli.app_options import with_page_options
 from sim2vr_harness.cli.options import (
     DeterministicOption,
     EnvSetOption,
@@ -145,7 +145,7 @@ def _chosen(
         seed = session.seed if seed is None else seed
         same = session.app.kind == "game" and not remote and game in (None, session.app.name)
         condition = condition or (session.app.condition if same else "") or None
-    how |= {"game": game, "condition": condition, "page": as_overrides(remote)}
+    how |= {"game": game, "condition": condition, "app": remote}
     show = choose(run, seed=1 if seed is None else seed, **how)
     if session is None or beside is None:
         return show

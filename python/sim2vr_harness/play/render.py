@@ -15,7 +15,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import naming
 from sim2vr_harness.client import AppDied
 from sim2vr_harness.envs.config import VisionConfig
-from sim2vr_harness.envs.games import game_facts, with_condition, with_game
+from sim2vr_harness.envs.games import game_facts, with_condition
 from sim2vr_harness.play.environment import make_simulation
 from sim2vr_harness.play.film import BodyPainter, Film, Painter, Picture, compose, score_text
 from sim2vr_harness.play.player import Job, Player
@@ -78,7 +78,7 @@ def snapshot(
     if out.exists() and not out.is_dir():
         raise InputError("--out", f"{str(out)!r}, which is a file", "a folder")
     who = SimulatedUser.find(user)
-    config = with_game(who.env(app, overrides, trust_app=trust_app), game)
+    config = who.env(app, overrides, game=game, trust_app=trust_app)
     who.require_contract(config)
     facts = game_facts(config.app)
     title = f"{facts.name} {condition or facts.condition_of(config.app.options)}".strip()

@@ -13,9 +13,9 @@ from typing import Any
 from sim2vr_harness.client import Condition, GameFacts, Measure, TaskedApp
 from sim2vr_harness.client.tasks.events import EVENT_VALUE
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.games import without_training
+from sim2vr_harness.envs.games import with_game, without_training
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.play.environment import evaluation_env
+from sim2vr_harness.play.environment import as_overrides, evaluation_env
 from sim2vr_harness.play.player import Player, Watcher, jobs_for
 from sim2vr_harness.play.round import Round
 from sim2vr_harness.policies.protocol import Policy
@@ -29,6 +29,9 @@ from sim2vr_harness.policies.scripted import (
 )
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import TrainingConfig, load_config
+
+_UNTRAINED = "webxr"
+"""Configuration of users without training."""
 
 STEP_MEASURES = (
     Measure("steps_done", "Steps done", better="higher", digits=0),
@@ -70,7 +73,7 @@ class SimulatedUser:
         if is_script(text):
             read_steps(text)
         if is_script(text) or text in ("still", "random"):
-            return cls(text, text, load_config("webxr", ["evaluation.episodes=2"]))
+            return cls(text, text, load_config(_UNTRAINED, ["evaluation.episodes=2"]))
         trained = find_user(who, code=True)
         return cls(name_of(trained), who, trained.config, trained)
 
@@ -79,13 +82,24 @@ class SimulatedUser:
         app: Mapping[str, Any] | None = None,
         overrides: Sequence[str] = (),
         *,
+        game: str | None = None,
         trust_app: bool = False,
     ) -> EnvConfig:
-        """Return the environment that it plays in; see :func:`.evaluation_env`."""
-        env = evaluation_env(self.config, app, overrides, source=self.source, trust_app=trust_app)
+        """Return the environment that it plays in; see :func:`.evaluation_env`.
+
+        Args:
+            app: Settings that replace those of ``env.app``.
+            overrides: ``env.KEY=VALUE``, what else is different.
+            game: Another game than the configuration's.
+            trust_app: Whether the app that the user names may be started, though you never have.
+        """
         if self.trained is not None:
-            return env
-        return with_inputs(without_training(env, overrides), self.name)
+            source = self.source
+            env = evaluation_env(self.config, app, overrides, source=source, trust_app=trust_app)
+            return with_game(env, game)
+        # Read as one: what is not set follows from the app and its task.
+        env = load_config(_UNTRAINED, [*overrides, *as_overrides(app or {})]).env
+        return with_inputs(without_training(with_game(env, game), overrides), self.name)
 
     def require_contract(self, env: EnvConfig) -> None:
         """Refuse an environment that it cannot play in; without training it plays in any.

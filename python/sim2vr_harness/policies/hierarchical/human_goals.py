@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -90,14 +91,13 @@ class GoalPerception:
         """(B, H, 3) how far from their places goals seem to be, m."""
         return (self._least_m + self._weber * self._seen_m[0])[..., None] * self._error
 
-    def state_dict(self) -> dict[str, Tensor]:
+    def state_dict(self) -> dict[str, Any]:
         """Everything that its future depends on, but for torch's global generator."""
         own = {"error": self._error.clone(), "seen_m": self._seen_m.clone()}
-        drawn = [each.get_state() for each in self.generators or ()]
-        return own | ({"drawn": torch.stack(drawn)} if drawn else {})
+        return own | {"drawn": [each.get_state() for each in self.generators or ()]}
 
-    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from :meth:`state_dict`."""
         self._error, self._seen_m = state["error"].clone(), state["seen_m"].clone()
-        for each, drawn in zip(self.generators or (), state.get("drawn", ()), strict=True):
+        for each, drawn in zip(self.generators or (), state["drawn"], strict=True):
             each.set_state(drawn)

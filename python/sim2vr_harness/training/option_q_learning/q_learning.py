@@ -360,8 +360,6 @@ class OptionQLearning:
         self.net.load_state_dict(state["net"])
         self.learner.slow.load_state_dict(state["slow"])
         self.learner.optimizer.load_state_dict(state["optimizer"])
-        if isinstance(self.policy, PersonPolicy) and self.policy.draws is not None:
-            self.policy.draws.bit_generator.state = header["draws"]
         self._decisions.load_state_dict(len(state["decisions"]["over"]), state["decisions"])
         arrays = {name: values.numpy() for name, values in state["arrays"].items()}
         self._trying, self._tried = arrays["trying"].copy(), arrays["tried"].copy()
@@ -371,3 +369,5 @@ class OptionQLearning:
             value.copy_(state["manner"][name])
         self._memory = self.policy.begin(self.n)
         self._memory[0].load_state_dict(state["memory"])
+        if isinstance(self.policy, PersonPolicy) and self.policy.draws is not None:
+            self.policy.draws.bit_generator.state = header["draws"]

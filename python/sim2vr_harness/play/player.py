@@ -132,10 +132,15 @@ class Player:
                 on_progress(self._share())
         return [result for result in self.rounds if result is not None]
 
-    def begin(self, jobs: Sequence[Job]) -> None:
-        """Begin N rounds."""
+    def begin(self, jobs: Sequence[Job], *, endless: bool = False) -> None:
+        """Begin N rounds.
+
+        Args:
+            jobs: N.
+            endless: Whether users whose rounds are over begin others, and sums go on.
+        """
         n = len(jobs)
-        self._jobs, self.step_count = jobs, 0
+        self._jobs, self._endless, self.step_count = jobs, endless, 0
         self._rngs: list[np.random.Generator | None] = [
             None if self._deterministic else np.random.default_rng([job.seed, 1]) for job in jobs
         ]
@@ -172,9 +177,11 @@ class Player:
                 self.logs[i] = info.get("log", self.logs[i])
             for watcher in self._watchers:
                 watcher.stepped(outcome.reward, outcome.infos)
-            for i in playing:
-                if outcome.over[i]:
-                    self._finish(i, outcome.infos[i])
+            if self._endless:
+                self._policy.restart(self._memory, self.simulation.renew(outcome))
+            else:
+                for i in np.flatnonzero(outcome.over[playing]).tolist():
+                    self._finish(playing[i], outcome.infos[playing[i]])
             yield outcome
 
     def _finish(self, i: int, info: Mapping[str, Any]) -> None:
@@ -208,6 +215,36 @@ class Player:
             for i, result in enumerate(self.rounds)
         ]
         return float(np.mean(shares))
+
+
+def reward_per_minute(
+    simulation: Any,
+    policy: Policy,
+    seeds: Sequence[int],
+    steps: int,
+    *,
+    deterministic: bool,
+    on_progress: Callable[[float], None] = lambda share: None,
+) -> tuple[float, float]:
+    """Let all users play for some time, one round after the other.
+
+    Args:
+        simulation: Of N users; it is reset.
+        policy: Acts for them.
+        seeds: N, of the first rounds.
+        steps: User steps to play, of each user.
+        deterministic: Whether actions are the policy's mean instead of samples.
+        on_progress: Called with the share of the steps done, before each of them.
+
+    Returns:
+        Mean reward of the app and mean cost of effort, both per minute.
+    """
+    player = Player(simulation, policy, GameFacts(""), deterministic=deterministic)
+    player.begin([Job("", k, seed) for k, seed in enumerate(seeds)], endless=True)
+    for step, _ in zip(range(steps), player.steps(), strict=False):
+        on_progress(step / steps)
+    per_minute = 60.0 * simulation.config.action_frequency_hz / steps
+    return float(player.game_returns.mean()) * per_minute, float(player.efforts.mean()) * per_minute
 
 
 def play(

@@ -6,17 +6,16 @@ import os
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from sim2vr_harness.client import Condition, GameFacts, Measure, TaskedApp
+from sim2vr_harness.client import GameFacts, Measure, TaskedApp
 from sim2vr_harness.client.tasks.events import EVENT_VALUE
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import with_game, without_training
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.play.environment import as_overrides, evaluation_env
-from sim2vr_harness.play.player import Player, Watcher, jobs_for
+from sim2vr_harness.play.player import Watcher, reward_per_minute
 from sim2vr_harness.play.round import Round
 from sim2vr_harness.policies.protocol import Policy
 from sim2vr_harness.policies.registry import load_policy
@@ -154,7 +153,7 @@ class _Script(ScriptedPolicy, Watcher):
 
 
 def baseline_reward(simulation: Any, user: str, seed: int) -> tuple[float, float]:
-    """Let all users play for :data:`BASELINE_S` without training, or until their rounds end.
+    """Let all users play for :data:`BASELINE_S` without training.
 
     Args:
         simulation: Of the users; it is reset.
@@ -164,14 +163,9 @@ def baseline_reward(simulation: Any, user: str, seed: int) -> tuple[float, float
     Returns:
         Mean reward of the app and mean cost of effort, both per minute.
     """
-    player = Player(simulation, scripted_policy(user, simulation), GameFacts(""))
-    player.begin(jobs_for([Condition("")], simulation.n, seed))
-    hz = simulation.config.action_frequency_hz
-    for _ in islice(player.steps(), round(BASELINE_S * hz)):
-        pass
-    steps = sum(player.step_count if one is None else one.steps for one in player.rounds)
-    minutes = steps / hz / 60.0
-    return float(player.game_returns.sum() / minutes), float(player.efforts.sum() / minutes)
+    policy, seeds = scripted_policy(user, simulation), range(seed, seed + simulation.n)
+    steps = round(BASELINE_S * simulation.config.action_frequency_hz)
+    return reward_per_minute(simulation, policy, seeds, steps, deterministic=False)
 
 
 def doing_nothing_pays(env: EnvConfig) -> str | None:

@@ -20,7 +20,7 @@ from sim2vr_harness.policies.hierarchical.motor_goals import (
     MotorGoals,
     tips,
 )
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.options import (
     FREE,
     MOVES,
@@ -249,7 +249,7 @@ class PrimitiveController:
 
     def __init__(
         self,
-        layer: MotorLayer,
+        layer: MotorPolicy,
         tool: Tensor,
         poses: Tensor,
         options: OptionSet = PLAIN,

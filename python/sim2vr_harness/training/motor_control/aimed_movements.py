@@ -346,7 +346,8 @@ class _PeoplesCourse(_Course):
         self._persons = [
             bodies.people.sample(seed + 7919, k) for k in range(persons) for _ in range(repeats)
         ]
-        self._seen = policy.perception(self._n, torch.Generator().manual_seed(seed + 93))
+        generator = torch.Generator().manual_seed(seed + 93)
+        self._seen = policy.perception(self._n, [generator] * self._n)
         self._hands = HumanHands(policy, self._n, self._seen)
 
     def _who(self) -> NDArray[np.float64]:

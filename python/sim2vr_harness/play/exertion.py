@@ -120,14 +120,13 @@ class FatigueRecorder(Watcher):
 
     def started(self, simulation: Any, jobs: Sequence[Job]) -> None:
         """Group the muscles of the users."""
-        users = getattr(simulation, "users", None)
-        tires = isinstance(users, UserBatch) and "max_MF" in users.effort.state()
-        self._users = users if tires else None
-        self._groups = fatigue_groups(users.body) if tires else None
+        self._users: Any = getattr(simulation, "users", None)
+        tires = isinstance(self._users, UserBatch) and "max_MF" in self._users.effort.state()
+        self._groups = fatigue_groups(self._users.body) if tires else None
 
     def measured(self, index: int, result: Round) -> Round:
         """Add the measures of fatigue."""
-        if self._users is None or self._groups is None:
+        if self._groups is None:
             return result
         worst = self._users.effort.state()["max_MF"][index]
         parts = self._groups.part_names

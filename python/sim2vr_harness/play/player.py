@@ -103,8 +103,8 @@ class Player:
     ) -> None:
         self.simulation, self._facts = simulation, facts
         self._policy = policy if isinstance(policy, Policy) else FunctionPolicy(policy)
-        own = [policy] if isinstance(policy, Watcher) else []
-        self._watchers = [*own, *watchers]
+        own = isinstance(policy, Watcher)
+        self._watchers: list[Watcher] = [policy, *watchers] if own else [*watchers]
         self._deterministic = deterministic
 
     @property

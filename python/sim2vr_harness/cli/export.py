@@ -83,7 +83,7 @@ def _iwer_files(source: Path, out: Path, episodes: list[str]) -> list[Path]:
         return [file]
     data = read_data(source)
     files = []
-    for episode in episodes or list(data.episodes["episode"]):
+    for episode in data.episode_keys(episodes):
         files.append(out / f"{episode}.json")
         write_iwer(session_of_steps(data, episode), files[-1])
     return files

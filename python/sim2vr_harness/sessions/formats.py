@@ -155,9 +155,11 @@ def find_sessions(path: Path) -> list[Path]:
     if path.name == "manifest.json":
         return packed_rounds(path)
     try:
-        return [path] if path.is_file() and format_of(path) else []
+        found = format_of(path).name if path.is_file() else None
     except InputError:
         return []
+    packed = found == PACKED and path.suffix != ".npz"  # other files are ZIP archives, too
+    return [] if found is None or packed else [path]
 
 
 def read_sessions(path: Path, option: str = "PATH") -> list[Session]:

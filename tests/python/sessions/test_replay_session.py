@@ -22,8 +22,7 @@ from sim2vr_harness.sessions import (
     read_sessions,
     write_session,
 )
-from sim2vr_harness.sessions.divergence import compare_events
-from sim2vr_harness.sessions.replay import replay_session
+from sim2vr_harness.sessions.replay import compare_events, replay_session
 from sim2vr_harness.sessions.whacamole import with_clock
 from webxr_pages import NEEDS_BROWSER, PAGES
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,18 +14,19 @@ from typer.testing import CliRunner
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import app
-from sim2vr_harness.human_comparison.fitts.__init__ import (
+from sim2vr_harness.human_comparison.fitts import (
+    STUDIES,
+    AimedPerson,
+    aimed_person,
+    aimed_round,
     blocks_of,
     fit_line,
-    measure_user,
+    fitts_law,
     movements_of,
-    read_taps,
+    submovements,
+    taps_of,
 )
-from sim2vr_harness.human_comparison.fitts.figure import draw_fitts
-from sim2vr_harness.human_comparison.fitts.law import rounds_below
-from sim2vr_harness.human_comparison.fitts.published import STUDIES, studies_table
-from sim2vr_harness.human_comparison.fitts.submovements import submovements
-from sim2vr_harness.human_comparison.fitts.users import AimedUser, read_aimed_people
+from sim2vr_harness.sessions import read_session, read_sessions
 
 # Two targets 10 cm apart, one on either side of the middle, in turn: to the right, offsets are
 # along x, to the left against it.
@@ -34,8 +37,9 @@ def log_of(
     places: list[tuple[str, float, float, float]], width: float = 0.02, block: int = 0
 ) -> list[str]:
     """Events of a block: (outcome, time, x, y) of each trial, left and right in turn."""
-    lines = [f"0, block_start, block {block}, distance 0.1, width {width}, index 9, targets 3"]
-    before = 0.0
+    before = places[0][1] - 0.5
+    block_starts = f"block_start, block {block}, distance 0.1, width {width}, index 9, targets 3"
+    lines = [f"{before}, {block_starts}"]
     for trial, (outcome, time, x, y) in enumerate(places):
         center = LEFT if trial % 2 == 0 else RIGHT
         names = f"target ID {trial}, grid ID 0, block {block}, trial {trial}"
@@ -48,9 +52,10 @@ def log_of(
 
 def written(folder: Path, *blocks: list[str]) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
+    states(folder, tip=False)
     text = ["0, target plane transform 0.15 1.1 0.4 0 0 0 1"]
     text += [line for block in blocks for line in block]
-    (folder / "events.csv").write_text("\n".join([*text, "9, episode statistics, hits 4", ""]))
+    (folder / "events.csv").write_text("\n".join([*text, "19, episode statistics, hits 4", ""]))
     return folder
 
 
@@ -63,7 +68,7 @@ HAND_MADE = [
 
 
 def test_movements_by_hand(tmp_path: Path) -> None:
-    taps = read_taps(written(tmp_path, log_of(HAND_MADE)) / "events.csv")
+    taps = taps_of(read_session(written(tmp_path, log_of(HAND_MADE))))
     assert [tap.outcome for tap in taps] == ["hit", "hit", "hit", "error"]
     assert taps[3].shown_s == 2.1
     assert (taps[0].distance_m, taps[0].width_m) == (0.1, 0.02)
@@ -78,7 +83,7 @@ def test_movements_by_hand(tmp_path: Path) -> None:
 
 def test_a_block_by_hand(tmp_path: Path) -> None:
     """Spread 4 mm, 16.532 mm wide; mean length 98.667 mm: log2(6.968) = 2.8008 bits in 0.6 s."""
-    taps = read_taps(written(tmp_path, log_of(HAND_MADE)) / "events.csv")
+    taps = taps_of(read_session(written(tmp_path, log_of(HAND_MADE))))
     (block,) = blocks_of(movements_of(taps))
     assert block.spread_m == pytest.approx(0.004)
     assert block.effective_width_m == pytest.approx(0.016532)
@@ -97,7 +102,7 @@ def test_no_movement_begins_or_ends_with_a_time_out(tmp_path: Path) -> None:
         ("target_hit", 5.0, 0.05, 0.0),
     ]
     other = log_of([("target_hit", 5.5, -0.05, 0.0)], width=0.04, block=1)
-    taps = read_taps(written(tmp_path, log_of(places), other) / "events.csv")
+    taps = taps_of(read_session(written(tmp_path, log_of(places), other)))
     assert [tap.place_m for tap in taps][1] is None
     (move,) = movements_of(taps)  # nor does one lead from a block to the next
     assert (move.block, move.began_s, move.time_s) == (0, 4.5, 0.5)
@@ -114,6 +119,8 @@ def test_a_line_by_hand() -> None:
     assert bent is not None
     assert (bent.a_s, bent.b_s_per_bit, bent.r2) == pytest.approx((7 / 6, 0.5, 0.75))
     assert fit_line([1.0, 1.0, 2.0], [1.0, 2.0, 3.0]) is None
+    assert fitts_law([0.0, 1.0, 2.0], [1.0, 2.0, 2.0]) == pytest.approx((7 / 6, 0.5, 0.75))
+    assert fitts_law([1.0, 2.0], [0.5, 0.5])[2] == 0.0  # nothing varies
 
 
 def hump(times: np.ndarray, begin: float, end: float, way: float) -> np.ndarray:
@@ -137,17 +144,17 @@ def test_submovements_are_humps_of_speed(rate_hz: int) -> None:
     assert submovements(times, small, 0.45, 1.4) == 1
 
 
-def states(folder: Path, rate_hz: int = 20) -> None:
+def states(folder: Path, rate_hz: int = 20, *, tip: bool = True) -> None:
     """The tip goes from target to target in single movements, as in HAND_MADE."""
     times = np.arange(0.0, 3.0, 1.0 / rate_hz)
     x = -0.05 + hump(times, 1.05, 1.45, 0.096) + hump(times, 1.55, 2.05, -0.096)
     x += hump(times, 2.15, 2.75, 0.104)
-    names = ("left", "right", "head", "tip")
+    names = ("left", "right", "head", *(("tip",) if tip else ()))
     axes = ("pos_x", "pos_y", "pos_z", "quat_x", "quat_y", "quat_z", "quat_w")
     head = ", ".join(f"{name}_{axis}" for name in names for axis in axes)
     still = "0, 0, 0, 0, 0, 0, 1"
     rows = [
-        f"{t}, {still}, {still}, {still}, {v}, 0, 0, 0, 0, 0, 1"
+        f"{t}, {still}, {still}, {still}" + (f", {v}, 0, 0, 0, 0, 0, 1" if tip else "")
         for t, v in zip(times, x, strict=True)
     ]
     lines = ["condition pointing, random seed 1", f"timestamp, {head}", *rows]
@@ -157,10 +164,10 @@ def states(folder: Path, rate_hz: int = 20) -> None:
 def user(folder: Path, pause_s: float = 0.2) -> None:
     """Two rounds with blocks of three widths, each 0.1 s slower per bit."""
     for number in range(2):
-        blocks = []
+        blocks, time = [], 0.0
         for k, width in enumerate((0.04, 0.02, 0.01)):
             bits = math.log2(0.1 / width + 1.0)
-            time, places = 1.0, []
+            time, places = time + 1.0, []
             for trial, slip in enumerate((0.0, -0.002, 0.002, 0.0)):
                 side = -1.0 if trial % 2 == 0 else 1.0
                 places.append(("target_hit", time, side * (0.05 + slip), 0.0))
@@ -169,10 +176,14 @@ def user(folder: Path, pause_s: float = 0.2) -> None:
         written(folder / f"round{number}", *blocks)
 
 
+def numbers_of(folder: Path) -> AimedPerson:
+    return aimed_person([aimed_round(each) for each in read_sessions(folder)], folder.name)
+
+
 def test_a_user_s_numbers(tmp_path: Path) -> None:
     user(tmp_path / "anna")
-    result = measure_user(rounds_below(tmp_path / "anna"), "anna")
-    assert (result.rounds, result.targets, result.timeouts) == (2, 24, 0)
+    result = numbers_of(tmp_path / "anna")
+    assert (result.targets, result.timeouts) == (24, 0)
     assert [one.width_m for one in result.difficulties] == [0.04, 0.02, 0.01]
     assert [one.movements for one in result.difficulties] == [6, 6, 6]
     assert result.line is not None
@@ -194,7 +205,7 @@ def test_a_user_s_numbers(tmp_path: Path) -> None:
 def test_submovements_of_a_round(tmp_path: Path) -> None:
     folder = written(tmp_path / "round", log_of(HAND_MADE))
     states(folder)
-    result = measure_user([folder], "bob")
+    result = numbers_of(folder)
     assert [one.submovements for one in result.difficulties] == [1.0]
     assert result.line is None
 
@@ -204,16 +215,20 @@ def test_what_is_wrong_is_named(tmp_path: Path) -> None:
     events = folder / "events.csv"
     text = events.read_text()
     events.write_text(text.replace("place -0.05 0.0", "place -0.05"))
-    with pytest.raises(InputError, match=r"events\.csv, line 4: got .* expected an event"):
-        read_taps(events)
-    events.write_text(text.replace("0, target_spawn", "0, something"))
-    with pytest.raises(InputError, match=r"line 4"):
-        read_taps(events)
+    with pytest.raises(InputError, match=r"a, target_hit at 1 s: got .* expected an event"):
+        taps_of(read_session(folder))
+    events.write_text(text.replace("0.5, target_spawn", "0.5, something"))
+    with pytest.raises(InputError, match=r"target_hit at 1 s"):
+        taps_of(read_session(folder))
     events.write_text("0, grid mapping\n")
     with pytest.raises(InputError, match="no target"):
-        read_taps(events)
-    with pytest.raises(InputError, match=r"no events\.csv"):
-        rounds_below(tmp_path / "nobody")
+        taps_of(read_session(folder))
+    states(folder)
+    states_csv = folder / "states.csv"
+    states_csv.write_text(states_csv.read_text().replace("tip_", "top_"))
+    events.write_text(text)
+    with pytest.raises(InputError, match="no column tip_pos_x"):
+        aimed_round(read_session(folder))
 
 
 def test_the_command_puts_users_beside_people(tmp_path: Path) -> None:
@@ -223,7 +238,7 @@ def test_the_command_puts_users_beside_people(tmp_path: Path) -> None:
     for person, pause in ((0, 0.3), (1, 0.5)):
         user(tmp_path / "user" / "logs" / f"seed{person}", pause_s=pause)
     rows = []
-    for place in rounds_below(tmp_path / "user"):
+    for place in sorted((tmp_path / "user" / "logs").glob("*/*")):
         states(place)
         rows.append(
             {
@@ -235,26 +250,36 @@ def test_the_command_puts_users_beside_people(tmp_path: Path) -> None:
     (tmp_path / "user" / "results.json").write_text(json.dumps(results))
     out = tmp_path / "out"
     where = ["--people", str(tmp_path / "people"), "--out", str(out), "--every"]
-    result = CliRunner().invoke(app, ["compare", str(tmp_path / "user"), *where])
+    result = CliRunner(env={"COLUMNS": "140"}).invoke(
+        app, ["compare", str(tmp_path / "user"), *where]
+    )
     assert result.exit_code == 0, result.output
     assert "user: 2 persons, 4 rounds;" in " ".join(result.output.split())
     assert (out / "movement_time.png").stat().st_size > 10_000
     found = json.loads((out / "comparison.json").read_text())
-    line = found["users"]["user"]["line"]
+    line = found["fitts"]["law"]["user"]["line"]
     assert line["a_s"] == pytest.approx(0.4)
     assert line["b_s_per_bit"] == pytest.approx(0.1)
-    numbers = found["users"]["user"]["numbers"]
-    assert numbers["a"]["mean"] == pytest.approx(0.4)
-    assert numbers["a"]["sd"] == pytest.approx(0.2 / math.sqrt(2.0))
-    assert [person["rounds"] for person in found["users"]["user"]["persons"]] == [2, 2]
-    theirs = found["people"]["people"]["numbers"]["throughput"]
+    assert line["r2"] == pytest.approx(1.0)
+    rows = {row["measure"]: row for row in found["users"]["user"]["measures"]}
+    assert rows["fitts_a"]["value"] == pytest.approx(0.4)
+    assert rows["fitts_a"]["spread"] == pytest.approx(0.2 / math.sqrt(2.0))
+    counts = {name: (row["persons"], row["people"]) for name, row in rows.items()}
+    assert counts.pop("submovements") == (2, 0)  # the people's logs have no tip
+    assert {*counts.values()} == {(2, 2)}
+    (persons,) = found["users"]["user"]["persons"].values()
+    assert [person["rounds"] for person in persons] == [2, 2]
+    own = rows["throughput"]
     bits = math.log2(0.1 / (4.133 * 0.002) + 1.0)
     times = [0.3 + 0.1 * math.log2(0.1 / width + 1.0) for width in (0.04, 0.02, 0.01)]
-    assert theirs["low"] == pytest.approx(np.mean([bits / time for time in times]), rel=1e-3)
-    assert line["r2"] == pytest.approx(1.0)
-    own = numbers["throughput"]
-    assert own["inside"] is (theirs["low"] <= own["mean"] <= theirs["high"]) is False
-    assert f"{own['mean']:.3g}* ±" in result.output
+    assert own["people_low"] == pytest.approx(np.mean([bits / time for time in times]), rel=1e-3)
+    assert own["inside"] == 0.0 and not own["people_low"] <= own["value"] <= own["people_high"]
+    # Every table says of how many persons it is.
+    text = " ".join(result.output.split())
+    assert re.search(rf"throughput \(bits/s\) {own['value']:.3g} ± [\d.]+\* .* 2, 2", text)
+    assert "user: means over n persons" in text
+    table = list(csv.DictReader((out / "difficulties.csv").read_text().splitlines()))
+    assert [row["persons"] for row in table] == ["2"] * 6
 
 
 def test_without_recordings_published_figures_are_beside(tmp_path: Path) -> None:
@@ -271,23 +296,17 @@ def test_without_recordings_published_figures_are_beside(tmp_path: Path) -> None
     assert not (tmp_path / "movement_time.png").exists()
 
 
-def test_a_picture_is_a_png(tmp_path: Path) -> None:
-    user(tmp_path / "anna")
-    anna = AimedUser("anna", (measure_user(rounds_below(tmp_path), "x"),))
-    assert draw_fitts([anna], tmp_path / "a.png").stat().st_size > 10_000
-    with pytest.raises(InputError, match=r"ends in \.png or \.pdf"):
-        draw_fitts([anna], tmp_path / "x.svg")
-
-
-def test_people_are_folders(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="expected a folder with one per person"):
-        read_aimed_people([tmp_path / "none"])
-    with pytest.raises(InputError, match="which has none, expected a folder per person"):
-        read_aimed_people([tmp_path])
-
-
 def test_the_page_has_the_published_studies() -> None:
-    page = Path(__file__).parents[4] / "docs" / "research" / "games.md"
-    assert studies_table() in page.read_text()
+    page = (Path(__file__).parents[3] / "docs" / "research" / "games.md").read_text()
+    for study in STUDIES:
+        numbers = (study.a_s, study.b_s_per_bit, study.r2, study.throughput_bps)
+        cells = [
+            study.citation,
+            "-" if study.people is None else str(study.people),
+            study.task,
+            *("-" if number is None else f"{number:.3g}" for number in numbers),
+            study.note,
+        ]
+        assert f"| {' | '.join(cells)} |" in page
     assert all(study.citation[-4:].isdigit() for study in STUDIES)
     assert all(study.note for study in STUDIES if study.throughput_bps is None)

@@ -120,13 +120,14 @@ class FatigueRecorder(Watcher):
 
     def started(self, simulation: Any, jobs: Sequence[Job]) -> None:
         """Group the muscles of the users."""
-        self._users: Any = getattr(simulation, "users", None)
-        tires = isinstance(self._users, UserBatch) and "max_MF" in self._users.effort.state()
-        self._groups = fatigue_groups(self._users.body) if tires else None
+        users = getattr(simulation, "users", None)
+        self._groups, self._users = None, users
+        if isinstance(users, UserBatch) and "max_MF" in users.effort.state():
+            self._groups = fatigue_groups(users.body)
 
     def measured(self, index: int, result: Round) -> Round:
         """Add the measures of fatigue."""
-        if self._groups is None:
+        if self._users is None or self._groups is None:
             return result
         worst = self._users.effort.state()["max_MF"][index]
         parts = self._groups.part_names

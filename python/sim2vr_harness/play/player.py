@@ -103,8 +103,9 @@ class Player:
     ) -> None:
         self.simulation, self._facts = simulation, facts
         self._policy = policy if isinstance(policy, Policy) else FunctionPolicy(policy)
-        own = isinstance(policy, Watcher)
-        self._watchers: list[Watcher] = [policy, *watchers] if own else [*watchers]
+        self._watchers = [*watchers]
+        if isinstance(policy, Watcher):
+            self._watchers.insert(0, policy)
         self._deterministic = deterministic
 
     @property

@@ -83,6 +83,12 @@ BrowserOption = Annotated[
         "--browser", metavar="PATH", help="The Chromium that shows pages.", show_default="found"
     ),
 ]
+GameLibraryOption = Annotated[
+    str | None,
+    typer.Option(
+        "--game-library", metavar="FILE", help="A shared library of games, whose code is run."
+    ),
+]
 
 
 _COMMAND = "PROGRAM, or 'PROGRAM ARGS'"
@@ -94,6 +100,7 @@ _PAGE_OPTIONS: dict[str, Any] = {
     "openxr": OpenXROption,
     "virtual_clock": VirtualClockOption,
     "xvfb": XvfbOption,
+    "game_library": GameLibraryOption,
 }
 _APP_OPTIONS: dict[str, Any] = {
     "app": AppOption,
@@ -146,6 +153,7 @@ def app_settings(
     openxr: str | None = None,
     virtual_clock: bool | None = None,
     xvfb: bool | None = None,
+    game_library: str | None = None,
 ) -> dict[str, Any]:
     """Return the settings of ``env.app`` that the options mean; none without any of them.
 
@@ -166,6 +174,11 @@ def app_settings(
         if value and owned is None:
             raise InputError(option, f"it without {owner}", f"it together with {owner}")
     judged = {} if task is None else {"task": _absolute_task(task)}
+    if game_library is not None:
+        from sim2vr_harness.client import load_game_library
+
+        load_game_library(Path(game_library).expanduser())  # who names it here, runs it
+        judged["game_library"] = _absolute(game_library)
     if page is not None:
         return {**_page_settings(page, mapped or [], browser), **judged}
     if openxr is not None:

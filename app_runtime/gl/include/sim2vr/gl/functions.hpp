@@ -1,10 +1,11 @@
-// The OpenGL functions that the renderer calls, looked up per context. A table of its own instead
-// of a loader library, because OSMesa's functions cannot be found through EGL or GLX.
+// The OpenGL 4.2 functions that are called, looked up per context: in the renderer's own, and in
+// that of an OpenXR program. A table instead of a loader library, because OSMesa's functions cannot
+// be found through EGL or GLX.
 #pragma once
 
 #include <GL/glcorearb.h>
 
-#include <functional>
+#include <type_traits>
 
 #define SIM2VR_GL_FUNCTIONS(X)                                 \
   X(PFNGLATTACHSHADERPROC, AttachShader)                       \
@@ -12,6 +13,7 @@
   X(PFNGLBINDBUFFERRANGEPROC, BindBufferRange)                 \
   X(PFNGLBINDFRAMEBUFFERPROC, BindFramebuffer)                 \
   X(PFNGLBINDRENDERBUFFERPROC, BindRenderbuffer)               \
+  X(PFNGLBINDTEXTUREPROC, BindTexture)                         \
   X(PFNGLBINDVERTEXARRAYPROC, BindVertexArray)                 \
   X(PFNGLBLENDFUNCSEPARATEPROC, BlendFuncSeparate)             \
   X(PFNGLBLITFRAMEBUFFERPROC, BlitFramebuffer)                 \
@@ -28,6 +30,7 @@
   X(PFNGLDELETEPROGRAMPROC, DeleteProgram)                     \
   X(PFNGLDELETERENDERBUFFERSPROC, DeleteRenderbuffers)         \
   X(PFNGLDELETESHADERPROC, DeleteShader)                       \
+  X(PFNGLDELETETEXTURESPROC, DeleteTextures)                   \
   X(PFNGLDELETEVERTEXARRAYSPROC, DeleteVertexArrays)           \
   X(PFNGLDEPTHFUNCPROC, DepthFunc)                             \
   X(PFNGLDEPTHMASKPROC, DepthMask)                             \
@@ -38,10 +41,13 @@
   X(PFNGLENABLEPROC, Enable)                                   \
   X(PFNGLENABLEVERTEXATTRIBARRAYPROC, EnableVertexAttribArray) \
   X(PFNGLFRAMEBUFFERRENDERBUFFERPROC, FramebufferRenderbuffer) \
+  X(PFNGLFRAMEBUFFERTEXTURE2DPROC, FramebufferTexture2D)       \
+  X(PFNGLFRAMEBUFFERTEXTURELAYERPROC, FramebufferTextureLayer) \
   X(PFNGLFRONTFACEPROC, FrontFace)                             \
   X(PFNGLGENBUFFERSPROC, GenBuffers)                           \
   X(PFNGLGENFRAMEBUFFERSPROC, GenFramebuffers)                 \
   X(PFNGLGENRENDERBUFFERSPROC, GenRenderbuffers)               \
+  X(PFNGLGENTEXTURESPROC, GenTextures)                         \
   X(PFNGLGENVERTEXARRAYSPROC, GenVertexArrays)                 \
   X(PFNGLGETERRORPROC, GetError)                               \
   X(PFNGLGETINTEGERVPROC, GetIntegerv)                         \
@@ -50,12 +56,20 @@
   X(PFNGLGETSHADERINFOLOGPROC, GetShaderInfoLog)               \
   X(PFNGLGETSHADERIVPROC, GetShaderiv)                         \
   X(PFNGLGETSTRINGPROC, GetString)                             \
+  X(PFNGLGETTEXLEVELPARAMETERIVPROC, GetTexLevelParameteriv)   \
   X(PFNGLGETUNIFORMBLOCKINDEXPROC, GetUniformBlockIndex)       \
+  X(PFNGLISENABLEDPROC, IsEnabled)                             \
   X(PFNGLLINKPROGRAMPROC, LinkProgram)                         \
   X(PFNGLMAPBUFFERRANGEPROC, MapBufferRange)                   \
+  X(PFNGLPIXELSTOREIPROC, PixelStorei)                         \
   X(PFNGLREADPIXELSPROC, ReadPixels)                           \
   X(PFNGLRENDERBUFFERSTORAGEPROC, RenderbufferStorage)         \
   X(PFNGLSHADERSOURCEPROC, ShaderSource)                       \
+  X(PFNGLTEXIMAGE2DMULTISAMPLEPROC, TexImage2DMultisample)     \
+  X(PFNGLTEXIMAGE3DMULTISAMPLEPROC, TexImage3DMultisample)     \
+  X(PFNGLTEXPARAMETERIPROC, TexParameteri)                     \
+  X(PFNGLTEXSTORAGE2DPROC, TexStorage2D)                       \
+  X(PFNGLTEXSTORAGE3DPROC, TexStorage3D)                       \
   X(PFNGLUNIFORMBLOCKBINDINGPROC, UniformBlockBinding)         \
   X(PFNGLUNMAPBUFFERPROC, UnmapBuffer)                         \
   X(PFNGLUSEPROGRAMPROC, UseProgram)                           \
@@ -63,17 +77,25 @@
   X(PFNGLVERTEXATTRIBPOINTERPROC, VertexAttribPointer)         \
   X(PFNGLVIEWPORTPROC, Viewport)
 
-namespace sim2vr::render {
+namespace sim2vr::gl {
 
-struct GlApi {
-  using Lookup = std::function<void*(const char* name)>;
-
-  /// Fills the table; throws RenderError that names the first missing function.
-  explicit GlApi(const Lookup& lookup);
+struct Functions {
+  /// Fills the table with `lookup(name)`, which is null for a function that there is not; then
+  /// `missing(name)` throws.
+  template <class Lookup, class Missing>
+  Functions(const Lookup& lookup, const Missing& missing) {
+    const auto find = [&](const char* name, auto& function) {
+      function = reinterpret_cast<std::remove_reference_t<decltype(function)>>(lookup(name));
+      if (function == nullptr) missing(name);
+    };
+#define SIM2VR_GL_FIND(type, name) find("gl" #name, name);
+    SIM2VR_GL_FUNCTIONS(SIM2VR_GL_FIND)
+#undef SIM2VR_GL_FIND
+  }
 
 #define SIM2VR_GL_MEMBER(type, name) type name = nullptr;
   SIM2VR_GL_FUNCTIONS(SIM2VR_GL_MEMBER)
 #undef SIM2VR_GL_MEMBER
 };
 
-}  // namespace sim2vr::render
+}  // namespace sim2vr::gl

@@ -122,14 +122,14 @@ class FatigueRecorder(Watcher):
         """Group the muscles of the users."""
         users = getattr(simulation, "users", None)
         self._groups, self._users = None, users
-        if isinstance(users, UserBatch) and "max_MF" in users.effort.state():
+        if isinstance(users, UserBatch) and "max_MF" in users.effort.state_dict():
             self._groups = fatigue_groups(users.body)
 
     def measured(self, index: int, result: Round) -> Round:
         """Add the measures of fatigue."""
         if self._users is None or self._groups is None:
             return result
-        worst = self._users.effort.state()["max_MF"][index]
+        worst = self._users.effort.state_dict()["max_MF"][index]
         parts = self._groups.part_names
         return replace(result.with_values(self._groups.values(worst)), fatigue_parts=parts)
 

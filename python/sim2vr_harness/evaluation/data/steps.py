@@ -154,12 +154,12 @@ class BodySource:
             )
         self._takes.append(lambda: self._users.actuator_force)
         loads = (*body.muscles, *body.effort_inputs.loads)
-        for key in self._users.effort.state():
+        for key in self._users.effort.state_dict():
             prefix, what = _FATIGUE.get(key, (key.lower(), f"{key} of the effort model"))
             self.columns += [Column(f"{prefix}_{n}", "single", "", f"{n}: {what}") for n in loads]
 
             def take(key: str = key) -> NDArray[Any]:
-                return self._users.effort.state()[key]
+                return self._users.effort.state_dict()[key]
 
             self._takes.append(take)
 

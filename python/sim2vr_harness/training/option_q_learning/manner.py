@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import time
-
+from sim2vr_harness.base.progress import View
 from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy
 from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS, OptionQLearning
-from sim2vr_harness.training.run.progress import View
 from sim2vr_harness.training.run.stage import Callbacks
 
 _HOLDS, _HOLD_S = (1, 3, 5), 128.0
@@ -34,7 +32,7 @@ def compared_steps(steps_per_s: float, *, persons: bool) -> int:
 def best_hold(learner: OptionQLearning, callbacks: Callbacks) -> int:
     """Return for how many user steps it pays to see decisions through."""
     callbacks.doing("durations of decisions")
-    began, taken = time.monotonic(), learner.step_count
+    taken = learner.step_count
     steps = hold_steps(learner.n, learner.simulation.config.action_frequency_hz)
     tried = holds()
     earned = {}
@@ -42,7 +40,7 @@ def best_hold(learner: OptionQLearning, callbacks: Callbacks) -> int:
 
         def show(share: float, done: int = number) -> None:
             doing = f"measuring {len(tried)} durations of decisions, {done + 1} of {len(tried)}"
-            _show_end(callbacks, taken, doing, (done + share) / len(tried), began)
+            _show_end(callbacks, taken, doing, (done + share) / len(tried))
 
         earned[hold] = learner.earned(hold, steps, on_progress=show)
     best = max(tried, key=lambda hold: earned[hold])
@@ -84,7 +82,6 @@ def choose_manner(learner: OptionQLearning, callbacks: Callbacks) -> None:
     learner.manner_chosen = True
 
 
-def _show_end(callbacks: Callbacks, taken: int, doing: str, share: float, began: float) -> None:
+def _show_end(callbacks: Callbacks, taken: int, doing: str, share: float) -> None:
     """Show how far the measurement at the end of the stage is, a line at its beginning."""
-    left = (time.monotonic() - began) * (1.0 - share) / share if share > 0.0 else None
-    callbacks.show(lambda: View(taken, doing, left), force=share == 0.0)
+    callbacks.show(lambda: View(taken, doing), force=share == 0.0)

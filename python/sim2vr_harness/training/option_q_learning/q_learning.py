@@ -8,10 +8,11 @@ rare colours more often than to common ones, and are seen through.
 
 from __future__ import annotations
 
-import copy
+import json
 from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,15 +22,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from sim2vr_harness.base.cores import budget
+from sim2vr_harness.base.state import State
 from sim2vr_harness.play.player import reward_per_minute
 from sim2vr_harness.policies.hierarchical.action_selection import OptionScene, choose, committed
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, Moment
 from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy
-from sim2vr_harness.runs.checkpoint import read_header, state_header
 from sim2vr_harness.runs.option_config import QLearningConfig
 from sim2vr_harness.training.option_q_learning.exploration import Exploration
-from sim2vr_harness.training.option_q_learning.pace import QLearningReport
 from sim2vr_harness.training.option_q_learning.value_learner import (
     LEARNING_RATE,
     PARTS,
@@ -38,7 +38,6 @@ from sim2vr_harness.training.option_q_learning.value_learner import (
 )
 from sim2vr_harness.training.replay import ReplayStore
 
-STATE_FORMAT = 7
 DECIDE_STEPS = 3
 """User steps from one decision to the next: 0.15 s at 20 Hz.
 Users see decisions through for longer where it pays."""
@@ -52,7 +51,24 @@ _SETTLED_RATE, _SETTLED_TRIES = 0.05, 0.25
 _NEAR_M, _REACHED_M = 1.2, 0.06
 
 
-class OptionQLearning:
+@dataclass(frozen=True)
+class QLearningReport:
+    """Progress of the Q-learning.
+
+    Attributes:
+        step: user steps of all users so far.
+        reward: mean reward of the app per minute, over the last ones.
+        loss: of the values.
+        explore: proportion of exploratory decisions.
+    """
+
+    step: int
+    reward: float
+    loss: float
+    explore: float
+
+
+class OptionQLearning(State):
     """Learns values of places and moves while N users try.
 
     Args:
@@ -237,11 +253,6 @@ class OptionQLearning:
             played = self._play(moment)
             return played, learning.result()
 
-    def update_seconds(self) -> float:
-        """How long a step of learning takes; see :meth:`ValueLearner.update_seconds`."""
-        alone = budget(self.simulation.config.cores) == 1
-        return self.learner.update_seconds(1 if alone else PARTS)
-
     def _play(self, moment: Moment) -> dict[str, NDArray[Any]]:
         """See the present choice through.
 
@@ -303,35 +314,18 @@ class OptionQLearning:
 
     # --- exact resume ------------------------------------------------------------------------
 
+    _state = (
+        *("step_count", "persons", "manner_chosen", "_rewards", "rng", "net", "learner"),
+        *("_decisions", "_trying", "_tried", "_exploration.colours", "simulation"),
+    )
+
     def state_dict(self) -> dict[str, Any]:
         """Copy everything that the next decision depends on; pictures stay in their file."""
         draws = getattr(self.policy, "draws", None)
-        header = state_header(
-            STATE_FORMAT,
-            step=self.step_count,
-            scale=self.learner.scale,
-            since=self.learner.since,
-            persons=self.persons,
-            manner_chosen=self.manner_chosen,
-            rewards=list(self._rewards),
-            rng=self.rng.bit_generator.state,
-            draws=draws.bit_generator.state if draws is not None else None,
-        )
-        arrays: dict[str, NDArray[Any]] = {
-            "trying": self._trying,
-            "tried": self._tried,
-            "colours": self._exploration.colours,
-            "simulation": np.frombuffer(self.simulation.save_state(), np.uint8),
-        }
-        return {
-            "header": header,
-            "net": copy.deepcopy(self.net.state_dict()),
-            "slow": copy.deepcopy(self.learner.slow.state_dict()),
-            "optimizer": copy.deepcopy(self.learner.optimizer.state_dict()),
-            "decisions": {key: v.clone() for key, v in self._decisions.state_dict().items()},
-            "arrays": {name: torch.from_numpy(values.copy()) for name, values in arrays.items()},
+        return super().state_dict() | {
             "manner": {name: value.clone() for name, value in self._manner().items()},
             "memory": self._memory[0].state_dict(),
+            "draws": json.dumps(draws and draws.bit_generator.state),
         }
 
     def _manner(self) -> dict[str, Tensor]:
@@ -340,34 +334,12 @@ class OptionQLearning:
         own = {"vigour": policy.vigour} if isinstance(policy, PersonPolicy) else {}
         return {"lifts": policy.lifts} | own
 
-    @staticmethod
-    def of_persons(state: Mapping[str, Any]) -> bool:
-        """Whether persons play in a state."""
-        return bool(read_header(state, STATE_FORMAT)["persons"])
-
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from :meth:`state_dict`.
-
-        Raises:
-            ValueError: it is of another format.
-        """
-        header = read_header(state, STATE_FORMAT)
-        self.step_count, self.learner.scale = header["step"], header["scale"]
-        self.learner.since = header["since"]
-        self.persons, self.manner_chosen = header["persons"], header["manner_chosen"]
-        self._rewards.extend(header["rewards"])
-        self.rng.bit_generator.state = header["rng"]
-        self.net.load_state_dict(state["net"])
-        self.learner.slow.load_state_dict(state["slow"])
-        self.learner.optimizer.load_state_dict(state["optimizer"])
-        self._decisions.load_state_dict(len(state["decisions"]["over"]), state["decisions"])
-        arrays = {name: values.numpy() for name, values in state["arrays"].items()}
-        self._trying, self._tried = arrays["trying"].copy(), arrays["tried"].copy()
-        self._exploration.colours = arrays["colours"].copy()
-        self.simulation.load_state(arrays["simulation"].tobytes())
+        """Continue from :meth:`state_dict`."""
+        super().load_state_dict(state)
         for name, value in self._manner().items():
             value.copy_(state["manner"][name])
         self._memory = self.policy.begin(self.n)
         self._memory[0].load_state_dict(state["memory"])
         if isinstance(self.policy, PersonPolicy) and self.policy.draws is not None:
-            self.policy.draws.bit_generator.state = header["draws"]
+            self.policy.draws.bit_generator.state = json.loads(state["draws"])

@@ -14,12 +14,12 @@ import torch
 from torch import Tensor
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.base.finite import require_finite
+from sim2vr_harness.base.progress import View
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.envs.people_preset import with_measured_body
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.play.users import BASELINE_S, baseline_reward, note_of_baselines
+from sim2vr_harness.play.users import baseline_reward, note_of_baselines
 from sim2vr_harness.policies.hierarchical.human_motor import HumanMotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import (
@@ -34,39 +34,31 @@ from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy, see
 from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS, apart, rays_of
 from sim2vr_harness.policies.hierarchical.primitives import MEASURED
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools, straight_tool
-from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors, write_user
+from sim2vr_harness.runs.checkpoint import read_tensors, write_tensors, write_user
 from sim2vr_harness.runs.config import TrainingConfig
-from sim2vr_harness.runs.run_folder import RunFolder, append_row, keep_rows
+from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.training.motor_control.stage import MotorStage
 from sim2vr_harness.training.option_q_learning.manner import (
     best_hold,
     choose_manner,
-    compared_steps,
-    hold_steps,
-    holds,
 )
-from sim2vr_harness.training.option_q_learning.minibatch import N_STEP
-from sim2vr_harness.training.option_q_learning.pace import Pace
-from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS, OptionQLearning
-from sim2vr_harness.training.run.progress import View, duration
-from sim2vr_harness.training.run.stage import Callbacks
+from sim2vr_harness.training.option_q_learning.q_learning import OptionQLearning
+from sim2vr_harness.training.run.stage import Callbacks, Stage
 
-_STATE, _LOG, _PICTURES = "state.pt", "cycles.jsonl", "pictures.bin"
-_SAVE_DECISIONS, _REPORT_DECISIONS, _PACE_DECISIONS = 100, 20, 10
+_PICTURES = "pictures.bin"
+_SAVE_DECISIONS, _REPORT_DECISIONS = 100, 20
 _MEASURED_SHARE = 0.75
 """Share of the user steps in which the measured body plays, undelayed but for its pictures, before
 persons do: what an app rewards does not depend on who moves, and persons move slowly."""
 _COMPARED_SHARE = 0.5
 """Share of the user steps before plain users compare manners of their hands; persons do when they
 begin to play."""
-_FIRST_S = 60.0
-"""Before that the rates say little: learning has not begun."""
 _HOPELESS = 0.35
 """Share of the stage after which a user should do better than one who does nothing."""
 
 
-class QLearningStage:
-    """See :class:`~sim2vr_harness.training.run.stage.Stage`.
+class QLearningStage(Stage):
+    """The training of option values.
 
     Args:
         config: of the run.
@@ -78,6 +70,11 @@ class QLearningStage:
 
     name, unit = "q_learning", "user steps"
     title = "hands try what is worth doing with what is seen."
+    state_of, log_file = "the state of Q-learning", "cycles.jsonl"
+    leftovers = (_PICTURES,)
+
+    _learner: OptionQLearning
+    _simulation: Simulation
 
     def __init__(
         self,
@@ -88,29 +85,19 @@ class QLearningStage:
         *,
         stop: int,
     ) -> None:
-        self._config, self.folder, self._motor, self._run = config, folder, motor, run
         self.stop = min(stop, config.skills.q_learning.user_steps)
-        self.total = float(self.stop)
-        self._simulation: Simulation | None = None
-        self._learner: OptionQLearning | None = None
-        self._state: dict[str, Any] | None = None
-        self._steps_saved = 0
+        super().__init__(config, folder, self.stop)
+        self._motor, self._run = motor, run
 
     @property
-    def begun(self) -> bool:
-        """See the protocol."""
-        return self.finished or (self.folder / _STATE).is_file()
+    def done(self) -> float:
+        """User steps of all users."""
+        return self._learner.step_count
 
     @property
     def finished(self) -> bool:
-        """See the protocol."""
+        """Whether there is a user that has learned for so long."""
         return bool(self._run.checkpoints()) and self._run.step >= self.stop
-
-    @property
-    def saved(self) -> str:
-        """See the protocol."""
-        done = self._steps_saved
-        return f"{done:,} of {self.total:,.0f} user steps" if done else ""
 
     def _human(self) -> HumanMotorPolicy:
         env, given = self._config.env, self._config.skills.motor
@@ -135,7 +122,7 @@ class QLearningStage:
         return option_set(self._config.env.user.inputs, self._config.skills.options)
 
     def open(self) -> None:
-        """See the protocol."""
+        """Make the simulation."""
         config = self._config.skills
         if config.people:
             if self._config.env.user.people is None:
@@ -156,9 +143,8 @@ class QLearningStage:
         self._simulation = Simulation(_seeing(env), config.q_learning.users)
 
     def run(self, callbacks: Callbacks) -> None:
-        """See the protocol."""
+        """Find tools, learn values, and write the user."""
         simulation, seed = self._simulation, self._config.seed
-        assert simulation is not None
         self.folder.mkdir(parents=True, exist_ok=True)
         config = self._config
         with torch_threads(1):
@@ -167,7 +153,7 @@ class QLearningStage:
             policy.late_steps = self._late_steps
             if config.skills.people:
                 policy.manner = MEASURED
-            before, rate = self._prepared(simulation, policy, callbacks)
+            before = self._prepared(simulation, policy, callbacks)
             learner = self._learner = OptionQLearning(
                 config.skills.q_learning,
                 simulation,
@@ -176,13 +162,8 @@ class QLearningStage:
                 seed=seed,
                 for_persons=config.skills.people,
             )
-            if (self.folder / _STATE).is_file():
-                take_in(self.folder / _STATE, "the state of Q-learning", self._resume)
-                callbacks.say(f"Continuing with {learner.step_count:,} user steps.")
-            self._steps_saved = learner.step_count
-            log = self.folder / _LOG
-            keep_rows(log, lambda row: row["step"] <= learner.step_count)
-            self._learn(learner, callbacks, log, before, rate)
+            self.resume(callbacks)
+            self._learn(learner, callbacks, before)
         finished = learner.finished
         steps = learner.step_count
         file = self._run.checkpoint_file(self.stop if finished else steps)
@@ -197,17 +178,19 @@ class QLearningStage:
         if finished:
             self.tidy()
 
-    def _resume(self, state: Mapping[str, Any]) -> None:
+    def take(self, state: dict[str, Any]) -> None:
         """Continue from a state, with persons where they had begun to play."""
-        assert self._learner is not None
-        if OptionQLearning.of_persons(state):
+        if state["persons"]:
             self._begin_persons(self._learner)
-        self._learner.load_state_dict(state)
+        super().take(state)
+
+    def learned(self, state: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what may not be NaN."""
+        return {"values": state["net"], "optimizer": state["learner"]["optimizer"]}
 
     def _begin_persons(self, learner: OptionQLearning) -> None:
         """Let persons play in the place of the measured body, and learn from what they do."""
         measured, config = self._simulation, self._config
-        assert measured is not None
         self._simulation = Simulation(_seeing(config.env), config.skills.q_learning.users)
         learner.continue_with_persons(self._simulation, self._person(learner.policy))
         measured.close()
@@ -235,18 +218,14 @@ class QLearningStage:
 
     def _prepared(
         self, simulation: Simulation, policy: HierarchicalPolicy, callbacks: Callbacks
-    ) -> tuple[dict[str, float], float]:
-        """Find tools and rays of the hands; return baseline rewards and the simulation rate.
-
-        Rewards are per minute, effort taken off, the rate is in user steps a second; of a resumed
-        run it is 0.
-        """
+    ) -> dict[str, float]:
+        """Find tools and rays of the hands; return baseline rewards per minute, less effort."""
         file, layer = self.folder / "before.pt", policy.layer
         known = read_tensors(file, "what was found before trying") if file.is_file() else {}
         if "rays" in known:
             policy.tool.copy_(known["tool"])
             policy.rays.copy_(known["rays"])
-            return {name: float(v) for name, v in known["earned"].items()}, 0.0
+            return {name: float(v) for name, v in known["earned"].items()}
         callbacks.doing("tools and baselines")
         callbacks.say("Finding tools and measuring baselines ...")
         rays = AIM_RAYS.repeat(len(layer.hands), 1, 1)
@@ -258,13 +237,10 @@ class QLearningStage:
         points = np.array([[tool.tip, tool.middle] for tool in tools])
         for hand, held in zip(layer.hands, tools, strict=True):
             callbacks.say(f"In the hand of {hand}: {held.why}.")
-        began = time.monotonic()
         idle, random = (
             baseline_reward(simulation, user, self._config.seed) for user in ("still", "random")
         )
         earned = {"still": idle[0] - idle[1], "random": random[0] - random[1]}
-        steps = 2.0 * BASELINE_S * self._config.env.action_frequency_hz * simulation.n
-        rate = steps / (time.monotonic() - began)
         callbacks.say(
             f"Reward per minute, less effort: {earned['still']:.2f} of the idle baseline, "
             f"{earned['random']:.2f} of the random baseline."
@@ -276,7 +252,7 @@ class QLearningStage:
         write_tensors(file, {"tool": tool, "rays": rays, "earned": rewards})
         policy.tool.copy_(tool)
         policy.rays.copy_(rays)
-        return earned, rate
+        return earned
 
     def _tools(
         self, simulation: Simulation, policy: HierarchicalPolicy, rays: Tensor
@@ -293,36 +269,20 @@ class QLearningStage:
         self,
         learner: OptionQLearning,
         callbacks: Callbacks,
-        log: Path,
         before: Mapping[str, float],
-        rate: float,
     ) -> None:
         began, first, decisions = time.monotonic(), learner.step_count, 0
-        each = learner.n * DECIDE_STEPS
-        pace = self._pace(each, learner, rate)
-        doing = "trying at random"
-        warned = said = False
+        doing, warned = "trying at random", False
         while learner.step_count < self.stop:
             if learner.step_count >= self._measured_steps and not learner.persons:
                 callbacks.say("Persons play from now on, with what has been learned.")
                 self._begin_persons(learner)
             if learner.step_count >= self._compared_steps and not learner.manner_chosen:
                 choose_manner(learner, callbacks)
-                pace.compared = 0
-            before_s = time.monotonic()
             report = learner.step(callbacks.doing)
             decisions += 1
             done = learner.step_count
-            pace.note(done // each, time.monotonic() - before_s)
-            if rate and decisions == max(_PACE_DECISIONS, N_STEP + 1):
-                measuring = time.monotonic()
-                pace.update_s = learner.updates * learner.update_seconds()
-                began += time.monotonic() - measuring
-            if not said and time.monotonic() - began >= _FIRST_S:
-                said = True
-                left = duration(pace.left_s(done // each))
-                callbacks.say(f"About {left} of Q-learning are left, all measurements included.")
-            callbacks.show(lambda: View(done, doing, pace.left_s(done // each)))  # noqa: B023
+            callbacks.show(lambda: View(done, doing))  # noqa: B023
             if decisions % _REPORT_DECISIONS == 0 or done >= self.stop:
                 rate = (done - first) / (time.monotonic() - began)
                 doing = (
@@ -332,37 +292,14 @@ class QLearningStage:
                 )
                 row = asdict(report) | {"step": done}
                 row["loss"] = None if math.isnan(report.loss) else report.loss
-                append_row(log, row)
-                callbacks.report(done, row)
+                self.log(callbacks, row)
             if decisions % _SAVE_DECISIONS == 0 or done >= self.stop:
-                self._remember(learner)
+                self.remember()
                 self.save()
             if not warned and done > _HOPELESS * self.total:
                 warned = True
                 _warn(report.reward, before, learner, callbacks)
         callbacks.say("Q-learning: " + doing)
-
-    def _pace(self, each: int, learner: OptionQLearning, rate: float) -> Pace:
-        """The time that the stage takes.
-
-        Args:
-            each: user steps of a decision of all users.
-            learner: as it begins or continues.
-            rate: user steps a second of idle users; 0: not known.
-        """
-        persons, hz = self._config.skills.people, self._config.env.action_frequency_hz
-        steps = hold_steps(learner.n, hz)
-        compared = 0
-        if not learner.manner_chosen and self.stop > self._compared_steps:
-            compared = compared_steps(hz, persons=persons) // DECIDE_STEPS
-        return Pace(
-            -(-self._config.skills.q_learning.try_steps // each),
-            -(-self.stop // each),
-            compared=compared,
-            durations=() if persons else [(steps, hold) for hold in holds()],
-            hold=DECIDE_STEPS,
-            step_s=learner.n / rate if rate else 0.0,
-        )
 
     @property
     def _measured_steps(self) -> float:
@@ -376,34 +313,6 @@ class QLearningStage:
         if self._config.skills.people:
             return self._measured_steps
         return _COMPARED_SHARE * self._config.skills.q_learning.user_steps
-
-    def _remember(self, learner: OptionQLearning) -> None:
-        state = learner.state_dict()
-        file = self.folder / _STATE
-        learned = {"values": state["net"], "optimizer": state["optimizer"]}
-        where = f"after {learner.step_count:,} user steps"
-        require_finite(learned, where, file if file.is_file() else None)
-        self._state = state
-
-    def save(self) -> None:
-        """See the protocol."""
-        learner = self._learner
-        if self._state is None or learner is None:
-            return
-        write_tensors(self.folder / _STATE, self._state)
-        self._state, self._steps_saved = None, learner.step_count
-
-    def tidy(self) -> None:
-        """See the protocol: pictures and the state, which no one needs any more."""
-        self._state = None
-        for name in (_STATE, _PICTURES):
-            (self.folder / name).unlink(missing_ok=True)
-
-    def close(self) -> None:
-        """See the protocol."""
-        if self._simulation is not None:
-            self._simulation.close()
-        self._simulation = self._learner = self._state = None
 
 
 def _seeing(env: EnvConfig) -> EnvConfig:

@@ -7,9 +7,7 @@ network chooses what is best next, a slow copy says what that is worth (van Hass
 from __future__ import annotations
 
 import copy
-import time
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -18,6 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from sim2vr_harness.base.state import State
 from sim2vr_harness.policies.hierarchical.action_selection import OptionScene, best_choices
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.training.option_q_learning.minibatch import N_STEP, draw_decisions
@@ -42,7 +41,7 @@ _TRUSTED_PERCENTILE = 99.0
 _TIMED = 3
 
 
-class ValueLearner:
+class ValueLearner(State):
     """Learns the values of options from what N users decided, and what came of it.
 
     Args:
@@ -51,6 +50,8 @@ class ValueLearner:
         rng: draws minibatches.
         users: N.
     """
+
+    _state = ("slow", "optimizer", "scale", "since")
 
     def __init__(
         self,
@@ -188,21 +189,3 @@ class ValueLearner:
     def _worth(values: Tensor, chosen: Tensor) -> Tensor:
         """(N,) what choices (N, H) of all hands are worth together."""
         return values.gather(-1, chosen[..., None])[..., 0].sum(1)
-
-    def update_seconds(self, threads: int) -> float:
-        """Return how long a step of learning takes. Nothing is learned, and nothing drawn.
-
-        More than ``N_STEP`` decisions have to be remembered.
-
-        Args:
-            threads: 1, or more: parts of a batch are computed in parallel.
-        """
-        rows = np.zeros(_BATCH_SIZE, np.int64)
-        which = np.arange(_BATCH_SIZE) % self._n
-        weights = np.ones(_BATCH_SIZE)
-        with ThreadPoolExecutor(PARTS) as parts:
-            times = [time.monotonic()]
-            for _ in range(_TIMED + 1):
-                self._shares(rows, which, weights, map if threads == 1 else parts.map)
-                times.append(time.monotonic())
-        return (times[-1] - times[1]) / _TIMED  # the first one warms up

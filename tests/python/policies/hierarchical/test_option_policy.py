@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from sim2vr_harness.training.run.progress import View
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.simulation import Simulation
@@ -25,7 +26,6 @@ from sim2vr_harness.runs.config import TrainingConfig, load_config
 from sim2vr_harness.training.option_q_learning.manner import best_hold
 from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS
 from sim2vr_harness.training.ppo.fine_tune import adapting
-from sim2vr_harness.training.run.progress import View
 from sim2vr_harness.training.run.trainer import train
 
 pytest.importorskip("sim2vr_harness._app_runtime")

@@ -13,6 +13,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 import torch
+from resuming import assert_goes_on
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.train import _of_people
@@ -206,24 +207,8 @@ def learner(folder: Path, cores: int = 1, for_persons: bool = False) -> OptionQL
 
 
 def test_q_learning_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
-    whole = learner(tmp_path / "whole")
-    while not whole.finished:
-        last = whole.step()
-    parts = learner(tmp_path / "parts")
-    for _ in range(15):
-        parts.step()
-    state = parts.state_dict()
-    parts.step()  # lost
-    again = learner(tmp_path / "parts")
-    again.load_state_dict(state)
-    while not again.finished:
-        report = again.step()
-    assert report == last
-    for name, values in whole.net.state_dict().items():
-        assert torch.equal(values, again.net.state_dict()[name]), name
-    assert whole.explore == pytest.approx(SMALL.explore_last, abs=0.1) or whole.explore < 0.9
-    for one in (whole, parts, again):
-        one.simulation.close()
+    whole = assert_goes_on(learner, tmp_path, 15, 12)
+    assert whole.finished and whole.explore < 0.9
 
 
 def with_persons(folder: Path, steps: int, since: int = 5) -> OptionQLearning:
@@ -242,18 +227,8 @@ def with_persons(folder: Path, steps: int, since: int = 5) -> OptionQLearning:
 
 
 def test_persons_go_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
-    whole = with_persons(tmp_path / "whole", 8)
-    state = copy.deepcopy(whole.state_dict())
-    assert OptionQLearning.of_persons(state)
-    last = [whole.step() for _ in range(6)][-1]
-    again = with_persons(tmp_path / "whole", 0, since=0)
-    again.load_state_dict(state)
-    report = [again.step() for _ in range(6)][-1]
-    np.testing.assert_equal(asdict(report), asdict(last))
-    for name, values in whole.net.state_dict().items():
-        assert torch.equal(values, again.net.state_dict()[name]), name
-    for one in (whole, again):
-        one.simulation.close()
+    whole = assert_goes_on(lambda folder: with_persons(folder, 8), tmp_path, 0, 6)
+    assert whole.persons
 
 
 def test_hands_move_as_it_pays(tmp_path: Path) -> None:
@@ -374,19 +349,6 @@ def test_tries_go_to_small_things_of_a_rare_colour(tmp_path: Path) -> None:
     one.simulation.close()
 
 
-def test_timing_an_update_changes_nothing(tmp_path: Path) -> None:
-    timed, other = learner(tmp_path / "timed"), learner(tmp_path / "other")
-    while not timed.finished:
-        other.step()
-        report = timed.step()
-        if report.step // (SMALL.users * DECIDE_STEPS) > N_STEP:
-            assert timed.update_seconds() > 0.0
-    for name, values in timed.net.state_dict().items():
-        assert torch.equal(values, other.net.state_dict()[name]), name
-    for one in (timed, other):
-        one.simulation.close()
-
-
 def test_learning_beside_playing_is_learning_before_it(tmp_path: Path) -> None:
     alone, beside = (learner(tmp_path / f"{cores}", cores) for cores in (1, 2))
     while not alone.finished:
@@ -424,17 +386,11 @@ def tiny_practice() -> Iterator[None]:
 @pytest.mark.usefixtures("tiny_practice")
 def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
     body = load_body("mobl_arms_wrist")
-    whole = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
-    reports = [whole.step(), whole.step()]
-    assert reports[0].in_words(2).startswith("Cycle 1/2: moved at random, ")
-    assert reports[1].in_words(2).startswith("Cycle 2/2: arrives ")
-    parts = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
-    assert parts.step() == reports[0]
-    again = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
-    again.load_state_dict(parts.state_dict())
-    assert again.step() == reports[1]
-    for name, values in whole.task.policy.weights().items():
-        assert torch.equal(values, again.task.policy.weights()[name]), name
+
+    def make(folder: Path) -> Any:
+        return motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
+
+    whole = assert_goes_on(make, tmp_path, 1, 1)
     save_motor_layer(tmp_path / "layer.pt", whole.task.policy, body=body.name)
     read = load_motor_layer(tmp_path / "layer.pt", body, STEP_S)
     for name, values in whole.task.policy.weights().items():

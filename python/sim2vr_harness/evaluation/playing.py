@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.gym_env import RenderMode, Sim2VREnv
 from sim2vr_harness.envs.senses import observation_space_of
-from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.evaluate import Evaluation, Request
 from sim2vr_harness.evaluation.evaluate import evaluate as measure
+from sim2vr_harness.play.environment import evaluation_env
 from sim2vr_harness.policies.protocol import require_observation
 from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.store import find_user, require_contract

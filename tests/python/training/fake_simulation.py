@@ -112,7 +112,7 @@ class FakeSimulation:
             "stateful_information": (self.steps[:, None] / 8).astype(np.float32),
         }
 
-    def step(self, actions):
+    def step(self, actions, resting=()):
         actions = np.asarray(actions)
         assert actions.shape == (self.n, 3)
         assert np.abs(actions).max() <= 1.0

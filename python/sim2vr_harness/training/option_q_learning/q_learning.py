@@ -23,6 +23,7 @@ from torch import Tensor
 
 from sim2vr_harness.base.cores import budget
 from sim2vr_harness.base.state import State
+from sim2vr_harness.play.player import reward_per_minute
 from sim2vr_harness.policies.hierarchical.action_selection import OptionScene, choose, committed
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, Moment
@@ -137,9 +138,12 @@ class OptionQLearning(State):
 
     def begin_rounds(self, *seed: int) -> None:
         """Let every user's rounds begin anew."""
-        seeds = np.random.SeedSequence(seed).generate_state(self.n, np.uint32)
-        self.simulation.reset(seeds=[int(value) for value in seeds])
+        self.simulation.reset(seeds=self._round_seeds(*seed))
         self._memory = self.policy.begin(self.n)
+
+    def _round_seeds(self, *seed: int) -> list[int]:
+        """Return seeds of the users' rounds."""
+        return np.random.SeedSequence(seed).generate_state(self.n, np.uint32).tolist()
 
     def continue_with_persons(self, simulation: Any, policy: PersonPolicy) -> None:
         """Go on learning the same values with persons, from their own decisions.
@@ -289,17 +293,13 @@ class OptionQLearning(State):
             steps: user steps to play, of each.
             on_progress: called with the share of the steps done, before each of them.
         """
-        self.begin_rounds(self.step_count, 59)
         self._trying[:] = 0
         self.policy.hold.fill_(hold)
-        total = 0.0
-        for step in range(steps):
-            on_progress(step / steps)
-            seen = self.simulation.observation()
-            result = self.simulation.step(self.policy.act(seen, self._memory, [None] * self.n))
-            total += float(result.reward.mean())
-            self.policy.restart(self._memory, self.simulation.renew(result))
-        return total * 60.0 * self.simulation.config.action_frequency_hz / steps
+        seeds = self._round_seeds(self.step_count, 59)
+        reward, effort = reward_per_minute(
+            self.simulation, self.policy, seeds, steps, deterministic=True, on_progress=on_progress
+        )
+        return reward - effort
 
     def diagnosis(self) -> tuple[float, float]:
         """Share of the decisions that were rewarded, and of what is near that is within reach."""

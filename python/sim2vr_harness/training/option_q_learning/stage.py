@@ -19,6 +19,7 @@ from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.envs.people_preset import with_measured_body
 from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.play.users import baseline_reward, note_of_baselines
 from sim2vr_harness.policies.hierarchical.human_motor import HumanMotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import (
@@ -33,7 +34,6 @@ from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy, see
 from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS, apart, rays_of
 from sim2vr_harness.policies.hierarchical.primitives import MEASURED
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools, straight_tool
-from sim2vr_harness.policies.scripted.baselines import baseline_reward
 from sim2vr_harness.runs.checkpoint import read_tensors, write_tensors, write_user
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder
@@ -237,14 +237,16 @@ class QLearningStage(Stage):
         points = np.array([[tool.tip, tool.middle] for tool in tools])
         for hand, held in zip(layer.hands, tools, strict=True):
             callbacks.say(f"In the hand of {hand}: {held.why}.")
-        earned = {}
-        for user in ("still", "random"):
-            reward, effort = baseline_reward(simulation, user, self._config.seed)
-            earned[user] = reward - effort
+        idle, random = (
+            baseline_reward(simulation, user, self._config.seed) for user in ("still", "random")
+        )
+        earned = {"still": idle[0] - idle[1], "random": random[0] - random[1]}
         callbacks.say(
             f"Reward per minute, less effort: {earned['still']:.2f} of the idle baseline, "
             f"{earned['random']:.2f} of the random baseline."
         )
+        if note := note_of_baselines(idle, random):
+            callbacks.say(f"Note: {note}.")
         tool = torch.tensor(points, dtype=torch.float32)
         rewards = {name: torch.tensor(value) for name, value in earned.items()}
         write_tensors(file, {"tool": tool, "rays": rays, "earned": rewards})

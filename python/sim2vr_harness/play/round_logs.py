@@ -9,16 +9,14 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from numpy.typing import NDArray
-
 from sim2vr_harness.base.files import write_atomically
-from sim2vr_harness.evaluation.metrics import RoundResult
-from sim2vr_harness.evaluation.rollouts import Job
+from sim2vr_harness.play.player import Job, Watcher
+from sim2vr_harness.play.round import Round
 
 PERSON_FILE = "person.json"
 """Beside the logs of a round: the fields of the ``users.Person`` who played it."""
@@ -26,11 +24,11 @@ PERSON_FILE = "person.json"
 _ROUND = re.compile(r"(\d{4,})-.+")
 
 
-class RoundLogs:
+class RoundLogs(Watcher):
     """A watcher that finds every round's log and, in the end, gives it the round's name.
 
     Args:
-        root: Gets a folder, named by :attr:`RoundResult.key`, for every round that was logged;
+        root: Gets a folder, named by :attr:`Round.key`, for every round that was logged;
             where users are people, with who played in ``person.json``.
     """
 
@@ -65,13 +63,7 @@ class RoundLogs:
                 self._found[job.condition, job.seed] = newest
         self._taken |= {place for playing in self._playing for place in playing.glob("user*/*")}
 
-    def stepped(self, reward: NDArray, infos: Sequence[Mapping[str, Any]]) -> None:
-        """Nothing happens to logs within a round."""
-
-    def ended(self, index: int, result: RoundResult) -> None:
-        """Nothing: a log is complete when its simulation is closed."""
-
-    def settle(self, rounds: Sequence[RoundResult], out: Path) -> list[RoundResult]:
+    def settle(self, rounds: Sequence[Round], out: Path) -> list[Round]:
         """Move the logs to their places, once every simulation is closed.
 
         Logs of apps that lay them out otherwise stay in a folder per app.

@@ -11,8 +11,8 @@ from fake_body import FakeBody
 from fake_simulation import FakeSimulation
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.evaluation import comparison_video as side_by_side
-from sim2vr_harness.evaluation.comparison_video import film_comparison
+from sim2vr_harness.play import render as side_by_side
+from sim2vr_harness.play.render import film_comparison
 
 imageio_ffmpeg = pytest.importorskip(
     "imageio_ffmpeg", reason="needs imageio-ffmpeg: pip install imageio-ffmpeg"
@@ -58,7 +58,7 @@ def test_who_is_done_first_stands_still(
     class Brief(FakeSimulation):
         """A user whose rounds end with the third step, where ``brief`` says so."""
 
-        def step(self, actions: Any) -> Any:
+        def step(self, actions: Any, resting: Any = ()) -> Any:
             outcome = super().step(actions)
             self.count = getattr(self, "count", 0) + 1
             outcome.terminated = np.array([self.brief and self.count == 3])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -61,3 +62,13 @@ def evaluation_env(
         **game_facts(final.app).evaluation_options,
     }
     return parse_config(apply_overrides(tree, overrides)).env
+
+
+def as_overrides(settings: Mapping[str, Any]) -> list[str]:
+    """Return settings of ``env.app`` as ``--set`` takes them; options add to those set before."""
+    mappings = ("options", "transport_options")
+    flat = {key: value for key, value in settings.items() if key not in mappings}
+    for key in mappings:
+        for name, value in settings.get(key, {}).items():
+            flat[f"{key}.{name}"] = value
+    return [f"env.app.{key}={json.dumps(value)}" for key, value in flat.items()]

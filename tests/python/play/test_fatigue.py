@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,15 +14,15 @@ from python.users.references import load_reference
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import describe_game
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
-from sim2vr_harness.evaluation.fatigue import (
+from sim2vr_harness.evaluation.tables import results_table
+from sim2vr_harness.figures.figure import Heat
+from sim2vr_harness.play.exertion import fatigue_groups
+from sim2vr_harness.play.fatigue import (
     MUSCLE_NAMES,
     fatigue_measure,
     full_name,
 )
-from sim2vr_harness.evaluation.metrics import round_result, summarise
-from sim2vr_harness.evaluation.muscle_groups import fatigue_groups
-from sim2vr_harness.evaluation.tables import results_table
-from sim2vr_harness.figures.figure import Heat
+from sim2vr_harness.play.round import round_result, summarise
 from sim2vr_harness.studies.config import parse_study
 from sim2vr_harness.studies.plan import plan_of
 from sim2vr_harness.studies.report.body import figures_of_body, load_of
@@ -88,15 +89,10 @@ def test_values_and_means_by_hand() -> None:
     assert values["fatigue.wrist"] == pytest.approx(0.265)
     told = {"condition": "easy", "steps": 1, "game_return": 0.0, "effort": 0.0, "log": {}}
     rounds = [
-        round_result(
-            describe_game("whacamole"),
-            **told,
-            episode=k,
-            seed=k,
-            info={},
-            fatigue=groups.values(worst * factor),
+        replace(
+            round_result(describe_game("whacamole"), **told, episode=k, seed=k, info={}),
             fatigue_parts=groups.part_names,
-        )
+        ).with_values(groups.values(worst * factor))
         for k, factor in enumerate((1.0, 2.0))
     ]
     summary = summarise(rounds, describe_game("whacamole"))

@@ -18,13 +18,13 @@ from sim2vr_harness.base import paths
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import GameFacts, Measure, describe_game
 from sim2vr_harness.envs import VisionConfig
-from sim2vr_harness.evaluation import scene_images as pictures
-from sim2vr_harness.evaluation import video
 from sim2vr_harness.evaluation.curves import curve, pack_curves, plot
-from sim2vr_harness.evaluation.metrics import round_result
-from sim2vr_harness.evaluation.rollouts import Job
-from sim2vr_harness.evaluation.snapshot import parse_size, snapshot
 from sim2vr_harness.evaluation.tables import results_table
+from sim2vr_harness.play import film as pictures
+from sim2vr_harness.play import film as video
+from sim2vr_harness.play.player import Job
+from sim2vr_harness.play.render import parse_size, snapshot
+from sim2vr_harness.play.round import round_result
 
 imageio_ffmpeg = pytest.importorskip(
     "imageio_ffmpeg", reason="needs imageio-ffmpeg: pip install imageio-ffmpeg"
@@ -36,7 +36,7 @@ WHACAMOLE = describe_game("whacamole")
 @pytest.fixture
 def fake_body(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pictures, "BodyPainter", FakeBody)
-    monkeypatch.setattr("sim2vr_harness.evaluation.snapshot.BodyPainter", FakeBody)
+    monkeypatch.setattr("sim2vr_harness.play.render.BodyPainter", FakeBody)
 
 
 def simulation(config: Any = None, n: int = 2) -> FakeSimulation:
@@ -126,7 +126,7 @@ def test_snapshot_writes_every_view(fake_body: None, tmp_path: Path) -> None:
 
         resting_action = -np.ones(32, dtype=np.float32)
 
-        def step(self, actions):
+        def step(self, actions, resting=()):
             return super().step(np.asarray(actions)[:, :3])
 
     def make(config: Any, n: int) -> FakeSimulation:

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.client import INPUT_COUNT, INPUTS
 from sim2vr_harness.client.frames import pose_to_app
-from sim2vr_harness.evaluation.metrics import RoundResult
-from sim2vr_harness.evaluation.rollouts import Job
+from sim2vr_harness.play.player import Job, Watcher
+from sim2vr_harness.play.round import Round
 from sim2vr_harness.sessions import AppIdentity, Controller, Session, SessionEvent
 from sim2vr_harness.sessions.replay import counted_events
 
 _SIDES = {"left": "controller_left", "right": "controller_right"}
 
 
-class SessionRecorder:
+class SessionRecorder(Watcher):
     """Keeps a session per round, a frame per user step.
 
     Args:
@@ -46,7 +46,7 @@ class SessionRecorder:
         self._rows.append(rows)
         self._logs.append([info.get("log") or {} for info in infos])
 
-    def ended(self, index: int, result: RoundResult) -> None:
+    def ended(self, index: int, result: Round) -> None:
         """Make the session of user ``index``."""
         dt_s = self._simulation.users.dt
         poses = {

@@ -7,15 +7,17 @@ are the same in every game (:data:`PLAYER_MEASURES`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from operator import attrgetter
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sim2vr_harness.client import GameFacts, Measure
-from sim2vr_harness.evaluation.fatigue import fatigue_measures
+from sim2vr_harness.play.fatigue import fatigue_measures
+
+if TYPE_CHECKING:
+    from sim2vr_harness.policies.scripted import StepOutcome
 
 _EXERTION = {
     "nicer": ("NICER", "Time as a share of the arm's endurance, with recovery (Li et al. 2024)"),
@@ -26,87 +28,50 @@ _EXERTION = {
 }
 
 
-@dataclass(frozen=True)
-class PlayedRound:
-    """What measures of the player are made of.
-
-    Attributes:
-        info: The last step's info.
-        game_return: Sum of the game's rewards.
-        effort: Sum of the costs of effort.
-        action_change: Mean absolute difference of successive actions, if known.
-        exertion: By the names of :data:`ARM_MEASURES`, if known.
-    """
-
-    info: Mapping[str, Any]
-    game_return: float
-    effort: float
-    action_change: float | None
-    exertion: Mapping[str, float | None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlayerMeasure(Measure):
-    """A number of the player, in every game.
-
-    Attributes:
-        of: The number of a round; None where it has none.
-    """
-
-    of: Callable[[PlayedRound], float | None]
-
-
-def _arm_measure(name: str, side: str) -> PlayerMeasure:
-    label, description = _EXERTION[name]
-    key = f"exertion.{name}_{side}"
-    return PlayerMeasure(
-        key,
+ARM_MEASURES = tuple(
+    Measure(
+        f"exertion.{name}_{side}",
         f"{label}, {side}",
         unit="%",
         better="lower",
         description=description,
-        of=lambda played: played.exertion.get(key),
     )
-
-
-ARM_MEASURES = tuple(_arm_measure(name, side) for name in _EXERTION for side in ("right", "left"))
+    for name, (label, description) in _EXERTION.items()
+    for side in ("right", "left")
+)
 """At the end of a round; 100 is exhaustion. A body without that arm has none."""
 
 PLAYER_MEASURES = (
-    PlayerMeasure(
+    Measure(
         "max_fatigued",
         "Muscle fatigue",
         unit="proportion",
         better="lower",
         digits=3,
         description="Tired share of a muscle's motor units at its worst, mean of all",
-        of=lambda played: played.info.get("max_fatigued"),
     ),
     *ARM_MEASURES,
-    PlayerMeasure(
+    Measure(
         "action_change",
         "Jerkiness",
         unit="0-2",
         better="lower",
         digits=3,
         description="Mean change from one muscle command to the next; 0: smooth",
-        of=attrgetter("action_change"),
     ),
-    PlayerMeasure(
+    Measure(
         "effort",
         "Effort cost",
         unit="reward",
         better="lower",
         description="What the effort model takes off the reward in a round",
-        of=attrgetter("effort"),
     ),
-    PlayerMeasure("game_return", "Game's reward", better="higher", of=attrgetter("game_return")),
-    PlayerMeasure(
+    Measure("game_return", "Game's reward", better="higher"),
+    Measure(
         "return",
         "Return",
         better="higher",
         description="Game's reward minus effort cost; what the user was trained for",
-        of=lambda played: played.game_return - played.effort,
     ),
 )
 """The numbers that a round has in every game, in the order of the tables.
@@ -126,7 +91,7 @@ def measures_of(facts: GameFacts) -> tuple[Measure, ...]:
 
 
 @dataclass(frozen=True)
-class RoundResult:
+class Round:
     """One round of one user.
 
     Attributes:
@@ -143,6 +108,7 @@ class RoundResult:
         person: The person who played, field by field (``users.Person``); None where all users are
             the same.
         fatigue_parts: Measures of fatigue that are of a body part, not of a muscle.
+        script: What the steps of a scripted user did.
     """
 
     condition: str
@@ -156,6 +122,15 @@ class RoundResult:
     log_folder: str | None = None
     person: dict[str, Any] | None = None
     fatigue_parts: tuple[str, ...] = ()
+    script: tuple[StepOutcome, ...] = ()
+
+    def with_values(self, values: Mapping[str, float | None]) -> Round:
+        """Return the round with more measures; of a round whose app failed none has a value."""
+        known = {
+            key: None if self.ended == "app_failed" else _finite(value)
+            for key, value in values.items()
+        }
+        return replace(self, values={**self.values, **known})
 
     @property
     def key(self) -> str:
@@ -170,7 +145,9 @@ class RoundResult:
         """Return everything, ready for JSON; ``person`` is the number, with ``person_fields``."""
         content = asdict(self)
         content |= content.pop("values")
-        del content["fatigue_parts"]
+        del content["fatigue_parts"], content["script"]
+        if self.script:
+            content["script"] = [step.as_dict() for step in self.script]
         fields = content.pop("person")
         if fields is not None:
             content |= {"person": fields.pop("index"), "person_fields": fields}
@@ -190,50 +167,43 @@ def round_result(
     game_seed: int | None = None,
     action_change: float | None = None,
     person: Mapping[str, Any] | None = None,
-    fatigue: Mapping[str, float] | None = None,
-    fatigue_parts: Sequence[str] = (),
-    exertion: Mapping[str, float | None] | None = None,
     info: Mapping[str, Any],
     log: Mapping[str, float],
-) -> RoundResult:
-    """Work out the numbers of a finished round.
+) -> Round:
+    """Return a finished round with the measures of game and player.
 
-    A round whose app failed has none. Other arguments are fields of :class:`RoundResult`.
+    Other arguments are fields of :class:`Round`.
 
     Args:
         facts: What the game publishes.
-        fatigue: Largest share of fatigued motor units by measure, where a model of fatigue runs.
-        fatigue_parts: Which of them are of a body part.
-        game_return, effort, action_change, exertion, info: As of :class:`PlayedRound`.
+        game_return: Sum of the game's rewards.
+        effort: Sum of the costs of effort.
+        action_change: Mean absolute difference of successive actions, if known.
+        info: The last step's info.
     """
-    played = PlayedRound(info, game_return, effort, action_change, exertion or {})
-    ended = str(info.get("termination", "unknown"))
-    values = _values(facts, log, played) | dict(fatigue or {})
-    if ended == "app_failed":
-        values = dict.fromkeys(values)
-    return RoundResult(
+    own: dict[str, float | None] = {
+        "max_fatigued": info.get("max_fatigued"),
+        "action_change": action_change,
+        "effort": effort,
+        "game_return": game_return,
+        "return": game_return - effort,
+    }
+    of_game = {measure.name: measure.value(log) for measure in facts.with_log(log).scalars}
+    values = of_game | {measure.name: own.get(measure.name) for measure in PLAYER_MEASURES}
+    return Round(
         condition=condition,
         episode=episode,
         seed=seed,
         game_seed=game_seed,
         steps=steps,
-        ended=ended,
-        values={key: _finite(value) for key, value in values.items()},
+        ended=str(info.get("termination", "unknown")),
+        values={},
         log=dict(log),
         person=None if person is None else dict(person),
-        fatigue_parts=tuple(fatigue_parts),
-    )
+    ).with_values(values)
 
 
-def _values(
-    facts: GameFacts, log: Mapping[str, float], played: PlayedRound
-) -> dict[str, float | None]:
-    """Return the numbers of :func:`measures_of`."""
-    of_game = {measure.name: measure.value(log) for measure in facts.with_log(log).scalars}
-    return of_game | {measure.name: measure.of(played) for measure in PLAYER_MEASURES}
-
-
-def summarise(rounds: Sequence[RoundResult], facts: GameFacts) -> dict[str, Any]:
+def summarise(rounds: Sequence[Round], facts: GameFacts) -> dict[str, Any]:
     """Return mean and standard deviation (ddof 1) of every number over rounds, or over people.
 
     Where users are people who differ, a number's value of a person is the mean of that person's
@@ -281,9 +251,9 @@ def summarise(rounds: Sequence[RoundResult], facts: GameFacts) -> dict[str, Any]
     return summary
 
 
-def _by_person(rounds: Sequence[RoundResult]) -> list[list[RoundResult]]:
+def _by_person(rounds: Sequence[Round]) -> list[list[Round]]:
     """The rounds of each person; nothing where users are all the same."""
-    groups: dict[int | None, list[RoundResult]] = {}
+    groups: dict[int | None, list[Round]] = {}
     for result in rounds:
         if result.person is None:
             return []
@@ -296,7 +266,7 @@ def _mean(values: Sequence[float | None]) -> float | None:
     return float(np.mean(known)) if known else None
 
 
-def _return_terms(rounds: Sequence[RoundResult], facts: GameFacts) -> dict[str, float]:
+def _return_terms(rounds: Sequence[Round], facts: GameFacts) -> dict[str, float]:
     played = [result for result in rounds if result.values["return"] is not None]
     if not played:
         return {}

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.envs.config import UserConfig
-from sim2vr_harness.evaluation.exertion import ExertionRecorder
-from sim2vr_harness.evaluation.metrics import ARM_MEASURES
+from sim2vr_harness.play.exertion import ExertionRecorder
+from sim2vr_harness.play.round import ARM_MEASURES, Round
 from sim2vr_harness.users import PeopleSettings, Population, UserBatch, load_body
 from sim2vr_harness.users.exertion import (
     ArmDynamics,
@@ -23,6 +23,7 @@ from sim2vr_harness.users.exertion import (
 )
 
 STEPS = 20
+ROUND = Round("easy", 0, 1, None, STEPS, "finished", {}, {})
 
 
 def _played(model: str, strength: float = 1.0) -> tuple[ExertionRecorder, UserBatch, list]:
@@ -34,21 +35,22 @@ def _played(model: str, strength: float = 1.0) -> tuple[ExertionRecorder, UserBa
     users.reset(np.arange(2), rngs, [np.clip(bent, *body.joint_ranges.T)] * 2)
     user = UserConfig.model_validate({"model": model, "person": {"strength": strength}})
     config = SimpleNamespace(user=user)
-    recorder = ExertionRecorder(SimpleNamespace(users=users, config=config))
+    recorder = ExertionRecorder()
+    recorder.started(SimpleNamespace(users=users, config=config), [])
     moments = [(users.qpos, users.qvel)]
     for step in range(STEPS):
         users.step(np.full((2, body.action_size), 0.1))
-        recorder.step(np.array([True, step < STEPS // 2]))
+        recorder.stepped(np.zeros(2), [])
+        if step == STEPS // 2:
+            recorder.measured(1, ROUND)
         moments.append((users.qpos, users.qvel))
     return recorder, users, moments
 
 
 def test_one_arm() -> None:
     recorder, users, moments = _played("mobl_arms_wrist", 0.5)
-    values = recorder.values(0)
-    assert tuple(values) == tuple(measure.name for measure in ARM_MEASURES)
-    assert values["exertion.nicer_left"] is None
-    assert values["exertion.consumed_endurance_left"] is None
+    values = recorder.measured(0, ROUND).values
+    assert not any(name.endswith("_left") for name in values), "there is no such arm"
     (arm,) = arms_of(users.body)
     dynamics, strength = ArmDynamics(users.body.physics_model, arm), Strength(factor=0.5)
     loads = [
@@ -68,7 +70,8 @@ def test_one_arm() -> None:
 
 def test_two_arms() -> None:
     recorder, _, _ = _played("mobl_arms_bimanual_motor")
-    assert all(value is not None for value in recorder.values(0).values())
+    values = recorder.measured(0, ROUND).values
+    assert {measure.name for measure in ARM_MEASURES} == {k for k, v in values.items() if v}
 
 
 @pytest.mark.parametrize("median", [0.78, 1.28])
@@ -103,10 +106,11 @@ def test_rounds_of_people_count_their_strength_among_their_sex(median: float) ->
     bent = [1.2 if name.startswith("elbow") else 0.5 for name in body.independent_joints]
     rngs = [np.random.default_rng(i) for i in range(6)]
     users.reset(np.arange(6), rngs, [np.clip(bent, *body.joint_ranges.T)] * 6, persons=persons)
-    recorder = ExertionRecorder(SimpleNamespace(users=users))
+    recorder = ExertionRecorder()
+    recorder.started(SimpleNamespace(users=users), [])
     before = users.qvel
     users.step(np.full((6, body.action_size), 0.1))
-    recorder.step(np.ones(6, dtype=bool))
+    recorder.stepped(np.zeros(6), [])
     dynamics = ArmDynamics(body.physics_model, *arms_of(body))
     for i, (person, man) in enumerate(zip(persons, men, strict=True)):
         load = dynamics.load(users.qpos[i], users.qvel[i], (users.qvel[i] - before[i]) / 0.05)
@@ -114,10 +118,11 @@ def test_rounds_of_people_count_their_strength_among_their_sex(median: float) ->
         maximum = 227.338 + 0.525 * load.elbow_deg - 0.296 * load.shoulder_deg
         maximum *= relative * (0.2845 if man else 0.1495)
         expected = 100.0 * 0.05 / (14.86 * (load.torque / maximum) ** -1.83)
-        assert recorder.values(i)["exertion.nicer_right"] == pytest.approx(expected)
+        assert recorder.measured(i, ROUND).values["exertion.nicer_right"] == pytest.approx(expected)
 
 
 def test_stand_ins_have_no_arms() -> None:
-    recorder = ExertionRecorder(SimpleNamespace())
-    recorder.step(np.array([True]))
-    assert set(recorder.values(0).values()) == {None}
+    recorder = ExertionRecorder()
+    recorder.started(SimpleNamespace(), [])
+    recorder.stepped(np.zeros(1), [])
+    assert recorder.measured(0, ROUND).values == {}

@@ -50,7 +50,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.evaluation.environment import evaluation_env
+from sim2vr_harness.play.environment import evaluation_env
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.tools.users import environment_of
 

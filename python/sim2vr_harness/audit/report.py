@@ -25,11 +25,11 @@ from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.client import AppRefused, AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
 from sim2vr_harness.client.webxr.printing import print_page
-from sim2vr_harness.evaluation.video import Film
 from sim2vr_harness.figures.figure import GREY, INK, Bars, Figure, Panel
 from sim2vr_harness.figures.figure import Path as Places
 from sim2vr_harness.figures.html import save_page, table
 from sim2vr_harness.figures.matplotlib_backend import write_figure
+from sim2vr_harness.play.film import Film
 from sim2vr_harness.users import load_body
 from sim2vr_harness.users.rendering import OrbitView, UserRenderer
 

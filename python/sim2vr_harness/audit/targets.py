@@ -24,7 +24,7 @@ from sim2vr_harness.client.runtime import frame_time_ns
 from sim2vr_harness.client.webxr.hands import PageHands
 from sim2vr_harness.envs.apps import app_factory, apps_wanted
 from sim2vr_harness.envs.config import EnvConfig, SenseConfig
-from sim2vr_harness.evaluation.environment import make_simulation
+from sim2vr_harness.play.environment import make_simulation
 from sim2vr_harness.sessions import Controller, read_session
 from sim2vr_harness.sessions.state_log import read_lines
 from sim2vr_harness.users.kinematics.forward import Point

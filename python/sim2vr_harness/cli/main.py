@@ -131,7 +131,7 @@ def doctor(
     app_settings(app, app_arg)
     if app is None:
         return run_doctor(json=json)
-    from sim2vr_harness.evaluation.snapshot import parse_size
+    from sim2vr_harness.play.render import parse_size
 
     executable = Path(app).expanduser().absolute()
     return check_app(

@@ -173,7 +173,11 @@ class Linkage:
             raise ValueError("linkages: got bodies with other joints, expected other sizes only")
         stack.limits = np.stack([each.limits for each in linkages])
         stack._places = np.stack([each._places for each in linkages])
-        return stack if ray is None else stack._with_ray(stack._axes @ np.asarray(ray, dtype=np.float64))
+        return (
+            stack
+            if ray is None
+            else stack._with_ray(stack._axes @ np.asarray(ray, dtype=np.float64))
+        )
 
     def _with_ray(self, axis: FloatArray) -> Linkage:
         """Let the point slide along an axis (3,) of the last joint."""
@@ -183,7 +187,9 @@ class Linkage:
         limits = np.broadcast_to(_RAY_M, (count, 1, 2))
         self.limits = np.concatenate([self.limits, limits], axis=1)
         self._columns = np.append(self._columns, len(self.joints) - 1)
-        self._polynomials = np.concatenate([self._polynomials, np.eye(1, _POWERS, 1)])
+        self._polynomials = np.concatenate(
+            [self._polynomials, np.eye(1, self._polynomials.shape[1], 1)]
+        )
         turn = np.concatenate([np.eye(3), np.zeros((6, 3))])
         self._turns = np.concatenate([self._turns, turn[None]])
         self._lengths = np.concatenate([self._lengths, axis[None]])

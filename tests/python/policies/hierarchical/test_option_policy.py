@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from sim2vr_harness.training.run.progress import View
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.progress import View
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.packing import pack_measured

@@ -10,14 +10,10 @@
 - :mod:`.picture`: movement time over index of difficulty
 """
 
-from sim2vr_harness.human_comparison.fitts.law import (
-    FittedLine,
-    FittsResult,
-    fit_line,
-    measure_user,
-)
+from sim2vr_harness.human_comparison.fitts.law import FittsResult, measure_user
 from sim2vr_harness.human_comparison.fitts.movements import Block, Movement, blocks_of, movements_of
 from sim2vr_harness.human_comparison.fitts.taps import Tap, read_taps
+from sim2vr_harness.statistics.fitts import FittedLine, fit_line
 
 __all__ = [
     "Block",

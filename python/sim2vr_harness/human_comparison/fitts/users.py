@@ -13,9 +13,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.human_comparison.fitts.law import (
     Difficulty,
-    FittedLine,
     FittsResult,
-    fit_line,
     measure_user,
     rounds_below,
 )
@@ -26,6 +24,7 @@ from sim2vr_harness.human_comparison.sources import (
     play_now,
     trained_user,
 )
+from sim2vr_harness.statistics.fitts import FittedLine, fit_line
 
 
 @dataclass(frozen=True)

@@ -346,7 +346,10 @@ class _PeoplesCourse(_Course):
         self._persons = [
             bodies.people.sample(seed + 7919, k) for k in range(persons) for _ in range(repeats)
         ]
-        self._seen = policy.perception(self._n, torch.Generator().manual_seed(seed + 93))
+        seeds = np.random.SeedSequence([seed, 93]).generate_state(self._n).tolist()
+        self._seen = policy.perception(
+            self._n, [torch.Generator().manual_seed(each) for each in seeds]
+        )
         self._hands = HumanHands(policy, self._n, self._seen)
 
     def _who(self) -> NDArray[np.float64]:

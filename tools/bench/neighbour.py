@@ -46,7 +46,7 @@ def main() -> None:
     with TemporaryDirectory() as folder:
         stage = ImaginedStage(_short(load_config(given.config, [])), Path(folder))
         stage.open()
-        trainer = stage._trainer
+        trainer = stage._learner
         assert trainer is not None
         trainer.step()
         measured = trainer._threads

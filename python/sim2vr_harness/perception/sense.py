@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from gymnasium import spaces
@@ -157,7 +157,7 @@ class Sensed(RowState):
         needs: see :class:`Sense`.
     """
 
-    _state = ("_values",)
+    _state: ClassVar[tuple[str, ...]] = ("_values",)
 
     pauses: tuple[int, ...] = ()
     frame: int | IntArray = -1

@@ -7,7 +7,7 @@ import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
@@ -21,7 +21,7 @@ from sim2vr_harness.perception.sense import IntArray, Sense, StepContext, rows_o
 class _Wrapper(RowState):
     """Passes everything on to the sense inside."""
 
-    _state = ("sense",)
+    _state: ClassVar[tuple[str, ...]] = ("sense",)
 
     def __init__(self, sense: Sense) -> None:
         self.sense = sense

@@ -328,8 +328,9 @@ class ModelBasedTrainer(State, Generic[AnyTask]):
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from :meth:`state_dict`."""
-        moved = {name: self._device.moved(state[name]) for name in ("users", "task", "seen")}
-        if "simulation" in state["task"]:  # not learned from
+        names = {"users", "task", "seen"} & state.keys()
+        moved = {name: self._device.moved(state[name]) for name in names}
+        if "simulation" in state.get("task", {}):  # not learned from
             moved["task"]["simulation"] = state["task"]["simulation"]
         with self._device.active(self.task.policy):
             super().load_state_dict({**state, **moved})

@@ -183,7 +183,7 @@ def test_heads_depend_on_the_seed_alone(tmp_path: Path) -> None:
     torch.manual_seed(99)
     (tmp_path / "other").mkdir()
     other = Student(config, one.policy, one.simulation, GazingGuide(), tmp_path / "other", seed=1)
-    for head in ("heads", "tell", "read"):
+    for head in ("_heads", "_tell", "_read"):
         for key, value in one.state_dict()[head].items():
             assert torch.equal(value, other.state_dict()[head][key]), (head, key)
 

@@ -59,7 +59,7 @@ def test_a_round_that_is_cut_off_is_worth_what_would_follow() -> None:
     reward = np.tile(np.array([[1.0], [2.0], [4.0], [8.0]], np.float32), (1, len(ends)))
     kept = {"over": over, "cut": cut, "reward": reward}
     learner: Any = SimpleNamespace(
-        memory=SimpleNamespace(read=lambda name, *at: kept[name][at]), scale=1.0
+        decisions=SimpleNamespace(read=lambda name, *at: kept[name][at]), scale=1.0
     )
     users = np.arange(len(ends))
     total, weight, last, known = ValueLearner.returns(learner, np.zeros_like(users), users)

@@ -137,9 +137,9 @@ def _chosen(
 
     alone = None if run is None or Path(run).is_dir() else Path(run)
     if alone is not None and find_sessions(alone) == [alone]:
-        session = read_session(alone)
-        if not is_recorded_round(session):
-            return session_show(session, alone.name, game=game, app=remote)
+        shown = read_session(alone)
+        if not is_recorded_round(shown):
+            return session_show(shown, alone.name, game=game, app=remote)
     session = None if beside is None else read_session(beside)
     if session is not None:
         seed = session.seed if seed is None else seed

@@ -400,7 +400,9 @@ class AimedPerson:
         for end, line in (("", self.line), ("_effective", self.effective_line)):
             if line is not None:
                 numbers = (line.a_s, line.b_s_per_bit, line.r2)
-                found |= {f"fitts_{x}{end}": n for x, n in zip(("a", "b", "r2"), numbers, strict=True)}
+                found |= {
+                    f"fitts_{x}{end}": n for x, n in zip(("a", "b", "r2"), numbers, strict=True)
+                }
         return found
 
 

@@ -250,7 +250,8 @@ def test_the_command_puts_users_beside_people(tmp_path: Path) -> None:
     (tmp_path / "user" / "results.json").write_text(json.dumps(results))
     out = tmp_path / "out"
     where = ["--people", str(tmp_path / "people"), "--out", str(out), "--every"]
-    result = CliRunner(env={"COLUMNS": "140"}).invoke(app, ["compare", str(tmp_path / "user"), *where])
+    runner = CliRunner(env={"COLUMNS": "140"})
+    result = runner.invoke(app, ["compare", str(tmp_path / "user"), *where])
     assert result.exit_code == 0, result.output
     assert "user: 2 persons, 4 rounds;" in " ".join(result.output.split())
     assert (out / "movement_time.png").stat().st_size > 10_000

@@ -28,7 +28,7 @@ from sim2vr_harness.cli.options import (
 from sim2vr_harness.cli.progress import Share
 
 if TYPE_CHECKING:
-    from sim2vr_harness.evaluation.replay_film import ReplayFilm
+    from sim2vr_harness.play.film import ReplayFilm
     from sim2vr_harness.sessions import Session
     from sim2vr_harness.sessions.agreement import Agreement
     from sim2vr_harness.sessions.replay import SessionReplay
@@ -124,8 +124,8 @@ def replay(
         sim2vr-harness replay recordings/person_1 --video replay.mp4
         sim2vr-harness replay round.jsonl --page game.html --task task.yaml
     """
-    from sim2vr_harness.evaluation.replay_film import ReplayFilm
-    from sim2vr_harness.evaluation.snapshot import parse_size
+    from sim2vr_harness.play.film import ReplayFilm
+    from sim2vr_harness.play.render import parse_size
     from sim2vr_harness.sessions import read_sessions
     from sim2vr_harness.sessions.agreement import agreement_of, rounds_json
     from sim2vr_harness.sessions.logs import WHACAMOLE

@@ -19,10 +19,8 @@ from sim2vr_harness.base.errors import InputError, shown, unknown_name
 from sim2vr_harness.base.files import file_name, read_bytes, read_json, write_atomically
 from sim2vr_harness.base.progress import progress_of_part
 from sim2vr_harness.envs.config import AppConfig
-from sim2vr_harness.envs.games import game_facts, with_task
+from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
-from sim2vr_harness.evaluation.scripted_baseline import evaluate_baseline
-from sim2vr_harness.evaluation.session_recorder import SessionRecorder
 from sim2vr_harness.games.behaviour import Behaviour
 from sim2vr_harness.games.registry import behaviour_of, behaviours
 from sim2vr_harness.human_comparison.persons import (
@@ -37,9 +35,10 @@ from sim2vr_harness.human_comparison.rounds import (
     has_targets,
     name_of_condition,
 )
+from sim2vr_harness.play.session_recorder import SessionRecorder
+from sim2vr_harness.play.users import SimulatedUser
 from sim2vr_harness.policies.scripted.steps import is_script, read_steps
 from sim2vr_harness.policies.store import TrainedUser, find_user, is_packed
-from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.sessions import (
     AppIdentity,
@@ -511,30 +510,20 @@ def _play(
     """
     games = [each.session for each in recorded if each.session.app.kind == "game"]
     conditions = list(plays.conditions or dict.fromkeys(map(name_of_condition, games)))
+    who, app = SimulatedUser.find(user), dict(plays.remote)
     weights = None
-    if _is_untrained(user):
-        own = dict(plays.remote)
-        if games and not own:
-            own = {"game": games[0].app.name, "transport": "in_process"}
-        settings = (f"env.app.{key}={json.dumps(value)}" for key, value in own.items())
-        env, name = load_config("webxr", [*plays.overrides, *settings]).env, user
-    else:
-        known = find_user(user, code=True)
-        weights = hashlib.sha256(read_bytes(known.source, "weights of a user")).hexdigest()
-        app = {**known.config.env.app.model_dump(exclude_unset=True), **plays.remote}
-        env = known.config.env.model_copy(update={"app": AppConfig.model_validate(app)})
-        name = str(
-            known.card.get("name")
-            or f"{known.source.resolve().parents[1].name}_{known.source.stem}"
-        )
+    if who.trained is not None:
+        weights = hashlib.sha256(read_bytes(who.trained.source, "weights of a user")).hexdigest()
         if behaviour is not None:
-            conditions = list(plays.conditions or _conditions(known, behaviour))
-    app_config = with_task(env).app
+            conditions = list(plays.conditions or _conditions(who.trained, behaviour))
+    elif games and not app:
+        app = {"game": games[0].app.name, "transport": "in_process"}
+    app_config = who.env(app, plays.overrides, trust_app=plays.trust_app).app
     played_in = {**app_config.model_dump(exclude={"task", "transport_options"})}
     settings_of_app = {} if app_config.transport == "in_process" else played_in
     if settings_of_app or app_config.task is not None:
         settings_of_app = {**settings_of_app, "task": app_config.task}
-    folder = plays.out / re.sub(r"[^\w.=-]+", "_", name)
+    folder = plays.out / re.sub(r"[^\w.=-]+", "_", who.name)
     told = {
         "weights": weights,
         "conditions": conditions,
@@ -550,26 +539,15 @@ def _play(
     mark.unlink(missing_ok=True)
     shutil.rmtree(folder / _SESSIONS, ignore_errors=True)
     recorder = SessionRecorder(_identity(app_config))
-    if weights is None:
-        evaluate_baseline(
-            with_task(env),
-            user,
-            conditions=conditions,
-            episodes=plays.episodes or 6,
-            seed=plays.seed,
-            watchers=[recorder],
-            on_progress=on_progress,
-        )
-    else:
-        local = app_config.page is None and app_config.transport == "in_process"
-        request = plays.request(
-            folder,
-            conditions=conditions or None,
-            log=behaviour is not None or local,
-            app=dict(plays.remote),
-            watchers=[] if behaviour is not None else [recorder],
-        )
-        evaluate(user, request, on_progress=on_progress)
+    local = app_config.page is None and app_config.transport == "in_process"
+    request = plays.request(
+        folder,
+        conditions=conditions or None,
+        log=behaviour is not None or (local and who.trained is not None),
+        app=app,
+        watchers=[] if behaviour is not None else [recorder],
+    )
+    evaluate(user, request, on_progress=on_progress)
     if behaviour is None and not (folder / "logs").is_dir():
         for number, each in enumerate(recorder.sessions):
             session = replace(each, person=each.person or folder.name)

@@ -35,8 +35,6 @@ from sim2vr_harness.sessions.whacamole import RECORDED, is_recorded_round, with_
 
 _COUNT = "_count"
 """How a task's counts of its events end in the log."""
-Watch = Callable[[int, AppReply], None]
-"""Called after frame i with the app's reply."""
 
 
 @dataclass(frozen=True)
@@ -58,29 +56,25 @@ class SessionReplay:
     comparison: Comparison
 
 
-def _drive(
-    app: AppClient,
-    seed: int,
-    times_ns: NDArray[np.int64],
-    poses: DevicePoses,
-    watch: Watch,
-) -> None:
-    """Start a round and run frames until their end or the round's.
+def drive(
+    app: AppClient, seed: int, frames: Iterable[tuple[int, DevicePoses]]
+) -> Iterator[AppReply]:
+    """Play a round without a body: start it, and run frames until their end or the round's.
 
     Args:
         app: the app.
         seed: of the round.
-        times_ns: (N,) game times of the frames.
-        poses: of N frames.
-        watch: receives every reply.
+        frames: game time, ns, and devices of each frame; taken as they are needed.
+
+    Yields:
+        The app's reply to every frame.
     """
-    reply = app.reset(seed, poses[0], time_ns=int(times_ns[0]))
-    watch(0, reply)
-    for i in range(1, len(times_ns)):
+    for number, (time_ns, poses) in enumerate(frames):
+        first = number == 0
+        reply = app.reset(seed, poses, time_ns=time_ns) if first else app.step(time_ns, poses)
+        yield reply
         if reply.finished:
             return
-        reply = app.step(int(times_ns[i]), poses[i])
-        watch(i, reply)
 
 
 def replay_session(
@@ -123,13 +117,11 @@ def replay_session(
         if log_dir is None:
             log_dir = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         with _opened(session, chosen, settings, log_dir, renderer, size) as client:
-
-            def take(i: int, reply: AppReply) -> None:
+            devices, times_ns = _devices_for(client, session), session.time_ns - start_ns
+            frames = ((int(time_ns), devices[i]) for i, time_ns in enumerate(times_ns))
+            for i, reply in enumerate(drive(client, session.seed or 0, frames)):
                 recorder.take(i, reply)
                 watch(client, i, reply)
-
-            devices = _devices_for(client, session)
-            _drive(client, session.seed or 0, session.time_ns - start_ns, devices, take)
         logs = sorted(log_dir.rglob("events.csv"))
         logged = logged_events(logs[-1]) if logs else ()
     events = sorted([*recorder.events, *logged], key=lambda event: event.time_ns)

@@ -107,10 +107,10 @@ def test_a_crowd_of_both_hands(tmp_path: Path) -> None:
         for i, number in enumerate((left, right, left)):
             for key, value in alone[number].items():
                 np.testing.assert_array_equal(told[key][i], value[0], err_msg=f"{key} of {i}")
-        state = users.save_state()
+        state = users.state_dict()
         users.step(np.full((3, users.action_space.shape[0]), 0.2))
         later = users.observation()
-        users.load_state(state)
+        users.load_state_dict(state)
         np.testing.assert_array_equal(users.observation()["vision"], told["vision"])
         users.step(np.full((3, users.action_space.shape[0]), 0.2))
         for key, value in users.observation().items():

@@ -201,7 +201,6 @@ def test_recordings_are_refused_before_anything_is_played(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(sources, "evaluate", _must_not_play)
-    monkeypatch.setattr(sources, "evaluate_baseline", _must_not_play)
     write_session(replace(swinging(), **change), tmp_path / "round.jsonl")
     arguments = ["compare", user, "--people", str(tmp_path / "round.jsonl"), *options]
     ran = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "out")])

@@ -135,8 +135,8 @@ def replay(
     sessions = [each for path in paths for each in read_sessions(path)]
     for each in sessions:
         if each.source == "log" and not (each.app.name or game or remote):
-            file = file_name((each.folder or Path()) / "events.csv")
-            raise InputError(file, "no event that tells its game", "such events; or --game NAME")
+            events = file_name((each.folder or Path()) / "events.csv")
+            raise InputError(events, "no event that tells its game", "such events; or --game NAME")
     own = not remote and game in (None, WHACAMOLE)
     rounds = [own and is_recorded_round(each) for each in sessions]
     given = {"--closed": closed, "--unconstrained": unconstrained, "--fixed-step": fixed_step}

@@ -133,6 +133,10 @@ def replay(
 
     film = None if video is None else ReplayFilm(video, parse_size(size, (4096, 4096)), fps)
     sessions = [each for path in paths for each in read_sessions(path)]
+    for each in sessions:
+        if each.source == "log" and not (each.app.name or game or remote):
+            events = file_name((each.folder or Path()) / "events.csv")
+            raise InputError(events, "no event that tells its game", "such events; or --game NAME")
     own = not remote and game in (None, WHACAMOLE)
     rounds = [own and is_recorded_round(each) for each in sessions]
     given = {"--closed": closed, "--unconstrained": unconstrained, "--fixed-step": fixed_step}
@@ -147,8 +151,8 @@ def replay(
             for each, is_round in zip(sessions, rounds, strict=True)
         ]
     for each, is_round in zip(sessions, rounds, strict=True):
-        for note in () if is_round or each.path is None else each.notes:
-            typer.echo(printable(f"note: {each.path.name}: {note}"), err=True)
+        for note in () if is_round else each.notes:
+            typer.echo(printable(f"note: {_file_of(each)}: {note}"), err=True)
     player = _Player(game, remote, closed, fixed_step, log, film)
     played = list(zip(_distinct_names(sessions), sessions, rounds, strict=True))
     replays = []
@@ -171,8 +175,7 @@ def replay(
         if agreeing:
             _print_rounds(agreeing, closed_loop=closed)
         for each, done in others:
-            name = "" if each.path is None else each.path.name
-            lines = [f"{name}: {_summary(done)}", *_lines(done)]
+            lines = [f"{_file_of(each)}: {_summary(done)}", *_lines(done)]
             typer.echo("\n".join(map(printable, lines)))
         for file in () if film is None else film.files:
             typer.echo(f"Written: {file}")
@@ -246,6 +249,10 @@ class _Player:
         if place is not None:
             write_session(done.session, place / "replay.jsonl")
         return done
+
+
+def _file_of(session: Session) -> str:
+    return "" if session.path is None else session.path.name
 
 
 def _distinct_names(sessions: Sequence[Session]) -> list[str]:

@@ -105,7 +105,7 @@ def _checked_targets(logged: Iterable[tuple[str, SessionEvent]]) -> list[Session
         try:
             if event.kind.startswith(PLANE):
                 expected = "the plane's pose: position x y z, rotation x y z w"
-                if event.kind != PLANE or np.shape(event.data.get("value")) != (7,):
+                if event.kind != PLANE or np.shape(event.data["value"]) != (7,):
                     raise ValueError
             elif _is_target(event):
                 target_event(event)

@@ -186,8 +186,14 @@ class Session:
             for one in (self.left, self.right)
         )
         objects = {name: poses[rows] for name, poses in self.objects.items()}
-        poses = {"left": left, "right": right, "objects": objects}
-        return replace(self, time_ns=self.time_ns[rows], head=self.head[rows], **poses)
+        return replace(
+            self,
+            time_ns=self.time_ns[rows],
+            head=self.head[rows],
+            left=left,
+            right=right,
+            objects=objects,
+        )
 
     def swapped(self) -> Session:
         """Return the session with the controllers in the other hands."""

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <nlohmann/json.hpp>
 #include <string>
 
 #include "sim2vr/core/archive.hpp"
@@ -48,17 +47,6 @@ Capabilities capabilitiesOf(const rl::Game& game) {
   return all;
 }
 
-std::string mergedOptions(const std::string& current, std::string_view changes) {
-  nlohmann::json merged = nlohmann::json::parse(current);
-  const nlohmann::json added = nlohmann::json::parse(changes, nullptr, false);
-  if (!added.is_object()) {
-    throw InvalidArgument("options", "'" + std::string(changes.substr(0, 80)) + "'",
-                          "a JSON object");
-  }
-  merged.update(added);
-  return merged.dump();
-}
-
 void configureGame(rl::Game& game, const std::string& options_json) {
   Options options = Options::fromJson(options_json);
   game.configure(options);
@@ -80,6 +68,8 @@ struct App::Round {
   physics::PhysicsWorld physics;
   rl::SoundLog sounds;
   rl::RLEnv* env = nullptr;
+  /// Null for a game without one.
+  const render::Camera* head_camera = nullptr;
 };
 
 AppFactory gameApps() { return gameApps(games::createGame); }
@@ -138,6 +128,8 @@ void App::buildRound(std::uint32_t seed, std::int64_t start_ns, rl::EpisodeLogge
                           .sounds = fresh->sounds};
   fresh->env = &game_->build(context);
   rl::addOutsideCameras(fresh->scene);
+  const scene::GameObject* head = fresh->scene.find(rl::kHeadCameraPath);
+  if (head != nullptr) fresh->head_camera = head->getComponent<render::Camera>();
   if (!fresh->session.attached()) fresh->session.attachActionSets();
   round_ = std::move(fresh);
 }
@@ -214,7 +206,7 @@ void App::runFrame(const FrameInput& frame) {
 Outcome App::outcome(float reward) {
   events_ = {round_->session.takePulses(), round_->sounds.take()};
   const rl::RLEnv& env = *round_->env;
-  return {reward, env.finished(), env.GetTimeFeature()};
+  return {reward, env.finished(), env.timeFeature()};
 }
 
 const std::map<std::string, double>& App::log() const {
@@ -243,6 +235,7 @@ const render::Camera& App::camera(View view) const {
   static constexpr std::array<std::string_view, 3> kPaths{
       rl::kHeadCameraPath, rl::kThirdPersonCameraPath, rl::kSpectatorCameraPath};
   const Round& current = round("renderView");
+  if (view == View::headset && current.head_camera != nullptr) return *current.head_camera;
   const std::string_view path = kPaths.at(static_cast<std::size_t>(view));
   const scene::GameObject* object = current.scene.find(path);
   const auto* found = object == nullptr ? nullptr : object->getComponent<render::Camera>();

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import inspect
-import json as jsonlib
 import math
 import shlex
 import shutil
@@ -84,6 +83,12 @@ BrowserOption = Annotated[
         "--browser", metavar="PATH", help="The Chromium that shows pages.", show_default="found"
     ),
 ]
+GameLibraryOption = Annotated[
+    str | None,
+    typer.Option(
+        "--game-library", metavar="FILE", help="A shared library of games, whose code is run."
+    ),
+]
 
 
 _COMMAND = "PROGRAM, or 'PROGRAM ARGS'"
@@ -95,6 +100,7 @@ _PAGE_OPTIONS: dict[str, Any] = {
     "openxr": OpenXROption,
     "virtual_clock": VirtualClockOption,
     "xvfb": XvfbOption,
+    "game_library": GameLibraryOption,
 }
 _APP_OPTIONS: dict[str, Any] = {
     "app": AppOption,
@@ -147,6 +153,7 @@ def app_settings(
     openxr: str | None = None,
     virtual_clock: bool | None = None,
     xvfb: bool | None = None,
+    game_library: str | None = None,
 ) -> dict[str, Any]:
     """Return the settings of ``env.app`` that the options mean; none without any of them.
 
@@ -167,6 +174,11 @@ def app_settings(
         if value and owned is None:
             raise InputError(option, f"it without {owner}", f"it together with {owner}")
     judged = {} if task is None else {"task": _absolute_task(task)}
+    if game_library is not None:
+        from sim2vr_harness.client import load_game_library
+
+        load_game_library(Path(game_library).expanduser())  # who names it here, runs it
+        judged["game_library"] = _absolute(game_library)
     if page is not None:
         return {**_page_settings(page, mapped or [], browser), **judged}
     if openxr is not None:
@@ -292,13 +304,3 @@ def _absolute(path: str) -> str:
 def _absolute_task(task: str) -> str:
     file, colon, name = task.rpartition(".py:")
     return f"{_absolute(f'{file}.py')}:{name}" if colon else _absolute(task)
-
-
-def as_overrides(settings: dict[str, Any]) -> list[str]:
-    """Return settings of ``env.app`` as ``--set`` takes them; options add to those set before."""
-    mappings = ("options", "transport_options")
-    flat = {key: value for key, value in settings.items() if key not in mappings}
-    for key in mappings:
-        for name, value in settings.get(key, {}).items():
-            flat[f"{key}.{name}"] = value
-    return [f"env.app.{key}={jsonlib.dumps(value)}" for key, value in flat.items()]

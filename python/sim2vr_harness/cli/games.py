@@ -11,6 +11,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from sim2vr_harness.cli.app_options import GameLibraryOption, app_settings
 from sim2vr_harness.cli.command import Command
 from sim2vr_harness.cli.options import JsonOption, known_games, print_json
 from sim2vr_harness.client import GameFacts, describe_game, list_games, list_options
@@ -39,6 +40,7 @@ def games(
             autocompletion=known_games, metavar="GAME", help="A game.", show_default="all, in short"
         ),
     ] = None,
+    game_library: GameLibraryOption = None,
     json: JsonOption = False,
 ) -> None:
     """List the games; of one, its conditions, measures and options.
@@ -47,6 +49,7 @@ def games(
         sim2vr-harness games
         sim2vr-harness games beats
     """
+    app_settings(game_library=game_library)
     chosen = [name] if name is not None else sorted(list_games())
     facts = [describe_game(each) for each in chosen]
     if json:

@@ -6,8 +6,8 @@
 #include <string>
 
 #include "game_harness.hpp"
-#include "panel/env.hpp"
 #include "panel/game.hpp"
+#include "panel/round.hpp"
 #include "sim2vr/core/errors.hpp"
 
 namespace sim2vr::games::panel {

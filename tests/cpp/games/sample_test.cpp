@@ -88,7 +88,7 @@ TEST(TouchTheBall, RoundEnds) {
   EXPECT_FALSE(round.env().finished());
   round.frame(1'000'000'000, {kHead, kAway});
   EXPECT_TRUE(round.env().finished());
-  EXPECT_EQ(round.env().GetTimeFeature(), 1.0F);
+  EXPECT_EQ(round.env().timeFeature(), 1.0F);
 }
 
 TEST(TouchTheBall, SeedsMatter) {

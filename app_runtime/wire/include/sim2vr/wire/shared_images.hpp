@@ -10,7 +10,7 @@
 namespace sim2vr::wire {
 
 /// Memory without a name in any file system (memfd_create): the kernel takes it back with the last
-/// process that has it, whoever is killed when.
+/// process that has it, also after kills.
 class SharedImages {
  public:
   /// Memory for `count` images of `image_bytes` each. Null, with a line in the log, where the

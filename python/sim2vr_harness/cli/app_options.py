@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import inspect
-import json as jsonlib
 import math
 import shlex
 import shutil
@@ -305,13 +304,3 @@ def _absolute(path: str) -> str:
 def _absolute_task(task: str) -> str:
     file, colon, name = task.rpartition(".py:")
     return f"{_absolute(f'{file}.py')}:{name}" if colon else _absolute(task)
-
-
-def as_overrides(settings: dict[str, Any]) -> list[str]:
-    """Return settings of ``env.app`` as ``--set`` takes them; options add to those set before."""
-    mappings = ("options", "transport_options")
-    flat = {key: value for key, value in settings.items() if key not in mappings}
-    for key in mappings:
-        for name, value in settings.get(key, {}).items():
-            flat[f"{key}.{name}"] = value
-    return [f"env.app.{key}={jsonlib.dumps(value)}" for key, value in flat.items()]

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json as jsonlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 
-from sim2vr_harness.base.errors import InputError, shown, unknown_name
-from sim2vr_harness.base.progress import progress_of_part
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.app_options import with_app_options
 from sim2vr_harness.cli.options import (
     EnvSetOption,
@@ -29,7 +26,6 @@ from sim2vr_harness.cli.progress import Share
 
 if TYPE_CHECKING:
     from sim2vr_harness.games.behaviour import Behaviour
-    from sim2vr_harness.human_comparison.report import ComparisonReport
     from sim2vr_harness.human_comparison.sources import Plays, Source
 
 _Users = Annotated[
@@ -134,173 +130,45 @@ def compare(
         sim2vr-harness compare whacamole_people --people recordings
         sim2vr-harness compare 'touch ball' --people round.jsonl --page game.html
     """
-    users, told = _told_names(users)
-    played = partial(_plays, out, seed, overrides, batch, persons, trust_app)
-    shown = {"figures": figures, "every": every, "json": json}
-    if remote or _are_sessions(people or [], game):
-        how = played(episodes or 2, condition)
-        _write(_beside_sessions(users, told, people or [], how, remote), out, **shown)
-        return
-    game = _game_of_users(users, game)
-    plays = played(episodes or 6, _to_play(condition, group, game))
-    if _is_aimed(users, game):
-        _compare_aimed(users, told, game, people or [], plays, out, **shown)
-        return
-    report = _compared(users, told, game, people or [], plays, out, unconstrained=unconstrained)
-    _write(report, out, **shown)
-
-
-def _game_of_users(users: Sequence[str], game: str | None) -> str:
-    """The game that was named, or that of the first user who says."""
-    from sim2vr_harness.games.registry import behaviours
-    from sim2vr_harness.human_comparison.sources import game_of
-
-    others = (user for user in users if game is None and not _is_study(user))
-    known = (found for user in others if (found := game_of(user)) is not None)
-    return game or next(known, behaviours()[0])
-
-
-def _is_aimed(users: Sequence[str], game: str) -> bool:
-    """Whether the game is one of aimed movements, which studies are not compared in."""
-    from sim2vr_harness.games.registry import aimed_games
-
-    study = next(filter(_is_study, users), None)
-    if game in aimed_games() and study is not None:
-        raise InputError("USER", f"the study {study!r}", f"users of {game}, or logs")
-    return game in aimed_games()
-
-
-def _plays(
-    out: Path,
-    seed: int,
-    overrides: list[str] | None,
-    batch: int,
-    persons: int | None,
-    trust_app: bool,
-    episodes: int,
-    conditions: list[str] | None,
-) -> Plays:
-    from sim2vr_harness.human_comparison.sources import Plays
-
-    # fmt: off
-    return Plays(
-        out=out / "rounds", episodes=episodes, seed=seed, overrides=overrides or (),
-        conditions=conditions, batch=batch, persons=persons, trust_app=trust_app,
-    )
-    # fmt: on
-
-
-def _are_sessions(people: Sequence[Path], game: str | None) -> bool:
-    """Whether people's rounds are sessions in files, or logs of a game without measures of its own.
-
-    Logs of the other games, and packed rounds, have more in them than sessions.
-    """
-    from sim2vr_harness.games.registry import aimed_games, behaviours
-    from sim2vr_harness.human_comparison.session_sources import find_sessions
-    from sim2vr_harness.sessions import read_session
-
-    found = [each for path in people if path.exists() for each in find_sessions(path)]
-    files = all(each.is_file() for each in found)
-    if found and not files and game is None:
-        game = read_session(next(each for each in found if each.is_dir())).app.name
-    return bool(found) and (files or game not in (*behaviours(), *aimed_games()))
-
-
-def _beside_sessions(
-    users: Sequence[str],
-    told: Mapping[str, str],
-    people: Sequence[Path],
-    plays: Plays,
-    remote: Mapping[str, Any],
-) -> ComparisonReport:
-    """Compare users with people's sessions of any app."""
-    from sim2vr_harness.human_comparison.session_sources import SessionPlays, compare_sessions
-
-    if not people:
-        raise InputError("--people", "none", "a session, or a folder of sessions")
-    with Share("Comparing") as share:
-        how = SessionPlays(plays, remote)
-        report = compare_sessions(users, people, how, on_progress=share.show)
-    sources = {user: [source] for user, source in zip(users, report.users, strict=True)}
-    return replace(report, users=_renamed(users, sources, told))
-
-
-def _compared(
-    users: Sequence[str],
-    told: Mapping[str, str],
-    game: str,
-    people: Sequence[Path],
-    plays: Plays,
-    out: Path,
-    *,
-    unconstrained: bool,
-) -> ComparisonReport:
-    """Measure people and users, those of studies last; users play first if they must."""
-    from sim2vr_harness.games.registry import behaviour_of
-    from sim2vr_harness.human_comparison.report import ComparisonReport
-    from sim2vr_harness.human_comparison.sources import check_user, read_people, read_user
-
-    behaviour = behaviour_of(game)
-    if not people:
-        raise InputError("--people", "none", "a folder of people's recorded rounds")
-    sources: dict[str, list[Source]] = {}
-    with Share("Comparing") as share:
-        measured_people = read_people(people, behaviour, unconstrained=unconstrained)
-        for user in users:
-            if not _is_study(user):
-                check_user(user, behaviour, plays, measured_people)
-        for user in users:
-            show = progress_of_part(share.show, len(sources), len(users))
-            if not _is_study(user):
-                sources[user] = [read_user(user, behaviour, plays, on_progress=show)]
-    for user in users:
-        if _is_study(user):
-            sources[user] = _players(user, out, behaviour, plays)
-    return ComparisonReport(behaviour, measured_people, _renamed(users, sources, told))
-
-
-def _renamed(
-    users: Sequence[str], sources: Mapping[str, list[Source]], told: Mapping[str, str]
-) -> list[Source]:
-    """Return the sources in the users' order, each with a name of its own."""
-    read = [(user, source) for user in users for source in sources[user]]
-    names = _names([(user, source.name) for user, source in read], dict(told))
-    return [replace(source, name=name) for (_, source), name in zip(read, names, strict=True)]
-
-
-def _write(report: ComparisonReport, out: Path, *, figures: bool, every: bool, json: bool) -> None:
-    """Write the comparison's files, and print its tables or JSON."""
     from sim2vr_harness.human_comparison.figures import draw
     from sim2vr_harness.human_comparison.files import as_json, write_csv, write_json, write_page
+    from sim2vr_harness.human_comparison.report import ComparisonReport
+    from sim2vr_harness.human_comparison.sources import Plays, read_sources
     from sim2vr_harness.human_comparison.tables import SETTLING, missing_values, report_tables
 
+    users, told = _told_names(users)
+    # fmt: off
+    plays = Plays(
+        out=out / "rounds", episodes=episodes, seed=seed, overrides=overrides or (),
+        conditions=condition, batch=batch, persons=persons, trust_app=trust_app, remote=remote,
+    )
+    # fmt: on
+    with Share("Comparing") as share:
+        found = read_sources(
+            [user for user in users if not _is_study(user)],
+            people or (),
+            plays,
+            game=game,
+            groups=group or (),
+            unconstrained=unconstrained,
+            on_progress=share.show,
+        )
+    sources = {user: [source] for user, source in found.users.items()}
+    for user in filter(_is_study, users):
+        sources[user] = _players(user, out, found.behaviour, plays)
+    read = [(user, source) for user in users for source in sources[user]]
+    names = _names([(user, source.name) for user, source in read], told)
+    named = [replace(source, name=name) for (_, source), name in zip(read, names, strict=True)]
+    report = ComparisonReport(found.behaviour, found.people, named)
     files = [write_json(report, out / "comparison.json"), *write_csv(report, out)]
     drawn = draw(report, out) if figures else []
-    notes = (SETTLING, *missing_values(report))
+    notes = (*(() if report.behaviour.aimed else (SETTLING,)), *missing_values(report))
     files += [*drawn, write_page(report, drawn, out / "comparison.html", notes)]
     if json:
         print_json(as_json(report))
         return
     Console().print(report_tables(report, every=every))
     print_written(files)
-
-
-def _to_play(condition: list[str] | None, group: list[str] | None, game: str) -> list[str] | None:
-    """The game's names of the conditions requested; None for those of the user's rules."""
-    from sim2vr_harness.games.registry import aimed_games, behaviour_of
-
-    if not group:
-        return condition
-    if condition:
-        got = f"{shown(group)} beside --condition {shown(condition)}"
-        raise InputError("--group", got, "one of the two: a group plays all that are compared")
-    if game in aimed_games():
-        raise InputError("--group", shown(group), f"none for {game}, whose people are no groups")
-    behaviour = behaviour_of(game)
-    for name in group:
-        if name not in behaviour.groups:
-            raise unknown_name("--group", name, behaviour.groups)
-    return [name for each in dict.fromkeys(group) for name in behaviour.played(each)]
 
 
 def _told_names(users: list[str]) -> tuple[list[str], dict[str, str]]:
@@ -371,54 +239,3 @@ def _players(user: str, out: Path, behaviour: Behaviour, plays: Plays) -> list[S
             data = run_study(path, place, trust_app=plays.trust_app, on_progress=shown.show).data
     players = players_of(data)
     return [read_folders(name, folders, behaviour) for name, folders in players.items()]
-
-
-def _compare_aimed(
-    users: list[str],
-    told: Mapping[str, str],
-    game: str,
-    people: list[Path],
-    plays: Plays,
-    out: Path,
-    *,
-    figures: bool,
-    every: bool,
-    json: bool,
-) -> None:
-    """Compare users of aimed movements: Fitts' law, throughput, end points, submovements."""
-    from sim2vr_harness.base.files import write_atomically
-    from sim2vr_harness.human_comparison.fitts.comparison import (
-        AimedReport,
-        aimed_json,
-        aimed_tables,
-    )
-    from sim2vr_harness.human_comparison.fitts.figure import draw_fitts
-    from sim2vr_harness.human_comparison.fitts.users import (
-        AimedUser,
-        read_aimed_people,
-        read_aimed_user,
-    )
-    from sim2vr_harness.human_comparison.sources import trained_user
-
-    with Share("Comparing") as share:
-        recorded = read_aimed_people(people)
-        for user in users:
-            trained_user(user, game)
-        found: list[AimedUser] = []
-        for user in users:
-            show = progress_of_part(share.show, len(found), len(users))
-            found.append(read_aimed_user(user, game, plays, on_progress=show))
-    names = _names([(user, each.name) for user, each in zip(users, found, strict=True)], told)
-    found = [replace(each, name=name) for each, name in zip(found, names, strict=True)]
-    report = AimedReport(found, recorded)
-    text = jsonlib.dumps(aimed_json(report), indent=1)
-    files = [out / "comparison.json"]
-    write_atomically(files[0], (text + "\n").encode())
-    if figures:
-        drawn = [*found, *([] if recorded is None else [recorded])]
-        files.append(draw_fitts(drawn, out / "movement_time.png"))
-    if json:
-        typer.echo(text)
-        return
-    Console().print(aimed_tables(report, every=every))
-    print_written(files)

@@ -19,6 +19,7 @@ from sim2vr_harness.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from sim2vr_harness.policies.hierarchical.human_motor import HumanMotorPolicy
     from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
     from sim2vr_harness.training.motor_control.goal_task import MotorTrainer
     from sim2vr_harness.training.motor_control.people_training import PeopleTrainer
@@ -179,91 +180,65 @@ def measure(
     body: BodyArgument,
     layer: _Layer = None,
     movements: Annotated[
-        int, typer.Option(help="Of each kind (27 kinds).", min=16, max=100_000)
-    ] = 256,
-    noise: Annotated[bool, typer.Option("--noise", help="With a person's motor noise.")] = False,
+        int, typer.Option(help="Of each kind (9 kinds).", min=12, max=100_000)
+    ] = 48,
+    noise: Annotated[
+        bool, typer.Option("--noise", help="With a person's motor noise; persons always have it.")
+    ] = False,
     step_s: StepOption = 0.05,
     seed: Annotated[int, typer.Option(help="Of what is drawn.", min=0)] = 1,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.png", help="Draw it into this file.", callback=writable_file),
-    ] = None,
     json: JsonOption = False,
     people: _People = False,
     trust_app: TrustOption = False,
 ) -> None:
-    """Measure a motor layer: end points, speeds, effort and Fitts' law.
+    """Measure aimed movements of a motor layer: Fitts' law, errors, speed profiles.
 
-    With --people, a population reaches and turns rays at nine indices of difficulty each, and
-    pushes.
+    Hands reach over three distances in three movement times. With --people, twelve persons reach
+    targets of three widths, and end their movements themselves.
 
     Examples:
         sim2vr-harness users motor measure mobl_arms_wrist
         sim2vr-harness users motor measure mobl_arms_wrist --people
     """
     from sim2vr_harness.cli.progress import Share
-    from sim2vr_harness.training.motor_control.benchmark import measure_layer
-    from sim2vr_harness.training.motor_control.benchmark_figure import draw_measures
-    from sim2vr_harness.users.noise import MotorNoiseSettings
-
-    if people:
-        _measure_people(body, layer, step_s, seed, json, trust_app)
-        return
-    found = _layer(_body(body, trust_app), layer, step_s)
-    white = MotorNoiseSettings(signal_dependent="white", constant="white") if noise else None
-    with Share("Measuring movements") as share:
-        drawn: dict[str, Any] = {"noise": white, "bodies": movements, "seed": seed}
-        measures = measure_layer(found, **drawn, on_progress=share.show)
-    numbers = measures.summary()
-    if out is not None:
-        draw_measures(measures, f"Motor layer of {found.body.name}", out)
-    if json:
-        print_json(numbers)
-        return
-    for name, value in numbers.items():
-        typer.echo(f"{name:40s} {value:.4g}")
-    if out is not None:
-        typer.echo(f"Written: {out}")
-
-
-def _measure_people(
-    body: str, layer: Path | None, step_s: float, seed: int, json: bool, trust_app: bool
-) -> None:
-    from sim2vr_harness.cli.progress import Share
-    from sim2vr_harness.envs.config import UserConfig
+    from sim2vr_harness.envs.config import NoiseConfig, UserConfig
     from sim2vr_harness.envs.people_preset import as_population
     from sim2vr_harness.policies.hierarchical.motor_store import (
         human_policy_for,
         load_human_policy,
+        load_motor_layer,
+        motor_layer_for,
     )
-    from sim2vr_harness.runs.trust import require_trusted_body
-    from sim2vr_harness.training.motor_control.human_benchmark import measure_people
-    from sim2vr_harness.training.motor_control.ray_benchmark import measure_rays
-    from sim2vr_harness.training.motor_control.strike_benchmark import measure_strikes
+    from sim2vr_harness.training.motor_control.aimed_movements import measure_movements
 
-    require_trusted_body(body, body, trust=trust_app)
-    user = as_population(UserConfig(model=body))
-    policy = (
-        human_policy_for(user, step_s) if layer is None else load_human_policy(layer, user, step_s)
-    )
-    kinds: dict[str, Any] = {
-        "reaches": measure_people,
-        "rays": measure_rays,
-        "pushes": measure_strikes,
-    }
-    found: dict[str, float] = {}
-    rows: list[str] = []
-    for kind, measured in kinds.items():
-        with Share(f"Measuring {kind}") as share:
-            measures = measured(policy, user, seed=seed, on_progress=share.show)
-        found |= measures.summary()
-        rows += measures.rows()
+    found, user = _body(body, trust_app), UserConfig(model=body)
+    policy: HumanMotorPolicy | MotorPolicy
+    if people:
+        user = as_population(user)
+        policy = (
+            human_policy_for(user, step_s)
+            if layer is None
+            else load_human_policy(layer, user, step_s)
+        )
+    else:
+        if noise:
+            white = NoiseConfig(signal_dependent="white", constant="white")
+            user = user.model_copy(update={"noise": white})
+        policy = (
+            motor_layer_for(found, step_s)
+            if layer is None
+            else load_motor_layer(layer, found, step_s)
+        )
+    with Share("Measuring movements") as share:
+        measures = measure_movements(
+            policy, user, repeats=-(-movements // 12), seed=seed, on_progress=share.show
+        )
     if json:
-        print_json(found)
+        print_json(measures.summary())
         return
-    for row in rows:
+    for row in measures.rows():
         typer.echo(row)
-    for name, value in found.items():
+    for name, value in measures.summary().items():
         typer.echo(f"{name:40s} {value:.4g}")
 
 
@@ -273,12 +248,6 @@ def _body(name: str, trust_app: bool) -> Body:
 
     require_trusted_body(name, name, trust=trust_app)
     return load_body(name)
-
-
-def _layer(body: Body, file: Path | None, step_s: float) -> MotorPolicy:
-    from sim2vr_harness.policies.hierarchical.motor_store import load_motor_layer, motor_layer_for
-
-    return motor_layer_for(body, step_s) if file is None else load_motor_layer(file, body, step_s)
 
 
 app = CommandGroup(

@@ -42,19 +42,6 @@ app = CommandGroup(
 )
 
 
-def read_any(path: Path) -> Session:
-    """Read a session of any format, packed rounds (``.npz``) among them."""
-    from sim2vr_harness.sessions import read_session
-
-    if path.suffix != ".npz":
-        return read_session(path)
-    from sim2vr_harness.evaluation.replay.recordings import read_recordings
-    from sim2vr_harness.evaluation.replay.replayer import session_of
-
-    (recording,) = read_recordings([path])
-    return session_of(recording)
-
-
 def convert(
     source: _In,
     out: _Out,
@@ -68,10 +55,10 @@ def convert(
         sim2vr-harness session convert recording.json round.jsonl.gz
         sim2vr-harness session convert replay.bsor poses.csv
     """
-    from sim2vr_harness.sessions.formats import require_name, write_session
+    from sim2vr_harness.sessions.formats import read_session, require_name, write_session
 
     form = require_name(out)
-    session = read_any(source)
+    session = read_session(source)
     if swap_hands:
         session = session.swapped()
     if game is not None:
@@ -97,7 +84,9 @@ def show(source: _In, json: JsonOption = False) -> None:
         sim2vr-harness session show round.jsonl
         sim2vr-harness session show recording.json --json
     """
-    session = read_any(source)
+    from sim2vr_harness.sessions import read_session
+
+    session = read_session(source)
     content = _content(session)
     if json:
         print_json(content)
@@ -118,11 +107,11 @@ def strip(source: _In, out: _Out) -> None:
         sim2vr-harness session strip round.jsonl shared.jsonl
         sim2vr-harness session strip recording.json shared.jsonl.gz
     """
-    from sim2vr_harness.sessions.formats import require_name, write_session
+    from sim2vr_harness.sessions.formats import read_session, require_name, write_session
     from sim2vr_harness.sessions.privacy import personal_content, stripped
 
     require_name(out)
-    session = stripped(read_any(source))
+    session = stripped(read_session(source))
     write_session(session, out)
     typer.echo(f"Written: {out}")
     for line in personal_content(session):

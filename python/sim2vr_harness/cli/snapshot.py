@@ -53,7 +53,7 @@ def snapshot(
         sim2vr-harness render snapshot --game beats --condition level
         sim2vr-harness render snapshot --page game.html --user random
     """
-    from sim2vr_harness.evaluation import snapshot as pictures
+    from sim2vr_harness.play import render as pictures
 
     run, baseline = who_plays(None, user)
     files = pictures.snapshot(
@@ -63,8 +63,7 @@ def snapshot(
         size=pictures.parse_size(size),
         seconds=seconds,
         seed=seed,
-        run=run,
-        baseline=baseline,
+        user=run or baseline or "still",
         app=remote,
         overrides=overrides or (),
         trust_app=trust_app,

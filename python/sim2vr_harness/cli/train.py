@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from rich.console import Console
 
-from sim2vr_harness.cli.app_options import as_overrides, with_app_options
+from sim2vr_harness.cli.app_options import with_app_options
 from sim2vr_harness.cli.errors import INTERRUPTED
 from sim2vr_harness.cli.options import (
     SetOption,
@@ -100,7 +100,8 @@ def train(
         sim2vr-harness train --resume runs/sample
     """
     from sim2vr_harness.envs.games import with_task
-    from sim2vr_harness.policies.scripted.baselines import doing_nothing_pays
+    from sim2vr_harness.play.environment import as_overrides
+    from sim2vr_harness.play.users import doing_nothing_pays
     from sim2vr_harness.runs.trust import named_app, require_trust
     from sim2vr_harness.training.run import trainer
 
@@ -118,7 +119,9 @@ def train(
     if not resume:
         settings = settings.model_copy(update={"env": with_task(settings.env)})
     settings = _of_people(settings) if people else settings
-    if not resume and (note := doing_nothing_pays(settings.env)):
+    # The recipe skills plays these users itself.
+    judged = settings.recipe != "skills" and not resume
+    if judged and (note := doing_nothing_pays(settings.env)):
         say(f"note: {note}")
     how: dict[str, Any] = {"resume": resume, "overwrite": overwrite, "set_aside": set_aside}
     result = trainer.train(settings, folder, timesteps=timesteps, **how)

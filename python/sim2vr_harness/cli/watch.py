@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sim2vr_harness.cli.app_options import as_overrides, with_page_options
+from sim2vr_harness.cli.app_options import with_page_options
 from sim2vr_harness.cli.options import (
     DeterministicOption,
     EnvSetOption,
@@ -129,25 +129,27 @@ def _chosen(
     **how: Any,
 ) -> Playlist:
     """Return what to watch: a session, a user, or both."""
-    from sim2vr_harness.cli.session import read_any
-    from sim2vr_harness.sessions.formats import is_session
+    from sim2vr_harness.sessions import find_sessions, read_session
+    from sim2vr_harness.sessions.whacamole import is_recorded_round
     from sim2vr_harness.tools.watch.selection import choose
     from sim2vr_harness.tools.watch.sessions import beside as shown_beside
     from sim2vr_harness.tools.watch.sessions import session_show
 
-    if run is not None and Path(run).suffix != ".npz" and is_session(Path(run)):
-        alone = Path(run)
-        return session_show(read_any(alone), alone.name, game=game, app=remote)
-    session = None if beside is None else read_any(beside)
-    if session is not None:
-        seed = session.seed if seed is None else seed
-        same = session.app.kind == "game" and not remote and game in (None, session.app.name)
-        condition = condition or (session.app.condition if same else "") or None
-    how |= {"game": game, "condition": condition, "page": as_overrides(remote)}
+    alone = None if run is None or Path(run).is_dir() else Path(run)
+    if alone is not None and find_sessions(alone) == [alone]:
+        session = read_session(alone)
+        if not is_recorded_round(session):
+            return session_show(session, alone.name, game=game, app=remote)
+    shown = None if beside is None else read_session(beside)
+    if shown is not None:
+        seed = shown.seed if seed is None else seed
+        same = shown.app.kind == "game" and not remote and game in (None, shown.app.name)
+        condition = condition or (shown.app.condition if same else "") or None
+    how |= {"game": game, "condition": condition, "app": remote}
     show = choose(run, seed=1 if seed is None else seed, **how)
-    if session is None or beside is None:
+    if shown is None or beside is None:
         return show
-    return shown_beside(show, session_show(session, beside.name, game=game, app=remote))
+    return shown_beside(show, session_show(shown, beside.name, game=game, app=remote))
 
 
 def _serve(show: Playlist, host: str, port: int, shared: bool) -> None:

@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 
 from openxr_programs import manifest, program
-from sim2vr_harness.cli.app_options import app_settings, as_overrides
+from sim2vr_harness.cli.app_options import app_settings
 from sim2vr_harness.cli.main import main
+from sim2vr_harness.play.environment import as_overrides
 from sim2vr_harness.runs.config import load_config
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import collections.abc
 import numpy
 import numpy.typing
+import os
 import typing
-__all__: list[str] = ['AppBatch', 'EngineError', 'FileError', 'InvalidArgument', 'RenderError', 'StateError', 'Unsupported', 'frame_time_ns', 'game_facts', 'game_options', 'game_timeline', 'gl_renderer', 'list_games', 'set_log_level']
+__all__: list[str] = ['AppBatch', 'EngineError', 'FileError', 'InvalidArgument', 'RenderError', 'StateError', 'Unsupported', 'frame_time_ns', 'game_facts', 'game_options', 'game_timeline', 'gl_renderer', 'list_games', 'load_game_library', 'set_log_level']
 class FileError(RuntimeError):
     pass
 class EngineError(RuntimeError):
@@ -171,6 +172,10 @@ def gl_renderer(kind: str = 'automatic') -> str:
 def list_games() -> dict[str, str]:
     """
     Names of the games with their descriptions.
+    """
+def load_game_library(file: os.PathLike | str | bytes) -> list[str]:
+    """
+    Opens a shared library and adds its games; returns their names. Opening runs its code.
     """
 def set_log_level(level: str) -> None:
     """

@@ -64,13 +64,9 @@ void addHeadsetLooks(scene::GameObject& head_camera, int layer) {
   strap.transform().setLocalScale({0.081, 1.0, 0.103});
 }
 
-constexpr XrSpaceLocationFlags kPoseValid =
-    XR_SPACE_LOCATION_POSITION_VALID_BIT | XR_SPACE_LOCATION_ORIENTATION_VALID_BIT;
-
 const xr::Action& gripAction(xr::Session& session) {
   if (session.attached()) {
-    const xr::ActionSet* set = session.findActionSet(kRigActionSet);
-    const xr::Action* grip = set == nullptr ? nullptr : set->findAction(kGripAction);
+    const xr::Action* grip = session.findAction(kRigActionSet, kGripAction);
     if (grip == nullptr) {
       throw StateError(
           "buildXrRig: the session's action sets are attached without the rig's; build the rig "
@@ -79,8 +75,7 @@ const xr::Action& gripAction(xr::Session& session) {
     return *grip;
   }
   xr::ActionSet& set = session.createActionSet(std::string(kRigActionSet));
-  xr::Action& grip = set.createAction(std::string(kGripAction), XR_ACTION_TYPE_POSE_INPUT,
-                                      {xr::Hand::left, xr::Hand::right});
+  xr::Action& grip = session.createAction(set, std::string(kGripAction), XR_ACTION_TYPE_POSE_INPUT);
   session.suggestBinding(grip, "/user/hand/left/input/grip/pose");
   session.suggestBinding(grip, "/user/hand/right/input/grip/pose");
   session.attachActionSets();
@@ -97,12 +92,9 @@ scene::GameObject& addTracked(XrRig& rig, const std::string& name, xr::Session& 
 }  // namespace
 
 void TrackedPoseDriver::Update() {
-  const xr::Space stage = session_.referenceSpace(XR_REFERENCE_SPACE_TYPE_STAGE);
-  const XrSpaceLocation location = session_.locateSpace(space_, stage, session_.frameTime());
-  const bool tracked = (location.locationFlags & kPoseValid) == kPoseValid;
-  moved_.setActive(tracked);
-  if (!tracked) return;
-  moved_.transform().setPose(xr::fromXr(location.pose));
+  const std::optional<XrPosef> pose = session_.locateSpace(space_);
+  moved_.setActive(pose.has_value());
+  if (pose) moved_.transform().setPose(xr::fromXr(*pose));
 }
 
 XrRig buildXrRig(GameContext& context, const XrRigSettings& settings) {
@@ -110,8 +102,8 @@ XrRig buildXrRig(GameContext& context, const XrRigSettings& settings) {
   const xr::Action& grip = gripAction(session);
   XrRig rig;
   rig.root = &context.scene.create("XR Rig");
-  rig.camera = &addTracked(rig, "Main Camera", session,
-                           session.referenceSpace(XR_REFERENCE_SPACE_TYPE_VIEW));
+  rig.camera =
+      &addTracked(rig, "Main Camera", session, {.reference = XR_REFERENCE_SPACE_TYPE_VIEW});
   rig.left_controller =
       &addTracked(rig, "LeftHand Controller", session, session.actionSpace(grip, xr::Hand::left));
   rig.right_controller =

@@ -15,13 +15,11 @@
 #include "sim2vr/scene/scene.hpp"
 #include "sim2vr/xr/frames.hpp"
 #include "sim2vr/xr/session.hpp"
-#include "sim2vr/xr/simulated_device.hpp"
 
 namespace sim2vr::runtime {
 namespace {
 
 constexpr std::string_view kStateFormat = "sim2vr app state 2";
-constexpr double kNsPerSecond = 1e9;
 
 xr::SessionSettings sessionSettings(const AppSettings& app) {
   const render::ImageSize size = app.headset_size;
@@ -61,11 +59,10 @@ void configureGame(rl::Game& game, const std::string& options_json) {
 /// hold references to the world and the session.
 struct App::Round {
   Round(const AppSettings& app, std::int64_t start_ns)
-      : session(device, sessionSettings(app)), scene(app.time), physics(scene) {
+      : session(sessionSettings(app)), scene(app.time), physics(scene) {
     scene.clock().restart(start_ns);
   }
 
-  xr::SimulatedDevice device;
   xr::Session session;
   scene::Scene scene;
   physics::PhysicsWorld physics;
@@ -153,7 +150,6 @@ Outcome App::doBegin(const RoundStart& start, const xr::DeviceState& devices) {
     settings_.options_json = merged;
   }
   buildRound(start.seed, start.time_ns, logger_.get());
-  round_->session.begin();
   step_.open = false;
   runFrame({start.time_ns, checked});
   return outcome(round_->env->reward());
@@ -202,18 +198,13 @@ void App::runFramesTo(std::size_t end) {
 
 void App::runFrame(const FrameInput& frame) {
   Round& current = *round_;
-  const auto period = static_cast<XrDuration>(kNsPerSecond / settings_.time.target_frame_rate);
-  current.device.set(frame.devices);
-  current.session.waitFrame(frame.time_ns, period);
-  current.session.beginFrame();
-  current.session.syncActions();
+  current.session.nextFrame(frame.time_ns, frame.devices);
   current.scene.runFrame(frame.time_ns, [&current] { current.physics.step(); });
-  current.session.endFrame();
   if (logger_ != nullptr && current.env->finished()) logger_->endRound();
 }
 
 Outcome App::outcome(float reward) {
-  events_ = {round_->device.takePulses(), round_->sounds.take()};
+  events_ = {round_->session.takePulses(), round_->sounds.take()};
   const rl::RLEnv& env = *round_->env;
   return {reward, env.finished(), env.timeFeature()};
 }
@@ -268,9 +259,8 @@ void App::addViews(std::vector<render::ViewRequest>& views) {
     views.push_back({current.scene, head, settings_.headset_size, image_});
     return;
   }
-  const xr::Space space = current.session.referenceSpace(XR_REFERENCE_SPACE_TYPE_VIEW);
   int eye = 0;
-  for (const XrView& view : current.session.locateViews(current.session.frameTime(), space)) {
+  for (const XrView& view : current.session.locateViews()) {
     views.push_back({current.scene, head, settings_.headset_size, eyeImage(eye++), eyeView(view)});
   }
 }

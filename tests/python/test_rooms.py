@@ -44,7 +44,7 @@ ALONE = {
     "stable_baselines3": {"policies", "training"},
     "zmq": {"client"},
     "ray": {"studies"},
-    "plotly": {"figures", "studies", "tools"},
+    "plotly": {"figures", "studies"},
     "viser": {"tools"},
 }
 """Packages that only these rooms import."""

@@ -114,7 +114,7 @@ def run_folder(case: Case) -> None:
     case.refused("render", "snapshot", "--user", run, *out)
     case.refused("render", "film", run, "--out", case.folder / "out.mp4")
     case.refused("users", "pack", run, "name", *out)
-    case.refused("reach", run, *out)
+    case.refused("audit", "--user", run, "--targets", "0,1,0.4", *out)
     case.refused("track", "nowhere", "--user", run, *out)
     case.refused("study", case.study(user=str(run)), *out)
     case.asked(lambda: UserPolicy(run))
@@ -234,7 +234,7 @@ def body_file(case: Case) -> None:
     case.refused("users", "export", body, case.folder / "a.xml", key=key)
     case.refused("users", "motor", "measure", body, key=key)
     case.refused("users", "motor", "train", body, "--out", case.folder / "a.pt", key=key)
-    case.refused("reach", body, *out, key=key)
+    case.refused("audit", "--user", body, "--targets", "0,1,0.4", *out, key=key)
     case.refused("track", "nowhere", "--user", body, *out, key=key)
     case.refused("evaluate", case.run(user={"model": str(body)}), key=key)
     config = case.folder / "config.yaml"

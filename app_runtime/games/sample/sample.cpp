@@ -23,9 +23,9 @@ struct Controls {
 
 Controls makeControls(xr::Session& xr) {
   xr::ActionSet& set = xr.createActionSet("play");
-  xr::Action& skip = set.createAction("skip", XR_ACTION_TYPE_BOOLEAN_INPUT);
+  xr::Action& skip = xr.createAction(set, "skip", XR_ACTION_TYPE_BOOLEAN_INPUT);
   xr.suggestBinding(skip, "/user/hand/right/input/trigger/value");
-  xr::Action& vibrate = set.createAction("vibrate", XR_ACTION_TYPE_VIBRATION_OUTPUT);
+  xr::Action& vibrate = xr.createAction(set, "vibrate", XR_ACTION_TYPE_VIBRATION_OUTPUT);
   xr.suggestBinding(vibrate, "/user/hand/right/output/haptic");
   return {&skip, &vibrate};
 }
@@ -57,8 +57,8 @@ class Ball : public scene::Component {
 
   // In every frame. A pulled trigger moves the ball on, without a point.
   void Update() override {
-    const XrActionStateBoolean skip = xr_.getActionStateBoolean(*controls_.skip);
-    if (skip.changedSinceLastSync == XR_TRUE && skip.currentState == XR_TRUE) move();
+    const xr::ActionState& skip = xr_.actionState(*controls_.skip);
+    if (skip.changed && skip.pressed()) move();
   }
 
   // Every value that changes during play, so that a state can be saved and loaded.

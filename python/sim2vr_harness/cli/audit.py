@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,21 +16,19 @@ from sim2vr_harness.cli.options import (
     EnvSetOption,
     ExpectOption,
     JunitOption,
+    TrustOption,
     finite,
     known_games,
+    known_users,
+    print_written,
     readable_file,
     writable_folder,
 )
 from sim2vr_harness.cli.progress import say
 
 if TYPE_CHECKING:
-    from sim2vr_harness.audit.population import Stance
-    from sim2vr_harness.audit.targets import AuditTarget, How
+    from sim2vr_harness.audit.auditing import AuditRequest
     from sim2vr_harness.evaluation.expectations import Planned
-
-_MOST_PEOPLE = 10_000
-_TWO_HANDED = "mobl_arms_bimanual"
-"""Looks at games that are played with both hands."""
 
 _Game = Annotated[
     str | None,
@@ -46,11 +45,52 @@ _Objects = Annotated[
     ),
 ]
 _Targets = Annotated[
-    Path | None,
+    list[str] | None,
     typer.Option(
-        metavar="FILE.yaml",
-        help="A list of targets: name, place or object, how, hold_s and more.",
-        callback=readable_file,
+        metavar="SOURCE",
+        help="A file of targets (name, place or object, how, hold_s and more), the log of a round, "
+        "or a place, [NAME=]X,Y,Z in m to the right, up and ahead; may be repeated.",
+    ),
+]
+_User = Annotated[
+    str | None,
+    typer.Option(
+        autocompletion=known_users,
+        metavar="USER",
+        help="Audit this user alone: a body or its YAML file, a configuration, or a trained user. "
+        "Draws the hull of what it reaches.",
+    ),
+]
+_Point = Annotated[
+    str | None,
+    typer.Option(
+        metavar="PART",
+        help="With --user: what is to get there, a device or part of the body.",
+        show_default="the first controller",
+    ),
+]
+_Tool = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME", help="With --user: an object that the game puts in the hand, for --point."
+    ),
+]
+_Cell = Annotated[
+    float,
+    typer.Option(help="With --user: edge of the cells of the hull, m.", callback=finite),
+]
+_Pose = Annotated[
+    str | None,
+    typer.Option(
+        metavar="JOINT=DEGREES,...",
+        help="With --user: how long this posture can be held. Other joints stay where episodes "
+        "start; one without _r or _l is that of both arms.",
+    ),
+]
+_Load = Annotated[
+    float,
+    typer.Option(
+        help="With --pose: mass in each hand, kg, beside the controller.", callback=finite
     ),
 ]
 _How = Annotated[
@@ -62,7 +102,14 @@ _Seconds = Annotated[
         help="How long to look at each round of the game, or at the page.", callback=finite
     ),
 ]
-_People = Annotated[int, typer.Option(metavar="N", help="Persons, 1 to 10,000.")]
+_People = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N",
+        help="Persons, 1 to 10,000; with --user of its population.",
+        show_default="500; with --user it alone",
+    ),
+]
 _Stance = Annotated[str, typer.Option(metavar="STANCE", help="Of the persons: seated or standing.")]
 _Pace = Annotated[
     float, typer.Option(metavar="N", help="Uses of a target in a minute.", callback=finite)
@@ -89,7 +136,13 @@ def audit(
     session: _Session = None,
     how: _How = "touch",
     seconds: _Seconds = 10.0,
-    people: _People = 500,
+    user: _User = None,
+    point: _Point = None,
+    tool: _Tool = None,
+    cell: _Cell = 0.05,
+    pose: _Pose = None,
+    load: _Load = 0.0,
+    people: _People = None,
     stance: _Stance = "seated",
     pace: _Pace = 20.0,
     operate: _Operate = 0,
@@ -98,58 +151,61 @@ def audit(
     expect: ExpectOption = None,
     junit: JunitOption = None,
     overrides: EnvSetOption = None,
+    trust_app: TrustOption = False,
     remote: Mapping[str, Any] | None = None,
 ) -> int:
     """Say who can see, reach and hold an app's targets.
 
     Examples:
         sim2vr-harness audit --page shop.html --people 100
-        sim2vr-harness audit --game whacamole --expect "reach.min >= 0.95"
+        sim2vr-harness audit --user mobl_arms_wrist --targets shelf=0.3,1.6,0.5
     """
-    from sim2vr_harness.audit.auditing import run
-    from sim2vr_harness.audit.recorded import pressed_places
+    from sim2vr_harness.audit.auditing import AuditRequest, population_audit
     from sim2vr_harness.audit.summary import estimates
+    from sim2vr_harness.base.optional import needed
 
-    _check_use(pace, operate, people)
-    numbers = seconds, people, seed
-    _check(game, condition, objects, targets or session, remote, overrides, how, numbers, stance)
-    checked = CheckedRun(_with_group(expect), None, junit, "audit")
-    listed = (
-        _listed(targets, remote, overrides or [], seconds) if targets is not None or remote else []
-    )
-    listed += [] if session is None else pressed_places(session)
-    if checked.asked:
-        checked.prepare(_planned(cast("Stance", stance)))
-    if game is not None:
-        names: list[str | None] = [*condition] if condition else [None]
-        for name in names:
-            listed += _of_game(game, name, overrides or [], objects, seconds, cast("How", how))
-    title = game or _title(remote or {}, targets or session)
     # fmt: off
-    done = run(
-        title, listed, people=people, seed=seed, stance=cast("Stance", stance), pace=pace,
-        operate=operate, say=say,
+    request = AuditRequest(
+        game=game, condition=condition or (), objects=objects, targets=targets or (),
+        session=session, how=how, seconds=seconds, user=user, point=point, tool=tool, cell=cell,
+        pose=pose, load=load, people=people, stance=stance, pace=pace, operate=operate, seed=seed,
+        expect=expect or (), overrides=overrides or (), trust_app=trust_app, remote=remote or {},
     )
     # fmt: on
+    if pose is None:
+        needed("plotly", "studies", "audit")
+    request.check()
+    checked = CheckedRun(_with_group(expect), None, junit, "audit")
+    if user is not None:
+        _of_user(request, out)
+        return 0
+    if checked.asked:
+        checked.prepare(_planned(request))
+    done = population_audit(request, say)
     _tell(done, out)
     return checked.status(lambda: estimates(done))
 
 
-def _check_use(pace: float, operate: int, people: int) -> None:
-    """Refuse numbers that no audit can use."""
-    from sim2vr_harness.base.errors import InputError
+def _of_user(request: AuditRequest, out: Path) -> None:
+    """Print and write what a user reaches, or how long it holds a posture."""
+    from sim2vr_harness.audit import hull, postures
+    from sim2vr_harness.audit.auditing import posture_endurance, user_reach
+    from sim2vr_harness.base.files import write_atomically
 
-    if not 0.1 <= pace <= 120.0:
-        raise InputError("--pace", f"{pace:g}", "0.1 to 120 uses in a minute")
-    if not 0 <= operate <= people:
-        raise InputError("--operate", str(operate), f"0 to the {people} persons of --people")
-
-
-def _title(settings: Mapping[str, Any], source: Path | None) -> str:
-    """What an app without a game's name is called."""
-    page = settings.get("page")
-    title = _page_name(page) if page else settings.get("game")
-    return title or (source.stem if source else "")
+    if request.pose is None:
+        found = user_reach(request, say)
+        typer.echo("\n".join(hull.told(found)))
+        print_written(hull.write(found, out))
+        return
+    held = posture_endurance(request)
+    for arms in zip(*held, strict=True):
+        typer.echo("\n".join(postures.told(arms, request.load)))
+    asked = {"user": request.user, "pose": request.pose, "load_kg": request.load}
+    persons = [[postures.plain(arm) for arm in person] for person in held]
+    out.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(asked | {"persons": persons}, indent=2, allow_nan=False)
+    write_atomically(out / "postures.json", text.encode() + b"\n")
+    print_written([out / "postures.json"])
 
 
 def _tell(done: Any, out: Path) -> None:
@@ -161,57 +217,7 @@ def _tell(done: Any, out: Path) -> None:
     for sentence in (headline(values), *findings(values), unanswered(values)):
         if sentence:
             typer.echo(sentence)
-    for file in write(done, out):
-        typer.echo(f"Written: {file}")
-
-
-def _page_name(page: str) -> str:
-    """The file's name, or its folder's where that says more."""
-    file = Path(page).resolve()
-    return file.parent.name if file.name == "index.html" else file.name
-
-
-def _check(
-    game: str | None,
-    condition: list[str] | None,
-    objects: str | None,
-    targets: Path | None,
-    remote: Mapping[str, Any] | None,
-    overrides: list[str] | None,
-    how: str,
-    numbers: tuple[float, int, int],
-    stance: str,
-) -> None:
-    """Refuse options that are out of range or do not go together."""
-    from sim2vr_harness.base.errors import InputError
-    from sim2vr_harness.base.optional import needed
-
-    needed("plotly", "studies", "audit")
-    seconds, people, seed = numbers
-    page = (remote or {}).get("page")
-    if game is None and targets is None and page is None:
-        if remote:
-            expected = "it with --targets FILE.yaml or --session, since a program lists no objects"
-            raise InputError("--openxr", "a program without --targets", expected)
-        raise InputError("--game, --page, --targets or --session", "none", "one of them")
-    if game is not None and remote:
-        raise InputError("--page or --openxr", "it together with --game", "one of them")
-    if overrides and game is None and not remote:
-        raise InputError("--set", "it without an app", "it with --game or --page")
-    if game is None and (condition or objects is not None):
-        raise InputError("--condition or --objects", "it without --game", "it with --game")
-    for option, got, known in (
-        ("--how", how, ("touch", "point")),
-        ("--stance", stance, ("seated", "standing")),
-    ):
-        if got not in known:
-            raise InputError(option, repr(got), " or ".join(known))
-    if not 1 <= people <= _MOST_PEOPLE:
-        raise InputError("--people", str(people), f"1 to {_MOST_PEOPLE:,}")
-    if not 0 <= seed < 2**31:
-        raise InputError("--seed", str(seed), f"0 to {2**31 - 1}")
-    if not 0.0 < seconds <= 600.0:
-        raise InputError("--seconds", f"{seconds:g}", "more than 0, at most 600")
+    print_written(write(done, out))
 
 
 def _with_group(expect: list[str] | None) -> list[str] | None:
@@ -225,61 +231,11 @@ def _with_group(expect: list[str] | None) -> list[str] | None:
     ] or None
 
 
-def _planned(stance: Stance) -> Planned:
+def _planned(request: AuditRequest) -> Planned:
     from sim2vr_harness.audit.auditing import limitations_of
     from sim2vr_harness.audit.population import GROUPS
     from sim2vr_harness.audit.summary import EVERYONE, MEASURES
     from sim2vr_harness.evaluation.expectations import Planned
 
-    limited = (each.name for each in limitations_of(stance))
+    limited = (each.name for each in limitations_of(request.stance))
     return Planned((EVERYONE, *GROUPS, *limited), MEASURES, ())
-
-
-def _listed(
-    targets: Path | None,
-    remote: Mapping[str, Any] | None,
-    overrides: list[str],
-    seconds: float,
-) -> list[AuditTarget]:
-    """Return the targets of a file, those of objects located in the page, or the page's things."""
-    from sim2vr_harness.audit.pages import find_things, located, things_as_targets
-    from sim2vr_harness.audit.targets import read_targets
-    from sim2vr_harness.base.errors import InputError
-    from sim2vr_harness.play.environment import evaluation_env
-    from sim2vr_harness.runs.config import TrainingConfig
-
-    env = evaluation_env(TrainingConfig(), remote, overrides, source="--set") if remote else None
-    if targets is not None:
-        return located(read_targets(targets), env)
-    if env is None:
-        return []
-    say(f"things of {env.app.page} ...")
-    found = things_as_targets(find_things(env, seconds, say=say))
-    if not found:
-        expected = "objects that listen or react to a controller, or --targets FILE.yaml"
-        raise InputError("--page", f"{env.app.page}, in which nothing is found", expected)
-    return found
-
-
-def _of_game(
-    game: str,
-    condition: str | None,
-    overrides: list[str],
-    objects: str | None,
-    seconds: float,
-    how: How,
-) -> list[AuditTarget]:
-    from dataclasses import replace
-
-    from sim2vr_harness.audit.population import MODEL
-    from sim2vr_harness.audit.targets import found_targets
-    from sim2vr_harness.envs.games import game_facts
-    from sim2vr_harness.tools.users import environment_of
-
-    chosen = [f"env.app.game={game}", *overrides]  # before the options, which are the game's
-    env = environment_of(MODEL, condition=condition, overrides=chosen)
-    if "controller_left" in game_facts(env.app).needs("right"):
-        env = environment_of(_TWO_HANDED, condition=condition, overrides=chosen)
-    say(f"targets of {game}{f', condition {condition}' if condition else ''} ...")
-    found = found_targets(env, objects=objects, seconds=seconds, how=how)
-    return [replace(each, name=f"{condition or ''} {each.name}".strip()) for each in found]

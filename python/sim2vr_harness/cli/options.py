@@ -101,14 +101,6 @@ ConditionsOption = Annotated[
     list[str] | None,
     typer.Option(metavar="NAME", help="The game's condition; may be repeated."),
 ]
-ObjectsOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        help="Which of the game's objects are targets, with * and ?.",
-        show_default="those that come, go or move",
-    ),
-]
 TrustOption = Annotated[
     bool,
     typer.Option(

@@ -17,7 +17,6 @@ from rich.table import Table
 from sim2vr_harness.base.files import read_json
 from sim2vr_harness.cli import motor
 from sim2vr_harness.cli.command import CommandGroup
-from sim2vr_harness.cli.endurance import endurance
 from sim2vr_harness.cli.options import (
     JsonOption,
     TrustOption,
@@ -362,5 +361,4 @@ app.add("show", show)
 app.add("pack", pack)
 app.add("bodies", bodies)
 app.add("export", export)
-app.add("endurance", endurance)
 app.add_typer(motor.app, name="motor")

@@ -16,11 +16,12 @@ from itertools import groupby, pairwise
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.sessions import Session
+from sim2vr_harness.statistics.fitts import FittedLine, fit_line
 
 FloatArray = NDArray[np.float64]
 Outcome = Literal["hit", "error", "miss"]
@@ -280,41 +281,6 @@ def submovements(times_s: FloatArray, places_m: FloatArray, began_s: float, ende
 
 
 # --- the law --------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class FittedLine:
-    """MT = a + b ID by least squares.
-
-    Attributes:
-        a_s: intercept.
-        b_s_per_bit: slope.
-        r2: share of the variance of movement times that it explains.
-        points: how many.
-    """
-
-    a_s: float
-    b_s_per_bit: float
-    r2: float
-    points: int
-
-
-def fitts_law(id_bits: ArrayLike, seconds: ArrayLike) -> tuple[float, float, float]:
-    """Fit MT = a + b ID by least squares; return a (s), b (s/bit) and R2.
-
-    Args:
-        id_bits: (N,) indices of difficulty, of at least two different values.
-        seconds: (N,) movement times; R2 is 0 where all are the same.
-    """
-    x, y = np.asarray(id_bits, dtype=np.float64), np.asarray(seconds, dtype=np.float64)
-    b, a = np.polyfit(x, y, 1)
-    rest, total = np.sum((y - a - b * x) ** 2), np.sum((y - y.mean()) ** 2)
-    return float(a), float(b), float(1.0 - rest / total) if total > 0.0 else 0.0
-
-
-def fit_line(bits: Sequence[float], times_s: Sequence[float]) -> FittedLine | None:
-    """Fit movement times by indices of difficulty; None below three different indices."""
-    return FittedLine(*fitts_law(bits, times_s), len(bits)) if len(set(bits)) > 2 else None
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,7 @@ TEST(Pointing, AHitIsWorthTenAndTheNextTargetIsUpInTheSameFrame) {
   const auto sounds = round.harness.sounds().take();
   ASSERT_EQ(sounds.size(), 1U);
   EXPECT_EQ(sounds[0].name, "hit");
-  EXPECT_EQ(round.harness.device().takePulses().size(), 1U);
+  EXPECT_EQ(round.harness.session().takePulses().size(), 1U);
 }
 
 TEST(Pointing, ASelectionBesideTheTargetIsAnErrorAndEndsTheTrial) {

@@ -11,7 +11,6 @@
 #include "sim2vr/rl/xr_rig.hpp"
 #include "sim2vr/scene/scene.hpp"
 #include "sim2vr/xr/frames.hpp"
-#include "sim2vr/xr/simulated_device.hpp"
 
 namespace sim2vr::rl {
 namespace {
@@ -40,19 +39,11 @@ class CountingEnv : public RLEnv {
 
 class XrRigTest : public ::testing::Test {
  protected:
-  XrRigTest()
-      : physics_(scene_),
-        session_(device_),
-        context_{scene_, session_, physics_, 0, nullptr, sounds_} {}
+  XrRigTest() : physics_(scene_), context_{scene_, session_, physics_, 0, nullptr, sounds_} {}
 
   void frame(std::int64_t time_ns, const xr::DeviceState& state) {
-    if (session_.state() == XR_SESSION_STATE_READY) session_.begin();
-    device_.set(state);
-    session_.waitFrame(time_ns, 50'000'000);
-    session_.beginFrame();
-    session_.syncActions();
+    session_.nextFrame(time_ns, xr::validated(state));
     scene_.runFrame(time_ns, [] {});
-    session_.endFrame();
   }
 
   static xr::DeviceState someState() {
@@ -66,7 +57,6 @@ class XrRigTest : public ::testing::Test {
 
   scene::Scene scene_;
   physics::PhysicsWorld physics_;
-  xr::SimulatedDevice device_;
   xr::Session session_;
   SoundLog sounds_;
   GameContext context_;

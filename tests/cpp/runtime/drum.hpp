@@ -28,8 +28,8 @@ class DrumEnv final : public rl::RLEnv {
   double calculateReward() override {
     double reward = 0.0;
     for (const xr::Hand hand : xr::kHands) {
-      const XrActionStateBoolean beat = xr_.getActionStateBoolean(beat_, hand);
-      if (beat.currentState == XR_FALSE || beat.changedSinceLastSync == XR_FALSE) continue;
+      const xr::ActionState& beat = xr_.actionState(beat_, hand);
+      if (!beat.pressed() || !beat.changed) continue;
       reward += 1.0;
       ++beats_;
       xr_.applyHapticFeedback(shake_, hand,
@@ -59,10 +59,9 @@ class Drum final : public rl::Game {
   }
 
   rl::RLEnv& build(rl::GameContext& context) override {
-    const std::vector<xr::Hand> hands(xr::kHands.begin(), xr::kHands.end());
     xr::ActionSet& set = context.xr.createActionSet("drum");
-    xr::Action& beat = set.createAction("beat", XR_ACTION_TYPE_BOOLEAN_INPUT, hands);
-    xr::Action& shake = set.createAction("shake", XR_ACTION_TYPE_VIBRATION_OUTPUT, hands);
+    xr::Action& beat = context.xr.createAction(set, "beat", XR_ACTION_TYPE_BOOLEAN_INPUT);
+    xr::Action& shake = context.xr.createAction(set, "shake", XR_ACTION_TYPE_VIBRATION_OUTPUT);
     for (const std::string hand : {"/user/hand/left", "/user/hand/right"}) {
       context.xr.suggestBinding(beat, hand + "/input/trigger/value");
       context.xr.suggestBinding(shake, hand + "/output/haptic");

@@ -18,7 +18,7 @@ from PIL import Image
 
 from processes import emptied, gone
 from python.cli.calls import call
-from sim2vr_harness.audit import pages
+from sim2vr_harness.audit import auditing
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.app_options import app_settings
 from sim2vr_harness.envs import AppConfig, EnvConfig
@@ -225,6 +225,6 @@ def test_an_audit_takes_options_of_its_page(
         asked.append(env)
         return []
 
-    monkeypatch.setattr(pages, "find_things", find)
+    monkeypatch.setattr(auditing, "find_things", find)
     call(capsys, "audit", "--page", TOUCH + more[0], *more[1:], "--out", str(tmp_path / "audit"))
     assert (asked[0].app.page, asked[0].app.options) == (TOUCH, {"size": 0.03})

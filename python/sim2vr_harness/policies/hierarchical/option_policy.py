@@ -285,9 +285,9 @@ class HierarchicalPolicy(nn.Module):
 
     def _feel(self, observations: Observation) -> Moment:
         angles, speeds, drives = self._read(observations["proprioception"])
-        nobody, late = torch.zeros(len(angles), 0), np.full(len(angles), self.late_steps)
+        unknown, late = torch.zeros(len(angles), 0), np.full(len(angles), self.late_steps)
         head = as_reported(self._head(angles)[:, 0], observations)
-        motion = Motion(angles, speeds, drives, nobody)
+        motion = Motion(angles, speeds, drives, unknown)
         return Moment(motion, self.layer.places(angles, speeds), head, late, late)
 
     def scene(self, moment: Moment, memory: Memory, late: NDArray[np.int64]) -> OptionScene:

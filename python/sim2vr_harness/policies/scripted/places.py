@@ -12,14 +12,12 @@ from sim2vr_harness.client import AppRefused, WebXRApp
 from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.client.scene import PLAYER_LAYER, SceneObject
 from sim2vr_harness.policies.scripted.steps import Place
-from sim2vr_harness.users.kinematics.posture_controller import AIM_RAY, DeviceRay
+from sim2vr_harness.users.kinematics.posture_controller import DeviceRay, page_ray
 
 FloatArray = NDArray[np.float64]
 
 _SHOWN = 20
 """Names that an error lists at most."""
-_SAME, _SAME_M = 0.01, 0.01
-"""A ray of a page whose direction and origin differ less is WebXR's."""
 
 
 def _app_of(simulation: Any, user: int) -> Any:
@@ -34,12 +32,7 @@ def own_ray(simulation: Any, side: str, user: int = 0) -> DeviceRay:
     A page of which this was not asked yet is loaded once more.
     """
     app = _app_of(simulation, user)
-    found = app.pointing_rays().get(side) if isinstance(app, WebXRApp) else None
-    if found is None:
-        return AIM_RAY
-    ray = DeviceRay(*map(position_to_mujoco, found))
-    same = np.allclose(ray.direction, AIM_RAY.direction, atol=_SAME)
-    return AIM_RAY if same and np.linalg.norm(ray.origin_m) < _SAME_M else ray
+    return page_ray(app.pointing_rays().get(side) if isinstance(app, WebXRApp) else None)
 
 
 class Places:

@@ -57,7 +57,7 @@ class QLearningReport:
 
     Attributes:
         step: user steps of all users so far.
-        reward: mean reward of the app per minute, over the last ones.
+        reward: mean reward per minute, effort taken off, over the last ones.
         loss: of the values.
         explore: proportion of exploratory decisions.
     """

@@ -1,4 +1,4 @@
-"""``sim2vr-harness users endurance``: how long a user can hold a posture.
+"""How long arms can hold a posture.
 
 The largest muscle activation is made as small as possible while all joints of the arm are in
 equilibrium: static optimisation by the min/max criterion (Rasmussen, Damsgaard, Voigt 2001).
@@ -6,7 +6,7 @@ equilibrium: static optimisation by the min/max criterion (Rasmussen, Damsgaard,
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -146,6 +146,52 @@ def hold(
     angles = posture_of(body, pose)
     strength = strength or Strength(factor=user.person.strength)
     return [PostureHolder(body, arm).hold(angles, load_kg, strength) for arm in arms]
+
+
+def plain(held: Held) -> dict[str, object]:
+    """Return an arm for JSON, which has no infinity: endless endurance is null."""
+    values = vars(held)
+    times = values["endurance_s"]
+    finite_times = {name: time if time < float("inf") else None for name, time in times.items()}
+    return {**values, "endurance_s": finite_times}
+
+
+def told(arms: Sequence[Held], load_kg: float) -> list[str]:
+    """Return lines on the same arm of one or several persons."""
+    first = arms[0]
+    many = f", {len(arms)} persons: median (least to most)" if len(arms) > 1 else ""
+    lines = [
+        f"{first.side.capitalize()} arm, shoulder {first.shoulder_deg:.0f}, elbow "
+        f"{first.elbow_deg:.0f} degrees, {load_kg:g} kg in the hand{many}"
+    ]
+    shares = [float("inf") if arm.share is None else arm.share for arm in arms]
+    rows = {
+        "torque at the shoulder (Nm)": _spread([arm.torque_nm for arm in arms], 1),
+        "share of maximum at the shoulder": _spread(shares, 2, "too weak"),
+        "share of published strength": _spread([arm.strength_share for arm in arms], 2),
+    }
+    for name in first.endurance_s:
+        times = [arm.endurance_s[name] for arm in arms]
+        rows[f"exhausted by {name} (s)"] = _spread(times, 0, "endless")
+    lines += [f"  {label:40} {text}" for label, text in rows.items()]
+    if len(arms) == 1 and first.activations:
+        most = sorted(first.activations.items(), key=lambda item: -item[1])[:4]
+        lines.append("  most active: " + ", ".join(f"{name} {x:.2f}" for name, x in most))
+    return lines
+
+
+def _spread(values: list[float], digits: int, infinite: str = "") -> str:
+    """The median, with the extremes of several."""
+
+    def text(value: float) -> str:
+        return infinite if value == float("inf") else f"{value:.{digits}f}"
+
+    ordered = sorted(values)
+    middle, even = divmod(len(ordered), 2)
+    median = ordered[middle] if even else (ordered[middle - 1] + ordered[middle]) / 2.0
+    if len(ordered) == 1:
+        return text(median)
+    return f"{text(median)} ({text(ordered[0])} to {text(ordered[-1])})"
 
 
 class PostureHolder:

@@ -10,33 +10,23 @@ import mujoco
 import numpy as np
 import pytest
 
+from sim2vr_harness.audit import hull
+from sim2vr_harness.audit.hull import Measured, Reach, chosen_point, measure, people_margins
+from sim2vr_harness.audit.targets import (
+    Target,
+    _Rest,
+    alike,
+    listed_targets,
+    seen_targets,
+    tool_point,
+)
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import AppScene, DevicePoses, InProcessApp
 from sim2vr_harness.client.frames import position_to_app
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.evaluation.evaluate import with_people
-from sim2vr_harness.tools.reach import files, measuring, page
-from sim2vr_harness.tools.reach.extent import Reach
-from sim2vr_harness.tools.reach.measuring import Measured, chosen_point, measure
-from sim2vr_harness.tools.reach.people import PeopleReach, alike, people_reach
-from sim2vr_harness.tools.reach.shell import shell
-from sim2vr_harness.tools.reach.targets import (
-    Target,
-    _Rest,
-    given_target,
-    logged_targets,
-    seen_targets,
-    tool_point,
-)
 from sim2vr_harness.tools.users import environment_of
-from sim2vr_harness.users import (
-    Body,
-    BodyPlan,
-    PeopleSettings,
-    Population,
-    SpecBody,
-    load_body,
-)
+from sim2vr_harness.users import Body, BodyPlan, PeopleSettings, Population, SpecBody, load_body
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 
 UPPER, LOWER, BENT = 0.30, 0.25, 2.0 * np.pi / 3.0
@@ -80,7 +70,7 @@ def test_extent_and_volume_are_those_of_a_shell(reach: Reach) -> None:
     assert volume.litres == pytest.approx(litres, rel=0.02)
     middle = np.rint((np.array([0.0, 0.0, 1.0]) - volume.low_m) / 0.05).astype(int)
     assert not volume.reached[tuple(middle)], "too near to the shoulder for this elbow"
-    vertices, triangles = shell(volume)
+    vertices, triangles = hull.shell(volume)
     radii = np.linalg.norm(vertices - [0.0, 0.0, 1.0], axis=1)
     assert NEAR - 0.05 < radii.min() < NEAR + 0.02
     assert FAR - 0.03 < radii.max() < FAR + 0.04
@@ -115,90 +105,30 @@ def test_a_tool_is_part_of_the_arm() -> None:
         chosen_point(ball_arm(), "grp")
 
 
-def test_the_arm_s_lengths_are_those_of_the_tables() -> None:
-    """Of facts/mobl_arms/wrist/bodies.csv, in the zero posture, where all frames are parallel."""
-    body = load_body("mobl_arms_wrist", appearance=False)
-    hand, elbow, shoulder = (Linkage(body, Point(p)) for p in ("hand", "ulna", "humerus"))
-    assert hand.joints == body.independent_joints
-    ulna = np.array([0.0061, -0.2904, -0.0123])
-    rest = [[0.0004, -0.011503, 0.019999], [0.018, -0.242, 0.025], [0.003992, -0.015054, 0.002327]]
-    straight = np.linalg.norm(ulna + np.sum(rest, axis=0))
-    assert straight == pytest.approx(0.5608, abs=1e-4)
-    zero = np.zeros((1, 7))
-    joint = shoulder.place(np.zeros((1, len(shoulder.joints))))
-    assert np.linalg.norm(hand.place(zero) - joint) == pytest.approx(straight)
-    # The upper arm is as long in every posture; nothing of the arm is longer than its parts.
-    rng = np.random.default_rng(1)
-    low, high = hand.limits.T
-    q = low + rng.random((200, 7)) * (high - low)
-    joints = shoulder.place(q[:, [hand.joints.index(j) for j in shoulder.joints]])
-    elbows = elbow.place(q[:, [hand.joints.index(j) for j in elbow.joints]])
-    np.testing.assert_allclose(np.linalg.norm(elbows - joints, axis=1), np.linalg.norm(ulna))
-    longest = np.linalg.norm(ulna) + np.linalg.norm(rest, axis=1).sum()
-    assert np.linalg.norm(hand.place(q) - joints, axis=1).max() < longest
-
-
-@pytest.mark.parametrize("name", ["mobl_arms_bimanual", "mobl_arms_wrist"])
-def test_places_and_slopes_are_mujoco_s(name: str) -> None:
-    body = load_body(name, appearance=False, torso=name == "mobl_arms_bimanual")
-    linkage = Linkage(body, Point("controller_right"))
-    model, rng = body.physics_model, np.random.default_rng(2)
-    low, high = linkage.limits.T
-    q = low + rng.random((4, len(low))) * (high - low)
-    every = np.clip(np.zeros((4, len(body.independent_joints))), *body.joint_ranges.T)
-    every[:, [body.independent_joints.index(joint) for joint in linkage.joints]] = q
-    places, slopes = linkage.place_and_slope(q)
-    data = mujoco.MjData(model)
-    for row, place in zip(every, places, strict=True):
-        data.qpos[:] = body.coupled_qpos(row)
-        mujoco.mj_kinematics(model, data)
-        np.testing.assert_allclose(place, data.site("controller_right").xpos, atol=1e-12)
-    for k in range(len(low)):
-        step = 1e-6 * np.eye(len(low))[k]
-        numeric = (linkage.place(q + step) - linkage.place(q - step)) / 2e-6
-        np.testing.assert_allclose(slopes[:, :, k], numeric, atol=1e-7)
-
-
-def test_the_reference_s_sweep() -> None:
-    """Its sample (controller, others within 0.05 rad of 0) spans these, MuJoCo's world, m."""
-    body = load_body("mobl_arms_wrist", appearance=False)
-    # Its controller is the device without OpenXR's offset, in the hand's frame.
-    held = Point("hand", (0.0452676, -0.0473227, -0.0165982))
-    found = measuring.sweep(Linkage(body, held))
-    assert found.joints == ("elv_angle", "shoulder_elv")
-    assert found.points.shape == (10_000, 3)
-    reference = [[-0.652, -0.771, 0.384], [0.568, 0.194, 1.660]]
-    np.testing.assert_allclose(
-        [found.points.min(axis=0), found.points.max(axis=0)], reference, atol=0.015
-    )
-    np.testing.assert_allclose(found.angles.max(axis=0), [2.26893, 3.14159], atol=1e-5)
-
-
-def test_targets_by_hand_and_from_logs(tmp_path: Path) -> None:
-    cup = given_target("cup=0.2,1.1,0.45")
-    assert cup.name == "cup"
+def test_targets_by_hand_from_files_and_from_logs(tmp_path: Path) -> None:
+    file, log = tmp_path / "t.yaml", tmp_path / "events.csv"
+    file.write_text("targets: [{name: sign, place: [0, 0.1, 4], relative_to: head, how: look}]")
+    cup, sign = listed_targets(["cup=0.2,1.1,0.45", str(file)])
+    assert (cup.name, cup.from_head, sign.from_head, sign.how) == ("cup", False, True, "look")
     np.testing.assert_array_equal(cup.place_m, [0.2, 1.1, 0.45])
-    for text in ("1,2", "a,b,c", "x=1,2,nan", ""):
-        with pytest.raises(InputError, match=r"^--target: got .*, expected .*RIGHT,UP,AHEAD"):
-            given_target(text)
-    grid = logged_targets(Path(__file__).parents[2] / "data" / "whacamole_round")
+    for text in ("1,2", "a,b,c", "x=1,2,nan", "nowhere.yaml"):
+        with pytest.raises(InputError, match=r"^--targets: got .*, expected .*RIGHT,UP,AHEAD"):
+            listed_targets([text])
+    grid = listed_targets([str(Path(__file__).parents[2] / "data" / "whacamole_round")])
     assert len(grid) == 9
     np.testing.assert_array_equal(grid[0].place_m, [0.025, 1.225, 0.4])
-    log = tmp_path / "events.csv"
     half = np.sqrt(0.5)
     log.write_text(
         f"0, target plane transform 0.1 1.0 0.5 0 {half} 0 {half}\n"
         "0, target_spawn, target ID 0, grid ID 3, block 0, trial 0, center 0.2 0.1\n"
         "1, target_spawn, target ID 1, grid ID 3, block 0, trial 1, center 0.2 0.1\n"
     )
-    (target,) = logged_targets(log)
+    (target,) = listed_targets([str(log)])
     # A quarter turn about the vertical takes right to backwards (left-handed: z to x, x to -z).
     np.testing.assert_allclose(target.place_m, [0.1, 1.1, 0.3], atol=1e-12)
     log.write_text("0, game options {}\n")
-    with pytest.raises(InputError, match=r"^--log: got .*says of no target where it is"):
-        logged_targets(log)
-    with pytest.raises(InputError, match=r"^--log: got 'nowhere', expected a round's events.csv"):
-        logged_targets(Path("nowhere"))
+    with pytest.raises(InputError, match=r"^--targets: got .*says of no target where it is"):
+        listed_targets([str(log)])
 
 
 def test_a_game_s_tool_lies_in_the_hand() -> None:
@@ -229,28 +159,31 @@ def found(reach: Reach) -> Measured:
         Target("<far>", np.array([0.0, 1.0, 0.62])),
     )
     point = Point("grip")
-    return measure(ball_arm(), point, targets, cell_m=0.1)
+    people = np.array([[0.031, np.nan], [-0.025, np.nan], [0.2, np.nan]])
+    return measure(ball_arm(), point, targets, people, cell_m=0.1)
 
 
 def test_tables_and_page(found: Measured, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("plotly")
-    monkeypatch.setattr(files, "write_picture", lambda found, file: file)
-    written = files.write(found, tmp_path, film=False)
-    assert {file.name for file in written} == {
-        "targets.csv", "reach.csv", "sweep.csv", "reach.html", "reach.png",
-    }  # fmt: skip
+    monkeypatch.setattr(hull, "write_picture", lambda found, file: file)
+    written = [file.name for file in hull.write(found, tmp_path)]
+    assert written == ["targets.csv", "hull.csv", "hull.html", "hull.png"]
     with (tmp_path / "targets.csv").open() as table:
         near, far = csv.DictReader(table)
     assert (near["inside"], far["inside"]) == ("1", "0")
     assert float(far["margin_cm"]) == pytest.approx(-7.0, abs=0.1)
     assert float(near["margin_cm"]) == pytest.approx(10.0, abs=0.2)
     assert float(far["nearest_ahead_m"]) == pytest.approx(FAR, abs=1e-3)
-    text = (tmp_path / "reach.html").read_text()
+    text = (tmp_path / "hull.html").read_text()
     assert "1 of 2 targets cannot be reached" in text
     assert "&lt;far&gt;" in text
     assert "outside by 7.0 cm" in text
     assert not re.search(r"<(script|link)[^>]*\b(src|href)=", text), "opens without a network"
-    assert page.margin_words(0.3) == "inside, more than 30 cm to spare"
+    lines = hull.told(found)
+    assert lines[4:] == [
+        "  near: inside, 10.1 cm to spare; 2 of 3 people, at worst outside by 2.5 cm",
+        "  <far>: outside by 7.0 cm; in no round of people",
+    ]
 
 
 def test_a_game_s_places_are_the_same_for_everybody() -> None:
@@ -272,24 +205,31 @@ def test_people_reach_what_their_own_arms_allow() -> None:
     body = load_body("mobl_arms_wrist", appearance=False)
     top_m = position_to_app(Reach(Linkage(body, point)).furthest(np.array([[0.0, 0.0, 1.0]])))[0]
     places = [Target("below", top_m - np.array([0.0, 0.25, 0.0])), Target("at", top_m)]
-    asked: list[int | None] = []
+    asked: list[int] = []
 
-    def look(_: EnvConfig, person: int | None) -> list[Target]:
+    def look(_: EnvConfig, person: int) -> list[Target]:
         asked.append(person)
         return places
 
-    found = people_reach(env, point, places, 5, look)
+    margins = people_margins(env, point, places, 5, look)
     assert asked == [0, 1, 2, 3, 4]
     people = Population(PeopleSettings(seed=1, count=5))
     statures = np.array([people.number(k).stature_m for k in range(5)])
     # The average body is 1.70 m tall; shoulder and arm of taller people end higher.
-    assert (found.margins_m[:, 1] > 0.0).tolist() == (statures > 1.70).tolist()
-    assert (found.margins_m[:, 0] > found.margins_m[:, 1]).all()
-    told = PeopleReach(np.array([[0.031, np.nan], [-0.025, np.nan], [0.2, 0.1]]))
-    assert told.words(0) == "2 of 3 people, at worst outside by 2.5 cm"
-    assert told.words(1) == "1 of 1 people, at worst inside, 10.0 cm to spare"
-    with pytest.raises(InputError, match=r"^--people: got 0, expected at least 1"):
-        people_reach(env, point, places, 0, look)
+    assert (margins[:, 1] > 0.0).tolist() == (statures > 1.70).tolist()
+    assert (margins[:, 0] > margins[:, 1]).all()
+
+
+def test_a_target_of_the_head_is_placed_from_where_it_rests() -> None:
+    body = load_body("mobl_arms_wrist", torso=True, appearance=False)
+    data = mujoco.MjData(body.physics_model)
+    rest = [body.reset_rule.posture.get(joint, 0.0) for joint in body.independent_joints]
+    data.qpos[:] = body.coupled_qpos(np.array(rest))
+    mujoco.mj_kinematics(body.physics_model, data)
+    ahead = Target("ahead", np.array([0.1, -0.2, 0.4]), from_head=True)
+    (placed,) = measure(body, Point("controller_right"), [ahead], cell_m=0.2).targets
+    head = position_to_app(data.site("headset").xpos)
+    np.testing.assert_allclose(placed.place_m, head + ahead.place_m, atol=1e-9)
 
 
 def test_an_object_that_is_put_elsewhere_counts_where_it_rests() -> None:

@@ -1,10 +1,12 @@
-#include "profiles.hpp"
+#include "sim2vr/xr/profiles.hpp"
 
+#include <algorithm>
 #include <array>
 
-namespace sim2vr::openxr {
+namespace sim2vr::xr {
 namespace {
 
+// A number presses a button from its middle on.
 constexpr float kPressed = 0.5F;
 
 struct ProfileText {
@@ -144,12 +146,10 @@ constexpr std::array kInputs = std::to_array<InputText>({
     {"thumbrest/touch", Input::thumbrest_touch},
 });
 
-bool endsWith(std::string_view text, std::string_view end) { return text.ends_with(end); }
-
 InputKind kindOf(std::string_view path) {
   if (path.starts_with("output/")) return InputKind::haptic;
-  if (endsWith(path, "/pose")) return InputKind::pose;
-  if (endsWith(path, "/click") || endsWith(path, "/touch") || endsWith(path, "/proximity")) {
+  if (path.ends_with("/pose")) return InputKind::pose;
+  if (path.ends_with("/click") || path.ends_with("/touch") || path.ends_with("/proximity")) {
     return InputKind::boolean;
   }
   return path.find('/') == std::string_view::npos ? InputKind::vector : InputKind::number;
@@ -165,8 +165,7 @@ Input inputOf(std::string_view path, bool has_stick) {
   return Input::none;
 }
 
-void addPaths(Profile& profile, std::string_view user, int hand, std::string_view paths,
-              bool has_stick) {
+void addPaths(Profile& profile, std::string_view user, std::string_view paths, bool has_stick) {
   while (!paths.empty()) {
     const std::size_t end = std::min(paths.find(' '), paths.size());
     const std::string_view path = paths.substr(0, end);
@@ -178,8 +177,8 @@ void addPaths(Profile& profile, std::string_view user, int hand, std::string_vie
     component.kind = kindOf(path);
     const bool whole = output || component.kind == InputKind::vector;
     component.source = whole ? component.path : component.path.substr(0, component.path.rfind('/'));
-    component.hand = hand;
-    component.input = hand == 2 ? Input::none : inputOf(path, has_stick);
+    component.hand = handOf(user);
+    if (component.hand) component.input = inputOf(path, has_stick);
     profile.components.push_back(std::move(component));
   }
 }
@@ -188,19 +187,19 @@ Profile made(const ProfileText& text) {
   Profile profile{
       "/interaction_profiles/" + std::string(text.path), std::string(text.name), text.since_11, {}};
   const bool has_stick = text.both.find("thumbstick") != std::string_view::npos;
-  const std::array<std::string_view, 2> users{"/user/hand/left", "/user/hand/right"};
-  for (int hand = 0; hand < 2; ++hand) {
-    const std::string_view user = users[static_cast<std::size_t>(hand)];
-    addPaths(profile, user, hand, text.both, has_stick);
-    addPaths(profile, user, hand, hand == 0 ? text.left : text.right, has_stick);
-    addPaths(profile, user, hand, "grip_surface/pose", has_stick);
+  for (const Hand hand : kHands) {
+    const bool left = hand == Hand::left;
+    const std::string_view user = left ? "/user/hand/left" : "/user/hand/right";
+    addPaths(profile, user, text.both, has_stick);
+    addPaths(profile, user, left ? text.left : text.right, has_stick);
+    addPaths(profile, user, "grip_surface/pose", has_stick);
   }
   return profile;
 }
 
 XrVector2f pressed(bool value) { return {value ? 1.0F : 0.0F, 0.0F}; }
 
-XrVector2f valueOf(Input input, const xr::ControllerState& s) {
+XrVector2f valueOf(Input input, const ControllerState& s) {
   switch (input) {
     case Input::trigger:
       return {s.trigger, 0.0F};
@@ -237,6 +236,12 @@ XrVector2f valueOf(Input input, const xr::ControllerState& s) {
 
 }  // namespace
 
+std::optional<Hand> handOf(std::string_view path) {
+  if (path.starts_with("/user/hand/left")) return Hand::left;
+  if (path.starts_with("/user/hand/right")) return Hand::right;
+  return std::nullopt;
+}
+
 const std::vector<Profile>& profiles() {
   static const std::vector<Profile> all = [] {
     std::vector<Profile> list;
@@ -245,7 +250,7 @@ const std::vector<Profile>& profiles() {
       Profile& profile = list.emplace_back();
       profile.path = "/interaction_profiles/" + std::string(text.path);
       profile.localized_name = text.name;
-      addPaths(profile, text.user, 2, text.paths, true);
+      addPaths(profile, text.user, text.paths, true);
     }
     return list;
   }();
@@ -285,11 +290,10 @@ bool fits(InputKind kind, XrActionType type) {
   }
 }
 
-XrVector2f readInput(const Component& component, XrActionType type,
-                     const xr::ControllerState& hand) {
+XrVector2f readInput(const Component& component, XrActionType type, const ControllerState& hand) {
   const XrVector2f value = valueOf(component.input, hand);
   const bool digital = type == XR_ACTION_TYPE_BOOLEAN_INPUT || component.kind == InputKind::boolean;
-  return digital ? pressed(value.x > kPressed) : value;
+  return digital ? pressed(value.x >= kPressed) : value;
 }
 
-}  // namespace sim2vr::openxr
+}  // namespace sim2vr::xr

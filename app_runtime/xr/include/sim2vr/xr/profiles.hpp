@@ -2,14 +2,17 @@
 // controller's stands for each.
 #pragma once
 
+#include <openxr/openxr.h>
+
+#include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
-#include "api.hpp"
 #include "sim2vr/xr/device.hpp"
 
-namespace sim2vr::openxr {
+namespace sim2vr::xr {
 
 /// What of a simulated controller an input reads. `none`: the profile has it, we do not.
 enum class Input : std::uint8_t {
@@ -38,8 +41,8 @@ enum class InputKind : std::uint8_t { boolean, number, vector, pose, haptic };
 /// One path of a profile, such as /user/hand/left/input/trigger/value.
 struct Component {
   std::string path;
-  std::string source;  // without the component: /user/hand/left/input/trigger
-  int hand = 2;        // 0 left, 1 right, 2 neither
+  std::string source;        // without the component: /user/hand/left/input/trigger
+  std::optional<Hand> hand;  // nothing: of another device, which nothing here moves
   Input input = Input::none;
   InputKind kind = InputKind::boolean;
 };
@@ -55,13 +58,15 @@ struct Profile {
   const Component* find(std::string_view binding) const;
 };
 
+/// The hand that a path begins with; nothing: neither.
+std::optional<Hand> handOf(std::string_view path);
+
 const std::vector<Profile>& profiles();
 const Profile* findProfile(std::string_view path);
 
 /// Whether an action of this type can be bound to it.
 bool fits(InputKind kind, XrActionType type);
-/// Value of an input for an action; a number presses a button above 0.5.
-XrVector2f readInput(const Component& component, XrActionType type,
-                     const xr::ControllerState& hand);
+/// Value of an input for an action; a number presses a button from 0.5 on.
+XrVector2f readInput(const Component& component, XrActionType type, const ControllerState& hand);
 
-}  // namespace sim2vr::openxr
+}  // namespace sim2vr::xr

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from sim2vr_harness.audit.postures import hold, posture_of, who_hold
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import app
 from sim2vr_harness.envs.config import UserConfig
-from sim2vr_harness.tools.endurance import hold, posture_of, who_hold
 from sim2vr_harness.users import load_body
 
 BODY = load_body("mobl_arms_wrist", appearance=False)
@@ -164,12 +164,12 @@ def test_wrong_numbers() -> None:
         who_hold(UserConfig(), 0)
 
 
-def test_command() -> None:
-    words = ["users", "endurance", "mobl_arms_wrist", "--pose", "elv_angle=45,shoulder_elv=60"]
-    told = CliRunner().invoke(app, words)
-    assert told.exit_code == 0, told.output
+def test_command(tmp_path: Path) -> None:
+    words = ["audit", "--user", "mobl_arms_wrist", "--pose", "elv_angle=45,shoulder_elv=60"]
+    said = CliRunner().invoke(app, [*words, "--out", str(tmp_path)])
+    assert said.exit_code == 0, said.output
     for text in ("share of maximum at the shoulder", "NICER", "Consumed Endurance", "3CC-r"):
-        assert text in told.output
-    told = CliRunner().invoke(app, [*words, "--json"])
-    ((arm,),) = json.loads(told.output)["persons"]
-    assert arm["endurance_s"].keys() == hold(UserConfig(), "")[0].endurance_s.keys()
+        assert text in said.output
+    ((arm,),) = json.loads((tmp_path / "postures.json").read_text())["persons"]
+    (held,) = hold(UserConfig(), "elv_angle=45,shoulder_elv=60")
+    assert arm["endurance_s"] == pytest.approx(dict(held.endurance_s))

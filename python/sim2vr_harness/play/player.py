@@ -103,9 +103,8 @@ class Player:
     ) -> None:
         self.simulation, self._facts = simulation, facts
         self._policy = policy if isinstance(policy, Policy) else FunctionPolicy(policy)
-        self._watchers = [*watchers]
-        if isinstance(policy, Watcher):
-            self._watchers.insert(0, policy)
+        own: Any = policy
+        self._watchers: list[Watcher] = [*([own] if isinstance(own, Watcher) else []), *watchers]
         self._deterministic = deterministic
 
     @property

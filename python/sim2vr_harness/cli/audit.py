@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import typer
 
-from sim2vr_harness.cli.app_options import with_page_options
+from sim2vr_harness.base.requests import option
+from sim2vr_harness.cli.app_options import PageOptions
 from sim2vr_harness.cli.options import (
+    ChangedEnvironment,
     CheckedRun,
-    ConditionsOption,
-    EnvSetOption,
-    ExpectOption,
-    JunitOption,
-    finite,
-    known_games,
-    readable_file,
-    writable_folder,
+    Expected,
+    GameConditions,
 )
 from sim2vr_harness.cli.progress import say
 
@@ -31,75 +28,40 @@ _MOST_PEOPLE = 10_000
 _TWO_HANDED = "mobl_arms_bimanual"
 """Looks at games that are played with both hands."""
 
-_Game = Annotated[
-    str | None,
-    typer.Option(
-        autocompletion=known_games, metavar="NAME", help="Targets of a game, found by running it."
-    ),
-]
-_Objects = Annotated[
-    str | None,
-    typer.Option(
+
+@dataclass(frozen=True, kw_only=True)
+class AuditRequest(GameConditions, Expected, ChangedEnvironment, PageOptions):
+    """Which targets to audit, and with whom."""
+
+    game: str | None = option(
+        "Targets of a game, found by running it.", metavar="NAME", names="games"
+    )
+    objects: str | None = option(
+        "Which of the game's objects are targets, with * and ?, by their names.",
         metavar="NAME",
-        help="Which of the game's objects are targets, with * and ?, by their names.",
-        show_default="those that come, go or move, and small ones",
-    ),
-]
-_Targets = Annotated[
-    Path | None,
-    typer.Option(
+        shown="those that come, go or move, and small ones",
+    )
+    targets: Path | None = option(
+        "A list of targets: name, place or object, how, hold_s and more.",
         metavar="FILE.yaml",
-        help="A list of targets: name, place or object, how, hold_s and more.",
-        callback=readable_file,
-    ),
-]
-_How = Annotated[
-    str, typer.Option(metavar="HOW", help="What is done with a game's targets: touch or point.")
-]
-_Seconds = Annotated[
-    float,
-    typer.Option(
-        help="How long to look at each round of the game, or at the page.", callback=finite
-    ),
-]
-_People = Annotated[int, typer.Option(metavar="N", help="Persons, 1 to 10,000.")]
-_Stance = Annotated[str, typer.Option(metavar="STANCE", help="Of the persons: seated or standing.")]
-_Pace = Annotated[
-    float, typer.Option(metavar="N", help="Uses of a target in a minute.", callback=finite)
-]
-_Operate = Annotated[int, typer.Option(metavar="N", help="How many persons act it out.")]
-_Session = Annotated[
-    Path | None,
-    typer.Option(
+        place="file to read",
+    )
+    session: Path | None = option(
+        "Targets are where a recorded session's hands pressed a trigger or squeeze.",
         metavar="FILE",
-        help="Targets are where a recorded session's hands pressed a trigger or squeeze.",
-        callback=readable_file,
-    ),
-]
-_Seed = Annotated[int, typer.Option(help="Other persons for another seed.")]
-_Out = Annotated[Path, typer.Option(help="Folder for the files.", callback=writable_folder)]
+        place="file to read",
+    )
+    how: str = option("What is done with a game's targets: touch or point.", "touch", metavar="HOW")
+    seconds: float = option("How long to look at each round of the game, or at the page.", 10.0)
+    people: int = option("Persons, 1 to 10,000.", 500, metavar="N")
+    stance: str = option("Of the persons: seated or standing.", "seated", metavar="STANCE")
+    pace: float = option("Uses of a target in a minute.", 20.0, metavar="N")
+    operate: int = option("How many persons act it out.", 0, metavar="N")
+    seed: int = option("Other persons for another seed.", 1)
+    out: Path = option("Folder for the files.", Path("audit"), place="folder to write")
 
 
-@with_page_options
-def audit(
-    game: _Game = None,
-    condition: ConditionsOption = None,
-    objects: _Objects = None,
-    targets: _Targets = None,
-    session: _Session = None,
-    how: _How = "touch",
-    seconds: _Seconds = 10.0,
-    people: _People = 500,
-    stance: _Stance = "seated",
-    pace: _Pace = 20.0,
-    operate: _Operate = 0,
-    seed: _Seed = 1,
-    out: _Out = Path("audit"),
-    expect: ExpectOption = None,
-    junit: JunitOption = None,
-    overrides: EnvSetOption = None,
-    remote: Mapping[str, Any] | None = None,
-) -> int:
+def audit(request: AuditRequest) -> int:
     """Say who can see, reach and hold an app's targets.
 
     Examples:
@@ -110,39 +72,33 @@ def audit(
     from sim2vr_harness.audit.recorded import pressed_places
     from sim2vr_harness.audit.summary import estimates
 
-    _check_use(pace, operate, people)
-    numbers = seconds, people, seed
-    _check(game, condition, objects, targets or session, remote, overrides, how, numbers, stance)
-    checked = CheckedRun(_with_group(expect), None, junit, "audit")
-    listed = (
-        _listed(targets, remote, overrides or [], seconds) if targets is not None or remote else []
-    )
-    listed += [] if session is None else pressed_places(session)
+    remote = request.remote()
+    _check(request, remote)
+    stance, how = cast("Stance", request.stance), cast("How", request.how)
+    checked = CheckedRun(replace(request, expect=_with_group(request.expect)), "audit")
+    listed = []
+    if request.targets is not None or remote:
+        listed += _listed(request.targets, remote, request.set_, request.seconds)
+    if request.session is not None:
+        listed += pressed_places(request.session)
     if checked.asked:
-        checked.prepare(_planned(cast("Stance", stance)))
-    if game is not None:
-        names: list[str | None] = [*condition] if condition else [None]
-        for name in names:
-            listed += _of_game(game, name, overrides or [], objects, seconds, cast("How", how))
-    title = game or _title(remote or {}, targets or session)
-    # fmt: off
+        checked.prepare(_planned(stance))
+    if request.game is not None:
+        for name in request.condition or (None,):
+            listed += _of_game(request, request.game, name, how)
+    title = request.game or _title(remote, request.targets or request.session)
     done = run(
-        title, listed, people=people, seed=seed, stance=cast("Stance", stance), pace=pace,
-        operate=operate, say=say,
+        title,
+        listed,
+        people=request.people,
+        seed=request.seed,
+        stance=stance,
+        pace=request.pace,
+        operate=request.operate,
+        say=say,
     )
-    # fmt: on
-    _tell(done, out)
+    _tell(done, request.out)
     return checked.status(lambda: estimates(done))
-
-
-def _check_use(pace: float, operate: int, people: int) -> None:
-    """Refuse numbers that no audit can use."""
-    from sim2vr_harness.base.errors import InputError
-
-    if not 0.1 <= pace <= 120.0:
-        raise InputError("--pace", f"{pace:g}", "0.1 to 120 uses in a minute")
-    if not 0 <= operate <= people:
-        raise InputError("--operate", str(operate), f"0 to the {people} persons of --people")
 
 
 def _title(settings: Mapping[str, Any], source: Path | None) -> str:
@@ -171,58 +127,52 @@ def _page_name(page: str) -> str:
     return file.parent.name if file.name == "index.html" else file.name
 
 
-def _check(
-    game: str | None,
-    condition: list[str] | None,
-    objects: str | None,
-    targets: Path | None,
-    remote: Mapping[str, Any] | None,
-    overrides: list[str] | None,
-    how: str,
-    numbers: tuple[float, int, int],
-    stance: str,
-) -> None:
+def _check(request: AuditRequest, remote: Mapping[str, Any]) -> None:
     """Refuse options that are out of range or do not go together."""
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.base.optional import needed
 
+    people, game = request.people, request.game
+    if not 0.1 <= request.pace <= 120.0:
+        raise InputError("--pace", f"{request.pace:g}", "0.1 to 120 uses in a minute")
+    if not 0 <= request.operate <= people:
+        expected = f"0 to the {people} persons of --people"
+        raise InputError("--operate", str(request.operate), expected)
     needed("plotly", "studies", "audit")
-    seconds, people, seed = numbers
-    page = (remote or {}).get("page")
-    if game is None and targets is None and page is None:
+    listed = request.targets is not None or request.session is not None
+    if game is None and not listed and remote.get("page") is None:
         if remote:
             expected = "it with --targets FILE.yaml or --session, since a program lists no objects"
             raise InputError("--openxr", "a program without --targets", expected)
         raise InputError("--game, --page, --targets or --session", "none", "one of them")
     if game is not None and remote:
         raise InputError("--page or --openxr", "it together with --game", "one of them")
-    if overrides and game is None and not remote:
+    if request.set_ and game is None and not remote:
         raise InputError("--set", "it without an app", "it with --game or --page")
-    if game is None and (condition or objects is not None):
+    if game is None and (request.condition or request.objects is not None):
         raise InputError("--condition or --objects", "it without --game", "it with --game")
-    for option, got, known in (
-        ("--how", how, ("touch", "point")),
-        ("--stance", stance, ("seated", "standing")),
+    for name, got, known in (
+        ("--how", request.how, ("touch", "point")),
+        ("--stance", request.stance, ("seated", "standing")),
     ):
         if got not in known:
-            raise InputError(option, repr(got), " or ".join(known))
+            raise InputError(name, repr(got), " or ".join(known))
     if not 1 <= people <= _MOST_PEOPLE:
         raise InputError("--people", str(people), f"1 to {_MOST_PEOPLE:,}")
-    if not 0 <= seed < 2**31:
-        raise InputError("--seed", str(seed), f"0 to {2**31 - 1}")
-    if not 0.0 < seconds <= 600.0:
-        raise InputError("--seconds", f"{seconds:g}", "more than 0, at most 600")
+    if not 0 <= request.seed < 2**31:
+        raise InputError("--seed", str(request.seed), f"0 to {2**31 - 1}")
+    if not 0.0 < request.seconds <= 600.0:
+        raise InputError("--seconds", f"{request.seconds:g}", "more than 0, at most 600")
 
 
-def _with_group(expect: list[str] | None) -> list[str] | None:
+def _with_group(expect: Sequence[str]) -> tuple[str, ...]:
     """Expectations without a group are about everyone."""
     from sim2vr_harness.audit.summary import EVERYONE
     from sim2vr_harness.evaluation.expectations import Expectation
 
-    return [
-        text if Expectation.of(text).group is not None else f"{EVERYONE}: {text}"
-        for text in expect or ()
-    ] or None
+    return tuple(
+        text if Expectation.of(text).group is not None else f"{EVERYONE}: {text}" for text in expect
+    )
 
 
 def _planned(stance: Stance) -> Planned:
@@ -237,8 +187,8 @@ def _planned(stance: Stance) -> Planned:
 
 def _listed(
     targets: Path | None,
-    remote: Mapping[str, Any] | None,
-    overrides: list[str],
+    remote: Mapping[str, Any],
+    overrides: Sequence[str],
     seconds: float,
 ) -> list[AuditTarget]:
     """Return the targets of a file, those of objects located in the page, or the page's things."""
@@ -262,24 +212,17 @@ def _listed(
 
 
 def _of_game(
-    game: str,
-    condition: str | None,
-    overrides: list[str],
-    objects: str | None,
-    seconds: float,
-    how: How,
+    request: AuditRequest, game: str, condition: str | None, how: How
 ) -> list[AuditTarget]:
-    from dataclasses import replace
-
     from sim2vr_harness.audit.population import MODEL
     from sim2vr_harness.audit.targets import found_targets
     from sim2vr_harness.envs.games import game_facts
     from sim2vr_harness.tools.users import environment_of
 
-    chosen = [f"env.app.game={game}", *overrides]  # before the options, which are the game's
+    chosen = [f"env.app.game={game}", *request.set_]  # before the options, which are the game's
     env = environment_of(MODEL, condition=condition, overrides=chosen)
     if "controller_left" in game_facts(env.app).needs("right"):
         env = environment_of(_TWO_HANDED, condition=condition, overrides=chosen)
     say(f"targets of {game}{f', condition {condition}' if condition else ''} ...")
-    found = found_targets(env, objects=objects, seconds=seconds, how=how)
+    found = found_targets(env, objects=request.objects, seconds=request.seconds, how=how)
     return [replace(each, name=f"{condition or ''} {each.name}".strip()) for each in found]

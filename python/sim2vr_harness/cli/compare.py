@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import json as jsonlib
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.console import Console
 
 from sim2vr_harness.base.errors import InputError, shown, unknown_name
 from sim2vr_harness.base.progress import progress_of_part
-from sim2vr_harness.cli.app_options import with_app_options
+from sim2vr_harness.base.requests import argument, option
+from sim2vr_harness.cli.app_options import AppOptions
 from sim2vr_harness.cli.options import (
-    EnvSetOption,
-    JsonOption,
-    TrustOption,
-    game_option,
-    known_users,
+    ChangedEnvironment,
+    JsonOutput,
+    TrustedApp,
     print_json,
     print_written,
-    writable_folder,
 )
 from sim2vr_harness.cli.progress import Share
 
@@ -32,121 +29,81 @@ if TYPE_CHECKING:
     from sim2vr_harness.human_comparison.report import ComparisonReport
     from sim2vr_harness.human_comparison.sources import Plays, Source
 
-_Users = Annotated[
-    list[str],
-    typer.Argument(
-        autocompletion=known_users,
-        metavar="USER...",
-        help="A shipped user's name, a run's folder or checkpoint: it plays. Or the folder of "
-        "an evaluation with logs, or of any logged rounds. Or a study (STUDY.yaml, or its "
-        "folder): each of its users, trained and played first, if they are not yet. "
-        "NAME=USER is called NAME in tables and figures. Beside sessions of any app: sessions, "
-        "a trained user, or one without training such as 'touch NAME'.",
-    ),
-]
-_People = Annotated[
-    list[Path] | None,
-    typer.Option(
-        "--people",
+
+@dataclass(frozen=True, kw_only=True)
+class CompareRequest(ChangedEnvironment, TrustedApp, JsonOutput, AppOptions):
+    """Who is compared with whom, and what is played for it."""
+
+    users: tuple[str, ...] = argument(
+        "USER...",
+        "A shipped user's name, a run's folder or checkpoint: it plays. Or the folder of an "
+        "evaluation with logs, or of any logged rounds. Or a study (STUDY.yaml, or its folder): "
+        "each of its users, trained and played first, if they are not yet. NAME=USER is called "
+        "NAME in tables and figures. Beside sessions of any app: sessions, a trained user, or one "
+        "without training such as 'touch NAME'.",
+        names="users",
+    )
+    people: tuple[Path, ...] = option(
+        "People's recorded rounds: packed with a manifest.json, or logs in a folder per person, or "
+        "sessions of any app; may be repeated. Pointing needs none: figures are published.",
+        (),
         metavar="PATH",
-        help="People's recorded rounds: packed with a manifest.json, or logs in a folder per "
-        "person, or sessions of any app; may be repeated. Pointing needs none: figures are "
-        "published.",
-    ),
-]
-_Game = Annotated[
-    str | None,
-    game_option("The game.", "that of the first user"),
-]
-_Condition = Annotated[
-    list[str] | None,
-    typer.Option(
+    )
+    game: str | None = option(
+        "The game.", metavar="NAME", shown="that of the first user", names="games"
+    )
+    condition: tuple[str, ...] = option(
+        "A condition to play; may be repeated.",
+        (),
         metavar="NAME",
-        help="A condition to play; may be repeated.",
-        show_default="all compared, by the rules of the user's training",
-    ),
-]
-_Group = Annotated[
-    list[str] | None,
-    typer.Option(
+        shown="all compared, by the rules of the user's training",
+    )
+    group: tuple[str, ...] = option(
+        "Play by the rules of a group of people (constrained, unconstrained), whatever the user "
+        "was trained with; may be repeated.",
+        (),
         metavar="NAME",
-        help="Play by the rules of a group of people (constrained, unconstrained), whatever "
-        "the user was trained with; may be repeated.",
-    ),
-]
-_Episodes = Annotated[
-    int | None,
-    typer.Option(
+    )
+    episodes: int | None = option(
+        "Rounds per condition.", metavar="N", shown="6; beside sessions 2", least=1
+    )
+    seed: int = option("Seed of the first round.", 77, metavar="N")
+    persons: int | None = option(
+        "Let N persons play who differ, --episodes rounds each, as in evaluate --people.",
         metavar="N",
-        help="Rounds per condition.",
-        show_default="6; beside sessions 2",
-        min=1,
-    ),
-]
-_Persons = Annotated[
-    int | None,
-    typer.Option(
-        metavar="N",
-        help="Let N persons play who differ, --episodes rounds each, as in evaluate --people.",
-    ),
-]
-_Out = Annotated[
-    Path,
-    typer.Option(
-        help="Folder for played rounds, JSON, CSV and figures; rounds that are there are used "
-        "again.",
-        callback=writable_folder,
-    ),
-]
-_Unconstrained = Annotated[
-    bool,
-    typer.Option(
-        "--unconstrained", help="Every touch was a hit for people, though logs do not say."
-    ),
-]
-_Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")]
+    )
+    out: Path = option(
+        "Folder for played rounds, JSON, CSV and figures; rounds that are there are used again.",
+        Path("comparison"),
+        place="folder to write",
+    )
+    unconstrained: bool = option("Every touch was a hit for people, though logs do not say.", False)
+    figures: bool = option("Draw the figures.", True)
+    every: bool = option("Print every measure.", False)
+    batch: int = option("Rounds played in parallel at most.", 10)
 
 
-@with_app_options
-def compare(
-    users: _Users,
-    people: _People = None,
-    game: _Game = None,
-    condition: _Condition = None,
-    group: _Group = None,
-    episodes: _Episodes = None,
-    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the first round.")] = 77,
-    persons: _Persons = None,
-    out: _Out = Path("comparison"),
-    unconstrained: _Unconstrained = False,
-    figures: _Figures = True,
-    every: Annotated[bool, typer.Option("--every", help="Print every measure.")] = False,
-    batch: Annotated[int, typer.Option(help="Rounds played in parallel at most.")] = 10,
-    trust_app: TrustOption = False,
-    overrides: EnvSetOption = None,
-    json: JsonOption = False,
-    *,
-    remote: dict[str, Any],
-) -> None:
+def compare(request: CompareRequest) -> None:
     """Compare users with recorded people: measures, range, distance.
 
     Examples:
         sim2vr-harness compare whacamole_people --people recordings
         sim2vr-harness compare 'touch ball' --people round.jsonl --page game.html
     """
-    users, told = _told_names(users)
-    played = partial(_plays, out, seed, overrides, batch, persons, trust_app)
-    shown = {"figures": figures, "every": every, "json": json}
-    if remote or _are_sessions(people or [], game):
-        how = played(episodes or 2, condition)
-        _write(_beside_sessions(users, told, people or [], how, remote), out, **shown)
+    remote, people, out = request.remote(), request.people, request.out
+    users, told = _told_names(request.users)
+    shown = {"figures": request.figures, "every": request.every, "json": request.json}
+    if remote or _are_sessions(people, request.game):
+        plays = _plays(request, request.episodes or 2, request.condition or None)
+        _write(_beside_sessions(users, told, people, plays, remote), out, **shown)
         return
-    game = _game_of_users(users, game)
-    plays = played(episodes or 6, _to_play(condition, group, game))
+    game = _game_of_users(users, request.game)
+    plays = _plays(request, request.episodes or 6, _to_play(request.condition, request.group, game))
     if _is_aimed(users, game):
-        _compare_aimed(users, told, game, people or [], plays, out, **shown)
+        _compare_aimed(users, told, game, people, plays, out, **shown)
         return
-    report = _compared(users, told, game, people or [], plays, out, unconstrained=unconstrained)
+    free = request.unconstrained
+    report = _compared(users, told, game, people, plays, out, unconstrained=free)
     _write(report, out, **shown)
 
 
@@ -170,24 +127,19 @@ def _is_aimed(users: Sequence[str], game: str) -> bool:
     return game in aimed_games()
 
 
-def _plays(
-    out: Path,
-    seed: int,
-    overrides: list[str] | None,
-    batch: int,
-    persons: int | None,
-    trust_app: bool,
-    episodes: int,
-    conditions: list[str] | None,
-) -> Plays:
+def _plays(request: CompareRequest, episodes: int, conditions: Sequence[str] | None) -> Plays:
     from sim2vr_harness.human_comparison.sources import Plays
 
-    # fmt: off
     return Plays(
-        out=out / "rounds", episodes=episodes, seed=seed, overrides=overrides or (),
-        conditions=conditions, batch=batch, persons=persons, trust_app=trust_app,
+        out=request.out / "rounds",
+        episodes=episodes,
+        seed=request.seed,
+        overrides=request.set_,
+        conditions=conditions,
+        batch=request.batch,
+        persons=request.persons,
+        trust_app=request.trust_app,
     )
-    # fmt: on
 
 
 def _are_sessions(people: Sequence[Path], game: str | None) -> bool:
@@ -285,12 +237,12 @@ def _write(report: ComparisonReport, out: Path, *, figures: bool, every: bool, j
     print_written(files)
 
 
-def _to_play(condition: list[str] | None, group: list[str] | None, game: str) -> list[str] | None:
+def _to_play(condition: Sequence[str], group: Sequence[str], game: str) -> Sequence[str] | None:
     """The game's names of the conditions requested; None for those of the user's rules."""
     from sim2vr_harness.games.registry import aimed_games, behaviour_of
 
     if not group:
-        return condition
+        return condition or None
     if condition:
         got = f"{shown(group)} beside --condition {shown(condition)}"
         raise InputError("--group", got, "one of the two: a group plays all that are compared")
@@ -303,7 +255,7 @@ def _to_play(condition: list[str] | None, group: list[str] | None, game: str) ->
     return [name for each in dict.fromkeys(group) for name in behaviour.played(each)]
 
 
-def _told_names(users: list[str]) -> tuple[list[str], dict[str, str]]:
+def _told_names(users: Sequence[str]) -> tuple[list[str], dict[str, str]]:
     """Users without the names that stand before them, and those names."""
     told: dict[str, str] = {}
     found = []
@@ -374,10 +326,10 @@ def _players(user: str, out: Path, behaviour: Behaviour, plays: Plays) -> list[S
 
 
 def _compare_aimed(
-    users: list[str],
+    users: Sequence[str],
     told: Mapping[str, str],
     game: str,
-    people: list[Path],
+    people: Sequence[Path],
     plays: Plays,
     out: Path,
     *,

@@ -2,42 +2,36 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from dataclasses import MISSING, dataclass
+from typing import TYPE_CHECKING
 
 import typer
 
-from sim2vr_harness.cli.options import EnvSetOption, JsonOption, TrustOption, finite, print_json
+from sim2vr_harness.base.requests import argument, option
+from sim2vr_harness.cli.options import ChangedEnvironment, JsonOutput, TrustedApp, print_json
 
 if TYPE_CHECKING:
     from sim2vr_harness.tools.endurance import Held
 
 
-def endurance(
-    user: Annotated[
-        str,
-        typer.Argument(
-            metavar="USER", help="A body or its YAML file, a configuration, or a trained user."
-        ),
-    ],
-    pose: Annotated[
-        str,
-        typer.Option(
-            metavar="JOINT=DEGREES,...",
-            help="The posture; other joints stay where episodes start. A joint without _r or _l is "
-            "that of both arms.",
-        ),
-    ],
-    load: Annotated[
-        float, typer.Option(help="Mass in each hand, kg, beside the controller.", callback=finite)
-    ] = 0.0,
-    people: Annotated[
-        int | None,
-        typer.Option(help="Let so many persons of the user's population hold it, 1 to 200."),
-    ] = None,
-    set_: EnvSetOption = None,
-    json: JsonOption = False,
-    trust_app: TrustOption = False,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class EnduranceRequest(ChangedEnvironment, JsonOutput, TrustedApp):
+    """Which posture to hold, and who holds it."""
+
+    user: str = argument("USER", "A body or its YAML file, a configuration, or a trained user.")
+    pose: str = option(
+        "The posture; other joints stay where episodes start. A joint without _r or _l is that of "
+        "both arms.",
+        MISSING,
+        metavar="JOINT=DEGREES,...",
+    )
+    load: float = option("Mass in each hand, kg, beside the controller.", 0.0)
+    people: int | None = option(
+        "Let so many persons of the user's population hold it, 1 to 200.", metavar="N"
+    )
+
+
+def endurance(request: EnduranceRequest) -> None:
     """Say how long a posture can be held, by three models of exertion.
 
     Examples:
@@ -49,9 +43,10 @@ def endurance(
     from sim2vr_harness.tools.endurance import hold, who_hold
     from sim2vr_harness.tools.users import environment_of
 
-    environment = environment_of(user, overrides=set_ or (), trust_app=trust_app)
-    held = [hold(who, pose, load, own) for who, own in who_hold(environment.user, people)]
-    if json:
+    user, pose, load = request.user, request.pose, request.load
+    environment = environment_of(user, overrides=request.set_, trust_app=request.trust_app)
+    held = [hold(who, pose, load, own) for who, own in who_hold(environment.user, request.people)]
+    if request.json:
         persons = [[_plain(asdict(arm)) for arm in person] for person in held]
         print_json({"user": user, "pose": pose, "load_kg": load, "persons": persons})
         return

@@ -5,6 +5,9 @@ Values are checked before a command starts.
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+import inspect
 import json
 import math
 import os
@@ -13,13 +16,15 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import MISSING, Field, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
 
 from sim2vr_harness.base import paths
 from sim2vr_harness.base.errors import InputError, unknown_name
+from sim2vr_harness.base.requests import option
 
 if TYPE_CHECKING:
     from sim2vr_harness.evaluation.expectations import Planned, Results
@@ -48,108 +53,6 @@ def known_players(incomplete: str) -> list[str]:
     """Complete the name of a trained user that ships, or of a baseline."""
     baselines = [name for name in ("still", "random") if name.startswith(incomplete)]
     return [*baselines, *known_users(incomplete)]
-
-
-def game_option(help_: str, default: str | bool = True) -> Any:
-    """Return an option that names a game; ``default`` says which one is meant without it."""
-    return typer.Option(
-        autocompletion=known_games, metavar="NAME", help=help_, show_default=default
-    )
-
-
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Change the configuration: --set ppo.n_envs=4; may be repeated.",
-    ),
-]
-
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object, nothing else.")]
-EnvSetOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Change the environment: --set env.user.noise.constant=white; may be repeated.",
-    ),
-]
-
-UserOption = Annotated[
-    str | None,
-    typer.Option(
-        "--user",
-        autocompletion=known_players,
-        metavar="USER",
-        help="Who plays: a trained user, or one without training: still, random, 'touch NAME', "
-        "'point NAME', 'press NAME by ray', 'grab NAME to NAME2', or a SCRIPT.yaml of such steps. "
-        "NAME is an object, or X Y Z in metres.",
-    ),
-]
-
-DeterministicOption = Annotated[
-    bool | None,
-    typer.Option(
-        "--deterministic/--stochastic",
-        help="Take the policy's mean, or sample.",
-        show_default="the user's evaluation.deterministic",
-    ),
-]
-
-ConditionsOption = Annotated[
-    list[str] | None,
-    typer.Option(metavar="NAME", help="The game's condition; may be repeated."),
-]
-ObjectsOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        help="Which of the game's objects are targets, with * and ?.",
-        show_default="those that come, go or move",
-    ),
-]
-TrustOption = Annotated[
-    bool,
-    typer.Option(
-        "--trust-app",
-        help="Run the program or Python code that a file names; remembered.",
-    ),
-]
-
-
-def print_json(content: Any) -> None:
-    """Print a JSON object or list."""
-    sys.stdout.write(json.dumps(content, indent=2) + "\n")
-
-
-def print_written(files: Iterable[Path]) -> None:
-    """Print the names of written files."""
-    for file in files:
-        typer.echo(f"Written: {file}")
-
-
-def who_plays(run: str | None, user: str | None) -> tuple[str | None, str | None]:
-    """Return the trained user and the baseline that RUN and ``--user`` name, at most one of them.
-
-    Raises:
-        InputError: Both are given, or no user has that name.
-    """
-    if user is None:
-        return run, None
-    if run is not None:
-        raise InputError("--user", f"it together with {run!r}", "one of them")
-    from sim2vr_harness.policies.scripted.steps import FORMS, is_script, read_steps
-
-    if is_script(user):
-        read_steps(user)  # refuses another form before anything starts
-    if is_script(user) or user in ("still", "random"):
-        return None, user
-    names = known_users("")
-    trained = user.removeprefix("pretrained:") in names or re.search(r"\.py:\w+$", user)
-    if trained or Path(user).exists():
-        return user, None
-    raise unknown_name("--user", user, ["still", "random", *FORMS, *names])
 
 
 def finite(parameter: typer.CallbackParam, value: float | None) -> float | None:
@@ -224,65 +127,218 @@ def _name(parameter: Any) -> str:
     return options[0] if options else str(parameter.name).upper()
 
 
-ExpectOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--expect",
-        metavar="TEXT",
-        help="Exit with status 1 unless the results keep a bound: 'hit_rate >= 0.8', or "
+_PLACES: dict[str, Any] = {
+    "folder to write": writable_folder,
+    "file to write": writable_file,
+    "file to read": readable_file,
+}
+_COMPLETIONS: dict[str, Any] = {
+    "games": known_games,
+    "users": known_users,
+    "configs": known_configs,
+    "players": known_players,
+}
+
+
+def _of_a_field(name: str, field: Field[Any], type_: Any) -> inspect.Parameter:
+    """Return the parameter, as Typer reads it, that a field of a request is."""
+    about = field.metadata
+    default = inspect.Parameter.empty if field.default is MISSING else field.default
+    inner = {part for part in (type_, *get_args(type_)) if part in (float, Path, int)}
+    if get_origin(type_) is tuple:
+        type_ = list[get_args(type_)[0]]  # type: ignore[misc]
+        default = default or None
+    settings = {"help": about["help"], "metavar": about.get("metavar")}
+    settings |= {"min": about.get("least"), "max": about.get("most")}
+    if shown := about.get("shown"):
+        settings["show_default"] = shown
+    if names := about.get("names"):
+        settings["autocompletion"] = _COMPLETIONS[names]
+    if check := _PLACES.get(about.get("place", "")) or (finite if float in inner else None):
+        settings["callback"] = check
+    if about.get("at"):
+        declared: Any = typer.Argument(**settings)
+    else:
+        word = name.strip("_").replace("_", "-")
+        both = f"--{word}/--no-{word}" if type_ is bool and default else f"--{word}"
+        declared = typer.Option(about.get("name", both), **settings)
+    kind = inspect.Parameter.KEYWORD_ONLY
+    annotation = Annotated[type_, declared]
+    return inspect.Parameter(name, kind, default=default, annotation=annotation)
+
+
+def with_options(function: Callable[[Any], Any]) -> Callable[..., Any]:
+    """Return a command that has an option for every field of the request which ``function`` takes.
+
+    Its own options come first, then those of the groups that it inherits.
+    """
+    (taken,) = inspect.signature(function, eval_str=True).parameters.values()
+    request = taken.annotation
+    types = get_type_hints(request)
+    fields = {each.name: each for each in dataclasses.fields(request)}
+    own_first = [n for each in request.__mro__ for n in inspect.get_annotations(each)]
+    arguments = [name for name, each in fields.items() if "at" in each.metadata]
+    names = dict.fromkeys([*arguments, *own_first])
+    repeated = {name for name in fields if get_origin(types[name]) is tuple}
+
+    @functools.wraps(function)
+    def run(**given: Any) -> Any:
+        given |= {name: tuple(given[name] or ()) for name in repeated}
+        return function(request(**given))
+
+    parameters = [_of_a_field(name, fields[name], types[name]) for name in names]
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {each.name: each.annotation for each in parameters}
+    run.bare = {  # type: ignore[attr-defined]
+        f"--{name}": each.metadata["bare"]
+        for name, each in fields.items()
+        if "bare" in each.metadata
+    }
+    return run
+
+
+# --- groups of options that several requests inherit ----------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class JsonOutput:
+    """``--json``."""
+
+    json: bool = option("Print one JSON object, nothing else.", False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrustedApp:
+    """``--trust-app``."""
+
+    trust_app: bool = option("Run the program or Python code that a file names; remembered.", False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChangedEnvironment:
+    """``--set`` of commands that play."""
+
+    set_: tuple[str, ...] = option(
+        "Change the environment: --set env.user.noise.constant=white; may be repeated.",
+        (),
+        metavar="KEY=VALUE",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnyUser:
+    """``--user``."""
+
+    user: str | None = option(
+        "Who plays: a trained user, or one without training: still, random, 'touch NAME', "
+        "'point NAME', 'press NAME by ray', 'grab NAME to NAME2', or a SCRIPT.yaml of such steps. "
+        "NAME is an object, or X Y Z in metres.",
+        names="players",
+        metavar="USER",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActionMode:
+    """``--deterministic`` and ``--stochastic``."""
+
+    deterministic: bool | None = option(
+        "Take the policy's mean, or sample.",
+        name="--deterministic/--stochastic",
+        shown="the user's evaluation.deterministic",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class GameConditions:
+    """``--condition`` of commands that look at a game."""
+
+    condition: tuple[str, ...] = option(
+        "The game's condition; may be repeated.", (), metavar="NAME"
+    )
+
+
+def print_json(content: Any) -> None:
+    """Print a JSON object or list."""
+    sys.stdout.write(json.dumps(content, indent=2) + "\n")
+
+
+def print_written(files: Iterable[Path]) -> None:
+    """Print the names of written files."""
+    for file in files:
+        typer.echo(f"Written: {file}")
+
+
+def who_plays(run: str | None, user: str | None) -> tuple[str | None, str | None]:
+    """Return the trained user and the baseline that RUN and ``--user`` name, at most one of them.
+
+    Raises:
+        InputError: Both are given, or no user has that name.
+    """
+    if user is None:
+        return run, None
+    if run is not None:
+        raise InputError("--user", f"it together with {run!r}", "one of them")
+    from sim2vr_harness.policies.scripted.steps import FORMS, is_script, read_steps
+
+    if is_script(user):
+        read_steps(user)  # refuses another form before anything starts
+    if is_script(user) or user in ("still", "random"):
+        return None, user
+    names = known_users("")
+    trained = user.removeprefix("pretrained:") in names or re.search(r"\.py:\w+$", user)
+    if trained or Path(user).exists():
+        return user, None
+    raise unknown_name("--user", user, ["still", "random", *FORMS, *names])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Expected:
+    """``--expect`` and ``--junit``."""
+
+    expect: tuple[str, ...] = option(
+        "Exit with status 1 unless the results keep a bound: 'hit_rate >= 0.8', or "
         "'CONDITION_OR_CELL:hit_rate >= 0.8' for one of them; may be repeated.",
-    ),
-]
-AgainstOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--against",
-        metavar="BASELINE.json",
-        help="Exit with status 1 if a measure is worse than in earlier results by more than their "
+        (),
+        metavar="TEXT",
+    )
+    junit: Path | None = option(
+        "With --expect or --against: write the checks as JUnit XML.",
+        metavar="FILE.xml",
+        place="file to write",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Checked(Expected):
+    """``--expect``, ``--against`` and ``--junit``."""
+
+    against: Path | None = option(
+        "Exit with status 1 if a measure is worse than in earlier results by more than their "
         "noise (95 % interval of the difference): results.json of evaluate, statistics.json of "
         "study.",
-        callback=readable_file,
-    ),
-]
-JunitOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--junit",
-        metavar="FILE.xml",
-        help="With --expect or --against: write the checks as JUnit XML.",
-        callback=writable_file,
-    ),
-]
+        metavar="BASELINE.json",
+        place="file to read",
+    )
 
 
 class CheckedRun:
     """The checks of ``--expect`` and ``--against`` around what a command plays.
 
-    Args:
-        expect: Texts of expectations.
-        against: File of the baseline.
-        junit: File to write.
-        command: Name of the test suite.
-
     Raises:
         InputError: One of the options cannot be used.
     """
 
-    def __init__(
-        self,
-        expect: list[str] | None,
-        against: Path | None,
-        junit: Path | None,
-        command: str,
-    ) -> None:
-        self.asked = bool(expect) or against is not None
-        self._junit, self._command, self._began = junit, command, time.monotonic()
-        if junit is not None and not self.asked:
+    def __init__(self, request: Expected, command: str) -> None:
+        against = request.against if isinstance(request, Checked) else None
+        self.asked = bool(request.expect) or against is not None
+        self._junit, self._command, self._began = request.junit, command, time.monotonic()
+        if request.junit is not None and not self.asked:
             raise InputError("--junit", "it without --expect or --against", "one of them")
         if self.asked:
             from sim2vr_harness.evaluation.expectations import Checks
 
-            self._checks = Checks.of(expect or (), against)
+            self._checks = Checks.of(request.expect, against)
 
     def prepare(self, planned: Planned) -> None:
         """Refuse what will not be measured, before anything is played."""

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Any
 
 import typer
 
+from sim2vr_harness.base.requests import argument, option
 from sim2vr_harness.cli.options import (
-    ConditionsOption,
-    EnvSetOption,
-    ObjectsOption,
-    TrustOption,
-    finite,
-    game_option,
-    known_users,
+    ChangedEnvironment,
+    GameConditions,
+    TrustedApp,
     print_written,
-    writable_folder,
 )
 from sim2vr_harness.cli.progress import say
 
@@ -27,76 +24,49 @@ if TYPE_CHECKING:
     from sim2vr_harness.tools.reach.targets import Target
     from sim2vr_harness.users.kinematics.forward import Point
 
-_User = Annotated[
-    str,
-    typer.Argument(
-        autocompletion=known_users,
-        metavar="USER",
-        help="A body or its YAML file, a configuration, or a trained user.",
-    ),
-]
-_Point = Annotated[
-    str | None,
-    typer.Option(
+
+@dataclass(frozen=True, kw_only=True)
+class ReachRequest(GameConditions, ChangedEnvironment, TrustedApp):
+    """Who reaches, and for what."""
+
+    user: str = argument(
+        "USER",
+        "A body or its YAML file, a configuration, or a trained user.",
+        "mobl_arms_wrist",
+        names="users",
+    )
+    point: str | None = option(
+        "What is to get there: a device or part of the body, such as controller_right or hand.",
         metavar="PART",
-        help="What is to get there: a device or part of the body, such as controller_right or "
-        "hand.",
-        show_default="the first controller",
-    ),
-]
-_Tool = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME", help="An object that the game puts in the hand, instead of --point."
-    ),
-]
-_Target = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="[NAME=]X,Y,Z", help="A place, m to the right, up and ahead; may be repeated."
-    ),
-]
-_Log = Annotated[
-    list[Path] | None,
-    typer.Option(metavar="PATH", help="Targets of a round's log (events.csv or its folder)."),
-]
-_Game = Annotated[
-    str | None,
-    game_option("Targets of a game that is run, no one playing."),
-]
-_People = Annotated[
-    int | None,
-    typer.Option(
-        metavar="N", help="Say of the game's places how many of N people reach them who differ."
-    ),
-]
-_Seconds = Annotated[
-    float, typer.Option(help="How long to look at each of three rounds.", callback=finite)
-]
-_Cell = Annotated[
-    float,
-    typer.Option(help="Edge of the cells that the room is divided into, m.", callback=finite),
-]
-_Out = Annotated[Path, typer.Option(help="Folder for the files.", callback=writable_folder)]
+        shown="the first controller",
+    )
+    tool: str | None = option(
+        "An object that the game puts in the hand, instead of --point.", metavar="NAME"
+    )
+    target: tuple[str, ...] = option(
+        "A place, m to the right, up and ahead; may be repeated.", (), metavar="[NAME=]X,Y,Z"
+    )
+    log: tuple[Path, ...] = option(
+        "Targets of a round's log (events.csv or its folder).", (), metavar="PATH"
+    )
+    game: str | None = option(
+        "Targets of a game that is run, no one playing.", metavar="NAME", names="games"
+    )
+    objects: str | None = option(
+        "Which of the game's objects are targets, with * and ?.",
+        metavar="NAME",
+        shown="those that come, go or move",
+    )
+    people: int | None = option(
+        "Say of the game's places how many of N people reach them who differ.", metavar="N"
+    )
+    seconds: float = option("How long to look at each of three rounds.", 10.0)
+    cell: float = option("Edge of the cells that the room is divided into, m.", 0.05)
+    out: Path = option("Folder for the files.", Path("reach"), place="folder to write")
+    film: bool = option("Film it from all sides.", True)
 
 
-def reach(
-    user: _User = "mobl_arms_wrist",
-    point: _Point = None,
-    tool: _Tool = None,
-    target: _Target = None,
-    log: _Log = None,
-    game: _Game = None,
-    condition: ConditionsOption = None,
-    objects: ObjectsOption = None,
-    people: _People = None,
-    seconds: _Seconds = 10.0,
-    cell: _Cell = 0.05,
-    out: _Out = Path("reach"),
-    film: Annotated[bool, typer.Option("--film/--no-film", help="Film it from all sides.")] = True,
-    set_: EnvSetOption = None,
-    trust_app: TrustOption = False,
-) -> None:
+def reach(request: ReachRequest) -> None:
     """Measure what a user can reach, and which targets lie within.
 
     Examples:
@@ -104,64 +74,52 @@ def reach(
         sim2vr-harness reach whacamole_constrained --game whacamole --condition easy
     """
     from sim2vr_harness.envs.config import body_of
+    from sim2vr_harness.tools.reach.files import write
     from sim2vr_harness.tools.reach.measuring import chosen_point, measure
     from sim2vr_harness.tools.reach.targets import given_target, logged_targets
     from sim2vr_harness.tools.users import environment_of
 
-    of_game = bool(condition) or objects is not None
-    _check_together(point, tool, game, seconds, of_game=of_game, people=people)
-    targets = [given_target(text) for text in target or ()]
-    targets += [one for path in log or () for one in logged_targets(path)]
-    conditions: list[str | None] = [*condition] if condition else [None]
-    environments = [
-        environment_of(user, game=game, condition=name, overrides=set_ or (), trust_app=trust_app)
-        for name in conditions
-    ]
-    where = chosen_point(body := body_of(environments[0].user), point)
+    user, game = request.user, request.game
+    _check_together(request)
+    targets = [given_target(text) for text in request.target]
+    targets += [one for path in request.log for one in logged_targets(path)]
+    conditions: list[str | None] = [*request.condition] or [None]
+    how: Any = {"overrides": request.set_, "trust_app": request.trust_app}
+    environments = [environment_of(user, game=game, condition=c, **how) for c in conditions]
+    where = chosen_point(body := body_of(environments[0].user), request.point)
     shares: dict[int, str] = {}
     if game is not None:
-        if tool is not None:
-            where = _in_hand(environments[0], tool)
+        if request.tool is not None:
+            where = _in_hand(environments[0], request.tool)
         for environment, name in zip(environments, conditions, strict=True):
-            places, words = _of_game(environment, name, where, objects, seconds, people)
+            places, words = _of_game(
+                environment, name, where, request.objects, request.seconds, request.people
+            )
             shares |= {len(targets) + i: text for i, text in enumerate(words)}
             targets += places
     say("Measuring the reach ...")
-    found = measure(body, where, targets, cell_m=cell)
+    found = measure(body, where, targets, cell_m=request.cell)
     _tell(found, shares)
-    _write(found, out, film=film)
+    say("Writing files" + (" and the film" if request.film else "") + " ...")
+    print_written(write(found, request.out, film=request.film))
 
 
-def _write(found: Measured, out: Path, *, film: bool) -> None:
-    from sim2vr_harness.tools.reach.files import write
-
-    say("Writing files" + (" and the film" if film else "") + " ...")
-    print_written(write(found, out, film=film))
-
-
-def _check_together(
-    point: str | None,
-    tool: str | None,
-    game: str | None,
-    seconds: float,
-    *,
-    of_game: bool,
-    people: int | None,
-) -> None:
-    """Refuse options that do not go together; ``of_game``: some need a game."""
+def _check_together(request: ReachRequest) -> None:
+    """Refuse options that do not go together."""
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.base.optional import needed
 
     needed("plotly", "studies", "reach")
-    if tool is not None and (point is not None or game is None):
-        wrong = "it together with --point" if point is not None else "it without --game"
+    game = request.game
+    if request.tool is not None and (request.point is not None or game is None):
+        wrong = "it together with --point" if request.point is not None else "it without --game"
         raise InputError("--tool", wrong, "it with --game and without --point")
-    if game is None and of_game:
+    if game is None and (request.condition or request.objects is not None):
         raise InputError("--condition or --objects", "it without --game", "it with --game")
-    if people is not None and game is None:
+    if request.people is not None and game is None:
         raise InputError("--people", "it without --game", "it with --game")
-    if not 0.0 < seconds <= 600.0:
-        raise InputError("--seconds", f"{seconds:g}", "more than 0, at most 600")
+    if not 0.0 < request.seconds <= 600.0:
+        raise InputError("--seconds", f"{request.seconds:g}", "more than 0, at most 600")
 
 
 def _of_game(

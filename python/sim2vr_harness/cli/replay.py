@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.console import Console
 
 from sim2vr_harness.base.errors import InputError, counted, printable
-from sim2vr_harness.cli.app_options import with_app_options
-from sim2vr_harness.cli.options import (
-    JsonOption,
-    finite,
-    game_option,
-    print_json,
-    writable_file,
-    writable_folder,
-)
+from sim2vr_harness.base.requests import argument, option
+from sim2vr_harness.cli.app_options import AppOptions
+from sim2vr_harness.cli.options import JsonOutput, print_json
 from sim2vr_harness.cli.progress import Share
 
 _MOST_VALUES = 12
@@ -27,70 +22,38 @@ if TYPE_CHECKING:
     from sim2vr_harness.evaluation.replay.film import ReplayFilm
     from sim2vr_harness.sessions.replay import SessionReplay
 
-_Paths = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="PATH...",
-        help="Sessions in any format; or rounds of Whac-A-Mole: folders with states.csv and "
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayRequest(JsonOutput, AppOptions):
+    """What to replay, and how."""
+
+    paths: tuple[Path, ...] = argument(
+        "PATH...",
+        "Sessions in any format; or rounds of Whac-A-Mole: folders with states.csv and "
         "events.csv, packed .npz rounds with their manifest.json, or folders above such.",
-    ),
-]
-_Closed = Annotated[
-    bool, typer.Option("--closed", help="Seed and poses only: spawns are predicted as well.")
-]
-_Unconstrained = Annotated[
-    bool,
-    typer.Option("--unconstrained", help="Every touch was a hit, though the logs do not say."),
-]
-_FixedStep = Annotated[
-    float | None,
-    typer.Option(
-        help="Period of the recording's fixed steps, s.",
-        show_default="worked out",
-        callback=finite,
-    ),
-]
-_Log = Annotated[
-    Path | None,
-    typer.Option(
-        help="Keep the replayed rounds' own logs in this folder.", callback=writable_folder
-    ),
-]
-_Video = Annotated[
-    Path | None,
-    typer.Option(
+    )
+    closed: bool = option("Seed and poses only: spawns are predicted as well.", False)
+    unconstrained: bool = option("Every touch was a hit, though the logs do not say.", False)
+    fixed_step: float | None = option(
+        "Period of the recording's fixed steps, s.", shown="worked out"
+    )
+    log: Path | None = option(
+        "Keep the replayed rounds' own logs in this folder.", place="folder to write"
+    )
+    video: Path | None = option(
+        "Film the player's view, and a game from outside.",
         metavar="OUT.mp4",
-        help="Film the player's view, and a game from outside.",
-        callback=writable_file,
-    ),
-]
-_Game = Annotated[
-    str | None,
-    game_option("Replay sessions in this game.", "the session's"),
-]
-_Strict = Annotated[
-    bool,
-    typer.Option("--strict", help="Exit with status 1 unless every event of a session came again."),
-]
-_Fps = Annotated[float, typer.Option(help="Pictures per second of the film.", callback=finite)]
+        place="file to write",
+    )
+    size: str = option("WIDTHxHEIGHT of each view in the film.", "640x480")
+    fps: float = option("Pictures per second of the film.", 30.0)
+    game: str | None = option(
+        "Replay sessions in this game.", metavar="NAME", shown="the session's", names="games"
+    )
+    strict: bool = option("Exit with status 1 unless every event of a session came again.", False)
 
 
-@with_app_options
-def replay(
-    paths: _Paths,
-    closed: _Closed = False,
-    unconstrained: _Unconstrained = False,
-    fixed_step: _FixedStep = None,
-    log: _Log = None,
-    video: _Video = None,
-    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT of each view in the film.")] = "640x480",
-    fps: _Fps = 30.0,
-    game: _Game = None,
-    strict: _Strict = False,
-    json: JsonOption = False,
-    *,
-    remote: dict[str, Any],
-) -> int:
+def replay(request: ReplayRequest) -> int:
     """Replay recorded rounds and compare every event with the record.
 
     With --game, --page or --app, or with sessions in files: any app, the recorded devices under
@@ -102,16 +65,16 @@ def replay(
     """
     from sim2vr_harness.sessions.formats import is_session
 
-    film = None if video is None else _film(video, size, fps)
-    if game is not None or remote or all(map(is_session, paths)):
-        _refuse(closed, unconstrained, fixed_step)
-        status = _replay_sessions(paths, game, remote, log, film, strict=strict, json=json)
-    elif strict:
+    remote, paths, video = request.remote(), request.paths, request.video
+    film = None if video is None else _film(video, request.size, request.fps)
+    if request.game is not None or remote or all(map(is_session, paths)):
+        status = _replay_sessions(request, remote, film)
+    elif request.strict:
         raise InputError("--strict", "it with rounds of Whac-A-Mole", "sessions")
     else:
-        _replay_rounds(paths, closed, unconstrained, fixed_step, log, film, json=json)
+        _replay_rounds(request, film)
         status = 0
-    for file in film.files if film is not None and not json else []:
+    for file in film.files if film is not None and not request.json else []:
         typer.echo(f"Written: {file}")
     return status
 
@@ -123,79 +86,65 @@ def _film(video: Path, size: str, fps: float) -> ReplayFilm:
     return ReplayFilm(video, parse_size(size, (4096, 4096)), fps)
 
 
-def _replay_rounds(
-    paths: list[Path],
-    closed: bool,
-    unconstrained: bool,
-    fixed_step: float | None,
-    log: Path | None,
-    film: ReplayFilm | None,
-    *,
-    json: bool,
-) -> None:
+def _replay_rounds(request: ReplayRequest, film: ReplayFilm | None) -> None:
     """Replay rounds of Whac-A-Mole, whose spawns, outcomes and speeds are compared."""
     from sim2vr_harness.evaluation.replay.recordings import read_recordings
     from sim2vr_harness.evaluation.replay.replayer import Replay, replay_all
     from sim2vr_harness.evaluation.replay.report import ReplayReport
 
+    fixed_step = request.fixed_step
     if fixed_step is not None and not 1e-4 <= fixed_step <= 1.0:
         raise InputError("--fixed-step", f"{fixed_step:g}", "a period from 0.0001 to 1 s")
-    recordings = read_recordings(paths, unconstrained=unconstrained)
+    recordings = read_recordings(request.paths, unconstrained=request.unconstrained)
     replays: list[Replay] = []
     with Share("Replaying") as share:
         if film is not None:
             film.progress = lambda part: share.show((len(replays) + part) / len(recordings))
         share.show(0.0)
         for done in replay_all(
-            recordings, closed_loop=closed, fixed_step_s=fixed_step, log_dir=log, film=film
+            recordings,
+            closed_loop=request.closed,
+            fixed_step_s=fixed_step,
+            log_dir=request.log,
+            film=film,
         ):
             replays.append(done)
             share.show(len(replays) / len(recordings))
     found = ReplayReport(replays)
-    if json:
+    if request.json:
         print_json(found.as_json())
     else:
         found.print(Console())
 
 
-def _refuse(closed: bool, unconstrained: bool, fixed_step: float | None) -> None:
-    """Refuse options that only rounds of Whac-A-Mole have."""
-    for option, given in (
-        ("--closed", closed),
-        ("--unconstrained", unconstrained),
-        ("--fixed-step", fixed_step is not None),
-    ):
-        if given:
-            raise InputError(option, "it with a session", "it with rounds of Whac-A-Mole")
-
-
 def _replay_sessions(
-    paths: list[Path],
-    game: str | None,
-    remote: dict[str, Any],
-    log: Path | None,
-    film: ReplayFilm | None,
-    *,
-    strict: bool,
-    json: bool,
+    request: ReplayRequest, remote: dict[str, Any], film: ReplayFilm | None
 ) -> int:
     """Replay sessions in an app; 1 with ``strict`` if it did not do the same."""
     from sim2vr_harness.cli.session import read_any
     from sim2vr_harness.sessions import write_session
     from sim2vr_harness.sessions.replay import replay_session
 
+    for option_, given in (
+        ("--closed", request.closed),
+        ("--unconstrained", request.unconstrained),
+        ("--fixed-step", request.fixed_step is not None),
+    ):
+        if given:
+            raise InputError(option_, "it with a session", "it with rounds of Whac-A-Mole")
+    game = request.game
     done: dict[str, SessionReplay] = {}
-    for path in paths:
+    for path in request.paths:
         session = read_any(path)
         for note in session.notes:
             typer.echo(printable(f"note: {path.name}: {note}"), err=True)
-        kept = None if log is None else log / path.name
+        kept = None if request.log is None else request.log / path.name
         with Share(f"Replaying {path.name}") as share, ExitStack() as stack:
             shown: dict[str, Any] = {}
             if film is not None:
                 name = path.name.split(".")[0]
                 played = game or str(remote.get("game") or session.app.name)
-                round_film = film.round(session, name, played, only=len(paths) == 1)
+                round_film = film.round(session, name, played, only=len(request.paths) == 1)
                 watch = stack.enter_context(round_film).watch
                 shown = {"renderer": "automatic", "size": film.size, "watch": watch}
             done[str(path)] = replay_session(
@@ -203,13 +152,13 @@ def _replay_sessions(
             )
         if kept is not None:
             write_session(done[str(path)].session, kept / "replay.jsonl")
-    if json:
+    if request.json:
         print_json({"sessions": {name: _as_json(each) for name, each in done.items()}})
     else:
         for name, each in done.items():
             lines = [f"{Path(name).name}: {_summary(each)}", *_lines(each)]
             typer.echo("\n".join(map(printable, lines)))
-    return int(strict and not all(each.comparison.same for each in done.values()))
+    return int(request.strict and not all(each.comparison.same for each in done.values()))
 
 
 def _as_json(replayed: SessionReplay) -> dict[str, Any]:

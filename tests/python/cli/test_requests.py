@@ -1,0 +1,123 @@
+"""Options of the command line, made from the fields of a request."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import pytest
+import typer.main
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.requests import argument, option
+from sim2vr_harness.cli.command import CommandGroup
+from sim2vr_harness.cli.main import app as every_command
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shared:
+    place: Path = argument("PLACE", "Where.")
+    quiet: bool = option("Say nothing.", False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request(Shared):
+    names: tuple[str, ...] = argument("NAME...", "Who.", ())
+    from_: str | None = option("Whence.", metavar="CITY", shown="here")
+    figures: bool = option("Draw.", True)
+    length_m: float = option("Length.", 1.5)
+    count: int = option("Count.", 1, least=1, most=9)
+    kind: Literal["a", "b"] = option("Kind.", "a")
+    people: int | None = option("Persons.", metavar="[N]", bare=7)
+    out: Path | None = option("Folder.", place="folder to write")
+    tag: tuple[int, ...] = option("Tags.", ())
+
+
+def run(*words: str) -> Any:
+    """The request that a command gets for these words."""
+    got = []
+
+    def command(request: Request) -> None:
+        """Do it."""
+        got.append(request)
+
+    group = CommandGroup("Some commands.")
+    group.add("do", command)
+    group.add("other", command)
+    typer.main.get_command(group)(["do", *words], standalone_mode=False)
+    return got[0]
+
+
+def test_a_command_gets_its_request_with_the_defaults_of_its_fields() -> None:
+    assert run("here") == Request(place=Path("here"))
+
+
+def test_every_kind_of_field_is_an_option() -> None:
+    words = [
+        "here",
+        "x",
+        "y",
+        "--from",
+        "Rome",
+        "--no-figures",
+        "--length-m",
+        "2",
+        "--count",
+        "9",
+        "--kind",
+        "b",
+        "--quiet",
+    ]
+    expected = Request(
+        place=Path("here"), names=("x", "y"), from_="Rome", figures=False, length_m=2.0,
+        count=9, kind="b", tag=(3, 1), quiet=True,
+    )  # fmt: skip
+    assert run(*words, "--tag", "3", "--tag", "1") == expected
+
+
+@pytest.mark.parametrize(
+    ("words", "people", "names"),
+    [
+        (["--people", "3", "here"], 3, ()),
+        (["--people=3", "here"], 3, ()),
+        (["--people", "here", "x"], 7, ("x",)),
+        (["here", "--people", "--quiet"], 7, ()),
+        (["here", "--people"], 7, ()),
+        (["here"], None, ()),
+    ],
+)
+def test_an_option_may_stand_without_its_number(
+    words: list[str], people: int | None, names: tuple[str, ...]
+) -> None:
+    got = run(*words)
+    assert (got.people, got.place, got.names) == (people, Path("here"), names)
+
+
+@pytest.mark.parametrize(
+    ("words", "field"),
+    [
+        (["--length-m", "nan"], "--length-m"),
+        (["--out", "/proc/x"], "--out"),
+    ],
+)
+def test_numbers_and_places_are_checked_by_their_type(words: list[str], field: str) -> None:
+    with pytest.raises(InputError, match=f"^{field}: got "):
+        run("here", *words)
+
+
+def test_own_options_come_first_and_arguments_in_order() -> None:
+    command = typer.main.get_command(every_command)
+    convert = command.commands["session"].commands["convert"]  # type: ignore[attr-defined]
+    assert [each.name for each in convert.params][:2] == ["source", "out"]
+    train = command.commands["train"]  # type: ignore[attr-defined]
+    options = [each.name for each in train.params]
+    assert options.index("timesteps") < options.index("trust_app") < options.index("page")
+
+
+def test_requests_are_frozen_and_need_what_has_no_default() -> None:
+    with pytest.raises(TypeError, match="place"):
+        Request()  # type: ignore[call-arg]
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Request(place=Path()).count = 2  # type: ignore[misc]

@@ -1,4 +1,4 @@
-"""Fields of requests: what a command can be asked for.
+"""Fields of requests: what a command does for one call.
 
 A request is a frozen dataclass with keywords only. The command line makes an option of every field
 (``cli.options``), so that its name, type, default and help are written once.

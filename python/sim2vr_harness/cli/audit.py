@@ -31,7 +31,7 @@ _TWO_HANDED = "mobl_arms_bimanual"
 
 @dataclass(frozen=True, kw_only=True)
 class AuditRequest(GameConditions, Expected, ChangedEnvironment, PageOptions):
-    """Which targets to audit, and with whom."""
+    """The targets of an audit, and its persons."""
 
     game: str | None = option(
         "Targets of a game, found by running it.", metavar="NAME", names="games"

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class CompareRequest(ChangedEnvironment, TrustedApp, JsonOutput, AppOptions):
-    """Who is compared with whom, and what is played for it."""
+    """Users, recorded people, and what is played to compare them."""
 
     users: tuple[str, ...] = argument(
         "USER...",
@@ -43,7 +43,7 @@ class CompareRequest(ChangedEnvironment, TrustedApp, JsonOutput, AppOptions):
         "without training such as 'touch NAME'.",
         names="users",
     )
-    people: tuple[Path, ...] = option(
+    recordings: tuple[Path, ...] = option(
         "People's recorded rounds: packed with a manifest.json, or logs in a folder per person, or "
         "sessions of any app; may be repeated. Pointing needs none: figures are published.",
         (),
@@ -68,8 +68,8 @@ class CompareRequest(ChangedEnvironment, TrustedApp, JsonOutput, AppOptions):
         "Rounds per condition.", metavar="N", shown="6; beside sessions 2", least=1
     )
     seed: int = option("Seed of the first round.", 77, metavar="N")
-    persons: int | None = option(
-        "Let N persons play who differ, --episodes rounds each, as in evaluate --people.",
+    people: int | None = option(
+        "Let N people play who differ, --episodes rounds each, as in evaluate --people.",
         metavar="N",
     )
     out: Path = option(
@@ -87,10 +87,10 @@ def compare(request: CompareRequest) -> None:
     """Compare users with recorded people: measures, range, distance.
 
     Examples:
-        sim2vr-harness compare whacamole_people --people recordings
-        sim2vr-harness compare 'touch ball' --people round.jsonl --page game.html
+        sim2vr-harness compare whacamole_people --recordings recordings
+        sim2vr-harness compare 'touch ball' --recordings round.jsonl --page game.html
     """
-    remote, people, out = request.remote(), request.people, request.out
+    remote, people, out = request.remote(), request.recordings, request.out
     users, told = _told_names(request.users)
     shown = {"figures": request.figures, "every": request.every, "json": request.json}
     if remote or _are_sessions(people, request.game):
@@ -137,7 +137,7 @@ def _plays(request: CompareRequest, episodes: int, conditions: Sequence[str] | N
         overrides=request.set_,
         conditions=conditions,
         batch=request.batch,
-        persons=request.persons,
+        persons=request.people,
         trust_app=request.trust_app,
     )
 
@@ -169,7 +169,7 @@ def _beside_sessions(
     from sim2vr_harness.human_comparison.session_sources import SessionPlays, compare_sessions
 
     if not people:
-        raise InputError("--people", "none", "a session, or a folder of sessions")
+        raise InputError("--recordings", "none", "a session, or a folder of sessions")
     with Share("Comparing") as share:
         how = SessionPlays(plays, remote)
         report = compare_sessions(users, people, how, on_progress=share.show)
@@ -194,7 +194,7 @@ def _compared(
 
     behaviour = behaviour_of(game)
     if not people:
-        raise InputError("--people", "none", "a folder of people's recorded rounds")
+        raise InputError("--recordings", "none", "a folder of people's recorded rounds")
     sources: dict[str, list[Source]] = {}
     with Share("Comparing") as share:
         measured_people = read_people(people, behaviour, unconstrained=unconstrained)

@@ -12,7 +12,7 @@ import typer
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.requests import argument, option
 from sim2vr_harness.cli.command import CommandGroup
-from sim2vr_harness.cli.options import JsonOutput, TrustedApp, print_json
+from sim2vr_harness.cli.options import JsonOutput, TrainedPeople, TrustedApp, print_json
 
 if TYPE_CHECKING:
     from sim2vr_harness.runs.option_config import MotorTrainingConfig
@@ -29,11 +29,10 @@ class LayerRequest(TrustedApp):
         "Duration of a user step.", 0.05, name="--step", metavar="S", least=0.001, most=1.0
     )
     seed: int = option("Of what is drawn.", 1, least=0)
-    people: bool = option("Of a simulated population (docs/concepts/people.md).", False)
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainLayerRequest(LayerRequest):
+class TrainLayerRequest(LayerRequest, TrainedPeople):
     """What to train."""
 
     out: Path = option("The layer's file.", MISSING, metavar="FILE.pt", place="file to write")
@@ -53,6 +52,13 @@ class TrainLayerRequest(LayerRequest):
 @dataclass(frozen=True, kw_only=True)
 class MeasureLayerRequest(LayerRequest, JsonOutput):
     """What to measure."""
+
+    people: int | None = option(
+        "N persons of a simulated population, 12 unless set (docs/concepts/people.md).",
+        metavar="[N]",
+        least=1,
+        bare=12,
+    )
 
     layer: Path | None = option(
         "The layer.", metavar="FILE.pt", shown="the one that ships", place="file to read"
@@ -74,11 +80,12 @@ def train_layer(request: TrainLayerRequest) -> int:
     from sim2vr_harness.runs.config import apply_overrides, parse_config
     from sim2vr_harness.runs.trust import require_trusted_body
 
-    if request.people and request.begin is not None:
+    persons = request.people is not None
+    if persons and request.begin is not None:
         raise InputError("--begin", "it together with --people", "one of them")
     require_trusted_body(request.body, request.body, trust=request.trust_app)
     config = parse_config(apply_overrides({}, _changes(request.set_))).skills.motor_training
-    trainer: Any = _people_trainer(request, config) if request.people else _trainer(request, config)
+    trainer: Any = _people_trainer(request, config) if persons else _trainer(request, config)
     out = request.out
     begun = out.with_name(out.name + ".part")
     try:
@@ -87,9 +94,9 @@ def train_layer(request: TrainLayerRequest) -> int:
     except KeyboardInterrupt:
         typer.echo(f"Stopped after cycle {trainer.cycle}; the same command goes on.", err=True)
         return 130
-    if not request.people and config.strikes:
+    if not persons and config.strikes:
         known["following"] = True
-    policy = trainer.policy if request.people else trainer.task.policy
+    policy = trainer.policy if persons else trainer.task.policy
     save_motor_layer(out, policy, body=policy.body.name, **known)
     begun.unlink(missing_ok=True)
     typer.echo(f"Written: {out}")
@@ -117,7 +124,7 @@ def _people_trainer(request: TrainLayerRequest, given: MotorTrainingConfig) -> P
     set_here = {name: getattr(given, name) for name in given.model_fields_set}
     for name in set_here.keys() - {"cycles", "bodies"}:
         raise InputError(f"--set {name}", "it with --people", "cycles or bodies")
-    user = as_population(UserConfig(model=request.body))
+    user = as_population(UserConfig(model=request.body), request.count())
     return PeopleTrainer(PeopleTraining(**set_here), user, request.step_s, seed=request.seed)
 
 
@@ -165,7 +172,7 @@ def measure(request: MeasureLayerRequest) -> None:
     from sim2vr_harness.users.noise import MotorNoiseSettings
 
     require_trusted_body(request.body, request.body, trust=request.trust_app)
-    if request.people:
+    if request.people is not None:
         _measure_people(request)
         return
     body, file, out = load_body(request.body), request.layer, request.out
@@ -226,7 +233,9 @@ def _measure_people(request: MeasureLayerRequest) -> None:
     rows: list[str] = []
     for kind, measured in kinds.items():
         with Share(f"Measuring {kind}") as share:
-            measures = measured(policy, user, seed=request.seed, on_progress=share.show)
+            measures = measured(
+                policy, user, persons=request.people, seed=request.seed, on_progress=share.show
+            )
         found |= measures.summary()
         rows += measures.rows()
     if request.json:

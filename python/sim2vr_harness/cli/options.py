@@ -197,6 +197,10 @@ def with_options(function: Callable[[Any], Any]) -> Callable[..., Any]:
     return run
 
 
+EVERYONE = 2**31
+"""What ``--people`` means without a number where a population has no end: numbers have 31 bits."""
+
+
 # --- groups of options that several requests inherit ----------------------------------------------
 
 
@@ -236,6 +240,22 @@ class AnyUser:
         names="players",
         metavar="USER",
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainedPeople:
+    """``--people`` of trainings: so many persons, or a population without end."""
+
+    people: int | None = option(
+        "Users are a simulated population, or N persons of it (docs/concepts/people.md).",
+        metavar="[N]",
+        least=1,
+        bare=EVERYONE,
+    )
+
+    def count(self) -> int | None:
+        """Return how many persons there are; None: a population without end."""
+        return None if self.people == EVERYONE else self.people
 
 
 @dataclass(frozen=True, kw_only=True)

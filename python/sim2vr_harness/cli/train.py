@@ -14,7 +14,7 @@ from rich.console import Console
 from sim2vr_harness.base.requests import argument, option
 from sim2vr_harness.cli.app_options import AppOptions, as_overrides
 from sim2vr_harness.cli.errors import INTERRUPTED
-from sim2vr_harness.cli.options import TrustedApp, known_configs
+from sim2vr_harness.cli.options import TrainedPeople, TrustedApp, known_configs
 from sim2vr_harness.cli.progress import Share, say
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainRequest(TrustedApp, AppOptions):
+class TrainRequest(TrainedPeople, TrustedApp, AppOptions):
     """What to train, and where to."""
 
     config: str | None = argument(
@@ -40,7 +40,6 @@ class TrainRequest(TrustedApp, AppOptions):
         metavar="USER",
         names="users",
     )
-    people: bool = option("Users are a simulated population (docs/concepts/people.md).", False)
     timesteps: int | None = option(
         "Stop after this many user steps of the run's last stage.", shown="all of them"
     )
@@ -77,7 +76,7 @@ def train(request: TrainRequest) -> int:
         if (value := getattr(request, key)) is not None:
             overrides.append(f"{'env.' if key == 'cores' else ''}{key}={value}")
     overrides += as_overrides(remote)
-    resume, people = request.resume, request.people
+    resume, people = request.resume, request.people is not None
     if request.from_ is None and not resume:
         config, overrides = _configuration(config, remote, overrides, people=people)
     settings = _settings(config, request.from_, out if resume else None, overrides)
@@ -86,7 +85,7 @@ def train(request: TrainRequest) -> int:
     require_trust(settings.env, source, named=named_app(overrides), trust=request.trust_app)
     if not resume:
         settings = settings.model_copy(update={"env": with_task(settings.env)})
-    settings = _of_people(settings) if people else settings
+    settings = _of_people(settings, request.count()) if people else settings
     if not resume and (note := doing_nothing_pays(settings.env)):
         say(f"note: {note}")
     result = trainer.train(
@@ -115,12 +114,12 @@ def _check_together(request: TrainRequest) -> None:
     if request.from_ is not None and (request.config is not None or request.resume):
         other = "--resume" if request.config is None else "CONFIG"
         raise InputError("--from", f"it together with {other}", "one of them")
-    if request.people and (request.from_ is not None or request.resume):
+    if request.people is not None and (request.from_ is not None or request.resume):
         other = "--resume" if request.resume else "--from"
         raise InputError("--people", f"it together with {other}", "one of them")
 
 
-def _of_people(settings: TrainingConfig) -> TrainingConfig:
+def _of_people(settings: TrainingConfig, count: int | None = None) -> TrainingConfig:
     """Return the settings with users who are persons.
 
     Raises:
@@ -135,7 +134,7 @@ def _of_people(settings: TrainingConfig) -> TrainingConfig:
     env = settings.env
     known = {sense.sense for sense in env.senses}
     more = [SenseConfig(sense=name) for name in ("headset", "person") if name not in known]
-    update = {"user": as_population(env.user), "senses": (*env.senses, *more)}
+    update = {"user": as_population(env.user, count), "senses": (*env.senses, *more)}
     skills = settings.skills.model_copy(update={"user": "person"})
     changed = settings.model_copy(update={"env": env.model_copy(update=update), "skills": skills})
     return type(settings).model_validate(changed.model_dump())

@@ -65,7 +65,7 @@ class PackRequest(TrustedApp):
 
 @dataclass(frozen=True, kw_only=True)
 class ExportRequest(TrustedApp):
-    """Which body to write, of whom."""
+    """A body to write, and the person who has it."""
 
     name: str = argument("NAME", "A body's name, or a YAML file that describes one.")
     file: Path = argument("FILE", "MJCF file to write, such as body.xml.", place="file to write")

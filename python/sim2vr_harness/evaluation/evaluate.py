@@ -14,8 +14,9 @@ from typing import Any
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.progress import progress_of_part
 from sim2vr_harness.client import Condition, GameFacts
-from sim2vr_harness.envs.config import EnvConfig, UserConfig
+from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.envs.people_preset import with_people
 from sim2vr_harness.evaluation.conditions import (
     asked_conditions,
     chosen_conditions,
@@ -40,7 +41,7 @@ from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.scripted.baselines import doing_nothing_pays
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import TrainingConfig
-from sim2vr_harness.users import PeopleSettings, effort_weight
+from sim2vr_harness.users import effort_weight
 
 _LONGEST_NAME = 120
 """Of a folder, in characters."""
@@ -256,7 +257,7 @@ class _Plan:
             config, request.app, request.overrides, source=run, trust_app=request.trust_app
         )
         if request.people is not None:
-            env = with_people(env, request.people, seed)
+            env = with_people(env, request.people, seed, request.overrides)
         if request.cores is not None:
             env = env.model_copy(update={"cores": request.cores})
         require_contract(user, env)
@@ -361,19 +362,6 @@ def _logs_by_itself(env: EnvConfig) -> bool:
     """Whether the app is ours and started here, so that its logs cost no one an argument."""
     app = env.app
     return app.connect is None and app.executable is None and app.page is None
-
-
-def with_people(env: EnvConfig, people: int, seed: int) -> EnvConfig:
-    """The environment with so many people of this seed, as the training's differ or as usual.
-
-    Raises:
-        InputError: There is no one, or the configuration says what people differ in.
-    """
-    if people < 1:
-        raise InputError("--people", str(people), "at least 1")
-    chosen = (env.user.people or PeopleSettings()).model_dump() | {"seed": seed, "count": people}
-    user = UserConfig(**(env.user.model_dump() | {"people": chosen}))
-    return env.model_copy(update={"user": user})
 
 
 def name_of(user: TrainedUser) -> str:

@@ -88,7 +88,7 @@ def compare_sessions(
     Raises:
         InputError: there is no session, or a user cannot play the app.
     """
-    recorded = [each for path in people for each in _read(path, "--people")]
+    recorded = [each for path in people for each in _read(path, "--recordings")]
     recorded = [_with_condition(each, how.plays.conditions) for each in recorded]
     ready = {
         user: _read(Path(user), "USER")
@@ -134,7 +134,7 @@ def _with_condition(each: _Played, conditions: Sequence[str] | None) -> _Played:
         if not names:
             return each
         raise InputError(
-            "--people",
+            "--recordings",
             f"{each.source.name}, which does not say which condition of {app.name} was played",
             f"--condition NAME, one of {', '.join(names)}; or the condition in the recording: "
             f'"condition": "{names[0]}" beside the name of the app in its first line',

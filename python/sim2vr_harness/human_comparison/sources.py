@@ -107,15 +107,15 @@ def read_people(
     rounds: list[RoundMeasures] = []
     for folder in folders:
         if not folder.exists():
-            raise InputError("--people", repr(str(folder)), "a folder that exists")
-        found = _read(folder, "--people", unconstrained=unconstrained)
+            raise InputError("--recordings", repr(str(folder)), "a folder that exists")
+        found = _read(folder, "--recordings", unconstrained=unconstrained)
         rounds += _measured(found, behaviour, partial(_whose, root=folder), folder)
     persons = persons_of(rounds, behaviour)
     most = max(len(each) for each in persons.values())
     if most < 2:
         name = next(iter(persons.values()))[0].name
         expected = "at least two, for a range; with own logs a folder per person"
-        raise InputError("--people", f"one person ({name})", expected)
+        raise InputError("--recordings", f"one person ({name})", expected)
     return Source("people", persons)
 
 

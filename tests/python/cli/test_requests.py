@@ -55,26 +55,13 @@ def test_a_command_gets_its_request_with_the_defaults_of_its_fields() -> None:
 
 
 def test_every_kind_of_field_is_an_option() -> None:
-    words = [
-        "here",
-        "x",
-        "y",
-        "--from",
-        "Rome",
-        "--no-figures",
-        "--length-m",
-        "2",
-        "--count",
-        "9",
-        "--kind",
-        "b",
-        "--quiet",
-    ]
+    words = ("here", "x", "y", "--from", "Rome", "--no-figures", "--length-m", "2")
+    more = ("--count", "9", "--kind", "b", "--quiet", "--tag", "3", "--tag", "1")
     expected = Request(
         place=Path("here"), names=("x", "y"), from_="Rome", figures=False, length_m=2.0,
         count=9, kind="b", tag=(3, 1), quiet=True,
     )  # fmt: skip
-    assert run(*words, "--tag", "3", "--tag", "1") == expected
+    assert run(*words, *more) == expected
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import AppScene, DevicePoses, InProcessApp
 from sim2vr_harness.client.frames import position_to_app
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.evaluation.evaluate import with_people
+from sim2vr_harness.envs.people_preset import with_people
 from sim2vr_harness.tools.reach import files, measuring, page
 from sim2vr_harness.tools.reach.extent import Reach
 from sim2vr_harness.tools.reach.measuring import Measured, chosen_point, measure

@@ -149,5 +149,5 @@ def _published() -> Iterator[RenderableType]:
     if not any(study.throughput_bps for study in STUDIES):
         yield Text(
             "Published throughput of people with a VR controller: none could be looked up "
-            "(docs/research/games.md); --people takes recordings of your own."
+            "(docs/research/games.md); --recordings takes recordings of your own."
         )

@@ -210,9 +210,10 @@ def read_aimed_people(folders: Sequence[Path]) -> AimedUser | None:
     persons = []
     for folder in folders:
         if not folder.is_dir():
-            raise InputError("--people", repr(str(folder)), "a folder with one per person")
+            raise InputError("--recordings", repr(str(folder)), "a folder with one per person")
         own = sorted(each for each in folder.iterdir() if each.is_dir())
         if not own:
-            raise InputError("--people", f"{str(folder)!r}, which has none", "a folder per person")
+            got = f"{str(folder)!r}, which has none"
+            raise InputError("--recordings", got, "a folder per person")
         persons += [measure_user(rounds_below(each), each.name) for each in own]
     return AimedUser("people", tuple(persons)) if persons else None

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.envs.config import EnvConfig, SenseConfig, UserConfig, body_of, people_of
-from sim2vr_harness.evaluation.evaluate import with_people
+from sim2vr_harness.envs.people_preset import with_people
 from sim2vr_harness.tools.reach.extent import Reach
 from sim2vr_harness.tools.reach.targets import Target, in_mujoco
 from sim2vr_harness.users.kinematics.forward import Linkage, Point

@@ -234,7 +234,7 @@ def test_the_command_puts_users_beside_people(tmp_path: Path) -> None:
     results = {"mid": {"game": "pointing", "rounds": rows}}
     (tmp_path / "user" / "results.json").write_text(json.dumps(results))
     out = tmp_path / "out"
-    where = ["--people", str(tmp_path / "people"), "--out", str(out), "--every"]
+    where = ["--recordings", str(tmp_path / "people"), "--out", str(out), "--every"]
     result = CliRunner().invoke(app, ["compare", str(tmp_path / "user"), *where])
     assert result.exit_code == 0, result.output
     assert "user: 2 persons, 4 rounds;" in " ".join(result.output.split())

@@ -55,52 +55,31 @@ def known_players(incomplete: str) -> list[str]:
     return [*baselines, *known_users(incomplete)]
 
 
-def finite(parameter: typer.CallbackParam, value: float | None) -> float | None:
-    """Callback of an option that takes a number.
+def _checks(place: str | None) -> Callable[[typer.CallbackParam, Any], Any]:
+    """Return the check of an option: numbers are finite, and its place can be read or written.
 
-    Raises:
-        InputError: It is NaN or infinite.
+    What is written need not exist yet. An error names the folder that is in the way.
     """
-    if value is not None and not math.isfinite(value):
-        raise InputError(_name(parameter), f"{value:g}", "a finite number")
-    return value
 
+    def check(parameter: typer.CallbackParam, value: Any) -> Any:
+        options = [name for name in parameter.opts if name.startswith("--")]
+        name = options[0] if options else str(parameter.name).upper()
+        got = repr(str(value))
+        if isinstance(value, float) and not math.isfinite(value):
+            raise InputError(name, f"{value:g}", "a finite number")
+        if place is None or value is None:
+            return value
+        if place == "file to read" and not value.is_file():
+            raise InputError(name, f"{got}, which is no file", "a file to read")
+        if place == "file to write" and value.is_dir():
+            raise InputError(name, f"{got}, which is a folder", "a file")
+        if place == "file to write" and value.is_symlink() and not value.exists():
+            raise InputError(name, f"{got}, a link to nothing", "a file")
+        if place != "file to read":
+            _check(name, value, value.absolute().parent if place == "file to write" else value)
+        return value
 
-def writable_folder(parameter: typer.CallbackParam, value: Path | None) -> Path | None:
-    """Callback of an option that names a folder to write to; it need not exist.
-
-    Raises:
-        InputError: It cannot be made, or written to; names the folder that is in the way.
-    """
-    if value is not None:
-        _check(_name(parameter), value, value)
-    return value
-
-
-def writable_file(parameter: typer.CallbackParam, value: Path | None) -> Path | None:
-    """Callback of an option that names a file to write; its folder need not exist.
-
-    Raises:
-        InputError: It is a folder, or cannot be written; names the folder that is in the way.
-    """
-    if value is not None:
-        if value.is_dir():
-            raise InputError(_name(parameter), f"{str(value)!r}, which is a folder", "a file")
-        if value.is_symlink() and not value.exists():
-            raise InputError(_name(parameter), f"{str(value)!r}, a link to nothing", "a file")
-        _check(_name(parameter), value, value.absolute().parent)
-    return value
-
-
-def readable_file(parameter: typer.CallbackParam, value: Path | None) -> Path | None:
-    """Callback of an option that names a file to read.
-
-    Raises:
-        InputError: there is no such file.
-    """
-    if value is not None and not value.is_file():
-        raise InputError(_name(parameter), f"{str(value)!r}, which is no file", "a file to read")
-    return value
+    return check
 
 
 def _check(option: str, given: Path, folder: Path) -> None:
@@ -122,17 +101,7 @@ def _check(option: str, given: Path, folder: Path) -> None:
         raise InputError(option, f"{got}, {problem}", "a writable place") from error
 
 
-def _name(parameter: Any) -> str:
-    options = [name for name in parameter.opts if name.startswith("--")]
-    return options[0] if options else str(parameter.name).upper()
-
-
-_PLACES: dict[str, Any] = {
-    "folder to write": writable_folder,
-    "file to write": writable_file,
-    "file to read": readable_file,
-}
-_COMPLETIONS: dict[str, Any] = {
+_COMPLETIONS: dict[str | None, Any] = {
     "games": known_games,
     "users": known_users,
     "configs": known_configs,
@@ -144,27 +113,30 @@ def _of_a_field(name: str, field: Field[Any], type_: Any) -> inspect.Parameter:
     """Return the parameter, as Typer reads it, that a field of a request is."""
     about = field.metadata
     default = inspect.Parameter.empty if field.default is MISSING else field.default
-    inner = {part for part in (type_, *get_args(type_)) if part in (float, Path, int)}
     if get_origin(type_) is tuple:
         type_ = list[get_args(type_)[0]]  # type: ignore[misc]
         default = default or None
-    settings = {"help": about["help"], "metavar": about.get("metavar")}
-    settings |= {"min": about.get("least"), "max": about.get("most")}
-    if shown := about.get("shown"):
-        settings["show_default"] = shown
-    if names := about.get("names"):
-        settings["autocompletion"] = _COMPLETIONS[names]
-    if check := _PLACES.get(about.get("place", "")) or (finite if float in inner else None):
-        settings["callback"] = check
+    settings: dict[str, Any] = {
+        "help": about["help"],
+        "metavar": about.get("metavar"),
+        "min": about.get("least"),
+        "max": about.get("most"),
+        "show_default": about.get("shown", True),
+        "autocompletion": _COMPLETIONS.get(about.get("names")),
+        "callback": _checks(about.get("place")),
+    }
     if about.get("at"):
         declared: Any = typer.Argument(**settings)
     else:
         word = name.strip("_").replace("_", "-")
         both = f"--{word}/--no-{word}" if type_ is bool and default else f"--{word}"
         declared = typer.Option(about.get("name", both), **settings)
-    kind = inspect.Parameter.KEYWORD_ONLY
-    annotation = Annotated[type_, declared]
-    return inspect.Parameter(name, kind, default=default, annotation=annotation)
+    return inspect.Parameter(
+        name,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=default,
+        annotation=Annotated[type_, declared],
+    )
 
 
 def with_options(function: Callable[[Any], Any]) -> Callable[..., Any]:
@@ -178,7 +150,6 @@ def with_options(function: Callable[[Any], Any]) -> Callable[..., Any]:
     fields = {each.name: each for each in dataclasses.fields(request)}
     own_first = [n for each in request.__mro__ for n in inspect.get_annotations(each)]
     arguments = [name for name, each in fields.items() if "at" in each.metadata]
-    names = dict.fromkeys([*arguments, *own_first])
     repeated = {name for name in fields if get_origin(types[name]) is tuple}
 
     @functools.wraps(function)
@@ -186,7 +157,10 @@ def with_options(function: Callable[[Any], Any]) -> Callable[..., Any]:
         given |= {name: tuple(given[name] or ()) for name in repeated}
         return function(request(**given))
 
-    parameters = [_of_a_field(name, fields[name], types[name]) for name in names]
+    parameters = [
+        _of_a_field(name, fields[name], types[name])
+        for name in dict.fromkeys([*arguments, *own_first])
+    ]
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {each.name: each.annotation for each in parameters}
     run.bare = {  # type: ignore[attr-defined]

@@ -10,6 +10,8 @@ from typing import Any, Literal
 import pytest
 import typer.main
 
+from python.cli.calls import call
+from python.cli.test_help import shown_commands
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.requests import argument, option
 from sim2vr_harness.cli.command import CommandGroup
@@ -108,3 +110,18 @@ def test_requests_are_frozen_and_need_what_has_no_default() -> None:
         Request()  # type: ignore[call-arg]
     with pytest.raises(dataclasses.FrozenInstanceError):
         Request(place=Path()).count = 2  # type: ignore[misc]
+
+
+def test_every_place_to_write_is_tried_first(capsys: Any) -> None:
+    """Whatever else is given to the command; what is read by these names is not written."""
+    tried = 0
+    for words, command in shown_commands():
+        for each in command.params:
+            name = each.opts[0]
+            if name in ("--out", "--log", "--video", "--junit") and not each.is_flag:
+                status, out, err = call(capsys, *words.split(), name, "/proc/x.mp4", "x", "x")
+                if words != "reach" or name != "--log":
+                    problem = f"{name}: got '/proc/x.mp4', but nothing can be written in /proc"
+                    assert (status, out) == (2, "") and problem in err, words
+                    tried += 1
+    assert tried >= 20

@@ -93,6 +93,7 @@ def test_a_game_lists_measures_and_options(capsys: Any) -> None:
     assert ["round_seconds", "number", "20.0", "1", "to", "600"] in rows
     assert any(row[:5] == ["Distance", "to", "the", "ball", "distance_m"] for row in rows)
     whacamole = json.loads(call(capsys, "games", "whacamole", "--json")[1])[0]
+    assert whacamole["score"] == "hit_rate"
     options = {option["name"]: option for option in whacamole["options"]}
     assert options["hand"]["choices"] == ["right", "left"]
     assert options["adaptive"]["type"] == "bool"
@@ -106,8 +107,7 @@ def test_commands_that_play_take_an_app_a_user_and_changes() -> None:
     for words in ("train", "evaluate", "watch", "render snapshot", "replay", "compare", "audit"):
         assert {"--page", "--map", "--task", "--browser", "--openxr"} <= options[words], words
         assert "--set" in options[words] or words == "replay"
-    for words in ("evaluate", "watch", "render snapshot"):
-        assert "--user" in options[words]
+    assert all("--user" in options[words] for words in ("evaluate", "watch", "render snapshot"))
 
 
 def test_all_help_fits_80_columns(capsys: Any) -> None:

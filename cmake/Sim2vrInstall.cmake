@@ -25,6 +25,35 @@ add_custom_target(sim2vr_installed DEPENDS
 install(DIRECTORY shaders configs DESTINATION ${sim2vr_share_dir})
 install(FILES packages.txt THIRD_PARTY_LICENSES.md DESTINATION ${sim2vr_share_dir})
 
+# A CMake package for games outside the repository (docs/guide/own_game.md), in the virtual
+# environment: find_package finds the one that is active.
+if(SKBUILD)
+  set(sim2vr_prefix "${SKBUILD_DATA_DIR}/")
+endif()
+foreach(module ${SIM2VR_GAME_MODULES})
+  install(DIRECTORY app_runtime/${module}/include/sim2vr DESTINATION ${sim2vr_prefix}include
+    COMPONENT development)
+  file(GLOB_RECURSE headers "${PROJECT_SOURCE_DIR}/app_runtime/${module}/include/*.hpp")
+  list(APPEND sim2vr_headers ${headers})
+endforeach()
+set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${sim2vr_headers})
+set(digests "")
+foreach(header ${sim2vr_headers})
+  file(SHA256 "${header}" digest)
+  string(APPEND digests ${digest})
+endforeach()
+string(SHA256 digest "${digests}")
+string(SUBSTRING ${digest} 0 12 digest)
+file(CONFIGURE OUTPUT "${PROJECT_BINARY_DIR}/include/sim2vr/games/build.hpp"
+  CONTENT "#pragma once\n\n#define SIM2VR_BUILD \"sim2vr ${PROJECT_VERSION}, headers ${digest}\"\n")
+install(FILES "${PROJECT_BINARY_DIR}/include/sim2vr/games/build.hpp"
+  DESTINATION ${sim2vr_prefix}include/sim2vr/games COMPONENT development)
+include(CMakePackageConfigHelpers)
+write_basic_package_version_file("${PROJECT_BINARY_DIR}/sim2vr-config-version.cmake"
+  COMPATIBILITY ExactVersion)
+install(FILES cmake/sim2vr-config.cmake "${PROJECT_BINARY_DIR}/sim2vr-config-version.cmake"
+  DESTINATION ${sim2vr_prefix}lib/cmake/sim2vr COMPONENT development)
+
 if(TARGET _app_runtime)
   add_dependencies(sim2vr_installed _app_runtime)
   if(SIM2VR_INPLACE)

@@ -1,5 +1,5 @@
-# One library per app_runtime folder. Each room exports only its own include
-# directory (app_runtime/<room>/include), so the link line of a room is the
+# One library per app_runtime folder. Each module exports only its own include
+# directory (app_runtime/<module>/include), so the link line of a module is the
 # complete list of what it may include.
 
 add_library(sim2vr_options INTERFACE)
@@ -23,6 +23,21 @@ function(sim2vr_library name)
   target_include_directories(sim2vr_${name} PUBLIC "${CMAKE_CURRENT_SOURCE_DIR}/include")
   target_link_libraries(sim2vr_${name} PUBLIC ${ARG_DEPENDS}
                         PRIVATE sim2vr_options ${ARG_PRIVATE_DEPENDS})
+endfunction()
+
+# What a game is made of (cmake/Sim2vrInstall.cmake installs these modules' headers).
+set(SIM2VR_GAME_MODULES core scene xr physics render rl games)
+
+# sim2vr_serves_games(<target>): the target has every function of these modules, used by itself or
+# not, and shows them to the libraries of games that it opens.
+function(sim2vr_serves_games target)
+  set(archives "")
+  foreach(module ${SIM2VR_GAME_MODULES})
+    target_link_libraries(${target} PRIVATE sim2vr_${module})
+    string(APPEND archives ",$<TARGET_FILE:sim2vr_${module}>")
+  endforeach()
+  target_link_options(${target} PRIVATE "LINKER:--whole-archive${archives},--no-whole-archive")
+  set_target_properties(${target} PROPERTIES ENABLE_EXPORTS ON)
 endfunction()
 
 # sim2vr_test(<name> SOURCES <files...> DEPENDS <targets...>): one GoogleTest executable.

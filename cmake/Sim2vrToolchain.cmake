@@ -29,6 +29,6 @@ if(SIM2VR_FUZZ)
     message(FATAL_ERROR "SIM2VR_FUZZ needs clang (apt-get install clang libclang-rt-14-dev); the "
                         "compiler is ${CMAKE_CXX_COMPILER_ID}")
   endif()
-  # Coverage in every room; the programs themselves link libFuzzer (tests/fuzz).
+  # Coverage in every module; the programs themselves link libFuzzer (tests/fuzz).
   add_compile_options(-fsanitize=fuzzer-no-link -fno-sanitize-recover=all)
 endif()

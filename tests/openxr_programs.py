@@ -31,8 +31,10 @@ import json, mmap, os, socket, struct, sys, time
 
 sock = socket.socket(fileno=int(os.environ["SIM2VR_OPENXR_SOCKET"]))
 
-def send(kind, body=b""):
-    sock.sendall(struct.pack("<IB", len(body) + 1, kind) + body)
+def send(kind, body=b"", files=()):
+    message = struct.pack("<IB", len(body) + 1, kind) + body
+    sent = socket.send_fds(sock, [message], files) if files else 0
+    sock.sendall(message[sent:])
 
 def take(count):
     got = b""
@@ -47,11 +49,11 @@ def receive():
     length, kind = struct.unpack("<IB", take(5))
     return kind, take(length - 1)
 
-def say(kind, **what):
-    send(kind, json.dumps(what).encode())
+def say(kind, files=(), **what):
+    send(kind, json.dumps(what).encode(), files)
 
 def hello():
-    say(1, protocol=1, runtime_version="0", application="fake", application_version=1, engine="",
+    say(1, protocol=2, runtime_version="0", application="fake", application_version=1, engine="",
         engine_version=0, api_version="1.1.49", extensions=[], pid=os.getpid())
     kind, body = receive()
     assert kind == 2, kind
@@ -61,14 +63,14 @@ def session(config, graphics="egl", depth=True):
     size = config["eyes"] * config["height"] * config["width"] * 4
     file = os.memfd_create("sim2vr-fake")
     os.ftruncate(file, size)
-    path = f"/proc/{os.getpid()}/fd/{file}"
-    say(3, graphics=graphics, depth_layers=depth, image_memory=path, image_link=os.readlink(path),
-        image_bytes=size // config["eyes"])
+    memory = mmap.mmap(file, size)
+    say(3, [file], graphics=graphics, depth_layers=depth, image_bytes=size)
+    os.close(file)  # the harness has it from the socket
     kind, body = receive()
     if kind == 9:
         sys.exit(3)
     assert kind == 4, kind
-    return mmap.mmap(file, size)
+    return memory
 
 FRAME = struct.Struct("<q7dBB7d7d13d13d")
 

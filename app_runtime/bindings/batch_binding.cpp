@@ -1,9 +1,9 @@
 #include "batch_binding.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
-
 #include <array>
 #include <limits>
 #include <map>
@@ -14,15 +14,134 @@
 #include <tuple>
 #include <vector>
 
-#include "device_rows.hpp"
-#include "shown_binding.hpp"
 #include "sim2vr/core/errors.hpp"
+#include "sim2vr/render/shown.hpp"
 #include "sim2vr/runtime/app_batch.hpp"
+#include "sim2vr/xr/pose_row.hpp"
 
 namespace py = pybind11;
 
 namespace sim2vr::bindings {
 namespace {
+
+/// Paths, objects, layers, meshes, poses, scales, colours, unlit; a row of each per render::Shown.
+using ShownColumns =
+    std::tuple<std::vector<std::string>, pybind11::array_t<std::uint64_t>, pybind11::array_t<int>,
+               pybind11::array_t<int>, pybind11::array_t<double>, pybind11::array_t<double>,
+               pybind11::array_t<float>, pybind11::array_t<bool>>;
+
+/// Name, vertices, triangles.
+using MeshArrays =
+    std::tuple<std::string, pybind11::array_t<float>, pybind11::array_t<std::uint32_t>>;
+
+ShownColumns shownColumns(const std::vector<render::Shown>& all) {
+  const auto count = static_cast<py::ssize_t>(all.size());
+  py::array_t<std::uint64_t> objects(count);
+  py::array_t<int> layers(count);
+  py::array_t<int> meshes(count);
+  py::array_t<double> poses({count, py::ssize_t{7}});
+  py::array_t<double> scales({count, py::ssize_t{3}});
+  py::array_t<float> colors({count, py::ssize_t{4}});
+  py::array_t<bool> unlit(count);
+  std::vector<std::string> paths;
+  for (py::ssize_t i = 0; i < count; ++i) {
+    const render::Shown& each = all[static_cast<std::size_t>(i)];
+    paths.push_back(each.path);
+    objects.mutable_at(i) = each.object;
+    layers.mutable_at(i) = each.layer;
+    meshes.mutable_at(i) = each.mesh;
+    unlit.mutable_at(i) = each.unlit;
+    for (int axis = 0; axis < 3; ++axis) {
+      poses.mutable_at(i, axis) = each.pose.position[axis];
+      scales.mutable_at(i, axis) = each.scale[axis];
+    }
+    const std::array<float, 4> rgba{each.color.r, each.color.g, each.color.b, each.color.a};
+    for (int k = 0; k < 4; ++k) {
+      poses.mutable_at(i, 3 + k) = each.pose.rotation.coeffs()[k];
+      colors.mutable_at(i, k) = rgba.at(static_cast<std::size_t>(k));
+    }
+  }
+  return {paths, objects, layers, meshes, poses, scales, colors, unlit};
+}
+
+MeshArrays meshArrays(const render::Mesh& mesh) {
+  const auto corners = static_cast<py::ssize_t>(mesh.vertices.size());
+  py::array_t<float> vertices({corners, py::ssize_t{3}});
+  for (py::ssize_t i = 0; i < corners; ++i) {
+    const Eigen::Vector3f& at = mesh.vertices[static_cast<std::size_t>(i)].position;
+    for (int axis = 0; axis < 3; ++axis) vertices.mutable_at(i, axis) = at[axis];
+  }
+  const py::array_t<std::uint32_t> triangles(
+      {static_cast<py::ssize_t>(mesh.triangleCount()), py::ssize_t{3}}, mesh.indices.data());
+  return {mesh.name, vertices, triangles};
+}
+
+template <class T>
+using Array = pybind11::array_t<T, pybind11::array::c_style | pybind11::array::forcecast>;
+using Rows = Array<double>;
+using OptionalRows = std::optional<Rows>;
+using Shape = std::vector<pybind11::ssize_t>;
+
+template <class T>
+void checkShape(const char* name, const Array<T>& array, const Shape& shape) {
+  const Shape got(array.shape(), array.shape() + array.ndim());
+  if (got == shape) return;
+  throw InvalidArgument(name, fmt::format("shape ({})", fmt::join(got, ", ")),
+                        fmt::format("shape ({})", fmt::join(shape, ", ")));
+}
+
+/// Arrays of one shape with a row's numbers behind it; a device that is not tracked and inputs at
+/// rest are missing. They must outlive this object.
+class DeviceRows {
+ public:
+  struct Arrays {
+    const Rows& head;
+    const OptionalRows& left;
+    const OptionalRows& right;
+    const OptionalRows& left_inputs;
+    const OptionalRows& right_inputs;
+  };
+
+  DeviceRows(const Arrays& arrays, const Shape& shape)
+      : head_(checked("head", arrays.head, shape, xr::kPoseRowNumbers)),
+        left_(checked("left_controller", arrays.left, shape, xr::kPoseRowNumbers)),
+        right_(checked("right_controller", arrays.right, shape, xr::kPoseRowNumbers)),
+        left_inputs_(checked("left_inputs", arrays.left_inputs, shape, xr::kInputRowNumbers)),
+        right_inputs_(checked("right_inputs", arrays.right_inputs, shape, xr::kInputRowNumbers)) {}
+
+  /// Row i, whatever the shape in front. Throws as xr::inputsFromRow.
+  xr::DeviceState operator[](pybind11::ssize_t i) const {
+    const auto row = [i](const double* rows, int numbers) {
+      return rows == nullptr ? nullptr : rows + i * numbers;
+    };
+    std::array<xr::ControllerState, 2> inputs;
+    if (left_ != nullptr) {
+      inputs[0] = xr::inputsFromRow(xr::Hand::left, row(left_inputs_, xr::kInputRowNumbers));
+    }
+    if (right_ != nullptr) {
+      inputs[1] = xr::inputsFromRow(xr::Hand::right, row(right_inputs_, xr::kInputRowNumbers));
+    }
+    return xr::devicesFromRows(row(head_, xr::kPoseRowNumbers), row(left_, xr::kPoseRowNumbers),
+                               row(right_, xr::kPoseRowNumbers), inputs);
+  }
+
+ private:
+  static const double* checked(const char* name, const Rows& rows, Shape shape, int numbers) {
+    shape.push_back(numbers);
+    checkShape(name, rows, shape);
+    return rows.data();
+  }
+  static const double* checked(const char* name, const OptionalRows& rows, const Shape& shape,
+                               int numbers) {
+    return rows ? checked(name, *rows, shape, numbers) : nullptr;
+  }
+
+  const double* head_;
+  const double* left_;
+  const double* right_;
+  const double* left_inputs_;
+  const double* right_inputs_;
+};
 
 /// Hand, amplitude, frequency in Hz, duration in ns.
 using Pulse = std::tuple<std::string, float, float, std::int64_t>;

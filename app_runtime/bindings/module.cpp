@@ -2,19 +2,21 @@
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
 
 #include <exception>
 #include <filesystem>
+#include <map>
 #include <string>
 #include <utility>
 
 #include "batch_binding.hpp"
-#include "games_binding.hpp"
 #include "sim2vr/core/clock.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/log.hpp"
 #include "sim2vr/core/text.hpp"
 #include "sim2vr/core/version.hpp"
+#include "sim2vr/games/registry.hpp"
 #include "sim2vr/render/renderer.hpp"
 #include "sim2vr/runtime/lockstep_app.hpp"
 
@@ -25,6 +27,12 @@ namespace {
 std::string glRenderer(const std::string& kind) {
   return sim2vr::render::Renderer::create(sim2vr::render::rendererKindFromName(kind))
       ->description();
+}
+
+std::map<std::string, std::string> listGames() {
+  std::map<std::string, std::string> found;
+  for (const auto& entry : sim2vr::games::registry()) found[entry.name] = entry.description;
+  return found;
 }
 
 /// Makes Python's class of a C++ error. Messages name files, whose names are bytes of any kind:
@@ -66,6 +74,24 @@ PYBIND11_MODULE(_app_runtime, module) {
   module.def(
       "set_log_level", [](const std::string& level) { sim2vr::setLogLevel(level); },
       py::arg("level"), "'trace', 'debug', 'info', 'warning' (default), 'error' or 'off'.");
-  sim2vr::bindings::bindGames(module);
+  module.def("list_games", &listGames, "Names of the games with their descriptions.");
+  module.def(
+      "load_game_library",
+      [](const std::filesystem::path& file) { return sim2vr::games::loadGameLibrary(file); },
+      py::arg("file"),
+      "Opens a shared library and adds its games; returns their names. Opening runs its code.");
+  module.def(
+      "game_facts", [](const std::string& name) { return sim2vr::games::gameFactsJson(name); },
+      py::arg("name"), "What a game publishes, as a JSON object: measures, conditions.");
+  module.def(
+      "game_options", [](const std::string& name) { return sim2vr::games::gameOptionsJson(name); },
+      py::arg("name"), "A game's options as a JSON array: name, type, default, range.");
+  module.def(
+      "game_timeline",
+      [](const std::string& name, const std::string& options, std::uint32_t seed) {
+        return sim2vr::games::gameTimelineJson(name, options, seed);
+      },
+      py::arg("name"), py::arg("options"), py::arg("seed"),
+      "What comes when in a round of these options (a JSON object), as a JSON object.");
   sim2vr::bindings::bindAppBatch(module);
 }

@@ -81,7 +81,7 @@ std::string oneOf(std::span<const std::string> choices, std::string_view got) {
 }
 
 std::string listChoices(std::span<const std::string> choices) {
-  // A sentence that nobody reads to its end helps nobody.
+  // A long list hides what was wrong.
   constexpr std::size_t kMost = 12;
   constexpr std::size_t kSome = 4;
   const bool all = choices.size() <= kMost;

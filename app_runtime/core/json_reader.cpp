@@ -116,7 +116,7 @@ std::int64_t JsonFields::integer(const char* name, std::int64_t fallback, std::i
     outOfRange();
   }
   if (value->is_number_float()) {
-    // 20.0 is a whole number; beyond 2^53 not every one can be told.
+    // 20.0 is a whole number; beyond 2^53 not every one can be represented.
     const auto real = value->get<double>();
     if (!(std::abs(real) <= 9007199254740992.0) || std::trunc(real) != real) outOfRange();
   }

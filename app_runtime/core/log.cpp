@@ -45,7 +45,7 @@ void setLogLevel(std::string_view level) {
 
 void setLogFile(const std::filesystem::path& path) {
   std::error_code problem;
-  // Opening a pipe waits for whoever reads it.
+  // Opening a pipe waits for its reader.
   if (std::filesystem::is_fifo(path, problem)) {
     throw InvalidArgument("log file", "'" + path.string() + "' (a pipe)", "a file");
   }

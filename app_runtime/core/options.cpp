@@ -1,6 +1,7 @@
 #include "sim2vr/core/options.hpp"
 
 #include <algorithm>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -23,36 +24,55 @@ double numberInRange(const std::string& field, const Json& value, double minimum
   return value.get<double>();
 }
 
-std::string description(const std::string& name, const char* type, Json fallback,
-                        const Json& more = Json::object()) {
-  Json made = {{"name", name}, {"type", type}, {"default", std::move(fallback)}};
-  made.update(more);
-  return made.dump();
-}
-
 Json rangeOf(double minimum, double maximum) {
   return {{"minimum", minimum}, {"maximum", maximum}};
 }
 
 }  // namespace
 
-Options Options::fromJson(std::string_view json) {
-  const Json parsed = Json::parse(json, nullptr, /*allow_exceptions=*/false);
-  if (!parsed.is_object()) {
-    throw InvalidArgument("options", "'" + std::string(json.substr(0, 80)) + "'", "a JSON object");
-  }
-  Options options;
-  options.json_text_ = parsed.dump();
-  return options;
+nlohmann::json jsonObject(std::string_view field, std::string_view text) {
+  Json parsed = Json::parse(text, nullptr, /*allow_exceptions=*/false);
+  if (parsed.is_object()) return parsed;
+  throw InvalidArgument(std::string(field), "'" + std::string(text.substr(0, 80)) + "'",
+                        "a JSON object");
 }
 
-bool Options::has(const std::string& name) const { return Json::parse(json_text_).contains(name); }
+std::string mergedOptions(std::string_view current, std::string_view changes) {
+  Json merged = jsonObject("options", current);
+  merged.update(jsonObject("options", changes));
+  return merged.dump();
+}
+
+struct Options::Content {
+  Json values = Json::object();
+  /// Name -> what describe() says of it.
+  Json read = Json::object();
+};
+
+Options::Options(Json values) : content_(std::make_unique<Content>()) {
+  content_->values = std::move(values);
+}
+Options::Options() : Options(Json::object()) {}
+Options::~Options() = default;
+
+Options Options::fromJson(std::string_view json) { return Options(jsonObject("options", json)); }
+
+const Json* Options::find(const std::string& name, const char* type, const Json& fallback,
+                          const Json& more) {
+  Json& described = content_->read[name];
+  described = {{"name", name}, {"type", type}, {"default", fallback}};
+  described.update(more);
+  const auto found = content_->values.find(name);
+  return found == content_->values.end() ? nullptr : &*found;
+}
+
+bool Options::has(const std::string& name) const { return content_->values.contains(name); }
+
+bool Options::wasRead(const std::string& name) const { return content_->read.contains(name); }
 
 std::string Options::getString(const std::string& name, std::string_view fallback) {
-  read_[name] = description(name, "text", fallback);
-  const Json values = Json::parse(json_text_);
-  const auto found = values.find(name);
-  if (found == values.end()) return std::string(fallback);
+  const Json* found = find(name, "text", fallback, Json::object());
+  if (found == nullptr) return std::string(fallback);
   if (!found->is_string()) throw InvalidArgument(optionField(name), found->dump(), "a string");
   return found->get<std::string>();
 }
@@ -60,19 +80,17 @@ std::string Options::getString(const std::string& name, std::string_view fallbac
 std::string Options::getChoice(const std::string& name, std::string_view fallback,
                                std::span<const std::string> choices) {
   const std::string value = getString(name, fallback);
-  const std::vector<std::string> known(choices.begin(), choices.end());
-  read_[name] = description(name, "choice", fallback, {{"choices", known}});
-  if (std::find(choices.begin(), choices.end(), value) == choices.end()) {
+  find(name, "choice", fallback,
+       {{"choices", std::vector<std::string>(choices.begin(), choices.end())}});
+  if (std::ranges::find(choices, value) == choices.end()) {
     throw InvalidArgument(optionField(name), "'" + value + "'", oneOf(choices, value));
   }
   return value;
 }
 
 bool Options::getBool(const std::string& name, bool fallback) {
-  read_[name] = description(name, "bool", fallback);
-  const Json values = Json::parse(json_text_);
-  const auto found = values.find(name);
-  if (found == values.end()) return fallback;
+  const Json* found = find(name, "bool", fallback, Json::object());
+  if (found == nullptr) return fallback;
   if (!found->is_boolean())
     throw InvalidArgument(optionField(name), found->dump(), "true or false");
   return found->get<bool>();
@@ -80,18 +98,14 @@ bool Options::getBool(const std::string& name, bool fallback) {
 
 double Options::getNumber(const std::string& name, double fallback, double minimum,
                           double maximum) {
-  read_[name] = description(name, "number", fallback, rangeOf(minimum, maximum));
-  const Json values = Json::parse(json_text_);
-  const auto found = values.find(name);
-  if (found == values.end()) return fallback;
-  return numberInRange(optionField(name), *found, minimum, maximum);
+  const Json* found = find(name, "number", fallback, rangeOf(minimum, maximum));
+  return found == nullptr ? fallback
+                          : numberInRange(optionField(name), *found, minimum, maximum);
 }
 
 std::vector<double> Options::getNumbers(const std::string& name, double minimum, double maximum) {
-  read_[name] = description(name, "numbers", Json::array(), rangeOf(minimum, maximum));
-  const Json values = Json::parse(json_text_);
-  const auto found = values.find(name);
-  if (found == values.end()) return {};
+  const Json* found = find(name, "numbers", Json::array(), rangeOf(minimum, maximum));
+  if (found == nullptr) return {};
   if (!found->is_array()) {
     throw InvalidArgument(optionField(name), found->dump(), "a list of numbers");
   }
@@ -105,16 +119,15 @@ std::vector<double> Options::getNumbers(const std::string& name, double minimum,
 
 std::string Options::describe() const {
   Json options = Json::array();
-  for (const auto& option : read_) options.push_back(Json::parse(option.second));
+  for (const Json& option : content_->read) options.push_back(option);
   return options.dump();
 }
 
 void Options::expectAllRead() const {
-  const Json values = Json::parse(json_text_);
-  for (const auto& item : values.items()) {
-    if (read_.contains(item.key())) continue;
+  for (const auto& item : content_->values.items()) {
+    if (wasRead(item.key())) continue;
     std::vector<std::string> known;
-    for (const auto& option : read_) known.push_back(option.first);
+    for (const auto& option : content_->read.items()) known.push_back(option.key());
     throw InvalidArgument("options", "unknown option '" + item.key() + "'",
                           oneOf(known, item.key()));
   }

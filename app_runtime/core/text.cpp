@@ -24,7 +24,7 @@ std::string readTextFile(std::string_view field, const std::filesystem::path& pa
   std::error_code ignored;
   const std::filesystem::file_status status = std::filesystem::status(path, ignored);
   if (std::filesystem::is_directory(status)) refuse("a folder");
-  // Opening a pipe waits for whoever writes to it.
+  // Opening a pipe waits for its writer.
   if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status)) {
     refuse("not a regular file");
   }

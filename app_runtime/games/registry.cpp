@@ -1,6 +1,11 @@
 #include "sim2vr/games/registry.hpp"
 
-#include <array>
+#include <dlfcn.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <map>
+#include <mutex>
 #include <string>
 #include <vector>
 
@@ -9,30 +14,97 @@
 #include "pointing/game.hpp"
 #include "sample/sample.hpp"
 #include "sim2vr/core/errors.hpp"
+#include "sim2vr/core/text.hpp"
+#include "sim2vr/games/library.hpp"
 #include "whacamole/game.hpp"
 
 namespace sim2vr::games {
 namespace {
 
-template <class T>
-std::unique_ptr<rl::Game> create() {
-  return std::make_unique<T>();
+struct Registry {
+  std::mutex mutex;
+  std::vector<rl::GameEntry> games =
+      entriesOf<whacamole::WhacAMole, beats::Beats, pointing::Pointing, panel::Panel,
+                sample::TouchTheBall>();
+  /// Libraries that were loaded, by where their paths lead: the names of their games.
+  std::map<std::filesystem::path, std::vector<std::string>> libraries;
+};
+
+/// Lives as long as the process: apps of other threads may still play when statics are destroyed.
+Registry& theRegistry() {
+  static auto* const registry = new Registry;
+  return *registry;
 }
 
-template <class T>
-rl::GameEntry entry() {
-  const T game;
-  return {std::string(game.name()), std::string(game.description()), &create<T>};
+InvalidArgument refusedLibrary(const std::string& file, const std::string& problem) {
+  return {"game_library", "'" + printable(file) + "', " + problem,
+          std::string("a shared library with SIM2VR_GAMES that was built against this version (") +
+              kBuild + "); build it again"};
+}
+
+/// Libraries of games use the runtime's functions that this program, or this module of Python's,
+/// has; Python's modules keep theirs to themselves otherwise.
+void offerSymbols() {
+  Dl_info self{};
+  if (::dladdr(reinterpret_cast<const void*>(&theRegistry), &self) == 0) return;
+  ::dlopen(self.dli_fname, RTLD_NOW | RTLD_NOLOAD | RTLD_GLOBAL);
+}
+
+/// The games of a library, which stays open: their code is in it.
+std::vector<rl::GameEntry> gamesIn(const std::string& file) {
+  offerSymbols();
+  void* const library = ::dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL);
+  if (library == nullptr) {
+    throw refusedLibrary(file, std::string("which cannot be opened (") + ::dlerror() + ")");
+  }
+  const auto build = reinterpret_cast<const char* (*)()>(::dlsym(library, "sim2vrBuild"));
+  const auto games =
+      reinterpret_cast<void (*)(std::vector<rl::GameEntry>&)>(::dlsym(library, "sim2vrGames"));
+  if (build == nullptr || games == nullptr) throw refusedLibrary(file, "a library without games");
+  if (std::string_view(build()) != kBuild) {
+    throw refusedLibrary(file, std::string("which was built against ") + build());
+  }
+  std::vector<rl::GameEntry> found;
+  games(found);
+  return found;
 }
 
 }  // namespace
 
-std::span<const rl::GameEntry> registry() {
-  static const std::array entries{
-      entry<whacamole::WhacAMole>(), entry<beats::Beats>(),         entry<pointing::Pointing>(),
-      entry<panel::Panel>(),         entry<sample::TouchTheBall>(),
-  };
-  return entries;
+std::vector<rl::GameEntry> registry() {
+  Registry& all = theRegistry();
+  const std::lock_guard<std::mutex> lock(all.mutex);
+  return all.games;
+}
+
+std::vector<std::string> loadGameLibrary(const std::filesystem::path& file) {
+  std::error_code problem;
+  const std::filesystem::path real = std::filesystem::canonical(file, problem);
+  if (problem) {
+    throw InvalidArgument("game_library",
+                          "'" + printable(file.native()) + "' (" + problem.message() + ")",
+                          "a shared library of games");
+  }
+  Registry& all = theRegistry();
+  const std::lock_guard<std::mutex> lock(all.mutex);
+  if (const auto known = all.libraries.find(real); known != all.libraries.end()) {
+    return known->second;
+  }
+  const std::vector<rl::GameEntry> added = gamesIn(real.native());
+  std::vector<rl::GameEntry> games = all.games;
+  std::vector<std::string> names;
+  for (const rl::GameEntry& game : added) {
+    if (std::ranges::find(games, game.name, &rl::GameEntry::name) != games.end()) {
+      throw InvalidArgument("game_library",
+                            "'" + printable(real.native()) + "' with a game '" + game.name +
+                                "', a name that is taken",
+                            "another name (Game::name)");
+    }
+    games.push_back(game);
+    names.push_back(game.name);
+  }
+  all.games = games;
+  return all.libraries[real] = names;
 }
 
 std::unique_ptr<rl::Game> createGame(std::string_view name) {

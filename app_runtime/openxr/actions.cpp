@@ -11,13 +11,8 @@
 namespace sim2vr::openxr {
 namespace {
 
-bool isTopLevel(std::string_view path) {
-  return path == "/user/hand/left" || path == "/user/hand/right" || path == "/user/head" ||
-         path == "/user/gamepad" || path == "/user/treadmill";
-}
-
 void requireName(std::string_view name, std::string_view localized, const char* what) {
-  if (!isName(name)) {
+  if (!xr::isName(name)) {
     throw Failure(name.empty() ? XR_ERROR_NAME_INVALID : XR_ERROR_PATH_FORMAT_INVALID,
                   fmt::format("{} '{}', expected characters a-z 0-9 - _ .", what, name));
   }
@@ -69,27 +64,27 @@ std::shared_ptr<Instance> instanceOf(const Object& child) {
 
 }  // namespace
 
-int handOf(std::string_view user_path) {
-  if (user_path.starts_with("/user/hand/left")) return 0;
-  return user_path.starts_with("/user/hand/right") ? 1 : 2;
+bool isTopLevel(std::string_view path) {
+  return path == "/user/hand/left" || path == "/user/hand/right" || path == "/user/head" ||
+         path == "/user/gamepad" || path == "/user/treadmill";
 }
 
-int subactionIndex(const Instance& instance, const Action& action, XrPath subaction) {
-  if (subaction == XR_NULL_PATH) return 2;
+std::size_t subactionIndex(const Instance& instance, const Action& action, XrPath subaction) {
+  if (subaction == XR_NULL_PATH) return xr::kBothHands;
   const std::string& text = pathText(instance, subaction, "subactionPath");
   const auto& own = action.subactions;
   if (std::find(own.begin(), own.end(), subaction) == own.end()) {
     throw Failure(XR_ERROR_PATH_UNSUPPORTED,
                   fmt::format("action '{}' was made without '{}'", action.name, text));
   }
-  const int hand = handOf(text);
-  return hand == 2 ? 3 : hand;
+  const std::optional<xr::Hand> hand = xr::handOf(text);
+  return hand ? static_cast<std::size_t>(*hand) : xr::kOtherDevice;
 }
 
 std::shared_ptr<Action> attachedAction(const Session& session, XrAction handle, XrActionType type) {
   auto action = get<Action>(handle, "action");
   const auto& sets = session.action_sets;
-  if (std::find(sets.begin(), sets.end(), action->set) == sets.end()) {
+  if (std::find(sets.begin(), sets.end(), action->owner) == sets.end()) {
     throw Failure(XR_ERROR_ACTIONSET_NOT_ATTACHED,
                   fmt::format("action set '{}' is not attached", action->set->name));
   }
@@ -146,22 +141,24 @@ XrResult XRAPI_CALL calls::xrCreateAction(XrActionSet actionSet,
                     fmt::format("action set '{}' is attached", set->name));
     }
     auto made = std::make_shared<Action>();
-    made->set = set;
+    made->owner = set;
+    made->set = set.get();
     made->name = boundedText(info.actionName, "actionName");
     made->localized_name = boundedText(info.localizedActionName, "localizedActionName");
     made->type = info.actionType;
     requireName(made->name, made->localized_name, "action");
     requireUnique<Action>(world().handles.below(HandleType::action, set->handle), made->name,
                           made->localized_name);
-    const bool known = info.actionType == XR_ACTION_TYPE_BOOLEAN_INPUT ||
-                       info.actionType == XR_ACTION_TYPE_FLOAT_INPUT ||
-                       info.actionType == XR_ACTION_TYPE_VECTOR2F_INPUT ||
-                       info.actionType == XR_ACTION_TYPE_POSE_INPUT ||
-                       info.actionType == XR_ACTION_TYPE_VIBRATION_OUTPUT;
-    if (!known) {
+    if (xr::typeName(info.actionType) == nullptr) {
       invalid(fmt::format("createInfo->actionType is {}", static_cast<int>(info.actionType)));
     }
-    made->subactions = subactionPaths(*instanceOf(*set), info);
+    const auto instance = instanceOf(*set);
+    made->subactions = subactionPaths(*instance, info);
+    if (!made->subactions.empty()) made->hands = {};
+    for (const XrPath path : made->subactions) {
+      const auto hand = xr::handOf(pathText(*instance, path, "subaction"));
+      if (hand) made->hands[static_cast<std::size_t>(*hand)] = true;
+    }
     *action = add<XrAction>(made, set->handle);
     return XR_SUCCESS;
   });

@@ -13,7 +13,6 @@ inline constexpr XrVersion kVersion11 = XR_MAKE_VERSION(1, 1, 0);
 /// The newest version that was read when this was written.
 inline constexpr XrVersion kNewestVersion = XR_MAKE_VERSION(1, 1, 49);
 
-inline constexpr auto kLocalFloor = static_cast<XrReferenceSpaceType>(1000426000);
 inline constexpr auto kSpacesLocateInfoType = static_cast<XrStructureType>(1000471000);
 inline constexpr auto kSpaceLocationsType = static_cast<XrStructureType>(1000471001);
 inline constexpr auto kSpaceVelocitiesType = static_cast<XrStructureType>(1000471002);

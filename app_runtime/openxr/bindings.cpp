@@ -1,6 +1,5 @@
 // Suggested bindings, which of them apply, and what the program is told about them.
 #include <algorithm>
-#include <array>
 
 #include "actions.hpp"
 #include "calls.hpp"
@@ -11,16 +10,16 @@
 namespace sim2vr::openxr {
 namespace {
 
-const Profile& profileOf(const Instance& instance, XrPath path) {
+const xr::Profile& profileOf(const Instance& instance, XrPath path) {
   const std::string& text = pathText(instance, path, "interactionProfile");
-  const Profile* profile = findProfile(text);
+  const xr::Profile* profile = xr::findProfile(text);
   if (profile == nullptr || (profile->since_11 && instance.version < kVersion11)) {
     throw Failure(XR_ERROR_PATH_UNSUPPORTED, fmt::format("no interaction profile '{}'", text));
   }
   return *profile;
 }
 
-std::vector<SuggestedBinding> checkedBindings(const Instance& instance, const Profile& profile,
+std::vector<SuggestedBinding> checkedBindings(const Instance& instance, const xr::Profile& profile,
                                               const XrInteractionProfileSuggestedBinding& info) {
   std::vector<SuggestedBinding> bindings;
   for (std::uint32_t i = 0; i < info.countSuggestedBindings; ++i) {
@@ -51,27 +50,20 @@ XrPath chosenProfile(Instance& instance) {
   };
   if (const XrPath own = suggested(instance.config.profile); own != XR_NULL_PATH) return own;
   // Rich controllers before plain ones: the simple controller is the last resort.
-  const auto& all = profiles();
+  const auto& all = xr::profiles();
   for (auto profile = all.begin() + 1; profile != all.end(); ++profile) {
-    if (profile->components.front().hand == 2) continue;
+    if (!profile->components.front().hand) continue;
     if (const XrPath path = suggested(profile->path); path != XR_NULL_PATH) return path;
   }
   return suggested(all.front().path);
 }
 
-bool hasHand(const Instance& instance, int hand) {
-  return hand == 0 ? instance.config.left_hand : hand == 1 && instance.config.right_hand;
+bool hasHand(const Instance& instance, std::optional<xr::Hand> hand) {
+  if (!hand) return false;
+  return *hand == xr::Hand::left ? instance.config.left_hand : instance.config.right_hand;
 }
 
-/// Whether an action with subaction paths can have a binding of this hand.
-bool handFits(const Instance& instance, const Action& action, const Component& component) {
-  if (action.subactions.empty()) return true;
-  return std::any_of(action.subactions.begin(), action.subactions.end(), [&](XrPath path) {
-    return component.path.starts_with(pathText(instance, path, "subaction") + "/");
-  });
-}
-
-std::string localizedSource(const Component& component) {
+std::string localizedSource(const xr::Component& component) {
   const std::size_t slash = component.source.rfind('/');
   std::string name = component.source.substr(slash + 1);
   bool first = true;
@@ -93,21 +85,13 @@ void bindActions(Session& session) {
   Instance& instance = *session.instance;
   session.profile = chosenProfile(instance);
   if (session.profile == XR_NULL_PATH) return;
-  const Profile& profile = profileOf(instance, session.profile);
+  const xr::Profile& profile = profileOf(instance, session.profile);
   for (const SuggestedBinding& binding : instance.suggested[session.profile]) {
     Action& action = *binding.action;
     const auto& sets = session.action_sets;
-    if (std::find(sets.begin(), sets.end(), action.set) == sets.end()) continue;
-    const Component* component = profile.find(pathText(instance, binding.path, "binding"));
-    if (component == nullptr || !hasHand(instance, component->hand) ||
-        component->input == Input::none || !fits(component->kind, action.type) ||
-        !handFits(instance, action, *component)) {
-      continue;
-    }
-    const auto& bound = action.bound;
-    if (std::find(bound.begin(), bound.end(), component) == bound.end()) {
-      action.bound.push_back(component);
-    }
+    if (std::find(sets.begin(), sets.end(), action.owner) == sets.end()) continue;
+    const xr::Component* component = profile.find(pathText(instance, binding.path, "binding"));
+    if (component != nullptr && hasHand(instance, component->hand)) action.bind(*component);
   }
 }
 
@@ -119,7 +103,7 @@ XrResult XRAPI_CALL calls::xrSuggestInteractionProfileBindings(
                                  "suggestedBindings");
     if (info.countSuggestedBindings == 0) invalid("countSuggestedBindings is 0");
     requirePointer(info.suggestedBindings, "suggestedBindings->suggestedBindings");
-    const Profile& profile = profileOf(*owner, info.interactionProfile);
+    const xr::Profile& profile = profileOf(*owner, info.interactionProfile);
     owner->suggested[info.interactionProfile] = checkedBindings(*owner, profile, info);
     return XR_SUCCESS;
   });
@@ -132,15 +116,13 @@ XrResult XRAPI_CALL calls::xrGetCurrentInteractionProfile(
     auto& to =
         structure(interactionProfile, XR_TYPE_INTERACTION_PROFILE_STATE, "interactionProfile");
     const std::string& text = pathText(*self->instance, topLevelUserPath, "topLevelUserPath");
-    const std::array<std::string_view, 5> known{"/user/hand/left", "/user/hand/right", "/user/head",
-                                                "/user/gamepad", "/user/treadmill"};
-    if (std::find(known.begin(), known.end(), text) == known.end()) {
+    if (!isTopLevel(text)) {
       throw Failure(XR_ERROR_PATH_UNSUPPORTED, fmt::format("'{}' is no top level user path", text));
     }
     if (!self->attached) {
       throw Failure(XR_ERROR_ACTIONSET_NOT_ATTACHED, "no action set is attached");
     }
-    const bool present = hasHand(*self->instance, handOf(text));
+    const bool present = hasHand(*self->instance, xr::handOf(text));
     to.interactionProfile = present ? self->announced_profile : XR_NULL_PATH;
     return XR_SUCCESS;
   });
@@ -156,7 +138,7 @@ XrResult XRAPI_CALL calls::xrEnumerateBoundSourcesForAction(
     const auto type = get<Action>(info.action, "enumerateInfo->action")->type;
     const auto action = attachedAction(*self, info.action, type);
     std::vector<XrPath> paths;
-    for (const Component* component : action->bound) {
+    for (const xr::Component* component : action->bindings) {
       paths.push_back(toPath(*self->instance, component->path));
     }
     return fillItems(std::span<const XrPath>(paths), sourceCapacityInput, sourceCountOutput,
@@ -181,9 +163,9 @@ XrResult XRAPI_CALL calls::xrGetInputSourceLocalizedName(
     if (!self->attached) {
       throw Failure(XR_ERROR_ACTIONSET_NOT_ATTACHED, "no action set is attached");
     }
-    const Profile* profile =
+    const xr::Profile* profile =
         self->profile == XR_NULL_PATH ? nullptr : &profileOf(*self->instance, self->profile);
-    const Component* component = profile == nullptr ? nullptr : profile->find(text);
+    const xr::Component* component = profile == nullptr ? nullptr : profile->find(text);
     if (component == nullptr) {
       throw Failure(XR_ERROR_PATH_UNSUPPORTED, fmt::format("'{}' is no bound source", text));
     }
@@ -192,7 +174,7 @@ XrResult XRAPI_CALL calls::xrGetInputSourceLocalizedName(
       if ((info.whichComponents & bit) != 0) name += (name.empty() ? "" : " ") + part;
     };
     append(XR_INPUT_SOURCE_LOCALIZED_NAME_USER_PATH_BIT,
-           component->hand == 0 ? "Left Hand" : "Right Hand");
+           component->hand == xr::Hand::left ? "Left Hand" : "Right Hand");
     append(XR_INPUT_SOURCE_LOCALIZED_NAME_INTERACTION_PROFILE_BIT, profile->localized_name);
     append(XR_INPUT_SOURCE_LOCALIZED_NAME_COMPONENT_BIT, localizedSource(*component));
     return fillText(name, bufferCapacityInput, bufferCountOutput, buffer);

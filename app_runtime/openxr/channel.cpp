@@ -9,7 +9,7 @@
 
 namespace sim2vr::openxr {
 
-void Channel::send(MessageKind kind, std::string_view body) {
+void Channel::send(MessageKind kind, std::string_view body, int file) {
   if (body.size() + 1 > kMaximumMessageBytes) {
     throw wire::MalformedMessage(
         fmt::format("message to the harness: got {} bytes, expected up to {}", body.size() + 1,
@@ -20,8 +20,22 @@ void Channel::send(MessageKind kind, std::string_view body) {
   wire::append(bytes, static_cast<std::uint8_t>(kind));
   bytes += body;
   const std::lock_guard lock(sending_);
+  alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof file)> control{};
   for (std::size_t sent = 0; sent < bytes.size();) {
-    const ssize_t n = ::send(socket_, bytes.data() + sent, bytes.size() - sent, MSG_NOSIGNAL);
+    iovec rest{bytes.data() + sent, bytes.size() - sent};
+    msghdr message{};
+    message.msg_iov = &rest;
+    message.msg_iovlen = 1;
+    if (file >= 0 && sent == 0) {
+      message.msg_control = control.data();
+      message.msg_controllen = control.size();
+      cmsghdr* rights = CMSG_FIRSTHDR(&message);
+      rights->cmsg_level = SOL_SOCKET;
+      rights->cmsg_type = SCM_RIGHTS;
+      rights->cmsg_len = CMSG_LEN(sizeof file);
+      std::memcpy(CMSG_DATA(rights), &file, sizeof file);
+    }
+    const ssize_t n = ::sendmsg(socket_, &message, MSG_NOSIGNAL);
     if (n < 0 && errno == EINTR) continue;
     if (n < 0) throw ChannelClosed(fmt::format("the harness is gone ({})", std::strerror(errno)));
     sent += static_cast<std::size_t>(n);

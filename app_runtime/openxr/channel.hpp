@@ -22,8 +22,9 @@ class Channel {
   explicit Channel(int socket) : socket_(socket) {}
   int socket() const { return socket_; }
 
-  /// Thread-safe. Throws ChannelClosed.
-  void send(MessageKind kind, std::string_view body);
+  /// Thread-safe. `file`: a descriptor that the other side gets with the message; -1: none. Throws
+  /// ChannelClosed.
+  void send(MessageKind kind, std::string_view body, int file = -1);
   /// Blocks for a whole message. Throws ChannelClosed, and wire::MalformedMessage for a length
   /// above kMaximumMessageBytes or an unknown kind.
   Message receive();

@@ -58,7 +58,7 @@ XrResult XRAPI_CALL calls::xrWaitFrame(XrSession session, const XrFrameWaitInfo*
     requireRunning(*self);
     awaitTurn(*self, lock);
     const Turn turn(self->loop);
-    const std::optional<Frame> frame = nextFrame(*self, lock);
+    const std::optional<xr::Frame> frame = nextFrame(*self, lock);
     if (self->destroyed) throw Failure(XR_ERROR_HANDLE_INVALID, "the session was destroyed");
     requireRunning(*self);
     self->loop.waited = true;

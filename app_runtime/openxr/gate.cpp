@@ -7,7 +7,6 @@
 #include "layers.hpp"
 #include "real_time.hpp"
 #include "session_state.hpp"
-#include "tracking.hpp"
 
 namespace sim2vr::openxr {
 namespace {
@@ -50,10 +49,11 @@ void sleep(Lock& lock, std::int64_t duration_ns) {
   lock.lock();
 }
 
-Frame realTimeFrame(Session& session, Lock& lock) {
+xr::Frame realTimeFrame(Session& session, Lock& lock) {
   const XrDuration period = session.instance->config.period_ns();
   // The display shows a picture one period after the program may begin with it.
-  const XrTime next = session.history.empty() ? 0 : session.history.back().time;
+  const xr::Frame* latest = session.tracking.latest();
+  const XrTime next = latest == nullptr ? 0 : latest->time;
   const std::int64_t now = monotonic_ns();
   if (next > now) sleep(lock, std::min<std::int64_t>(next - now, period));
   const std::int64_t start = std::max<std::int64_t>(monotonic_ns(), next);
@@ -119,7 +119,7 @@ bool takeStep(Session& session, Lock& lock) {
   return true;
 }
 
-std::optional<Frame> lockstepFrame(Session& session, Lock& lock) {
+std::optional<xr::Frame> lockstepFrame(Session& session, Lock& lock) {
   StepProgress& step = session.step;
   if (step.frames.empty()) {
     if (session.instance->config.pipelined) {
@@ -131,13 +131,13 @@ std::optional<Frame> lockstepFrame(Session& session, Lock& lock) {
     if (session.exiting || session.lost || session.destroyed) return std::nullopt;
     if (!takeStep(session, lock)) return std::nullopt;
   }
-  Frame frame = std::move(step.frames.front());
+  xr::Frame frame = std::move(step.frames.front());
   step.frames.pop_front();
   return frame;
 }
 
 /// Empty frames at the display's pace while the program takes its leave.
-std::optional<Frame> stoppingFrame(Session& session, Lock& lock) {
+std::optional<xr::Frame> stoppingFrame(Session& session, Lock& lock) {
   const XrDuration period = session.instance->config.period_ns();
   ++session.frames_after_stop;
   if (session.harness_gone && session.frames_after_stop * period > kGrace_ns) {
@@ -158,8 +158,8 @@ bool pictureWanted(const Session& session) {
 
 }  // namespace
 
-std::optional<Frame> nextFrame(Session& session, Lock& lock) {
-  std::optional<Frame> frame;
+std::optional<xr::Frame> nextFrame(Session& session, Lock& lock) {
+  std::optional<xr::Frame> frame;
   if (!session.instance->harness) {
     frame = realTimeFrame(session, lock);
   } else {
@@ -177,13 +177,13 @@ std::optional<Frame> nextFrame(Session& session, Lock& lock) {
     advanceClock(frame->time);
     session.monotonic_offset_ns = frame->time - monotonic_ns();
   }
-  track(session, *frame);
+  session.tracking.track(*frame);
   return frame;
 }
 
 void runHeadless(Session& session) {
   if (session.instance->harness) return;
-  track(session, {monotonic_ns() + session.instance->config.period_ns(), standing()});
+  session.tracking.track({monotonic_ns() + session.instance->config.period_ns(), standing()});
   show(session);
 }
 

@@ -7,7 +7,7 @@ namespace sim2vr::openxr {
 
 /// Blocks for the next frame, without the lock while it waits, and tracks its devices. Nothing: the
 /// session stops (quit, or the harness is gone).
-std::optional<Frame> nextFrame(Session& session, Lock& lock);
+std::optional<xr::Frame> nextFrame(Session& session, Lock& lock);
 
 /// In real time a headless session needs no frames: it is focused and tracked as soon as it runs.
 /// In lockstep only frames bring it time.

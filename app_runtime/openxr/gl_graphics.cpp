@@ -11,8 +11,8 @@
 #define XR_USE_GRAPHICS_API_OPENGL
 #include <openxr/openxr_platform.h>
 
-#include "gl_functions.hpp"
 #include "pixels.hpp"
+#include "sim2vr/gl/functions.hpp"
 
 namespace sim2vr::openxr {
 namespace {
@@ -55,7 +55,12 @@ const GlFormat* findFormat(std::int64_t format) {
 /// The context and its functions, shared by a session and its swapchains.
 struct GlDevice {
   explicit GlDevice(std::unique_ptr<GlContext> made)
-      : context(std::move(made)), gl([this](const char* name) { return context->lookup(name); }) {}
+      : context(std::move(made)),
+        gl([this](const char* name) { return context->lookup(name); },
+           [](const char* name) {
+             throw GraphicsError(XR_ERROR_GRAPHICS_DEVICE_INVALID,
+                                 fmt::format("the program's driver has no {}", name));
+           }) {}
 
   int integer(GLenum name) const {
     GLint value = 0;
@@ -64,16 +69,16 @@ struct GlDevice {
   }
 
   std::unique_ptr<GlContext> context;
-  GlFunctions gl;
+  gl::Functions gl;
 };
 
 /// The program's context is current while this lives.
-class Turn {
+class ScopedCurrent {
  public:
-  explicit Turn(GlContext& context) : context_(context) { context_.enter(); }
-  ~Turn() { context_.leave(); }
-  Turn(const Turn&) = delete;
-  Turn& operator=(const Turn&) = delete;
+  explicit ScopedCurrent(GlContext& context) : context_(context) { context_.enter(); }
+  ~ScopedCurrent() { context_.leave(); }
+  ScopedCurrent(const ScopedCurrent&) = delete;
+  ScopedCurrent& operator=(const ScopedCurrent&) = delete;
 
  private:
   GlContext& context_;
@@ -83,7 +88,7 @@ class Turn {
 class ReadState {
  public:
   explicit ReadState(const GlDevice& device) : device_(device) {
-    const GlFunctions& gl = device.gl;
+    const gl::Functions& gl = device.gl;
     read_ = device.integer(GL_READ_FRAMEBUFFER_BINDING);
     draw_ = device.integer(GL_DRAW_FRAMEBUFFER_BINDING);
     pack_buffer_ = device.integer(GL_PIXEL_PACK_BUFFER_BINDING);
@@ -95,7 +100,7 @@ class ReadState {
   }
 
   ~ReadState() {
-    const GlFunctions& gl = device_.gl;
+    const gl::Functions& gl = device_.gl;
     gl.BindFramebuffer(GL_READ_FRAMEBUFFER, static_cast<GLuint>(read_));
     gl.BindFramebuffer(GL_DRAW_FRAMEBUFFER, static_cast<GLuint>(draw_));
     if (pack_buffer_ != 0) {
@@ -125,7 +130,7 @@ class ReadState {
 /// Switches a capability and puts back what the program had.
 class Switched {
  public:
-  Switched(const GlFunctions& gl, GLenum what, bool on)
+  Switched(const gl::Functions& gl, GLenum what, bool on)
       : gl_(gl), what_(what), before_(gl.IsEnabled(what) != GL_FALSE) {
     set(on);
   }
@@ -142,7 +147,7 @@ class Switched {
     }
   }
 
-  const GlFunctions& gl_;
+  const gl::Functions& gl_;
   GLenum what_;
   bool before_;
 };
@@ -173,7 +178,7 @@ class GlImages final : public SwapchainImages {
         mips_(static_cast<GLsizei>(info.mipCount)) {
     const bool once = (info.createFlags & XR_SWAPCHAIN_CREATE_STATIC_IMAGE_BIT) != 0;
     textures_.resize(once ? 1 : kSwapchainImages, 0);
-    const Turn turn(*device_->context);
+    const ScopedCurrent current(*device_->context);
     const Shape shape = shapeOf(isArray(), samples > 1);
     const auto before = static_cast<GLuint>(device_->integer(shape.binding));
     device_->gl.GenTextures(static_cast<GLsizei>(textures_.size()), textures_.data());
@@ -191,7 +196,7 @@ class GlImages final : public SwapchainImages {
 
   ~GlImages() override {
     try {
-      const Turn turn(*device_->context);
+      const ScopedCurrent current(*device_->context);
       device_->gl.DeleteTextures(static_cast<GLsizei>(textures_.size()), textures_.data());
     } catch (const GraphicsError&) {
       // The program's context is gone or busy, and the textures went with it or stay with it.
@@ -227,7 +232,7 @@ class GlImages final : public SwapchainImages {
   bool isArray() const { return layers > 1; }
 
   bool allocate(GLenum target, GLuint texture) const {
-    const GlFunctions& gl = device_->gl;
+    const gl::Functions& gl = device_->gl;
     gl.BindTexture(target, texture);
     if (samples > 1 && isArray()) {
       gl.TexImage3DMultisample(target, samples, format.internal, width, height, layers, GL_TRUE);
@@ -253,7 +258,7 @@ class GlGraphics final : public Graphics {
   GlGraphics(std::string_view name, std::unique_ptr<GlContext> context)
       : name_(name), device_(std::make_shared<GlDevice>(std::move(context))) {
     for (const GlFormat& format : kFormats) formats_.push_back(format.internal);
-    const Turn turn(*device_->context);
+    const ScopedCurrent current(*device_->context);
     checkVersion();
     device_->gl.GenFramebuffers(1, &framebuffer_);
     max_size_ = static_cast<std::uint32_t>(device_->integer(GL_MAX_TEXTURE_SIZE));
@@ -264,7 +269,7 @@ class GlGraphics final : public Graphics {
 
   ~GlGraphics() override {
     try {
-      const Turn turn(*device_->context);
+      const ScopedCurrent current(*device_->context);
       device_->gl.DeleteFramebuffers(1, &framebuffer_);
     } catch (const GraphicsError&) {
       // The framebuffer went with the program's context.
@@ -291,9 +296,9 @@ class GlGraphics final : public Graphics {
     const auto height = static_cast<std::uint32_t>(part.rect.extent.height);
     staging_.resize(std::size_t{width} * height * pixelBytes(images.format.pixels));
 
-    const Turn turn(*device_->context);
+    const ScopedCurrent current(*device_->context);
     const ReadState state(*device_);
-    const GlFunctions& gl = device_->gl;
+    const gl::Functions& gl = device_->gl;
     gl.BindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer_);
     images.attach(GL_READ_FRAMEBUFFER, part.index, part.layer);
     if (images.samples > 1) {
@@ -352,7 +357,7 @@ class GlGraphics final : public Graphics {
 
   /// Averages the samples into a texture of one sample, in linear light for sRGB formats.
   void resolveAndRead(const GlImages& images, const XrRect2Di& rect) {
-    const GlFunctions& gl = device_->gl;
+    const gl::Functions& gl = device_->gl;
     const Switched scissor(gl, GL_SCISSOR_TEST, false);
     const Switched encoding(gl, GL_FRAMEBUFFER_SRGB, true);
     const auto before = static_cast<GLuint>(device_->integer(GL_TEXTURE_BINDING_2D));
@@ -402,22 +407,7 @@ XrResult XRAPI_CALL getRequirements(XrInstance instance, XrSystemId system,
   return XR_SUCCESS;
 }
 
-template <class Function>
-void find(const GlFunctions::Lookup& lookup, const char* name, Function& function) {
-  function = reinterpret_cast<Function>(lookup(name));
-  if (function == nullptr) {
-    throw GraphicsError(XR_ERROR_GRAPHICS_DEVICE_INVALID,
-                        fmt::format("the program's driver has no {}", name));
-  }
-}
-
 }  // namespace
-
-GlFunctions::GlFunctions(const Lookup& lookup) {
-#define SIM2VR_XR_GL_FIND(type, name) find(lookup, "gl" #name, name);
-  SIM2VR_XR_GL_FUNCTIONS(SIM2VR_XR_GL_FIND)
-#undef SIM2VR_XR_GL_FIND
-}
 
 std::unique_ptr<Graphics> createGlGraphics(std::string_view name,
                                            std::unique_ptr<GlContext> context) {

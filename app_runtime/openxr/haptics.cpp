@@ -1,5 +1,5 @@
 // Vibrations that the program asks for: they go to the harness with the frame's time.
-#include <cmath>
+#include <utility>
 
 #include "actions.hpp"
 #include "calls.hpp"
@@ -10,17 +10,16 @@ namespace sim2vr::openxr {
 namespace {
 
 /// Sends one event per hand that the action is bound to.
-void vibrate(Session& session, const Action& action, int hand, const XrHapticVibration& vibration) {
+void vibrate(Session& session, const Action& action, std::size_t hand,
+             const XrHapticVibration& vibration) {
   Harness* harness = session.instance->harness.get();
   if (harness == nullptr) return;
   std::array<bool, 2> done{};
-  for (const Component* component : action.bound) {
-    if ((hand != 2 && component->hand != hand) || component->hand == 2) continue;
-    bool& sent = done[static_cast<std::size_t>(component->hand)];
-    if (sent) continue;
-    sent = true;
+  for (const xr::Component* component : action.bindings) {
+    const auto own = static_cast<std::size_t>(*component->hand);
+    if ((hand != xr::kBothHands && own != hand) || std::exchange(done[own], true)) continue;
     harness->note({.kind = "haptic",
-                   .text = component->hand == 0 ? "left" : "right",
+                   .text = own == 0 ? "left" : "right",
                    .amplitude = vibration.amplitude,
                    .frequency_hz = vibration.frequency,
                    .duration_ns = vibration.duration,
@@ -33,7 +32,7 @@ XrResult vibrate(XrSession session, const XrHapticActionInfo* actionInfo,
   const auto self = liveSession(session);
   const auto& info = structure(actionInfo, XR_TYPE_HAPTIC_ACTION_INFO, "hapticActionInfo");
   const auto action = attachedAction(*self, info.action, XR_ACTION_TYPE_VIBRATION_OUTPUT);
-  const int hand = subactionIndex(*self->instance, *action, info.subactionPath);
+  const std::size_t hand = subactionIndex(*self->instance, *action, info.subactionPath);
   if (!self->focused()) return XR_SESSION_NOT_FOCUSED;
   vibrate(*self, *action, hand, vibration);
   return XR_SUCCESS;
@@ -49,10 +48,7 @@ XrResult XRAPI_CALL calls::xrApplyHapticFeedback(XrSession session,
     requirePointer(hapticFeedback, "hapticFeedback");
     const auto& vibration = structure(reinterpret_cast<const XrHapticVibration*>(hapticFeedback),
                                       XR_TYPE_HAPTIC_VIBRATION, "hapticFeedback");
-    const bool valid = vibration.amplitude >= 0.0F && vibration.amplitude <= 1.0F &&
-                       std::isfinite(vibration.frequency) && vibration.frequency >= 0.0F &&
-                       vibration.duration >= XR_MIN_HAPTIC_DURATION;
-    if (!valid) {
+    if (!xr::isVibration(vibration)) {
       invalid(
           fmt::format("hapticFeedback has amplitude {}, frequency {} and duration {}, expected "
                       "0 to 1, 0 or more and -1 or more",

@@ -84,14 +84,12 @@ void Harness::openSession(std::string_view graphics, bool depth_layers) {
   if (config_.images) {
     images_ = wire::SharedImages::create(config_.eyes, config_.eyeBytes());
     if (!images_) throw Failure(XR_ERROR_OUT_OF_MEMORY, "no shared memory for images");
-    facts.image_memory = images_->path();
-    facts.image_link = images_->link();
     facts.image_bytes = config_.eyes * config_.eyeBytes();
   }
   events_.clear();
   Message message;
   try {
-    channel_.send(MessageKind::session, encodeSession(facts));
+    channel_.send(MessageKind::session, encodeSession(facts), images_ ? images_->file() : -1);
     channel_.limit(greeting_s_);
     message = channel_.receive();
     channel_.limit(0.0);

@@ -3,9 +3,7 @@
 #include <fmt/format.h>
 
 #include <array>
-#include <cmath>
 #include <nlohmann/json.hpp>
-#include <numbers>
 
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/json_reader.hpp"
@@ -117,13 +115,6 @@ json eventJson(const Event& event) {
 
 }  // namespace
 
-XrFovf Config::fov() const {
-  const double half_height = std::tan(0.5 * vertical_fov_deg * std::numbers::pi / 180.0);
-  const auto up = static_cast<float>(std::atan(half_height));
-  const auto right = static_cast<float>(std::atan(half_height * width / height));
-  return {-right, right, up, -up};
-}
-
 Config decodeConfig(std::string_view body) {
   return decoded([&] {
     const json parsed = parseJson(body, "config", 1000);
@@ -171,7 +162,7 @@ Step decodeStep(std::string_view body) {
 }
 
 std::string encodeHello(const Hello& hello) {
-  return dumped({{"protocol", 1},
+  return dumped({{"protocol", 2},
                  {"runtime_version", version()},
                  {"application", hello.application},
                  {"application_version", hello.application_version},
@@ -185,8 +176,6 @@ std::string encodeHello(const Hello& hello) {
 std::string encodeSession(const SessionFacts& facts) {
   return dumped({{"graphics", facts.graphics},
                  {"depth_layers", facts.depth_layers},
-                 {"image_memory", facts.image_memory},
-                 {"image_link", facts.image_link},
                  {"image_bytes", facts.image_bytes}});
 }
 

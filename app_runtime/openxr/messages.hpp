@@ -9,7 +9,7 @@
 
 #include "api.hpp"
 #include "sim2vr/wire/numbers.hpp"
-#include "sim2vr/xr/device.hpp"
+#include "sim2vr/xr/tracking.hpp"
 
 namespace sim2vr::openxr {
 
@@ -53,8 +53,7 @@ struct Config {
 
   std::size_t eyeBytes() const { return static_cast<std::size_t>(width) * height * 4; }
   XrDuration period_ns() const { return static_cast<XrDuration>(1e9 / frame_rate_hz); }
-  /// Half angles of an eye, symmetric (rad).
-  XrFovf fov() const;
+  XrFovf fov() const { return xr::eyeFov(vertical_fov_deg, static_cast<double>(width) / height); }
 };
 
 /// Of the program, as it says itself.
@@ -71,17 +70,11 @@ struct Hello {
 struct SessionFacts {
   std::string graphics;
   bool depth_layers = false;
-  std::string image_memory;
-  std::string image_link;
-  std::uint64_t image_bytes = 0;
+  std::uint64_t image_bytes = 0;  // of the memory that comes with the message; 0: none
 };
 
-struct Frame {
-  XrTime time = 0;
-  xr::DeviceState devices;
-};
 struct Step {
-  std::vector<Frame> frames;
+  std::vector<xr::Frame> frames;
   bool image_wanted = false;
 };
 

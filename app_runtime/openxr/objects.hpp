@@ -16,43 +16,27 @@
 #include "api.hpp"
 #include "graphics.hpp"
 #include "harness.hpp"
-#include "sim2vr/xr/device.hpp"
+#include "sim2vr/xr/tracking.hpp"
 #include "world.hpp"
 
 namespace sim2vr::openxr {
 
 struct Session;
 
-struct Component;
-
 /// The one system: a headset with two controllers.
 inline constexpr XrSystemId kSystem = 1;
 
-struct ActionSet final : Object {
+struct ActionSet final : Object, xr::ActionSet {
   static constexpr HandleType kType = HandleType::action_set;
-  std::string name, localized_name;
-  std::uint32_t priority = 0;
-  bool attached = false;  // to a session: it cannot change any more
+  std::string localized_name;
 };
 
-/// A value as of the latest xrSyncActions.
-struct ActionValue {
-  XrVector2f value{0.0F, 0.0F};
-  bool active = false;
-  bool changed = false;
-  XrTime last_change = 0;
-};
-
-struct Action final : Object {
+/// Bindings and states are those of the session that its set is attached to.
+struct Action final : Object, xr::Action {
   static constexpr HandleType kType = HandleType::action;
-  std::shared_ptr<ActionSet> set;
-  std::string name, localized_name;
-  XrActionType type = XR_ACTION_TYPE_BOOLEAN_INPUT;
+  std::shared_ptr<ActionSet> owner;  // keeps `set`
+  std::string localized_name;
   std::vector<XrPath> subactions;
-  // Of the session that it is attached to. Index 0: left hand, 1: right hand, 2: both together, 3:
-  // neither (a subaction path of another device), never active.
-  std::vector<const Component*> bound;
-  std::array<ActionValue, 4> values;
 };
 
 struct SuggestedBinding {
@@ -84,13 +68,10 @@ struct Instance final : Object {
   bool enabled(std::string_view extension) const { return extensions.contains(extension); }
 };
 
-struct Space final : Object {
+struct Space final : Object, xr::Space {
   static constexpr HandleType kType = HandleType::space;
   std::shared_ptr<Session> session;
-  XrReferenceSpaceType reference = XR_REFERENCE_SPACE_TYPE_STAGE;
-  std::shared_ptr<Action> action;  // not null: an action space
-  int hand = 2;                    // 0 left, 1 right, 2 whichever the action is bound to, 3 neither
-  XrPosef offset = xr::kIdentityPose;
+  std::shared_ptr<Action> owner;  // keeps `action`
 };
 
 struct Swapchain final : Object {
@@ -116,8 +97,8 @@ struct FrameLoop {
 
 /// The step that the harness gave.
 struct StepProgress {
-  std::deque<Frame> frames;  // not yet handed out
-  bool open = false;         // not yet answered
+  std::deque<xr::Frame> frames;  // not yet handed out
+  bool open = false;             // not yet answered
   bool image_wanted = false;
   std::uint32_t shown = 0;
   std::uint32_t layers = 0;
@@ -139,20 +120,18 @@ struct Session final : Object {
 
   FrameLoop loop;
   StepProgress step;
-  std::array<Picture, 2> pictures;       // of the latest frames, by frame number
-  std::deque<Frame> history;             // devices of the latest frames, newest last
+  std::array<Picture, 2> pictures;  // of the latest frames, by frame number
+  xr::Tracking tracking{32};
   std::int64_t monotonic_offset_ns = 0;  // XrTime - CLOCK_MONOTONIC
-  std::optional<XrPosef> stage_T_local;
 
   std::vector<std::shared_ptr<ActionSet>> action_sets;
   bool attached = false;
-  bool synced = false;
   XrPath profile = XR_NULL_PATH;  // whose suggestions are bound
   XrPath announced_profile = XR_NULL_PATH;
 
   bool focused() const { return state == XR_SESSION_STATE_FOCUSED; }
   /// Time of the frame that was handed out last.
-  XrTime now() const { return history.empty() ? 1 : history.back().time; }
+  XrTime now() const { return tracking.latest() == nullptr ? 1 : tracking.latest()->time; }
 };
 
 }  // namespace sim2vr::openxr

@@ -11,31 +11,19 @@ namespace {
 
 constexpr std::size_t kMaximumPaths = 100'000;
 
-bool isPathCharacter(char c) {
-  return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-' || c == '_' || c == '.';
-}
-
-/// Allowed characters, not only dots.
-bool isSegment(std::string_view text) {
-  return std::all_of(text.begin(), text.end(), isPathCharacter) &&
-         text.find_first_not_of('.') != std::string_view::npos;
-}
-
-/// "/" and segments.
+/// "/" and names.
 bool isPath(std::string_view text) {
   if (text.size() < 2 || text.front() != '/' || text.back() == '/') return false;
   std::size_t begin = 1;
   while (begin <= text.size()) {
     const std::size_t end = std::min(text.find('/', begin), text.size());
-    if (!isSegment(text.substr(begin, end - begin))) return false;
+    if (!xr::isName(text.substr(begin, end - begin))) return false;
     begin = end + 1;
   }
   return true;
 }
 
 }  // namespace
-
-bool isName(std::string_view text) { return isSegment(text); }
 
 XrPath toPath(Instance& instance, std::string_view text) {
   const auto found = instance.paths.find(std::string(text));

@@ -7,8 +7,6 @@
 
 namespace sim2vr::openxr {
 
-/// Whether actions and action sets may be called so.
-bool isName(std::string_view text);
 XrPath toPath(Instance& instance, std::string_view text);
 /// Throws Failure (XR_ERROR_PATH_INVALID) naming `what`.
 const std::string& pathText(const Instance& instance, XrPath path, const char* what);

@@ -7,7 +7,6 @@
 #include "layers.hpp"
 #include "pixels.hpp"
 #include "system.hpp"
-#include "tracking.hpp"
 
 namespace sim2vr::openxr {
 namespace {
@@ -138,7 +137,7 @@ Vector moved(const XrPosef& pose, const Vector& point) {
 void drawQuad(Session& session, const XrCompositionLayerQuad& layer, const Eye& eye, XrTime time) {
   const auto hidden = eye.index == 0 ? XR_EYE_VISIBILITY_RIGHT : XR_EYE_VISIBILITY_LEFT;
   const auto space = get<Space>(layer.space, "space of a layer");
-  const auto stage_T_space = locate(session, *space, time);
+  const auto stage_T_space = session.tracking.locate(*space, time);
   const double width_m = layer.size.width;
   const double height_m = layer.size.height;
   if (layer.eyeVisibility == hidden || !stage_T_space || !(width_m > 0.0) || !(height_m > 0.0)) {
@@ -149,8 +148,9 @@ void drawQuad(Session& session, const XrCompositionLayerQuad& layer, const Eye& 
   std::vector<std::uint8_t> texture(static_cast<std::size_t>(columns) * rows * 4);
   session.graphics->readColor(partOf(layer.subImage), columns, rows, texture);
   const XrPosef stage_T_quad = xr::compose(stage_T_space->pose, layer.pose);
+  const xr::Space view = xr::eyeSpace(eye.index, session.instance->config.ipd_m);
   const XrPosef quad_T_eye =
-      xr::compose(xr::inverse(stage_T_quad), eyePose(session, eye.index, time));
+      xr::compose(xr::inverse(stage_T_quad), session.tracking.locate(view, time)->pose);
   const Vector origin = moved(quad_T_eye, Vector::Zero());
   if (!(origin.z() > 0.0)) return;
   const XrFovf fov = session.instance->config.fov();

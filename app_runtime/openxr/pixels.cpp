@@ -1,5 +1,6 @@
 #include "pixels.hpp"
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -12,20 +13,6 @@ namespace {
 
 float srgbToLinear(float encoded) {
   return encoded <= 0.04045F ? encoded / 12.92F : std::pow((encoded + 0.055F) / 1.055F, 2.4F);
-}
-
-float halfToFloat(std::uint16_t half) {
-  const std::uint32_t exponent = (half >> 10U) & 0x1FU;
-  const std::uint32_t mantissa = half & 0x3FFU;
-  float value = 0.0F;
-  if (exponent == 0) {
-    value = std::ldexp(static_cast<float>(mantissa), -24);
-  } else if (exponent == 31) {
-    value = mantissa == 0 ? HUGE_VALF : std::nanf("");
-  } else {
-    value = std::ldexp(static_cast<float>(mantissa + 1024U), static_cast<int>(exponent) - 25);
-  }
-  return (half & 0x8000U) != 0 ? -value : value;
 }
 
 float clamped(float value) { return value > 0.0F ? std::min(value, 1.0F) : 0.0F; }
@@ -66,7 +53,7 @@ const HalfTable& halfTable() {
   static const auto table = [] {
     HalfTable made;
     for (std::size_t i = 0; i < made.linear.size(); ++i) {
-      made.linear[i] = clamped(halfToFloat(static_cast<std::uint16_t>(i)));
+      made.linear[i] = clamped(std::bit_cast<Eigen::half>(static_cast<std::uint16_t>(i)));
       made.encoded[i] = linearToByte(made.linear[i]);
       made.alpha[i] = alphaToByte(made.linear[i]);
     }

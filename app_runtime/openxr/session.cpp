@@ -5,7 +5,7 @@
 #include "gate.hpp"
 #include "objects.hpp"
 #include "session_state.hpp"
-#include "sim2vr/xr/state_name.hpp"
+#include "sim2vr/xr/session_states.hpp"
 #include "system.hpp"
 
 namespace sim2vr::openxr {
@@ -97,8 +97,8 @@ XrResult XRAPI_CALL calls::xrDestroySession(XrSession session) {
     leave(*gone, "xrDestroySession");
     for (const auto& set : gone->action_sets) {
       for (const auto& action : world().handles.below(HandleType::action, set->handle)) {
-        static_cast<Action&>(*action).bound.clear();
-        static_cast<Action&>(*action).values = {};
+        static_cast<Action&>(*action).bindings.clear();
+        static_cast<Action&>(*action).states = {};
       }
     }
     world().handles.remove(gone->handle);

@@ -3,7 +3,7 @@
 #include <cstring>
 
 #include "check.hpp"
-#include "sim2vr/xr/state_name.hpp"
+#include "sim2vr/xr/session_states.hpp"
 
 namespace sim2vr::openxr {
 namespace {
@@ -43,24 +43,18 @@ void enterState(Session& session, XrSessionState state) {
 }
 
 void start(Session& session) {
-  enterState(session, XR_SESSION_STATE_IDLE);
-  enterState(session, XR_SESSION_STATE_READY);
+  xr::toReady([&](XrSessionState state) { enterState(session, state); });
 }
 
 void show(Session& session) {
   if (session.state != XR_SESSION_STATE_READY || session.exiting) return;
-  enterState(session, XR_SESSION_STATE_SYNCHRONIZED);
-  enterState(session, XR_SESSION_STATE_VISIBLE);
-  enterState(session, XR_SESSION_STATE_FOCUSED);
+  xr::toFocused([&](XrSessionState state) { enterState(session, state); });
 }
 
 void stop(Session& session) {
   if (!session.running || session.state == XR_SESSION_STATE_STOPPING) return;
   session.exiting = true;
-  if (session.state == XR_SESSION_STATE_READY) enterState(session, XR_SESSION_STATE_SYNCHRONIZED);
-  if (session.state == XR_SESSION_STATE_FOCUSED) enterState(session, XR_SESSION_STATE_VISIBLE);
-  if (session.state == XR_SESSION_STATE_VISIBLE) enterState(session, XR_SESSION_STATE_SYNCHRONIZED);
-  enterState(session, XR_SESSION_STATE_STOPPING);
+  xr::toStopping(session.state, [&](XrSessionState state) { enterState(session, state); });
   world().changed.notify_all();
 }
 

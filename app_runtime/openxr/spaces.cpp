@@ -8,7 +8,6 @@
 #include "objects.hpp"
 #include "session_state.hpp"
 #include "system.hpp"
-#include "tracking.hpp"
 
 namespace sim2vr::openxr {
 namespace {
@@ -24,7 +23,7 @@ std::vector<XrReferenceSpaceType> referenceSpaces(const Instance& instance) {
   std::vector<XrReferenceSpaceType> types{
       XR_REFERENCE_SPACE_TYPE_VIEW, XR_REFERENCE_SPACE_TYPE_LOCAL, XR_REFERENCE_SPACE_TYPE_STAGE};
   if (instance.version >= kVersion11 || instance.enabled("XR_EXT_local_floor")) {
-    types.push_back(kLocalFloor);
+    types.push_back(xr::kLocalFloor);
   }
   return types;
 }
@@ -37,18 +36,12 @@ void requireReference(const Instance& instance, XrReferenceSpaceType type) {
                             static_cast<int>(type)));
 }
 
-struct Located {
-  bool found = false;
-  Motion motion;
-};
-
-/// `space` in `base`.
-Located locateIn(const Session& session, const Space& space, const Space& base, XrTime time) {
-  const auto stage_T_space = locate(session, space, time);
-  if (&space == &base) return {stage_T_space.has_value(), {}};
-  const auto stage_T_base = locate(session, base, time);
-  if (!stage_T_space || !stage_T_base) return {};
-  return {true, relative(*stage_T_base, *stage_T_space)};
+/// `space` in `base`; a space that is found is the identity in itself.
+std::optional<xr::Motion> locateIn(const Session& session, const Space& space, const Space& base,
+                                   XrTime time) {
+  auto found = session.tracking.locate(space, base, time);
+  if (found && &space == &base) found = xr::Motion{};
+  return found;
 }
 
 std::shared_ptr<Space> liveSpace(XrSpace handle, const char* what) {
@@ -122,7 +115,8 @@ XrResult XRAPI_CALL calls::xrCreateActionSpace(XrSession session,
     requirePose(info.poseInActionSpace, "createInfo->poseInActionSpace");
     auto made = std::make_shared<Space>();
     made->session = self;
-    made->action = action;
+    made->owner = action;
+    made->action = action.get();
     made->hand = subactionIndex(*self->instance, *action, info.subactionPath);
     made->offset = info.poseInActionSpace;
     *space = add<XrSpace>(made, self->handle);
@@ -145,13 +139,14 @@ XrResult XRAPI_CALL calls::xrLocateSpace(XrSpace space, XrSpace baseSpace, XrTim
     const auto base = liveSpace(*self->session, baseSpace, "baseSpace");
     auto& to = structure(location, XR_TYPE_SPACE_LOCATION, "location");
     requireTime(time, "time");
-    const Located located = locateIn(*self->session, *self, *base, time);
-    to.locationFlags = located.found ? kLocated : 0;
-    to.pose = located.motion.pose;
+    const auto found = locateIn(*self->session, *self, *base, time);
+    const xr::Motion motion = found.value_or(xr::Motion{});
+    to.locationFlags = found ? kLocated : 0;
+    to.pose = motion.pose;
     if (auto* velocity = chained<XrSpaceVelocity>(to.next, XR_TYPE_SPACE_VELOCITY)) {
-      velocity->velocityFlags = located.found ? kMoving : 0;
-      velocity->linearVelocity = located.motion.linear;
-      velocity->angularVelocity = located.motion.angular;
+      velocity->velocityFlags = found ? kMoving : 0;
+      velocity->linearVelocity = motion.linear;
+      velocity->angularVelocity = motion.angular;
     }
     return XR_SUCCESS;
   });
@@ -184,12 +179,12 @@ XrResult XRAPI_CALL calls::xrLocateSpaces(XrSession session, const SpacesLocateI
       spaces.push_back(liveSpace(*self, info.spaces[i], "locateInfo->spaces[i]"));
     }
     for (std::uint32_t i = 0; i < info.space_count; ++i) {
-      const Located located = locateIn(*self, *spaces[i], *base, info.time);
-      to.locations[i] = {located.found ? kLocated : 0, located.motion.pose};
+      const auto found = locateIn(*self, *spaces[i], *base, info.time);
+      const xr::Motion motion = found.value_or(xr::Motion{});
+      to.locations[i] = {found ? kLocated : 0, motion.pose};
       if (velocities != nullptr) {
         requirePointer(velocities->velocities, "velocities");
-        velocities->velocities[i] = {located.found ? kMoving : 0, located.motion.linear,
-                                     located.motion.angular};
+        velocities->velocities[i] = {found ? kMoving : 0, motion.linear, motion.angular};
       }
     }
     return XR_SUCCESS;
@@ -206,16 +201,18 @@ XrResult XRAPI_CALL calls::xrLocateViews(XrSession session, const XrViewLocateIn
     requireStereo(info.viewConfigurationType);
     const auto base = liveSpace(*self, info.space, "viewLocateInfo->space");
     requireTime(info.displayTime, "viewLocateInfo->displayTime");
-    const auto stage_T_base = locate(*self, *base, info.displayTime);
+    const auto located = [&](std::size_t eye) {
+      return self->tracking.locate(xr::eyeSpace(eye, self->instance->config.ipd_m), *base,
+                                   info.displayTime);
+    };
     constexpr XrViewStateFlags kValid =
         XR_VIEW_STATE_ORIENTATION_VALID_BIT | XR_VIEW_STATE_POSITION_VALID_BIT |
         XR_VIEW_STATE_ORIENTATION_TRACKED_BIT | XR_VIEW_STATE_POSITION_TRACKED_BIT;
-    state.viewStateFlags = stage_T_base ? kValid : 0;
+    state.viewStateFlags = located(0) ? kValid : 0;
     if (!wantsItems(kEyes, viewCapacityInput, viewCountOutput, views, "views")) return XR_SUCCESS;
     requireTypes(views, kEyes, XR_TYPE_VIEW, "views");
-    const XrPosef base_T_stage = xr::inverse(stage_T_base.value_or(Motion{}).pose);
     for (std::uint32_t eye = 0; eye < kEyes; ++eye) {
-      views[eye].pose = xr::compose(base_T_stage, eyePose(*self, eye, info.displayTime));
+      views[eye].pose = located(eye).value_or(xr::Motion{}).pose;
       views[eye].fov = self->instance->config.fov();
     }
     return XR_SUCCESS;

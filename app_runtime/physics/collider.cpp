@@ -77,23 +77,6 @@ Collider::Collider(const Shape& shape, const Vec3& center, bool is_trigger)
   requireValid(center_);
 }
 
-void Collider::setShape(const Shape& shape) {
-  requireValid(shape);
-  shape_ = shape;
-  ++revision_;
-}
-
-void Collider::setCenter(const Vec3& center) {
-  requireValid(center);
-  center_ = center;
-  ++revision_;
-}
-
-void Collider::setTrigger(bool is_trigger) {
-  is_trigger_ = is_trigger;
-  ++revision_;
-}
-
 Rigidbody* Collider::attachedRigidbody() const {
   for (const scene::Transform* node = &transform(); node != nullptr; node = node->parent()) {
     if (auto* body = node->gameObject().getComponent<Rigidbody>()) return body;

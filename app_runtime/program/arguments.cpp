@@ -6,14 +6,56 @@
 #include <limits>
 #include <memory>
 #include <sstream>
+#include <string>
 #include <type_traits>
 
-#include "option_help.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/version.hpp"
 
 namespace sim2vr::program {
 namespace {
+
+/// Help text in 80 columns; CLI11 of Debian's version does not wrap.
+class OptionHelp : public CLI::Formatter {
+ public:
+  std::string make_option(const CLI::Option* option, bool is_positional) const override {
+    const std::string name =
+        "  " + make_option_name(option, is_positional) + make_option_opts(option);
+    std::ostringstream out;
+    out << name;
+    std::size_t column = name.size();
+    if (column + 1 > kHelpColumn) {
+      out << '\n';
+      column = 0;
+    }
+    std::istringstream words(make_option_desc(option));
+    std::string word;
+    bool is_first = true;
+    while (words >> word) {
+      if (!is_first && column + 1 + word.size() > kColumns) {
+        out << '\n';
+        column = 0;
+        is_first = true;
+      }
+      if (is_first) {
+        out << std::string(kHelpColumn - column, ' ');
+        column = kHelpColumn;
+      } else {
+        out << ' ';
+        ++column;
+      }
+      out << word;
+      column += word.size();
+      is_first = false;
+    }
+    out << '\n';
+    return out.str();
+  }
+
+ private:
+  static constexpr std::size_t kColumns = 80;
+  static constexpr std::size_t kHelpColumn = 28;
+};
 
 constexpr int kBadUsage = 2;
 
@@ -69,6 +111,11 @@ constexpr std::uint32_t kLastSeed = std::numeric_limits<std::uint32_t>::max();
 
 void addGameOptions(CLI::App& cli, Arguments& arguments, Raw& raw) {
   cli.add_flag("--list-games", raw.list_games, "List the games and exit")->group("Game");
+  cli.add_option("--game-library", arguments.game_libraries,
+                 "A shared library of games, whose code is run; may be repeated")
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
+      ->expected(1)
+      ->group("Game");
   cli.add_option("--game", arguments.game, "Which game to run")->group("Game");
   cli.add_option("--condition", arguments.condition, "The game's condition")->group("Game");
   cli.add_option("--options", arguments.options, "The game's options as a JSON object")
@@ -87,8 +134,8 @@ void addServerOptions(CLI::App& cli, Arguments& arguments, Raw& raw) {
   const std::string group = "Serving (the default)";
   addNumber(cli, "--port", arguments.port, 0, 65535, "TCP port; 0 picks a free one")->group(group);
   cli.add_option("--bind", arguments.bind,
-                 "Address to listen on, or an endpoint such as ipc:///tmp/app; anybody who reaches "
-                 "it can use the app")
+                 "Address to listen on, or an endpoint such as ipc:///tmp/app; who reaches it "
+                 "can use the app")
       ->group(group);
   addNumber(cli, "--timeout", raw.timeout_s, 0.0, kLongest_s,
             "Longest wait for a message, s (60; 600 on port 5555)")

@@ -22,20 +22,19 @@ xr::DeviceState restingPlayer() {
   return xr::devicesFromRows(kHead, nullptr, kRight);
 }
 
-std::unique_ptr<xr::Device> readScript(const std::string& path) {
+xr::ScriptedDevice readScript(const std::string& path) {
   const std::string text = readTextFile("--script", path, "a readable JSON file");
   try {
-    return std::make_unique<xr::ScriptedDevice>(xr::ScriptedDevice::fromJson(text));
+    return xr::ScriptedDevice::fromJson(text);
   } catch (const InvalidArgument& error) {
     throw InvalidArgument("--script '" + printable(path) + "', " + error.field(), error.got(),
                           error.expected());
   }
 }
 
-std::unique_ptr<xr::Device> makePlayer(const std::string& script) {
+xr::ScriptedDevice makePlayer(const std::string& script) {
   if (!script.empty()) return readScript(script);
-  return std::make_unique<xr::ScriptedDevice>(
-      std::vector<xr::Keyframe>{{.time = 0, .state = restingPlayer()}});
+  return xr::ScriptedDevice({{.time = 0, .state = restingPlayer()}});
 }
 
 class FrameWriter {
@@ -78,17 +77,17 @@ int play(const Arguments& arguments) {
   settings.time.target_frame_rate = arguments.frame_rate;
   const auto renderer = render::Renderer::create(render::rendererKindFromName(arguments.renderer));
   runtime::App app(settings, renderer);
-  const std::unique_ptr<xr::Device> player = makePlayer(arguments.script);
+  const xr::ScriptedDevice player = makePlayer(arguments.script);
   FrameWriter writer(arguments.record, runtime::viewFromName(arguments.view),
                      {arguments.width, arguments.height});
 
   Summary summary;
-  summary.add(app.reset({.seed = arguments.seed}, player->sample(0)));
+  summary.add(app.reset({.seed = arguments.seed}, player.sample(0)));
   writer.write(app, 0);
   const auto frames = static_cast<std::int64_t>(arguments.seconds * arguments.frame_rate);
   for (std::int64_t frame = 1; frame <= frames && !summary.finished(); ++frame) {
     const std::int64_t time_ns = lockstepFrameTimeNs(frame, arguments.frame_rate);
-    summary.add(app.step({time_ns, player->sample(time_ns)}));
+    summary.add(app.step({time_ns, player.sample(time_ns)}));
     writer.write(app, frame);
   }
   summary.print(std::cout, app);

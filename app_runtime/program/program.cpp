@@ -7,6 +7,7 @@
 
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/log.hpp"
+#include "sim2vr/core/options.hpp"
 #include "sim2vr/core/text.hpp"
 #include "sim2vr/games/registry.hpp"
 
@@ -40,6 +41,7 @@ int runArguments(const std::vector<std::string>& words) {
   // "-" is Unity's word for the standard output; ours is for the launcher's line.
   if (!arguments.log_file.empty() && arguments.log_file != "-") setLogFile(arguments.log_file);
   for (const std::string& warning : arguments.warnings) logger().warn("{}", warning);
+  for (const auto& library : arguments.game_libraries) games::loadGameLibrary(library);
   const int code = runMode(arguments);
   // A launcher need not listen to a server any more; of the others the output is what they are for.
   if (arguments.mode != Mode::serve && !std::cout.flush()) {
@@ -76,10 +78,7 @@ nlohmann::json conditionOptions(const Arguments& arguments) {
 }  // namespace
 
 std::string gameOptions(const Arguments& arguments) {
-  nlohmann::json options = nlohmann::json::parse(arguments.options, nullptr, false);
-  if (!options.is_object()) {
-    throw InvalidArgument("options", "'" + arguments.options.substr(0, 80) + "'", "a JSON object");
-  }
+  nlohmann::json options = jsonObject("options", arguments.options);
   const auto set = [&options](const std::string& argument, const std::string& name,
                               const nlohmann::json& value) {
     const auto found = options.find(name);

@@ -20,7 +20,7 @@ namespace {
 
 constexpr int kReferencePort = 5555;
 constexpr double kTimeout_s = 60.0;
-/// On the reference's default port somebody may be debugging.
+/// On the reference's default port a developer may be debugging.
 constexpr double kDebugTimeout_s = 600.0;
 
 /// For the signal handler, which can have no other context.
@@ -113,7 +113,8 @@ int serve(const Arguments& arguments) {
   const Signals signals(stop);
   server::Server server(settings);
   if (!settings.isLocal()) {
-    logger().warn("listening on {}: whoever reaches it can use the app", server.endpoint());
+    logger().warn("listening on {}: every client that reaches it can use the app",
+                  server.endpoint());
   }
   // Launchers wait for this line.
   std::cout << "sim2vr-app: listening on " << server.endpoint() << std::endl;

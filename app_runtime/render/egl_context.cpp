@@ -1,4 +1,4 @@
-// EGL without a window. libEGL is loaded when asked for, so that machines without it still start.
+// EGL without a window. libEGL is loaded on demand, so that machines without it still start.
 #include <EGL/egl.h>
 #include <EGL/eglext.h>
 #include <dlfcn.h>
@@ -143,20 +143,20 @@ class EglContext final : public GlContext {
     return reinterpret_cast<void*>(egl().GetProcAddress(name));
   }
 
-  std::unique_ptr<Turn> makeCurrent() override {
-    auto turn = std::make_unique<EglTurn>();
+  std::unique_ptr<ScopedCurrent> makeCurrent() override {
+    auto current = std::make_unique<EglCurrent>();
     egl().BindAPI(EGL_OPENGL_API);
     if (egl().MakeCurrent(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, context_) != EGL_TRUE) {
       throw RenderError(fmt::format("{}: the context cannot be made current (EGL error {:#x})",
                                     platform_, egl().GetError()));
     }
-    turn->display = display_;
-    return turn;
+    current->display = display_;
+    return current;
   }
 
  private:
-  struct EglTurn final : Turn {
-    ~EglTurn() override {
+  struct EglCurrent final : ScopedCurrent {
+    ~EglCurrent() override {
       if (display != EGL_NO_DISPLAY) {
         egl().MakeCurrent(display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
       }

@@ -1,4 +1,4 @@
-// An OpenGL context without a window, and its turn on a thread.
+// An OpenGL context without a window, and the scope in which it is current on a thread.
 #pragma once
 
 #include <memory>
@@ -19,14 +19,14 @@ class GlContext {
   virtual void* lookup(const char* name) const = 0;
 
   /// While it lives the context is current on this thread; then the one before is current again.
-  class Turn {
+  class ScopedCurrent {
    public:
-    Turn() = default;
-    virtual ~Turn() = default;
-    Turn(const Turn&) = delete;
-    Turn& operator=(const Turn&) = delete;
+    ScopedCurrent() = default;
+    virtual ~ScopedCurrent() = default;
+    ScopedCurrent(const ScopedCurrent&) = delete;
+    ScopedCurrent& operator=(const ScopedCurrent&) = delete;
   };
-  virtual std::unique_ptr<Turn> makeCurrent() = 0;
+  virtual std::unique_ptr<ScopedCurrent> makeCurrent() = 0;
 };
 
 /// Throw RenderError that says what was tried and which package mends it.

@@ -40,8 +40,11 @@ const void* offset(std::size_t bytes) { return reinterpret_cast<const void*>(byt
 
 GlRenderer::GlRenderer(RendererKind kind, std::unique_ptr<GlContext> context)
     : kind_(kind), context_(std::move(context)) {
-  const auto turn = context_->makeCurrent();
-  gl_.emplace([this](const char* name) { return context_->lookup(name); });
+  const auto current = context_->makeCurrent();
+  gl_.emplace([this](const char* name) { return context_->lookup(name); },
+              [](const char* name) {
+                throw RenderError(fmt::format("the driver has no {} (OpenGL 4.2 is needed)", name));
+              });
   const auto text = [this](GLenum name) {
     const auto* bytes = gl_->GetString(name);
     return std::string(bytes == nullptr ? "?" : reinterpret_cast<const char*>(bytes));
@@ -60,7 +63,7 @@ GlRenderer::~GlRenderer() {
     return;
   }
   try {
-    const auto turn = context_->makeCurrent();
+    const auto current = context_->makeCurrent();
     for (const Target& each : targets_) dropTarget(each);
     gl_->DeleteBuffers(static_cast<GLsizei>(buffers_.size()), buffers_.data());
     gl_->DeleteVertexArrays(1, &surface_array_);
@@ -175,12 +178,12 @@ void GlRenderer::dropTarget(const Target& target) {
 }
 
 // One view at a time: an atlas of all views makes the CPU's caches overflow, and shifted viewports
-// round differently. What the views share is the turn of the context and the uploads.
+// round differently. The views share the current context and the uploads.
 void GlRenderer::renderBatch(std::span<const ViewRequest> requests) {
   for (const ViewRequest& each : requests) checkRenderArguments(each.size, each.rgba);
   if (requests.empty()) return;
   const std::lock_guard lock(mutex_);
-  const auto turn = context_->makeCurrent();
+  const auto current = context_->makeCurrent();
   readback_->begin();
   for (std::size_t i = 0; i < requests.size(); i += kMostTogether) {
     renderSome(requests.subspan(i, std::min(kMostTogether, requests.size() - i)));

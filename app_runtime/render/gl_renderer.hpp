@@ -10,10 +10,10 @@
 #include <vector>
 
 #include "frame.hpp"
-#include "gl_api.hpp"
 #include "gl_context.hpp"
 #include "mesh_cache.hpp"
 #include "readback.hpp"
+#include "sim2vr/gl/functions.hpp"
 #include "sim2vr/render/renderer.hpp"
 #include "sky_painter.hpp"
 
@@ -63,7 +63,7 @@ class GlRenderer final : public Renderer {
 
   RendererKind kind_;
   std::unique_ptr<GlContext> context_;
-  std::optional<GlApi> gl_;
+  std::optional<gl::Functions> gl_;
   std::string description_;
   std::mutex mutex_;
 

@@ -36,7 +36,7 @@ class MeshCache {
   /// sweep().
   MeshSlot& slot(const MeshPtr& mesh);
 
-  /// Begins a frame; drops meshes that nobody holds any more once they outweigh the others.
+  /// Begins a frame; drops meshes that are not held any more once they outweigh the others.
   void beginFrame();
   /// Rank of the slot among those of this frame, in order of first use.
   std::uint32_t rank(MeshSlot& slot);

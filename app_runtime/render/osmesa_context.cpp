@@ -1,4 +1,4 @@
-// OSMesa: Mesa's CPU driver as a plain library, for machines without EGL. Loaded when asked for.
+// OSMesa: Mesa's CPU driver as a plain library, for machines without EGL. Loaded on demand.
 #include <GL/glcorearb.h>
 #include <dlfcn.h>
 #include <fmt/format.h>
@@ -109,18 +109,18 @@ class OsMesaContext final : public GlContext {
   const std::string& platform() const override { return platform_; }
   void* lookup(const char* name) const override { return osmesa_.GetProcAddress(name); }
 
-  std::unique_ptr<Turn> makeCurrent() override {
-    auto turn = std::make_unique<OsMesaTurn>(osmesa_);
+  std::unique_ptr<ScopedCurrent> makeCurrent() override {
+    auto current = std::make_unique<OsMesaCurrent>(osmesa_);
     if (osmesa_.MakeCurrent(context_, unused_.data(), GL_UNSIGNED_BYTE, kEdge, kEdge) == 0) {
       throw RenderError("OSMesa: the context cannot be made current");
     }
-    return turn;
+    return current;
   }
 
  private:
-  struct OsMesaTurn final : Turn {
-    explicit OsMesaTurn(const OsMesaApi& api) : osmesa(api) { egl_before.release(); }
-    ~OsMesaTurn() override { osmesa.MakeCurrent(nullptr, nullptr, 0, 0, 0); }
+  struct OsMesaCurrent final : ScopedCurrent {
+    explicit OsMesaCurrent(const OsMesaApi& api) : osmesa(api) { egl_before.release(); }
+    ~OsMesaCurrent() override { osmesa.MakeCurrent(nullptr, nullptr, 0, 0, 0); }
     const OsMesaApi& osmesa;
     EglCurrentKeeper egl_before;
     OsMesaCurrentKeeper before{!egl_before.found()};

@@ -21,7 +21,8 @@ bool wantsRing(bool driver_on_cpu) {
 
 }  // namespace
 
-Readback::Readback(const GlApi& gl, bool driver_on_cpu) : gl_(gl), ring_(wantsRing(driver_on_cpu)) {
+Readback::Readback(const gl::Functions& gl, bool driver_on_cpu)
+    : gl_(gl), ring_(wantsRing(driver_on_cpu)) {
   if (!ring_) return;
   for (Slot& slot : slots_) gl_.GenBuffers(1, &slot.buffer);
 }

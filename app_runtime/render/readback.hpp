@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <span>
 
-#include "gl_api.hpp"
+#include "sim2vr/gl/functions.hpp"
 #include "sim2vr/render/image_size.hpp"
 
 namespace sim2vr::render {
@@ -20,7 +20,7 @@ class Readback {
  public:
   /// SIM2VR_READBACK=direct|ring overrides what suits the driver, for developers; throws
   /// RenderError for another word.
-  Readback(const GlApi& gl, bool driver_on_cpu);
+  Readback(const gl::Functions& gl, bool driver_on_cpu);
   void release();
 
   /// Forgets what a failed batch left.
@@ -39,7 +39,7 @@ class Readback {
 
   void fetch(Slot& slot);
 
-  const GlApi& gl_;
+  const gl::Functions& gl_;
   bool ring_ = false;
   std::array<Slot, 4> slots_;
   std::size_t next_ = 0;

@@ -15,7 +15,8 @@ namespace {
 
 constexpr std::size_t kLogSize = 4096;
 
-GLuint compile(const GlApi& gl, GLenum stage, const std::string& file, const std::string& variant) {
+GLuint compile(const gl::Functions& gl, GLenum stage, const std::string& file,
+               const std::string& variant) {
   const std::string define = variant.empty() ? "" : fmt::format("#define {} 1\n", variant);
   const std::string text =
       "#version 420 core\n" + define + shaderText("frame.glsl") + "#line 1\n" + shaderText(file);
@@ -46,7 +47,7 @@ std::string shaderText(std::string_view file_name) {
   return found->second;
 }
 
-GLuint buildProgram(const GlApi& gl, const std::string& name, const std::string& variant) {
+GLuint buildProgram(const gl::Functions& gl, const std::string& name, const std::string& variant) {
   const GLuint vertex = compile(gl, GL_VERTEX_SHADER, name + ".vert", variant);
   const GLuint fragment = compile(gl, GL_FRAGMENT_SHADER, name + ".frag", variant);
   const GLuint program = gl.CreateProgram();

@@ -5,7 +5,7 @@
 #include <string>
 #include <string_view>
 
-#include "gl_api.hpp"
+#include "sim2vr/gl/functions.hpp"
 
 namespace sim2vr::render {
 
@@ -17,6 +17,6 @@ std::string shaderText(std::string_view file_name);
 
 /// Compiles frame.glsl + `name`.vert and `name`.frag with `#define <variant>` (unless empty). Binds
 /// the uniform block Frame to binding 0. Throws RenderError with the driver's log.
-GLuint buildProgram(const GlApi& gl, const std::string& name, const std::string& variant);
+GLuint buildProgram(const gl::Functions& gl, const std::string& name, const std::string& variant);
 
 }  // namespace sim2vr::render

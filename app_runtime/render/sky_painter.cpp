@@ -27,7 +27,7 @@ std::uint8_t outsideOf(const View& view, const Eigen::Vector3f& eye) {
 
 }  // namespace
 
-SkyPainter::SkyPainter(const GlApi& gl) : gl_(gl), program_(buildProgram(gl, "sky", "")) {
+SkyPainter::SkyPainter(const gl::Functions& gl) : gl_(gl), program_(buildProgram(gl, "sky", "")) {
   gl_.GenBuffers(1, &vertex_buffer_);
   gl_.GenBuffers(1, &index_buffer_);
   gl_.GenVertexArrays(1, &array_);

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "frame.hpp"
-#include "gl_api.hpp"
+#include "sim2vr/gl/functions.hpp"
 #include "sky.hpp"
 
 namespace sim2vr::render {
@@ -18,7 +18,7 @@ namespace sim2vr::render {
 /// All calls need the renderer's context.
 class SkyPainter {
  public:
-  explicit SkyPainter(const GlApi& gl);
+  explicit SkyPainter(const gl::Functions& gl);
   /// Frees what the constructor and later calls made.
   void release();
 
@@ -54,7 +54,7 @@ class SkyPainter {
   void paint(Picture& picture, const Frame& frame);
   void drop(const Picture& picture);
 
-  const GlApi& gl_;
+  const gl::Functions& gl_;
   GLuint program_ = 0, array_ = 0, vertex_buffer_ = 0, index_buffer_ = 0;
   bool has_dome_ = false;
   SkySettings settings_;

@@ -1,16 +1,15 @@
 #include "sim2vr/rl/game.hpp"
 
+#include <utility>
+
 namespace sim2vr::rl {
 
-void RLEnv::Start() {
-  InitialiseGame();
-  InitialiseReward();
-  Reset();
-}
+void RLEnv::Start() { beginRound(); }
 
 void RLEnv::Update() {
-  CalculateReward();
-  UpdateIsFinished();
+  reward_ = static_cast<float>(calculateReward());
+  updateLog();
+  finished_ = isOver();
   step_begins_ = false;
 }
 
@@ -19,10 +18,22 @@ void RLEnv::beginStep(int frames) {
   step_begins_ = true;
 }
 
-void RLEnv::logTerm(const std::string& name, double value) {
-  double& step = log_[name];
-  step = step_begins_ ? value : step + value;
-  log_[name + kSumSuffix] += value;
+void RLEnv::logColumn(const std::string& name, std::function<double()> value) {
+  columns_.push_back({&log_[name], nullptr, std::move(value)});
+}
+
+void RLEnv::logTerm(const std::string& name, std::function<double()> value) {
+  columns_.push_back({&log_[name], &log_[name + kSumSuffix], std::move(value)});
+}
+
+void RLEnv::updateLog() {
+  if (columns_.empty()) declareLog();
+  for (const Column& column : columns_) {
+    const double value = column.now();
+    const bool adds = column.sum != nullptr && !step_begins_;
+    *column.value = adds ? *column.value + value : value;
+    if (column.sum != nullptr) *column.sum += value;
+  }
 }
 
 void RLEnv::fillPrivileged(std::span<float>) const {}
@@ -31,6 +42,7 @@ void RLEnv::fields(Archive& archive) {
   archive.field("reward", reward_);
   archive.field("finished", finished_);
   archive.field("log", log_);
+  if (archive.loading()) columns_.clear();
 }
 
 std::optional<double> Game::headRequest(std::uint32_t) const { return std::nullopt; }

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <nlohmann/json.hpp>
 #include <string>
 
 #include "sim2vr/core/archive.hpp"
@@ -16,13 +15,11 @@
 #include "sim2vr/scene/scene.hpp"
 #include "sim2vr/xr/frames.hpp"
 #include "sim2vr/xr/session.hpp"
-#include "sim2vr/xr/simulated_device.hpp"
 
 namespace sim2vr::runtime {
 namespace {
 
 constexpr std::string_view kStateFormat = "sim2vr app state 2";
-constexpr double kNsPerSecond = 1e9;
 
 xr::SessionSettings sessionSettings(const AppSettings& app) {
   const render::ImageSize size = app.headset_size;
@@ -50,17 +47,6 @@ Capabilities capabilitiesOf(const rl::Game& game) {
   return all;
 }
 
-std::string mergedOptions(const std::string& current, std::string_view changes) {
-  nlohmann::json merged = nlohmann::json::parse(current);
-  const nlohmann::json added = nlohmann::json::parse(changes, nullptr, false);
-  if (!added.is_object()) {
-    throw InvalidArgument("options", "'" + std::string(changes.substr(0, 80)) + "'",
-                          "a JSON object");
-  }
-  merged.update(added);
-  return merged.dump();
-}
-
 void configureGame(rl::Game& game, const std::string& options_json) {
   Options options = Options::fromJson(options_json);
   game.configure(options);
@@ -73,16 +59,17 @@ void configureGame(rl::Game& game, const std::string& options_json) {
 /// hold references to the world and the session.
 struct App::Round {
   Round(const AppSettings& app, std::int64_t start_ns)
-      : session(device, sessionSettings(app)), scene(app.time), physics(scene) {
+      : session(sessionSettings(app)), scene(app.time), physics(scene) {
     scene.clock().restart(start_ns);
   }
 
-  xr::SimulatedDevice device;
   xr::Session session;
   scene::Scene scene;
   physics::PhysicsWorld physics;
   rl::SoundLog sounds;
   rl::RLEnv* env = nullptr;
+  /// Null for a game without one.
+  const render::Camera* head_camera = nullptr;
 };
 
 AppFactory gameApps() { return gameApps(games::createGame); }
@@ -141,6 +128,8 @@ void App::buildRound(std::uint32_t seed, std::int64_t start_ns, rl::EpisodeLogge
                           .sounds = fresh->sounds};
   fresh->env = &game_->build(context);
   rl::addOutsideCameras(fresh->scene);
+  const scene::GameObject* head = fresh->scene.find(rl::kHeadCameraPath);
+  if (head != nullptr) fresh->head_camera = head->getComponent<render::Camera>();
   if (!fresh->session.attached()) fresh->session.attachActionSets();
   round_ = std::move(fresh);
 }
@@ -161,7 +150,6 @@ Outcome App::doBegin(const RoundStart& start, const xr::DeviceState& devices) {
     settings_.options_json = merged;
   }
   buildRound(start.seed, start.time_ns, logger_.get());
-  round_->session.begin();
   step_.open = false;
   runFrame({start.time_ns, checked});
   return outcome(round_->env->reward());
@@ -210,20 +198,15 @@ void App::runFramesTo(std::size_t end) {
 
 void App::runFrame(const FrameInput& frame) {
   Round& current = *round_;
-  const auto period = static_cast<XrDuration>(kNsPerSecond / settings_.time.target_frame_rate);
-  current.device.set(frame.devices);
-  current.session.waitFrame(frame.time_ns, period);
-  current.session.beginFrame();
-  current.session.syncActions();
+  current.session.nextFrame(frame.time_ns, frame.devices);
   current.scene.runFrame(frame.time_ns, [&current] { current.physics.step(); });
-  current.session.endFrame();
   if (logger_ != nullptr && current.env->finished()) logger_->endRound();
 }
 
 Outcome App::outcome(float reward) {
-  events_ = {round_->device.takePulses(), round_->sounds.take()};
+  events_ = {round_->session.takePulses(), round_->sounds.take()};
   const rl::RLEnv& env = *round_->env;
-  return {reward, env.finished(), env.GetTimeFeature()};
+  return {reward, env.finished(), env.timeFeature()};
 }
 
 const std::map<std::string, double>& App::log() const {
@@ -252,6 +235,7 @@ const render::Camera& App::camera(View view) const {
   static constexpr std::array<std::string_view, 3> kPaths{
       rl::kHeadCameraPath, rl::kThirdPersonCameraPath, rl::kSpectatorCameraPath};
   const Round& current = round("renderView");
+  if (view == View::headset && current.head_camera != nullptr) return *current.head_camera;
   const std::string_view path = kPaths.at(static_cast<std::size_t>(view));
   const scene::GameObject* object = current.scene.find(path);
   const auto* found = object == nullptr ? nullptr : object->getComponent<render::Camera>();
@@ -275,9 +259,8 @@ void App::addViews(std::vector<render::ViewRequest>& views) {
     views.push_back({current.scene, head, settings_.headset_size, image_});
     return;
   }
-  const xr::Space space = current.session.referenceSpace(XR_REFERENCE_SPACE_TYPE_VIEW);
   int eye = 0;
-  for (const XrView& view : current.session.locateViews(current.session.frameTime(), space)) {
+  for (const XrView& view : current.session.locateViews()) {
     views.push_back({current.scene, head, settings_.headset_size, eyeImage(eye++), eyeView(view)});
   }
 }

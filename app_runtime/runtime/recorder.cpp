@@ -1,22 +1,102 @@
 #include "sim2vr/runtime/recorder.hpp"
 
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <signal.h>
+#include <spawn.h>
+#include <sys/socket.h>
+#include <sys/types.h>
+#include <sys/wait.h>
 #include <unistd.h>
-
+#include <cerrno>
+#include <cstdint>
 #include <cstdlib>
+#include <cstring>
 #include <span>
 #include <sstream>
 #include <string>
 #include <system_error>
 #include <utility>
+#include <vector>
 
-#include "child_process.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/log.hpp"
 #include "sim2vr/render/image_io.hpp"
 
 namespace sim2vr::runtime {
 namespace {
+
+/// A program that reads what we write.
+class ChildProcess {
+ public:
+  /// Starts arguments[0], found on PATH, with its standard input connected to write(). Throws
+  /// EngineError when it cannot be started.
+  explicit ChildProcess(std::vector<std::string> arguments);
+  /// As finish().
+  ~ChildProcess();
+  ChildProcess(const ChildProcess&) = delete;
+  ChildProcess& operator=(const ChildProcess&) = delete;
+
+  /// False when the program no longer reads.
+  bool write(std::span<const std::uint8_t> bytes);
+  /// Closes its input and waits for its end; its exit code, or 128 + the signal that ended it.
+  int finish();
+
+ private:
+  pid_t pid_ = -1;
+  int input_ = -1;
+  int status_ = 0;
+};
+
+ChildProcess::ChildProcess(std::vector<std::string> arguments) {
+  // A socket rather than a pipe: writing to one that is closed need not raise SIGPIPE.
+  int ends[2];
+  if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0) {
+    throw EngineError(std::string("socketpair: ") + std::strerror(errno));
+  }
+  std::vector<char*> argv;
+  for (std::string& argument : arguments) argv.push_back(argument.data());
+  argv.push_back(nullptr);
+  posix_spawn_file_actions_t actions;
+  ::posix_spawn_file_actions_init(&actions);
+  ::posix_spawn_file_actions_adddup2(&actions, ends[1], STDIN_FILENO);
+  // A group of its own: Ctrl-C is for us, and the program then gets to its end through its input.
+  posix_spawnattr_t attributes;
+  ::posix_spawnattr_init(&attributes);
+  ::posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
+  const int problem = ::posix_spawnp(&pid_, argv[0], &actions, &attributes, argv.data(), environ);
+  ::posix_spawnattr_destroy(&attributes);
+  ::posix_spawn_file_actions_destroy(&actions);
+  ::close(ends[1]);
+  input_ = ends[0];
+  if (problem != 0) {
+    ::close(input_);
+    throw EngineError("cannot start " + arguments[0] + ": " + std::strerror(problem));
+  }
+}
+
+ChildProcess::~ChildProcess() { finish(); }
+
+bool ChildProcess::write(std::span<const std::uint8_t> bytes) {
+  while (!bytes.empty()) {
+    const ssize_t written = ::send(input_, bytes.data(), bytes.size(), MSG_NOSIGNAL);
+    if (written < 0 && errno == EINTR) continue;
+    if (written < 0) return false;
+    bytes = bytes.subspan(static_cast<std::size_t>(written));
+  }
+  return true;
+}
+
+int ChildProcess::finish() {
+  if (pid_ < 0) return status_;
+  ::close(input_);
+  int status = 0;
+  while (::waitpid(pid_, &status, 0) < 0 && errno == EINTR) {
+  }
+  pid_ = -1;
+  status_ = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+  return status_;
+}
 
 void makeFolder(const std::filesystem::path& folder) {
   std::error_code problem;

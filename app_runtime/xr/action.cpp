@@ -2,49 +2,60 @@
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
+#include <map>
 
-#include "input_paths.hpp"
-#include "names.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "xr_archive.hpp"
 
 namespace sim2vr::xr {
 namespace {
 
-// An analogue input presses a boolean action from its middle on.
-constexpr float kPressThreshold = 0.5F;
+float magnitude(const XrVector2f& v) { return std::hypot(v.x, v.y); }
 
-float length(const XrVector2f& v) { return std::hypot(v.x, v.y); }
-
-XrVector2f readAs(XrActionType type, const InputPath& input, const ControllerState& controller) {
-  const XrVector2f value = input.read(controller);
-  if (type != XR_ACTION_TYPE_BOOLEAN_INPUT) return value;
-  return {value.x >= kPressThreshold ? 1.0F : 0.0F, 0.0F};
+/// Several inputs of one action: the one that is furthest from rest.
+void merge(ActionState& into, const XrVector2f& value) {
+  if (magnitude(value) > magnitude(into.value)) into.value = value;
+  into.active = true;
 }
 
-void put(ActionState& state, bool active, XrVector2f value, XrTime time) {
-  if (!active) {
-    state = {};
+void store(ActionState& stored, const ActionState& fresh, XrTime time) {
+  if (!fresh.active) {
+    stored = {};
     return;
   }
-  state.active = true;
-  state.changed = value.x != state.value.x || value.y != state.value.y;
-  if (state.changed) state.last_change = time;
-  state.value = value;
+  // Before it became active it was 0.
+  stored.changed = fresh.value.x != stored.value.x || fresh.value.y != stored.value.y;
+  if (stored.changed) stored.last_change = time;
+  stored.value = fresh.value;
+  stored.active = true;
+}
+
+bool wants(std::span<const ActiveSet> active, const Action& action, Hand hand) {
+  return std::any_of(active.begin(), active.end(), [&](const ActiveSet& each) {
+    return each.set == action.set && each.hands[static_cast<std::size_t>(hand)];
+  });
+}
+
+using Priorities = std::map<std::string_view, std::uint32_t>;
+
+/// The highest priority of an active set by input source. Empty where all have the same.
+Priorities sourcePriorities(std::span<Action* const> actions, std::span<const ActiveSet> active) {
+  Priorities priorities;
+  const bool same = std::all_of(active.begin(), active.end(), [&](const ActiveSet& each) {
+    return each.set->priority == active.front().set->priority;
+  });
+  if (same) return priorities;
+  for (const Action* action : actions) {
+    for (const Component* component : action->bindings) {
+      if (!wants(active, *action, *component->hand)) continue;
+      std::uint32_t& highest = priorities[component->source];
+      highest = std::max(highest, action->set->priority);
+    }
+  }
+  return priorities;
 }
 
 }  // namespace
-
-void requireName(const char* what, const std::string& name) {
-  const bool valid =
-      !name.empty() && name.size() <= 63 && std::all_of(name.begin(), name.end(), [](char c) {
-        return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-' || c == '_' || c == '.';
-      });
-  if (!valid) {
-    throw InvalidArgument(what, "'" + name + "'", "1 to 63 characters out of a-z 0-9 - _ .");
-  }
-}
 
 void ActionState::fields(Archive& archive) {
   vectorField(archive, "value", value);
@@ -53,75 +64,74 @@ void ActionState::fields(Archive& archive) {
   archive.field("last_change", last_change);
 }
 
-Action::Action(std::string name, XrActionType type, std::vector<Hand> hands)
-    : name_(std::move(name)), type_(type), hands_(std::move(hands)) {}
-
-bool Action::hasHand(Hand hand) const {
-  return std::find(hands_.begin(), hands_.end(), hand) != hands_.end();
-}
-
-// `state` is null while no input is delivered.
-void Action::sync(const DeviceState* state, XrTime time) {
-  struct Reading {
-    bool active = false;
-    XrVector2f value{0.0F, 0.0F};
-
-    void add(XrVector2f other) {
-      active = true;
-      if (length(other) > length(value)) value = other;
-    }
-  };
-  std::array<Reading, 2> hands;
-  Reading all;
-  for (const InputPath* input : bindings_) {
-    if (state == nullptr || !state->hand(input->hand).active) continue;
-    const XrVector2f value = readAs(type_, *input, state->hand(input->hand));
-    hands[static_cast<std::size_t>(input->hand)].add(value);
-    all.add(value);
+bool Action::bind(const Component& component) {
+  if (!component.hand || !hands[static_cast<std::size_t>(*component.hand)] ||
+      component.input == Input::none || !fits(component.kind, type)) {
+    return false;
   }
-  for (const Hand hand : kHands) {
-    const Reading& reading = hands[static_cast<std::size_t>(hand)];
-    put(perHand(hand), reading.active, reading.value, time);
+  if (std::find(bindings.begin(), bindings.end(), &component) == bindings.end()) {
+    bindings.push_back(&component);
   }
-  put(combined_, all.active, all.value, time);
+  return true;
 }
 
 void Action::fields(Archive& archive) {
-  std::string name = name_;
-  archive.field("action", name);
-  if (name != name_) {
-    throw EngineError("saved state: action '" + name + "' where this session has '" + name_ + "'");
+  std::string saved = name;
+  archive.field("action", saved);
+  if (saved != name) {
+    throw EngineError("saved state: action '" + saved + "' where this session has '" + name + "'");
   }
-  archive.field("per_hand", per_hand_);
-  archive.field("combined", combined_);
+  archive.field("states", states);
 }
 
-Action& ActionSet::createAction(const std::string& name, XrActionType type,
-                                std::vector<Hand> subactions) {
-  if (attached_) {
-    throw StateError("createAction('" + name + "'): action set '" + name_ +
-                     "' is attached already; create all actions before attachActionSets");
+void syncActions(std::span<Action* const> actions, std::span<const ActiveSet> active,
+                 const DeviceState* devices, XrTime time) {
+  const Priorities priorities = sourcePriorities(actions, active);
+  for (Action* action : actions) {
+    std::array<ActionState, 4> fresh;
+    for (const Component* component : action->bindings) {
+      const Hand hand = *component->hand;
+      if (devices == nullptr || !devices->hand(hand).active) continue;
+      if (!wants(active, *action, hand)) continue;
+      const auto highest = priorities.find(component->source);
+      if (highest != priorities.end() && highest->second > action->set->priority) continue;
+      const XrVector2f value = readInput(*component, action->type, devices->hand(hand));
+      merge(fresh[static_cast<std::size_t>(hand)], value);
+      merge(fresh[kBothHands], value);
+    }
+    for (std::size_t i = 0; i < fresh.size(); ++i) store(action->states[i], fresh[i], time);
   }
-  requireName("action name", name);
-  if (findAction(name) != nullptr) {
-    throw InvalidArgument("action name", "'" + name + "' twice",
-                          "a name not used before in the action set '" + name_ + "'");
-  }
-  if (type != XR_ACTION_TYPE_BOOLEAN_INPUT && type != XR_ACTION_TYPE_FLOAT_INPUT &&
-      type != XR_ACTION_TYPE_VECTOR2F_INPUT && type != XR_ACTION_TYPE_POSE_INPUT &&
-      type != XR_ACTION_TYPE_VIBRATION_OUTPUT) {
-    throw InvalidArgument("action '" + name + "' type", std::to_string(type),
-                          "boolean, float, vector2f or pose input, or vibration output");
-  }
-  actions_.push_back(std::unique_ptr<Action>(new Action(name, type, std::move(subactions))));
-  return *actions_.back();
 }
 
-Action* ActionSet::findAction(std::string_view name) const {
-  for (const auto& action : actions_) {
-    if (action->name() == name) return action.get();
+bool isName(std::string_view text) {
+  return text.find_first_not_of('.') != std::string_view::npos &&
+         std::all_of(text.begin(), text.end(), [](char c) {
+           return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-' || c == '_' ||
+                  c == '.';
+         });
+}
+
+const char* typeName(XrActionType type) {
+  switch (type) {
+    case XR_ACTION_TYPE_BOOLEAN_INPUT:
+      return "boolean";
+    case XR_ACTION_TYPE_FLOAT_INPUT:
+      return "float";
+    case XR_ACTION_TYPE_VECTOR2F_INPUT:
+      return "vector2f";
+    case XR_ACTION_TYPE_POSE_INPUT:
+      return "pose";
+    case XR_ACTION_TYPE_VIBRATION_OUTPUT:
+      return "vibration";
+    default:
+      return nullptr;
   }
-  return nullptr;
+}
+
+bool isVibration(const XrHapticVibration& vibration) {
+  return vibration.amplitude >= 0.0F && vibration.amplitude <= 1.0F &&
+         std::isfinite(vibration.frequency) && vibration.frequency >= 0.0F &&
+         vibration.duration >= XR_MIN_HAPTIC_DURATION;
 }
 
 }  // namespace sim2vr::xr

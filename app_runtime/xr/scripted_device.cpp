@@ -6,7 +6,6 @@
 #include <string>
 #include <utility>
 
-#include "names.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/math.hpp"
 
@@ -52,7 +51,7 @@ void requireKnownKeys(const std::string& entry, const Json& object,
   if (!object.is_object()) refuse(entry, object, "a JSON object");
   for (const auto& item : object.items()) {
     if (std::find(known.begin(), known.end(), item.key()) != known.end()) continue;
-    throw InvalidArgument(entry, quote(item.key()),
+    throw InvalidArgument(entry, "'" + item.key() + "'",
                           "only " + listChoices(known) + didYouMean(item.key(), known));
   }
 }
@@ -140,7 +139,7 @@ ScriptedDevice::ScriptedDevice(std::vector<Keyframe> keyframes) : keyframes_(std
 ScriptedDevice ScriptedDevice::fromJson(std::string_view text) {
   const Json script = Json::parse(text, nullptr, /*allow_exceptions=*/false);
   if (script.is_discarded()) {
-    throw InvalidArgument("script", quote(text.substr(0, 80)), "a JSON object");
+    throw InvalidArgument("script", "'" + std::string(text.substr(0, 80)) + "'", "a JSON object");
   }
   requireKnownKeys("script", script, {"keyframes"});
   const auto list = script.find("keyframes");
@@ -170,37 +169,21 @@ ScriptedDevice ScriptedDevice::fromJson(std::string_view text) {
   return ScriptedDevice(std::move(keyframes));
 }
 
-DeviceState ScriptedDevice::sample(XrTime time) {
-  const XrTime position = time - start_time_;
-  position_ = position;
+DeviceState ScriptedDevice::sample(XrTime time) const {
   const auto after =
-      std::upper_bound(keyframes_.begin(), keyframes_.end(), position,
+      std::upper_bound(keyframes_.begin(), keyframes_.end(), time,
                        [](XrTime t, const Keyframe& keyframe) { return t < keyframe.time; });
   if (after == keyframes_.begin()) return keyframes_.front().state;
   if (after == keyframes_.end()) return keyframes_.back().state;
   const Keyframe& a = *(after - 1);
   const Keyframe& b = *after;
-  const double part = static_cast<double>(position - a.time) / static_cast<double>(b.time - a.time);
+  const double part = static_cast<double>(time - a.time) / static_cast<double>(b.time - a.time);
   DeviceState state = a.state;
   state.head = mix(a.state.head, b.state.head, part);
   for (const Hand hand : kHands) {
     state.hand(hand) = mix(a.state.hand(hand), b.state.hand(hand), part);
   }
   return state;
-}
-
-void ScriptedDevice::fields(Archive& archive) {
-  std::uint64_t count = keyframes_.size();
-  XrTime last = duration();
-  archive.field("keyframes", count);
-  archive.field("duration", last);
-  if (count != keyframes_.size() || last != duration()) {
-    throw EngineError("saved state: it was made with a script of " + std::to_string(count) +
-                      " keyframes, this device plays another one of " +
-                      std::to_string(keyframes_.size()));
-  }
-  archive.field("start_time", start_time_);
-  archive.field("position", position_);
 }
 
 }  // namespace sim2vr::xr

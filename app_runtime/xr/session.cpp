@@ -1,12 +1,38 @@
 #include "sim2vr/xr/session.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <utility>
 
-#include "names.hpp"
 #include "sim2vr/core/errors.hpp"
-#include "xr_archive.hpp"
 
 namespace sim2vr::xr {
+namespace {
+
+/// What the simulated controllers have.
+const Profile& touchProfile() {
+  static const Profile& profile = *findProfile("/interaction_profiles/oculus/touch_controller");
+  return profile;
+}
+
+std::vector<std::string> knownPaths() {
+  std::vector<std::string> paths;
+  for (const Component& component : touchProfile().components) {
+    if (component.input != Input::none) paths.push_back(component.path);
+  }
+  return paths;
+}
+
+std::string quoted(std::string_view text) { return "'" + std::string(text) + "'"; }
+
+void requireName(const char* what, const std::string& name, bool used) {
+  if (!isName(name) || name.size() >= XR_MAX_ACTION_NAME_SIZE) {
+    throw InvalidArgument(what, quoted(name), "1 to 63 characters out of a-z 0-9 - _ .");
+  }
+  if (used) throw InvalidArgument(what, quoted(name) + " twice", "a name not used before");
+}
+
+}  // namespace
 
 void SessionSettings::validate() const {
   if (!(ipd_m >= 0.0F && ipd_m <= 0.2F)) {
@@ -21,149 +47,140 @@ void SessionSettings::validate() const {
   }
 }
 
-Session::Session(Device& device, const SessionSettings& settings)
-    : device_(device), settings_(settings) {
-  settings_.validate();
-  enter(XR_SESSION_STATE_IDLE);
-  enter(XR_SESSION_STATE_READY);
-}
+Session::Session(const SessionSettings& settings) : settings_(settings) { settings_.validate(); }
 
-Session::~Session() = default;
-
-void Session::enter(XrSessionState state) {
-  state_ = state;
-  events_.emplace_back(state, frame_time_);
-}
-
-bool Session::isRunning() const {
-  return state_ == XR_SESSION_STATE_SYNCHRONIZED || state_ == XR_SESSION_STATE_VISIBLE ||
-         state_ == XR_SESSION_STATE_FOCUSED || state_ == XR_SESSION_STATE_STOPPING;
-}
-
-std::optional<XrEventDataSessionStateChanged> Session::pollEvent() {
-  if (events_.empty()) return std::nullopt;
-  const auto [state, time] = events_.front();
-  events_.pop_front();
-  return XrEventDataSessionStateChanged{XR_TYPE_EVENT_DATA_SESSION_STATE_CHANGED, nullptr,
-                                        XR_NULL_HANDLE, state, time};
-}
-
-void Session::begin() {
-  if (state_ != XR_SESSION_STATE_READY) {
-    throw StateError(std::string("begin: the session is ") + stateName(state_) +
-                     "; it can begin only when READY");
+void Session::nextFrame(XrTime time, const DeviceState& devices) {
+  if (!attached_) {
+    throw StateError("nextFrame: no action sets are attached; call attachActionSets first");
   }
-  any_frame_ = false;
-  frame_stage_ = FrameStage::idle;
-  enter(XR_SESSION_STATE_SYNCHRONIZED);
+  tracking_.track({time, devices});
+  syncActions(attached_actions_, active_sets_, &tracking_.latest()->devices, time);
 }
 
-void Session::requestExit() {
-  requireRunning("requestExit");
-  if (state_ == XR_SESSION_STATE_STOPPING) {
-    throw StateError("requestExit: the session is STOPPING already; call end");
+XrTime Session::frameTime() const {
+  const Frame* frame = tracking_.latest();
+  return frame == nullptr ? 0 : frame->time;
+}
+
+void Session::requireNotAttached(const char* call) const {
+  if (!attached_) return;
+  throw StateError(std::string(call) +
+                   ": the action sets are attached already; that is possible once per session");
+}
+
+ActionSet& Session::createActionSet(const std::string& name) {
+  requireNotAttached("createActionSet");
+  requireName("action set name", name,
+              std::any_of(action_sets_.begin(), action_sets_.end(),
+                          [&](const ActionSet& set) { return set.name == name; }));
+  ActionSet& set = action_sets_.emplace_back();
+  set.name = name;
+  return set;
+}
+
+Action& Session::createAction(const ActionSet& set, const std::string& name, XrActionType type,
+                              const std::vector<Hand>& hands) {
+  requireNotAttached("createAction");
+  requireName("action name", name, findAction(set.name, name) != nullptr);
+  if (typeName(type) == nullptr) {
+    throw InvalidArgument("action '" + name + "' type", std::to_string(type),
+                          "boolean, float, vector2f or pose input, or vibration output");
   }
-  if (state_ == XR_SESSION_STATE_FOCUSED) enter(XR_SESSION_STATE_VISIBLE);
-  if (state_ == XR_SESSION_STATE_VISIBLE) enter(XR_SESSION_STATE_SYNCHRONIZED);
-  enter(XR_SESSION_STATE_STOPPING);
+  Action& action = actions_.emplace_back();
+  action.name = name;
+  action.type = type;
+  action.set = &set;
+  if (!hands.empty()) action.hands = {};
+  for (const Hand hand : hands) action.hands[static_cast<std::size_t>(hand)] = true;
+  return action;
 }
 
-void Session::end() {
-  if (state_ != XR_SESSION_STATE_STOPPING) {
-    throw StateError(std::string("end: the session is ") + stateName(state_) +
-                     "; it can end only when STOPPING (call requestExit first)");
+const Action* Session::findAction(std::string_view set, std::string_view name) const {
+  const auto found = std::find_if(actions_.begin(), actions_.end(), [&](const Action& action) {
+    return action.set->name == set && action.name == name;
+  });
+  return found == actions_.end() ? nullptr : &*found;
+}
+
+void Session::suggestBinding(Action& action, std::string_view path) {
+  requireNotAttached("suggestBinding");
+  const Component* component = touchProfile().find(path);
+  if (component == nullptr || component->input == Input::none) {
+    throw InvalidArgument(
+        "binding path", quoted(path),
+        "an input or output of the Touch controllers" + didYouMean(path, knownPaths()));
   }
-  enter(XR_SESSION_STATE_IDLE);
-  enter(XR_SESSION_STATE_EXITING);
-}
-
-void Session::setInputFocus(bool focused) {
-  if (focused && state_ == XR_SESSION_STATE_VISIBLE) enter(XR_SESSION_STATE_FOCUSED);
-  if (!focused && state_ == XR_SESSION_STATE_FOCUSED) enter(XR_SESSION_STATE_VISIBLE);
-}
-
-void Session::requireRunning(const char* call) const {
-  if (isRunning()) return;
-  throw StateError(std::string(call) + ": the session is " + stateName(state_) +
-                   "; it must be running (call begin when READY)");
-}
-
-void Session::requireStage(const char* call, FrameStage stage, const char* expected) const {
-  requireRunning(call);
-  if (frame_stage_ == stage) return;
-  throw StateError(std::string(call) + ": call " + expected + " first (session " +
-                   stateName(state_) + "; the order is waitFrame, beginFrame, endFrame)");
-}
-
-XrFrameState Session::waitFrame(XrTime predicted_display_time, XrDuration period) {
-  const char* missing = frame_stage_ == FrameStage::waited ? "beginFrame" : "endFrame";
-  requireStage("waitFrame", FrameStage::idle, missing);
-  if (any_frame_ && predicted_display_time < frame_time_) {
-    throw InvalidArgument("predicted_display_time", std::to_string(predicted_display_time),
-                          "a time not before the previous frame's " + std::to_string(frame_time_));
+  if (!action.bind(*component)) {
+    throw InvalidArgument("binding path", quoted(path),
+                          std::string("a path for the ") + typeName(action.type) + " action '" +
+                              action.name + "' and of a hand that it was created with");
   }
-  if (period < 0) {
-    throw InvalidArgument("period", std::to_string(period), "a duration of 0 ns or more");
+}
+
+void Session::attachActionSets() {
+  requireNotAttached("attachActionSets");
+  attached_ = true;
+  for (Action& action : actions_) attached_actions_.push_back(&action);
+  for (const ActionSet& set : action_sets_) active_sets_.push_back({&set});
+}
+
+void Session::applyHapticFeedback(const Action& action, std::optional<Hand> hand,
+                                  const XrHapticVibration& vibration) {
+  if (action.type != XR_ACTION_TYPE_VIBRATION_OUTPUT) {
+    throw InvalidArgument("action " + quoted(action.name), typeName(action.type),
+                          "a vibration output");
   }
-  frame_time_ = predicted_display_time;
-  frame_stage_ = FrameStage::waited;
-  sampled_ = false;
-  if (!any_frame_) {
-    any_frame_ = true;
-    recenter();
-    if (state_ == XR_SESSION_STATE_SYNCHRONIZED) {
-      enter(XR_SESSION_STATE_VISIBLE);
-      enter(XR_SESSION_STATE_FOCUSED);
-    }
+  if (!isVibration(vibration)) {
+    throw InvalidArgument("vibration",
+                          "amplitude " + std::to_string(vibration.amplitude) + ", frequency " +
+                              std::to_string(vibration.frequency) + ", duration " +
+                              std::to_string(vibration.duration),
+                          "0 to 1, 0 Hz or more, and 0 ns or more or XR_MIN_HAPTIC_DURATION");
   }
-  const bool seen = state_ == XR_SESSION_STATE_VISIBLE || state_ == XR_SESSION_STATE_FOCUSED;
-  return {XR_TYPE_FRAME_STATE, nullptr, predicted_display_time, period, seen ? 1U : 0U};
-}
-
-void Session::beginFrame() {
-  requireStage("beginFrame", FrameStage::waited, "waitFrame");
-  frame_stage_ = FrameStage::begun;
-}
-
-void Session::endFrame() {
-  requireStage("endFrame", FrameStage::begun, "beginFrame");
-  frame_stage_ = FrameStage::idle;
-}
-
-const DeviceState& Session::sampleFrame() {
-  if (!sampled_) {
-    sample_ = device_.sample(frame_time_);
-    sampled_ = true;
+  for (const Component* output : action.bindings) {
+    if ((hand && output->hand != hand) || !action.state(*output->hand).active) continue;
+    pulses_.push_back(
+        {*output->hand, vibration.amplitude, vibration.frequency, vibration.duration});
   }
-  return sample_;
 }
 
-DeviceState Session::sampleAt(XrTime time) {
-  return time == frame_time_ ? sampleFrame() : device_.sample(time);
+std::vector<HapticPulse> Session::takePulses() { return std::exchange(pulses_, {}); }
+
+Space Session::actionSpace(const Action& action, Hand hand) const {
+  const auto index = static_cast<std::size_t>(hand);
+  if (action.type != XR_ACTION_TYPE_POSE_INPUT || !action.hands[index]) {
+    throw InvalidArgument("action " + quoted(action.name), "a request for an action space",
+                          "a pose action that was created with this hand");
+  }
+  return {.action = &action, .hand = index};
+}
+
+std::optional<XrPosef> Session::locateSpace(const Space& space) const {
+  const std::optional<Motion> found = tracking_.locate(space, frameTime());
+  if (!found) return std::nullopt;
+  return found->pose;
+}
+
+std::array<XrView, 2> Session::locateViews() const {
+  const Space head{.reference = XR_REFERENCE_SPACE_TYPE_VIEW};
+  std::array<XrView, 2> views;
+  for (std::size_t eye = 0; eye < views.size(); ++eye) {
+    const auto found = tracking_.locate(eyeSpace(eye, settings_.ipd_m), head, frameTime());
+    views[eye] = {XR_TYPE_VIEW, nullptr, found->pose,
+                  eyeFov(settings_.vertical_fov_deg, settings_.aspect)};
+  }
+  return views;
 }
 
 void Session::fields(Archive& archive) {
-  archive.field("session_state", state_, XR_SESSION_STATE_EXITING);
-  std::vector<std::pair<XrSessionState, XrTime>> events(events_.begin(), events_.end());
-  archive.field("events", events);
-  if (archive.loading()) {
-    for (const auto& [state, time] : events) {
-      if (state < XR_SESSION_STATE_UNKNOWN || state > XR_SESSION_STATE_EXITING) {
-        throw EngineError("saved state: field 'events': got session state " +
-                          std::to_string(state) + ", expected 0 to " +
-                          std::to_string(XR_SESSION_STATE_EXITING));
-      }
-    }
-    events_.assign(events.begin(), events.end());
+  std::uint64_t count = actions_.size();
+  archive.field("actions", count);
+  if (count != actions_.size()) {
+    throw EngineError("saved state: it has " + std::to_string(count) +
+                      " actions, this session has " + std::to_string(actions_.size()));
   }
-  archive.field("frame_stage", frame_stage_, FrameStage::begun);
-  archive.field("frame_time", frame_time_);
-  archive.field("any_frame", any_frame_);
-  fieldsOfActions(archive);
-  archive.field("sampled", sampled_);
-  archive.field("sample", sample_);
-  poseField(archive, "stage_T_local", stage_T_local_);
-  device_.fields(archive);
+  for (Action& action : actions_) action.fields(archive);
+  archive.field("tracking", tracking_);
 }
 
 }  // namespace sim2vr::xr

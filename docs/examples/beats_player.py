@@ -160,8 +160,7 @@ def play(
     Returns:
         The game's log at the end.
     """
-    from sim2vr_harness.evaluation.scene_images import Painter, score_text
-    from sim2vr_harness.evaluation.video import Film
+    from sim2vr_harness.play.film import Film, Painter, score_text
 
     options = {"level": level, "end_on_miss": False}
     timeline = describe_level("beats", options, seed)

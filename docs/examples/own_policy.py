@@ -3,12 +3,13 @@
     sim2vr-harness evaluate docs/examples/own_policy.py:StableBaselines --episodes 2
 
 The class names the environment that it acts in (``config``: a configuration's name, its file, or
-keys of one). It gets the spaces, and acts for one user at a time.
+keys of one). It gets the spaces, and acts for all users of a simulation at once.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,15 +30,21 @@ class StableBaselines:
         self._model = stable_baselines3.PPO.load(file, device="cpu")
         self.steps = self._model.num_timesteps
 
-    def reset(self) -> None:
-        """Return the memory of an episode that begins: this policy has none."""
+    def begin(self, n: int) -> None:
+        """Return the memory of N users whose episodes begin: this policy has none."""
+
+    def restart(self, memory: None, users: Sequence[int]) -> None:
+        """Let the episodes of these users begin anew."""
 
     def act(
-        self, observation: dict[str, NDArray[Any]], memory: None, rng: np.random.Generator | None
+        self,
+        observations: dict[str, NDArray[Any]],
+        memory: None,
+        rngs: Sequence[np.random.Generator | None],
     ) -> NDArray[np.float32]:
-        """Return the action of one user, (A,) in [-1, 1]."""
-        action, _ = self._model.predict(observation, deterministic=rng is None)
-        return action
+        """Return the actions, (N, A) in [-1, 1]."""
+        actions, _ = self._model.predict(observations, deterministic=rngs[0] is None)
+        return actions
 
     def state_dict(self) -> dict[str, Any]:
         """Return the weights by name."""

@@ -28,7 +28,12 @@ def env_id(name: str) -> str:
 
 def register_envs() -> None:
     """Registers an id for every game of the extension module; idempotent."""
-    for name, game in _games().items():
+    register_games(_games())
+
+
+def register_games(games: Mapping[str, str]) -> None:
+    """Registers the ids of games: name in ids -> name of the game; idempotent."""
+    for name, game in games.items():
         if env_id(name) not in gymnasium.registry:
             gymnasium.register(
                 env_id(name),

@@ -99,7 +99,7 @@ def test_a_saved_user_goes_on_to_the_bit(body: Body) -> None:
     one, two = batch_of(body), batch_of(body)
     for step in played[:5]:
         one.step(step)
-    two.set_state(0, one.get_state(0))
+    two.load_state_dict(0, one.state_dict(0))
     for step in played[5:]:
         one.step(step)
         two.step(step)

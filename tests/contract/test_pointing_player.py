@@ -11,8 +11,8 @@ from pointing_player import PointingPlayer
 from transports import TRANSPORTS
 
 from sim2vr_harness.client import AppClient
-from sim2vr_harness.human_comparison.fitts.__init__ import measure_user
-from sim2vr_harness.human_comparison.fitts.law import rounds_below
+from sim2vr_harness.human_comparison.fitts import aimed_person, aimed_round
+from sim2vr_harness.sessions import read_sessions
 
 
 def play(
@@ -80,7 +80,7 @@ def test_the_logs_say_what_the_game_measured(tmp_path: Path) -> None:
     """Worked out anew from places and times, at 20 Hz; binary32 numbers in the logs."""
     with TRANSPORTS["alone"]("pointing", log_dir=tmp_path) as app:
         log, _ = play(app, seed=6)
-    found = measure_user(rounds_below(tmp_path), "script")
+    found = aimed_person([aimed_round(each) for each in read_sessions(tmp_path)], "script")
     assert found.targets == log["Trials"]
     assert sum(one.movements for one in found.difficulties) == log["Movements"]
     assert found.throughput_bps == pytest.approx(log["Throughput"], rel=1e-4)

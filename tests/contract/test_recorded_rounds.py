@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -18,9 +19,11 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.client import OptionValue
-from sim2vr_harness.evaluation.replay.recordings import Recording, read_recordings
-from sim2vr_harness.evaluation.replay.replayer import replay_all
-from sim2vr_harness.evaluation.replay.report import ReplayReport
+from sim2vr_harness.sessions import Controller, Session, read_sessions
+from sim2vr_harness.sessions.agreement import Agreement, agreement_of, rounds_json
+from sim2vr_harness.sessions.logs import TargetEvent, target_events
+from sim2vr_harness.sessions.replay import replay_session
+from sim2vr_harness.sessions.whacamole import constrained, with_clock, without_constraint
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("SIM2VR_SHARED", ROOT.parent / "shared")) / "data"
@@ -36,12 +39,23 @@ needs_simulated = pytest.mark.skipif(
 
 
 @cache
-def recordings(folder: Path) -> list[Recording]:
-    return read_recordings([folder])
+def recordings(folder: Path) -> list[Session]:
+    return read_sessions(folder)
 
 
-def total(rounds: list[Recording], **how: Any) -> dict[str, Any]:
-    figures: dict[str, Any] = ReplayReport(list(replay_all(rounds, **how))).as_json()["total"]
+def replayed(
+    recorded: Session, closed_loop: bool = False, options: dict[str, OptionValue] | None = None
+) -> Session:
+    return replay_session(with_clock(recorded, closed_loop=closed_loop), options=options).session
+
+
+def total(rounds: list[Session], **how: Any) -> dict[str, Any]:
+    def compared(each: Session) -> tuple[str, Session, Agreement]:
+        return each.name, each, agreement_of(each, replayed(each, **how))
+
+    with ThreadPoolExecutor(2) as pool:
+        found = list(pool.map(compared, rounds))
+    figures: dict[str, Any] = rounds_json(found, closed_loop=False)["total"]
     return figures
 
 
@@ -89,17 +103,18 @@ def test_rounds_of_a_simulated_user(closed_loop: bool) -> None:
 # --- wrong conventions must show ---------------------------------------------------------------
 
 
-def pose_of_the_current_frame(recording: Recording) -> Recording:
+def pose_of_the_current_frame(recording: Session) -> Session:
     """Physics then sees the pose of frame n in frame n, not that of frame n - 1."""
-    right = np.concatenate([recording.right[:1], recording.right[2:], recording.right[-1:]])
-    return replace(recording, right=right)
+    assert recording.right is not None
+    grip = recording.right.grip
+    return replace(recording, right=Controller(np.concatenate([grip[:1], grip[2:], grip[-1:]])))
 
 
-def unchanged(recording: Recording) -> Recording:
+def unchanged(recording: Session) -> Session:
     return recording
 
 
-Change = Callable[[Recording], Recording]
+Change = Callable[[Session], Session]
 Worse = Callable[[dict[str, Any]], list[bool]]
 
 
@@ -169,25 +184,27 @@ DEVICES = ("left", "right", "head", "marker")
 HEADER = ", ".join(["timestamp", *(f"{device}_{axis}" for device in DEVICES for axis in AXES)])
 
 
-def write_as_the_original(recording: Recording, folder: Path) -> None:
+def write_as_the_original(recording: Session, folder: Path) -> None:
     """The recording in the original logger's layout, which prints binary32 with 7 digits."""
     folder.mkdir(parents=True)
+    assert recording.right is not None
+    times_s = recording.time_ns / 1e9
     resting = [0, 0, 0, 0, 0, 0, 1]
     rows = [
         ", ".join(f"{np.float32(v):.7g}" for v in [t, *resting, *right, *head, *resting])
-        for t, right, head in zip(recording.times_s, recording.right, recording.head, strict=True)
+        for t, right, head in zip(times_s, recording.right.grip, recording.head, strict=True)
     ]
-    condition = recording.condition.removesuffix("-unconstrained")
+    condition = recording.app.condition.removesuffix("-unconstrained")
     title = f"condition {condition}, random seed {recording.seed}"
     (folder / "states.csv").write_text("\n".join([title, HEADER, *rows]) + "\n")
     lines = []
-    for event in recording.events:
+    for event in target_events(recording):
         text = f"{event.time_s:.7g}, target_{event.kind}, target ID {event.target}"
         text += f", grid ID {event.cell}"
         if event.velocity_mps is not None:
             text += ", velocity " + " ".join(f"{v:.7g}" for v in event.velocity_mps)
         lines.append(text)
-    lines.append(f"{recording.times_s[-1]:.7g}, episode statistics, contacts 0, hits 0, misses 0")
+    lines.append(f"{times_s[-1]:.7g}, episode statistics, contacts 0, hits 0, misses 0")
     (folder / "events.csv").write_text("\n".join(lines) + "\n")
 
 
@@ -195,12 +212,16 @@ def write_as_the_original(recording: Recording, folder: Path) -> None:
 @needs_simulated
 def test_the_originals_layout_gives_the_same_figures(tmp_path: Path) -> None:
     packed = recordings(PEOPLE)[3:54:10] + recordings(SIMULATED)[:2]
-    for constrained in (True, False):
-        chosen = [recording for recording in packed if recording.constrained == constrained]
-        root = tmp_path / str(constrained)
+    for speed_rule in (True, False):
+        chosen = [each for each in packed if constrained(each) == speed_rule]
+        root = tmp_path / str(speed_rule)
         for recording in chosen:
             write_as_the_original(recording, root / recording.name)
-        raw = read_recordings([root], unconstrained=not constrained)
-        assert [recording.fixed_step_s for recording in raw] == [None] * len(chosen)
-        expected = {done.recording.name: done.events for done in replay_all(chosen)}
-        assert {done.recording.name: done.events for done in replay_all(raw)} == expected
+        raw = read_sessions(root)
+        raw = raw if speed_rule else [without_constraint(each) for each in raw]
+        assert [each.clock for each in raw] == [None] * len(chosen)
+
+        def events(rounds: list[Session]) -> dict[str, tuple[TargetEvent, ...]]:
+            return {each.name: target_events(replayed(each)) for each in rounds}
+
+        assert events(raw) == events(chosen)

@@ -205,7 +205,7 @@ def episode(config: EnvConfig, n: int) -> list[bytes]:
         over = np.flatnonzero(batch.terminated | batch.truncated)
         if len(over):
             simulation.reset(ids=over.tolist())
-    rows.append(simulation.save_state())
+    rows.append(simulation.state_dict()["simulation"].tobytes())
     simulation.close()
     return rows
 

@@ -19,6 +19,7 @@ from sim2vr_harness.client import (
     start_sim2vr_app,
     transport_named,
 )
+from sim2vr_harness.client.games import loaded_game_libraries
 
 
 def over(
@@ -38,7 +39,8 @@ def through_the_socket(
     game: str, options: Mapping[str, OptionValue] | None = None, **settings: Any
 ) -> AppClient:
     """Over protocol 2, without shared memory."""
-    channel = start_sim2vr_app(app_executable(), []).channel(60.0, 60.0)
+    libraries = [word for file in loaded_game_libraries() for word in ("--game-library", file)]
+    channel = start_sim2vr_app(app_executable(), libraries).channel(60.0, 60.0)
     return Protocol2Connection(
         channel, game=game, options=options, shared_memory=False, **settings
     ).app(0)

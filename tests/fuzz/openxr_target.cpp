@@ -28,7 +28,7 @@ void check(const openxr::Config& config) {
 void check(const openxr::Step& step) {
   require(!step.frames.empty() && step.frames.size() <= openxr::kMaximumFrames, "a step's frames");
   XrTime latest = 0;
-  for (const openxr::Frame& frame : step.frames) {
+  for (const xr::Frame& frame : step.frames) {
     require(frame.time > latest, "times of frames");
     latest = frame.time;
     for (const xr::ControllerState& hand : frame.devices.hands) {

@@ -10,7 +10,7 @@ import torch
 from rich.console import Console
 
 sys.path.insert(0, str(Path(__file__).parent / "training"))  # fake_simulation, true_users
-sys.path.insert(0, str(Path(__file__).parent / "evaluation"))  # fake_body, fake_people
+sys.path.insert(0, str(Path(__file__).parent / "play"))  # fake_body, fake_people
 sys.path.insert(0, str(Path(__file__).parent / "studies"))  # pool_tasks
 sys.path.insert(0, str(Path(__file__).parent / "training" / "run"))  # test_trainer
 sys.path.insert(0, str(Path(__file__).parent / "policies"))  # test_visual_actor_critic

@@ -23,8 +23,7 @@ from sim2vr_harness.base.paths import app_executable
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.client import DevicePoses, InProcessApp, frame_time_ns
 from sim2vr_harness.client.launch import options_beside, unity_arguments
-from sim2vr_harness.evaluation.scripted_baseline import evaluate_baseline
-from sim2vr_harness.runs.config import load_config
+from sim2vr_harness.evaluation.evaluate import Request, evaluate
 
 SCRIPT = Path(__file__).resolve().parents[2] / "docs/examples/strikes.json"
 
@@ -147,10 +146,7 @@ def test_what_is_passed_to_which_app() -> None:
 @cache
 def in_process_misses() -> float:
     """Targets that nobody hits in a round of the condition easy."""
-    env = load_config("webxr", ["env.app.transport=in_process"]).env
-    return float(
-        evaluate_baseline(env, "still", conditions=["easy"], episodes=1).summaries["easy"]["misses"]
-    )
+    return float(evaluate("still", Request(["easy"], episodes=1)).summaries["easy"]["misses"])
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,7 @@
-"""CONTRIBUTING.md is true: its commands make a game, which is then like any other.
+"""CONTRIBUTING.md is true: its commands make a game outside the repository, like any other.
 
-The commands are run as the page has them, in a copy of the sources, with these differences: what is
-set up already is configured instead, only what is asked for below is built and tested, and the
-training is cut short.
+The commands are run as the page has them, with these differences: the build that is there is
+installed into a folder instead of the environment, and the training is cut short.
 """
 
 from __future__ import annotations
@@ -13,37 +12,28 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from sim2vr_harness.cli.main import main
+
 ROOT = Path(__file__).resolve().parents[2]
-PYTHON = sys.executable
+BUILD = ROOT / "build" / "release"
+APP = BUILD / "app_runtime" / "sim2vr-app"
 
 pytestmark = pytest.mark.skipif(
-    not (ROOT / ".git").exists() or shutil.which("ccache") is None or shutil.which("cmake") is None,
-    reason="a checkout, cmake and ccache are needed (it builds the runtime in a copy)",
+    not APP.exists() or shutil.which("cmake") is None,
+    reason="cmake and a build of this checkout are needed (a game is compiled against it)",
 )
 
-SHORTER = {
-    "make setup": f"cmake --preset release -DPython_EXECUTABLE={PYTHON} -DSIM2VR_BUILD_BINDINGS=ON",
-    "cmake --build --preset release": "cmake --build --preset release --parallel 2 "
-    "--target _app_runtime --target sim2vr-app --target test_games",
-    "ctest --preset release": "build/release/tests/cpp/games/test_games "
-    "--gtest_filter='Registry.*'",
-    ".venv/bin/python -m pytest tests/contract": f"{PYTHON} -m pytest -q -p no:cacheprovider "
-    "tests/contract/test_app_contract.py -k mygame",
-    "--out runs/mygame": "--out runs/mygame --set total_timesteps=500 "
-    "--set skills.q_learning.users=2 --set skills.q_learning.user_steps=120 "
-    "--set skills.q_learning.try_steps=60 "
-    "--set student.n_envs=2 --set student.frames=64 "
-    "--set ppo.n_envs=2 --set ppo.n_steps=250 "
+SHORTER = (
+    "--set total_timesteps=500 --set skills.q_learning.users=2 "
+    "--set skills.q_learning.user_steps=120 --set skills.q_learning.try_steps=60 "
+    "--set student.n_envs=2 --set student.frames=64 --set ppo.n_envs=2 --set ppo.n_steps=250 "
     "--set ppo.batch_size=250 --set ppo.n_epochs=1 --set policy.net_arch=[16] "
-    "--set evaluation.episodes_after_training=1 --set env.app.options.round_seconds=2.0",
-    ".venv/bin/sim2vr-app": "build/release/app_runtime/sim2vr-app",
-    ".venv/bin/sim2vr-harness": f"{PYTHON} -m sim2vr_harness.cli.main",
-}
+    "--set evaluation.episodes_after_training=0 --set env.app.options.round_seconds=2.0"
+)
 
 
 def commands() -> list[str]:
@@ -51,104 +41,156 @@ def commands() -> list[str]:
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     section = text.partition("## Add a game")[2].partition("\n## ")[0]
     blocks = re.findall(r"^ *```sh\n(.*?)^ *```", section, re.DOTALL | re.MULTILINE)
-    lines = "".join(blocks).replace("\\\n", " ").splitlines()
-    return [line.strip() for line in lines]
+    return [line.strip() for line in "".join(blocks).splitlines()]
 
 
-class Workplace:
-    """A copy of the sources in which commands are run."""
+class Author:
+    """Someone who writes a game beside the checkout."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        listed = ["git", "ls-files", "-co", "--exclude-standard"]
-        files = subprocess.run(listed, cwd=ROOT, check=True, capture_output=True, text=True)
-        for name in files.stdout.splitlines():
-            if (ROOT / name).is_file():
-                (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copy2(ROOT / name, folder / name)
-        # An editable install finds this checkout's package before any path is looked at.
-        (folder / "python" / "sitecustomize.py").write_text(
-            "import sys\n"
-            "sys.meta_path[:] = [finder for finder in sys.meta_path\n"
-            "                    if not type(finder).__module__.startswith('_editable_')]\n"
-        )
+        self.library = folder / "mygame" / "build" / "libmygame.so"
+        prefix = folder / "environment"
+        (prefix / "bin").mkdir(parents=True)
+        install = ("cmake", "--install", str(BUILD), "--component", "development")
+        subprocess.run([*install, "--prefix", str(prefix)], check=True, capture_output=True)
         self._environment = {
             **{key: value for key, value in os.environ.items() if not key.startswith("SIM2VR_")},
-            "PYTHONPATH": str(folder / "python"),
+            "PATH": f"{prefix}/bin:{Path(sys.executable).parent}:{os.environ['PATH']}",
+            "PYTHONPATH": str(ROOT / "python"),
+            "XDG_STATE_HOME": str(folder / "state"),
             "OMP_NUM_THREADS": "1",
         }
 
-    def run(self, command: str) -> str:
-        """Output of a shell command; an assertion shows it all when the command fails."""
+    def run(self, command: str, *, fails: bool = False) -> str:
+        """Output of a command of the page; an assertion shows it all when the command fails."""
+        command = command.replace("../mygame", f"{self.folder}/mygame")
+        command = re.sub(r" (runs|build)/mygame", rf" {self.folder}/\1/mygame", command)
         found = subprocess.run(
             ["bash", "-euo", "pipefail", "-c", command],
-            cwd=self.folder,
+            cwd=ROOT,
             env=self._environment,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
             check=False,
         )
-        assert found.returncode == 0, f"{command}\n{found.stdout[-6000:]}"
+        assert (found.returncode != 0) == fails, f"{command}\n{found.stdout[-6000:]}"
         return found.stdout
 
 
 @pytest.fixture(scope="module")
-def outputs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Workplace, dict[str, str]]]:
-    place = Workplace(tmp_path_factory.mktemp("contributing"))
-    said = {}
-    for number, command in enumerate(commands()):
-        shorter = command
-        for long, short in SHORTER.items():
-            shorter = shorter.replace(long, short)
-        if number in (1, 2):  # nothing is built yet in the copy; the checkout's was looked at
-            continue
-        said[command] = place.run(shorter)
-    yield place, said
-    shutil.rmtree(place.folder / "build", ignore_errors=True)
+def author(tmp_path_factory: pytest.TempPathFactory) -> Author:
+    return Author(tmp_path_factory.mktemp("contributing"))
 
 
-def test_the_page_has_the_commands() -> None:
-    assert commands()[0] == "make setup"
-    assert any("snapshot --game mygame" in command for command in commands())
+@pytest.fixture(scope="module")
+def outputs(author: Author) -> dict[str, str]:
+    """What each command but the first three, which set the checkout up, has printed."""
+    shortened = {
+        command: command.replace("--out runs/mygame", f"--out runs/mygame {SHORTER}")
+        for command in commands()[3:]
+    }
+    return {command: author.run(shorter) for command, shorter in shortened.items()}
 
 
-def test_the_game_is_trained_evaluated_and_filmed(
-    outputs: tuple[Workplace, dict[str, str]],
-) -> None:
-    place, said = outputs
-    trained = next(text for command, text in said.items() if " train mygame" in command)
+def test_the_page_sets_up_first() -> None:
+    assert commands()[:2] == ["make setup", "source .venv/bin/activate"]
+
+
+def test_the_game_is_trained_evaluated_and_filmed(author: Author, outputs: dict[str, str]) -> None:
+    trained = next(text for command, text in outputs.items() if " train mygame" in command)
     assert "Saved user" in trained
-    table = next(text for command, text in said.items() if " evaluate runs/mygame" in command)
-    assert "Reward of the app per minute" in trained
+    table = next(text for command, text in outputs.items() if " evaluate runs/mygame" in command)
     for part in ("Points", "Distance to the ball (m)", "usual", "Muscle fatigue"):
         assert part in table
-    for foreign in ("Hit", "hit rate", "Hammer"):
-        assert foreign not in table + trained
-    run = place.folder / "runs" / "mygame"
+    run = author.folder / "runs" / "mygame"
     results = next((run / "evaluation").glob("step_*/episodes=2/results.json"))
     content = json.loads(results.read_text())
     assert list(content) == ["usual"]  # the one that it has met
     assert content["usual"]["distance_m"] > 0.0
     assert {file.name for file in results.parent.glob("*.mp4")} == {"usual_0.mp4"}
-    pictures = {file.stem for file in (place.folder / "build" / "mygame").glob("*.png")}
+    pictures = {file.stem for file in (author.folder / "build" / "mygame").glob("*.png")}
     assert {"headset", "third_person", "recorder", "overview"} <= pictures
 
 
-def test_it_has_an_environment_and_a_server(outputs: tuple[Workplace, dict[str, str]]) -> None:
-    place, _ = outputs
-    code = """
-import gymnasium, numpy, sim2vr_harness.envs
+@pytest.mark.usefixtures("outputs")
+def test_it_plays_as_the_sample_does_in_process_and_in_servers(author: Author) -> None:
+    """The same rules in a library and in the runtime give the same numbers, to the bit."""
+    code = f"""
+import gymnasium, numpy
+from sim2vr_harness.client import load_game_library
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
-both = []
-for transport in ("in_process", "protocol2"):
-    config = EnvConfig(app=AppConfig(transport=transport))
-    env = gymnasium.make_vec("sim2vr/Mygame-v0", num_envs=2, config=config, condition="small")
-    env.reset(seed=1)
-    rng = numpy.random.default_rng(1)
-    steps = [env.step(rng.uniform(-1, 1, (2, 32)).astype("float32")) for _ in range(10)]
-    both.append([step[1].tolist() for step in steps])
-    env.close()
-print("same" if both[0] == both[1] else both)
+assert load_game_library("{author.library}") == ("mygame",)
+found = []
+for id in ("Mygame", "Sample"):
+    for transport in ("in_process", "protocol2"):
+        config = EnvConfig(app=AppConfig(transport=transport))
+        env = gymnasium.make_vec(f"sim2vr/{{id}}-v0", num_envs=2, config=config, condition="small")
+        env.reset(seed=1)
+        rng = numpy.random.default_rng(1)
+        steps = [env.step(rng.uniform(-1, 1, (2, 32)).astype("float32")) for _ in range(10)]
+        found.append([step[1].tolist() for step in steps])
+        env.close()
+print("same" if found.count(found[0]) == 4 else found)
 """
-    assert place.run(f"{PYTHON} -c '{code}'").strip() == "same"
+    assert author.run(f"python -c '{code}'").strip().endswith("same")
+
+
+@pytest.mark.usefixtures("outputs")
+def test_a_library_that_a_file_names_is_opened_only_if_the_user_agrees(author: Author) -> None:
+    stranger = f"XDG_STATE_HOME={author.folder}/stranger sim2vr-harness evaluate runs/mygame"
+    refused = author.run(stranger, fails=True)
+    assert f"error: env.app.game_library: got '{author.library}' in" in refused
+    assert "--trust-app" in refused
+    assert "--game-library with the same path" in refused
+    python = (
+        "from sim2vr_harness.envs.config import AppConfig, EnvConfig\n"
+        "from sim2vr_harness.envs.simulation import Simulation\n"
+        f'Simulation(EnvConfig(app=AppConfig(game="mygame", game_library="{author.library}")))'
+    )
+    assert "load_game_library(FILE) before" in author.run(f"python -c '{python}'", fails=True)
+
+
+@pytest.mark.parametrize(
+    ("source", "problem"),
+    [
+        (
+            'const char* sim2vrBuild() { return "sim2vr 0.0.1, headers 0"; } void sim2vrGames() {}',
+            "which was built against sim2vr 0.0.1, headers 0, expected",
+        ),
+        ("void _ZN6sim2vr4goneEv(); void* use = _ZN6sim2vr4goneEv;", "undefined symbol"),
+        ("int unrelated;", "a library without games, expected"),
+        (None, "(No such file or directory), expected a shared library of games"),
+    ],
+)
+def test_a_library_that_does_not_fit_is_one_clear_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], source: str | None, problem: str
+) -> None:
+    file = tmp_path / "other.so"
+    if source is not None:
+        (tmp_path / "other.c").write_text(source)
+        command = ["cc", "-shared", "-fPIC", "-o", str(file), str(tmp_path / "other.c")]
+        subprocess.run(command, check=True, capture_output=True)
+    with pytest.raises(SystemExit) as ended:
+        main(["games", "--game-library", str(file)])
+    error = capsys.readouterr().err
+    assert ended.value.code == 2
+    assert error.startswith(f"error: game_library: got '{file}'")
+    assert problem in error
+    assert error.count("\n") == 1
+    served = subprocess.run(
+        [APP, "--game-library", file, "--list-games"], capture_output=True, text=True, check=False
+    )
+    assert served.returncode == 2
+    assert problem in served.stderr
+
+
+@pytest.mark.usefixtures("outputs")
+def test_a_name_that_is_taken_is_refused(author: Author) -> None:
+    other = author.library.with_name("copy.so")
+    shutil.copy(author.library, other)
+    once = f"{APP} --list-games --game-library {author.library} --game-library"
+    assert "mygame" in author.run(f"{once} {author.library}")
+    refused = author.run(f"{once} {other}", fails=True)
+    assert f"got '{other}' with a game 'mygame', a name that is taken" in refused

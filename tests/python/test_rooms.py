@@ -13,7 +13,8 @@ NAME = "sim2vr_harness"
 
 _ENVIRONMENTS = ("base", "client", "users", "perception", "games", "envs")
 _POLICIES = (*_ENVIRONMENTS, "runs", "world_models", "policies")
-_EVALUATION = (*_POLICIES, "figures", "statistics", "sessions", "evaluation")
+_PLAY = (*_POLICIES, "sessions", "play")
+_EVALUATION = (*_PLAY, "figures", "statistics", "evaluation")
 _TOP = (*_EVALUATION, "human_comparison", "training")
 
 BELOW: dict[str, tuple[str, ...]] = {
@@ -29,8 +30,9 @@ BELOW: dict[str, tuple[str, ...]] = {
     "world_models": _ENVIRONMENTS,
     "runs": _ENVIRONMENTS,
     "policies": (*_ENVIRONMENTS, "runs", "world_models"),
-    "training": _POLICIES,
-    "evaluation": (*_POLICIES, "figures", "statistics", "sessions"),
+    "play": (*_POLICIES, "sessions"),
+    "training": (*_PLAY, "statistics"),
+    "evaluation": (*_PLAY, "figures", "statistics"),
     "human_comparison": _EVALUATION,
     "studies": _TOP,
     "tools": _TOP,
@@ -42,7 +44,7 @@ ALONE = {
     "stable_baselines3": {"policies", "training"},
     "zmq": {"client"},
     "ray": {"studies"},
-    "plotly": {"figures", "studies", "tools"},
+    "plotly": {"figures", "studies"},
     "viser": {"tools"},
 }
 """Packages that only these rooms import."""

@@ -114,7 +114,7 @@ def run_folder(case: Case) -> None:
     case.refused("render", "snapshot", "--user", run, *out)
     case.refused("render", "film", run, "--out", case.folder / "out.mp4")
     case.refused("users", "pack", run, "name", *out)
-    case.refused("reach", run, *out)
+    case.refused("audit", "--user", run, "--targets", "0,1,0.4", *out)
     case.refused("track", "nowhere", "--user", run, *out)
     case.refused("study", case.study(user=str(run)), *out)
     case.asked(lambda: UserPolicy(run))
@@ -207,6 +207,22 @@ def openxr_program(case: Case) -> None:
         case.agreed("train", file, "--out", case.folder / "out", "--timesteps", "60")
 
 
+def library_of_games(case: Case) -> None:
+    """A library that leaves the marker as soon as it is opened, and then has no games."""
+    source, file = case.folder / "evil.c", case.folder / "libevil.so"
+    source.write_text(
+        "#include <stdio.h>\n__attribute__((constructor)) static void run(void) "
+        f'{{ fclose(fopen("{case.marker}", "w")); }}\n'
+    )
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", file, source], check=True)
+    app, key = {"game_library": str(file)}, "env.app.game_library"
+    run = case.run(app=app)
+    case.refused("evaluate", run, key=key)
+    case.refused("train", "--resume", run, key=key)
+    case.refused("study", case.study(**{"env.app": app}), "--out", case.folder / "out", key=key)
+    case.agreed("evaluate", run)
+
+
 def body_file(case: Case) -> None:
     package = case.python(f"evil_body_{os.getpid()}/__init__.py").parent.name
     shutil.copy(Path(OWN_ARM).parent / "arm.xml", case.folder / package / "arm.xml")
@@ -218,7 +234,7 @@ def body_file(case: Case) -> None:
     case.refused("users", "export", body, case.folder / "a.xml", key=key)
     case.refused("users", "motor", "measure", body, key=key)
     case.refused("users", "motor", "train", body, "--out", case.folder / "a.pt", key=key)
-    case.refused("reach", body, *out, key=key)
+    case.refused("audit", "--user", body, "--targets", "0,1,0.4", *out, key=key)
     case.refused("track", "nowhere", "--user", body, *out, key=key)
     case.refused("evaluate", case.run(user={"model": str(body)}), key=key)
     config = case.folder / "config.yaml"
@@ -407,6 +423,7 @@ ROWS: dict[str, Callable[[Case], None]] = {
     "WebXR page, `map` and `browser` that a file names": page,
     "rules of a page's task that a file names": rules_of_a_page,
     "OpenXR program that a file names": openxr_program,
+    "library of games (`LIBRARY.so`) that a file names": library_of_games,
     "body file (`BODY.yaml`)": body_file,
     "task rules of an app that is no page (`TASK.yaml`)": task_rules,
     "MJCF model": mjcf,

@@ -35,11 +35,11 @@ from sim2vr_harness.base.bounded_yaml import parse_yaml
 from sim2vr_harness.cli.errors import report
 from sim2vr_harness.cli.main import app
 from sim2vr_harness.evaluation.curves import plot
-from sim2vr_harness.evaluation.replay.recordings import read_recordings
 from sim2vr_harness.evaluation.results import EvaluationResults
 from sim2vr_harness.policies.store import open_packed
 from sim2vr_harness.runs.config import defaults, load_config, to_yaml
 from sim2vr_harness.runs.run_folder import RunFolder
+from sim2vr_harness.sessions import read_sessions
 from sim2vr_harness.users.bodies.description import read_description
 
 SLOW_S = 10.0
@@ -184,20 +184,20 @@ class Targets:
     def _packed(self, content: bytes) -> None:
         self._file("packed/manifest.json", _manifest())
         self._file("packed/one_events.csv", b"t,type,target_id,grid_id,vx,vy,vz\n")
-        read_recordings([self._file("packed/one.npz", content)])
+        read_sessions(self._file("packed/one.npz", content))
 
     def _manifest(self, content: bytes) -> None:
         self._file("manifest/one_events.csv", b"t,type,target_id,grid_id,vx,vy,vz\n")
         self._file("manifest/one.npz", _packed_round())
-        read_recordings([self._file("manifest/manifest.json", content).parent])
+        read_sessions(self._file("manifest/manifest.json", content).parent)
 
     def _states(self, content: bytes) -> None:
         self._file("states/events.csv", _events())
-        read_recordings([self._file("states/states.csv", content)])
+        read_sessions(self._file("states/states.csv", content))
 
     def _events(self, content: bytes) -> None:
         self._file("events/events.csv", content)
-        read_recordings([self._file("events/states.csv", _states()).parent])
+        read_sessions(self._file("events/states.csv", _states()).parent)
 
     def _arguments(self, content: bytes) -> None:
         words = [word.replace("PLACE", str(self._place)) for word in _text(content).split("\x1f")]

@@ -158,6 +158,9 @@ logged "$log_dir/cmake.log" cmake --preset release -DPython_EXECUTABLE="$root/$p
 [[ -x build/release/app_runtime/sim2vr-app ]] || say "C++ build: compiling with $jobs jobs (some minutes the first time)"
 logged "$log_dir/build.log" cmake --build --preset release --parallel "$jobs" --target sim2vr_installed \
   || fail "C++ build" "mend the errors above (a compiler killed for lack of memory: SIM2VR_JOBS=1), then: make setup" "$log_dir/build.log"
+# Headers and a CMake package for games of one's own: find_package looks beside the active bin/.
+logged "$log_dir/install.log" cmake --install build/release --component development --prefix "$venv" \
+  || fail "installing headers" "read build/log/install.log, then: make setup" "$log_dir/install.log"
 say "C++ build: build/release/app_runtime is up to date (sim2vr-app, the OpenXR runtime, its layer, the virtual clock)"
 
 # ---------------------------------------------------------------- 5 the package itself

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 from scipy.stats import spearmanr
 
+from sim2vr_harness.audit.postures import hold
 from sim2vr_harness.envs.config import UserConfig
-from sim2vr_harness.tools.endurance import hold
 from sim2vr_harness.tools.track.paths import RecordedPath, read_paths
 from sim2vr_harness.tools.track.registration import place
 from sim2vr_harness.users import FATIGUE_PRESETS, Body, CumulativeFatigue3CCr, load_body

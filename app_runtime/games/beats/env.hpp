@@ -1,6 +1,8 @@
 // What a learner sees of the game.
 #pragma once
 
+#include <limits>
+
 #include "beats/sight.hpp"
 #include "sim2vr/rl/game.hpp"
 
@@ -12,17 +14,15 @@ class Env : public rl::RLEnv {
   Env(const Round& round, double aspect) : round_(round), sight_(round, aspect) {}
 
   std::string_view typeName() const override { return "beats.Env"; }
-  void InitialiseGame() override;
-  void InitialiseReward() override;
-  void CalculateReward() override;
-  void UpdateIsFinished() override { finished_ = round_.phase() == Round::Phase::kDone; }
-  float GetTimeFeature() const override;
+  void declareLog() override;
+  double calculateReward() override;
+  bool isOver() const override { return round_.phase() == Round::Phase::kDone; }
+  float timeFeature() const override;
   void fillPrivileged(std::span<float> values) const override;
   void fields(Archive& archive) override;
 
  private:
   double approachReward() const;
-  void updateLog();
 
   const Round& round_;
   Sight sight_;
@@ -30,6 +30,9 @@ class Env : public rl::RLEnv {
   int score_ = 0;
   int misses_ = 0;
   double errors_ = 0.0;
+  // Of the present frame; NaN, which clients do not get, of a round without.
+  double approach_ = std::numeric_limits<double>::quiet_NaN();
+  double penalty_ = std::numeric_limits<double>::quiet_NaN();
 };
 
 }  // namespace sim2vr::games::beats

@@ -9,8 +9,7 @@ namespace sim2vr::games::beats {
 Feedback::Feedback(xr::Session& session, rl::SoundLog& sounds)
     : session_(&session), sounds_(&sounds) {
   xr::ActionSet& set = session.createActionSet("beats");
-  xr::Action& vibration = set.createAction("vibrate", XR_ACTION_TYPE_VIBRATION_OUTPUT,
-                                           {xr::Hand::left, xr::Hand::right});
+  xr::Action& vibration = session.createAction(set, "vibrate", XR_ACTION_TYPE_VIBRATION_OUTPUT);
   session.suggestBinding(vibration, "/user/hand/left/output/haptic");
   session.suggestBinding(vibration, "/user/hand/right/output/haptic");
   vibration_ = &vibration;

@@ -1,4 +1,4 @@
-// Levels made of a seed, for training and for levels that nobody has seen.
+// Levels made of a seed, for training and for levels that no user has played.
 //
 // They can be played: a hand's cuts go back and forth (down, up, down ...), so that each stroke
 // begins where the last one ended; no box lies in a wall that the head avoids, walls leave time to

@@ -1,4 +1,4 @@
-// What tells levels apart.
+// What distinguishes levels.
 #pragma once
 
 #include <string>

@@ -24,7 +24,7 @@ std::string folded(std::string_view name) {
   return text;
 }
 
-/// The name of a file beside Info.dat. A map that somebody sent must not name others.
+/// The name of a file beside Info.dat. A map from outside must not name others.
 std::string fileName(const JsonFields& object, const char* field) {
   object.expect(field, "the name of a file beside Info.dat");
   std::string name = object.text(field, "");

@@ -25,9 +25,9 @@ struct MapDifficulty {
 struct MapInfo {
   std::string title;
   double beats_per_minute = 120.0;
-  /// Of version 4: length of the music; 0 where it is not told.
+  /// Of version 4: length of the music; 0 where it is not given.
   double song_s = 0.0;
-  /// Of version 4: where its tempo is told; may be empty.
+  /// Of version 4: where its tempo is; may be empty.
   std::string audio_file;
   std::vector<MapDifficulty> difficulties;
 };

@@ -1,17 +1,204 @@
 #include "beats/stage.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdint>
 #include <numbers>
 #include <string>
+#include <utility>
 
 #include "beats/colors.hpp"
-#include "beats/room_looks.hpp"
-#include "beats/shapes.hpp"
+#include "sim2vr/core/math.hpp"
+#include "sim2vr/render/components.hpp"
+#include "sim2vr/render/mesh.hpp"
+#include "sim2vr/rl/room_looks.hpp"
+#include "sim2vr/rl/xr_rig.hpp"
 #include "sim2vr/scene/scene.hpp"
 
 namespace sim2vr::games::beats {
 namespace {
+
+// At 90 degrees the rails come into a picture of 3:2 in its lower corners (x / y = 3 / 2) and end
+// two fifths of its height up.
+constexpr double kRail_x_m = 1.2;
+constexpr double kRail_y_m = -0.8;
+constexpr double kRailWidth_m = 0.03;
+constexpr double kRailFrom_m = -1.0;
+constexpr double kRailTo_m = 5.0;
+
+// From the origin. The third person's stands behind the player, the spectator's to the right.
+const std::array<rl::OutsideView, 2>& views() {
+  static const std::array<rl::OutsideView, 2> both{{
+      {rl::kThirdPersonCameraPath, {0.0, 0.55, -1.7}, {0.0, -0.35, 1.5}, 60.0},
+      {rl::kSpectatorCameraPath, {1.9, 0.55, -1.3}, {-0.1, -0.35, 1.0}, 55.0},
+  }};
+  return both;
+}
+
+/// Adds two rails below an object that is to be put at the round's origin, cameras, and a light for
+/// what is not the game's own (the headset in pictures from outside). Returns that object.
+scene::GameObject& addRoomLooks(scene::Scene& scene) {
+  scene::GameObject& lane = scene.create("Lane");
+  for (const double side : {-1.0, 1.0}) {
+    scene::GameObject& rail = scene.create(side < 0.0 ? "Left Rail" : "Right Rail", &lane);
+    rail.addComponent<render::MeshRenderer>(render::box(), render::unlitMaterial(kRail));
+    rail.transform().setLocalPosition(
+        {side * kRail_x_m, kRail_y_m, (kRailFrom_m + kRailTo_m) / 2.0});
+    rail.transform().setLocalScale({kRailWidth_m, kRailWidth_m, kRailTo_m - kRailFrom_m});
+  }
+  for (const rl::OutsideView& view : views()) rl::addCamera(scene, view).far_m = 20.0;
+  rl::addLight(scene, {-0.4, -0.6, 0.7});
+  return lane;
+}
+
+/// Puts rails and cameras to where the player stands.
+void placeRoom(scene::GameObject& lane, const Vec3& origin_m) {
+  lane.transform().setPosition(origin_m);
+  for (const rl::OutsideView& view : views()) {
+    lane.scene().find(view.path)->transform().setPose(view.from(origin_m));
+  }
+}
+
+/// A cube of edge 1 as a frame of bars; on the side that faces the player (-z) a filled triangle
+/// that points down, or a disc for boxes of any direction.
+render::MeshPtr arrowBox();
+render::MeshPtr dotBox();
+/// A star of eight spikes that reach 1 from the middle: two tetrahedra.
+render::MeshPtr star();
+/// A cube of edge 1 whose sides are stripes, half of each open.
+render::MeshPtr stripedBlock();
+
+using Vec3f = Eigen::Vector3f;
+using render::Mesh;
+using render::MeshPtr;
+
+// Shares of the edge.
+constexpr float kBar = 0.07F;
+constexpr float kDotRadius = 0.22F;
+// In front of the bars, so that neither hides the other.
+constexpr float kMark_z = -0.5F - kBar / 4.0F;
+constexpr int kStripes = 4;
+
+void addTriangle(Mesh& mesh, const std::array<Vec3f, 3>& corners) {
+  const Vec3f normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalized();
+  for (const Vec3f& corner : corners) {
+    mesh.indices.push_back(static_cast<std::uint32_t>(mesh.vertices.size()));
+    mesh.vertices.push_back({corner, normal});
+  }
+}
+
+// A bar along `axis` as long as the edge, without its ends.
+void addBar(Mesh& mesh, int axis, const Vec3f& center) {
+  Vec3f size = Vec3f::Constant(kBar);
+  size[axis] = 1.0F;
+  const MeshPtr unit = render::box();
+  for (std::size_t i = 0; i < unit->indices.size(); i += 3) {
+    std::array<Vec3f, 3> corners;
+    for (std::size_t k = 0; k < 3; ++k) {
+      corners.at(k) = center + unit->vertices[unit->indices[i + k]].position.cwiseProduct(size);
+    }
+    if (std::abs(unit->vertices[unit->indices[i]].normal[axis]) < 0.5F) addTriangle(mesh, corners);
+  }
+}
+
+Mesh frame(const std::string& name) {
+  // Inside the unit cube, which is what is cut.
+  constexpr float kMiddle = 0.5F - kBar / 2.0F;
+  Mesh mesh;
+  mesh.name = name;
+  for (int axis = 0; axis < 3; ++axis) {
+    for (const float u : {-kMiddle, kMiddle}) {
+      for (const float v : {-kMiddle, kMiddle}) {
+        Vec3f center = Vec3f::Zero();
+        center[(axis + 1) % 3] = u;
+        center[(axis + 2) % 3] = v;
+        addBar(mesh, axis, center);
+      }
+    }
+  }
+  return mesh;
+}
+
+MeshPtr arrowBox() {
+  static const MeshPtr mesh = [] {
+    Mesh box = frame("arrow box");
+    addTriangle(box, {Vec3f(-0.38F, 0.38F, kMark_z), Vec3f(0.38F, 0.38F, kMark_z),
+                      Vec3f(0.0F, -0.28F, kMark_z)});
+    return render::share(std::move(box));
+  }();
+  return mesh;
+}
+
+MeshPtr dotBox() {
+  static const MeshPtr mesh = [] {
+    Mesh box = frame("dot box");
+    const MeshPtr disc = render::disc(8);
+    const auto first = static_cast<std::uint32_t>(box.vertices.size());
+    for (render::Vertex vertex : disc->vertices) {
+      vertex.position = vertex.position * kDotRadius + Vec3f(0.0F, 0.0F, kMark_z);
+      box.vertices.push_back(vertex);
+    }
+    for (const std::uint32_t index : disc->indices) box.indices.push_back(first + index);
+    return render::share(std::move(box));
+  }();
+  return mesh;
+}
+
+MeshPtr star() {
+  static const MeshPtr mesh = [] {
+    const auto side = std::numbers::inv_sqrt3_v<float>;
+    Mesh spikes;
+    spikes.name = "mine";
+    for (const float sign : {-1.0F, 1.0F}) {
+      const std::array<Vec3f, 4> corners{Vec3f(1.0F, 1.0F, 1.0F), Vec3f(1.0F, -1.0F, -1.0F),
+                                         Vec3f(-1.0F, 1.0F, -1.0F), Vec3f(-1.0F, -1.0F, 1.0F)};
+      for (std::size_t left_out = 0; left_out < 4; ++left_out) {
+        std::array<Vec3f, 3> face;
+        for (std::size_t k = 0; k < 3; ++k) {
+          face.at(k) = sign * side * corners.at((left_out + 1 + k) % 4);
+        }
+        const Vec3f middle = face[0] + face[1] + face[2];
+        if ((face[1] - face[0]).cross(face[2] - face[0]).dot(middle) < 0.0F) {
+          std::swap(face[1], face[2]);
+        }
+        addTriangle(spikes, face);
+      }
+    }
+    return render::share(std::move(spikes));
+  }();
+  return mesh;
+}
+
+MeshPtr stripedBlock() {
+  static const MeshPtr mesh = [] {
+    Mesh block;
+    block.name = "wall";
+    // Along `along`, one above the other along `across`, on both sides of the block.
+    const auto addStripes = [&block](int along, int across) {
+      const int out = 3 - along - across;
+      for (const float side : {-0.5F, 0.5F}) {
+        for (int i = 0; i < kStripes; ++i) {
+          const float low = (static_cast<float>(i) + 0.25F) / kStripes - 0.5F;
+          std::array<Vec3f, 4> corners;
+          for (std::size_t k = 0; k < 4; ++k) {
+            Vec3f& corner = corners.at(k);
+            corner[out] = side;
+            corner[along] = k == 1 || k == 2 ? 0.5F : -0.5F;
+            corner[across] = k >= 2 ? low + 0.5F / kStripes : low;
+          }
+          addTriangle(block, {corners[0], corners[1], corners[2]});
+          addTriangle(block, {corners[0], corners[2], corners[3]});
+        }
+      }
+    };
+    addStripes(0, 1);  // front and back
+    addStripes(2, 1);  // left and right
+    addStripes(2, 0);  // top and bottom
+    return render::share(std::move(block));
+  }();
+  return mesh;
+}
 
 constexpr int kSparks = 16;
 constexpr double kSparkSpeed_mps = 1.6;

@@ -119,7 +119,7 @@ std::optional<double> firstContact(const Motion& motion, const Rod& rod, const B
     // Written so that no number at all (a damaged state) is no contact.
     if (!(speed * (end - s) >= gap_m)) return std::nullopt;
     const double next = s + gap_m / speed;
-    // So fast that the next moment cannot be told from this one.
+    // So fast that the next moment equals this one in double precision.
     if (next <= s) return s;
     s = next;
   }

@@ -1,13 +1,86 @@
 #include "panel/game.hpp"
 
+#include <algorithm>
+#include <cmath>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "panel/env.hpp"
 #include "panel/looks.hpp"
+#include "panel/round.hpp"
+#include "sim2vr/rl/game.hpp"
 
 namespace sim2vr::games::panel {
 namespace {
+
+/// Reward of a frame: 10 for a widget operated as wanted, minus the error's cost for anything else
+/// that was operated, plus (exp(-5 g) - 1) / 10 per user step, with g the angle, rad, or the
+/// distance, m, of the nearer hand from what has to be pressed. "sparse" leaves the last term out.
+class Env : public rl::RLEnv {
+ public:
+  explicit Env(const Round& round) : round_(round) {}
+
+  std::string_view typeName() const override { return "panel.Env"; }
+  void declareLog() override;
+  double calculateReward() override;
+  bool isOver() const override { return round_.over(); }
+  float timeFeature() const override { return static_cast<float>(2.0 * round_.progress() - 1.0); }
+  void fields(Archive& archive) override;
+
+ private:
+  double closenessReward() const;
+
+  const Round& round_;
+  int hits_ = 0;
+  int errors_ = 0;
+  // Of the present frame.
+  double error_ = 0.0;
+  double closeness_ = 0.0;
+};
+
+constexpr double kHitReward = 10.0;
+constexpr double kClosenessRate = 5.0;
+constexpr double kClosenessWeight = 0.1;
+/// In the log: a number that the round has not.
+constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+
+void Env::declareLog() {
+  const bool sparse = round_.settings().sparse;
+  logTerm("ErrorReward", [this] { return error_; });
+  logTerm("ClosenessReward", [this, sparse] { return sparse ? kNone : closeness_; });
+  const Tally& tally = round_.tally();
+  logColumn("Points", [&] { return tally.hits; });
+  logColumn("Errors", [&] { return tally.errors; });
+  logColumn("Timeouts", [&] { return tally.timeouts; });
+  logColumn("MissedFirst", [&] { return tally.missed_first; });
+  logColumn("HitFirst", [&] { return tally.targets - tally.missed_first; });
+  logColumn("SelectionTime", [&] { return tally.meanTime_s(); });
+  logColumn("MedianSelectionTime", [&] { return tally.medianTime_s(); });
+}
+
+double Env::calculateReward() {
+  const Tally& tally = round_.tally();
+  error_ = -round_.settings().error_cost * (tally.errors - errors_);
+  closeness_ = round_.settings().sparse ? 0.0 : closenessReward();
+  const double hit = kHitReward * (tally.hits - hits_);
+  hits_ = tally.hits;
+  errors_ = tally.errors;
+  return hit + error_ + closeness_;
+}
+
+double Env::closenessReward() const {
+  double gap = std::numeric_limits<double>::infinity();
+  for (const Pointer& pointer : round_.pointers()) {
+    if (pointer.state().active) gap = std::min(gap, pointer.gap(round_.handle_m()));
+  }
+  return kClosenessWeight * (std::exp(-kClosenessRate * gap) - 1.0) / framesPerStep();
+}
+
+void Env::fields(Archive& archive) {
+  RLEnv::fields(archive);
+  archive.field("hits", hits_, kCounts);
+  archive.field("errors", errors_, kCounts);
+}
 
 std::vector<rl::Measure> measures() {
   return {

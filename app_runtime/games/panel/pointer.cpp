@@ -21,9 +21,8 @@ constexpr XrHapticVibration kPulse{XR_TYPE_HAPTIC_VIBRATION, nullptr, 20'000'000
 
 Controls Controls::make(xr::Session& session) {
   xr::ActionSet& set = session.createActionSet("panel");
-  const std::vector<xr::Hand> both{xr::Hand::left, xr::Hand::right};
   const auto bound = [&](const char* name, XrActionType type, const char* path) {
-    xr::Action& action = set.createAction(name, type, both);
+    xr::Action& action = session.createAction(set, name, type);
     session.suggestBinding(action, std::string("/user/hand/left/") + path);
     session.suggestBinding(action, std::string("/user/hand/right/") + path);
     return &action;
@@ -61,7 +60,7 @@ void Pointer::update(const Vec3& center_m) {
     const Quat& turned = controller_->transform().rotation();
     const Vec3 right = turned * Vec3::UnitX();
     state_.roll_rad = std::atan2(-right.y(), (turned * Vec3::UnitY()).y());
-    state_.scroll = session_->getActionStateVector2f(*controls_.scroll, hand_).currentState.y;
+    state_.scroll = session_->actionState(*controls_.scroll, hand_).value.y;
   } else {
     in_front_ = false;
   }
@@ -71,8 +70,7 @@ void Pointer::update(const Vec3& center_m) {
 
 void Pointer::updateRay(const Vec3& center_m) {
   const xr::Space aim = session_->actionSpace(*controls_.aim, hand_);
-  const xr::Space stage = session_->referenceSpace(XR_REFERENCE_SPACE_TYPE_STAGE);
-  const Pose ray = xr::fromXr(session_->locateSpace(aim, stage, session_->frameTime()).pose);
+  const Pose ray = xr::fromXr(session_->locateSpace(aim).value_or(xr::kIdentityPose));
   state_.origin_m = ray.position;
   state_.forward = ray.rotation * Vec3::UnitZ();
   const double ahead_m = center_m.z() - ray.position.z();
@@ -82,7 +80,7 @@ void Pointer::updateRay(const Vec3& center_m) {
     state_.place_m.z() = 0.0;
   }
   const auto pulled = [this](const xr::Action* action) {
-    return session_->getActionStateBoolean(*action, hand_).currentState == XR_TRUE;
+    return session_->actionState(*action, hand_).pressed();
   };
   state_.held = pulled(controls_.trigger) || pulled(controls_.squeeze);
 }

@@ -41,7 +41,6 @@ class MovementSums {
  public:
   void add(const Movement& movement);
   int count() const { return count_; }
-  double timeSum_s() const { return time_sum_s_; }
   /// None for fewer than two movements, and where selections do not spread (less than 1 um).
   std::optional<Effective> effective() const;
   void fields(Archive& archive);

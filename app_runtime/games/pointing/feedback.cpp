@@ -14,7 +14,8 @@ constexpr XrHapticVibration kPulse{XR_TYPE_HAPTIC_VIBRATION, nullptr, 20'000'000
 Feedback::Feedback(xr::Session& session, rl::SoundLog& sounds, xr::Hand hand)
     : session_(&session), sounds_(&sounds), hand_(hand) {
   xr::ActionSet& set = session.createActionSet("pointing");
-  xr::Action& vibration = set.createAction("vibrate", XR_ACTION_TYPE_VIBRATION_OUTPUT, {hand});
+  xr::Action& vibration =
+      session.createAction(set, "vibrate", XR_ACTION_TYPE_VIBRATION_OUTPUT, {hand});
   session.suggestBinding(vibration, hand == xr::Hand::left ? "/user/hand/left/output/haptic"
                                                            : "/user/hand/right/output/haptic");
   vibration_ = &vibration;

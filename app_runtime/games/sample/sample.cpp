@@ -1,4 +1,4 @@
-#include "sample/sample.hpp"
+#include "sample.hpp"
 
 #include "sim2vr/core/random.hpp"
 #include "sim2vr/physics/collider.hpp"
@@ -23,9 +23,9 @@ struct Controls {
 
 Controls makeControls(xr::Session& xr) {
   xr::ActionSet& set = xr.createActionSet("play");
-  xr::Action& skip = set.createAction("skip", XR_ACTION_TYPE_BOOLEAN_INPUT);
+  xr::Action& skip = xr.createAction(set, "skip", XR_ACTION_TYPE_BOOLEAN_INPUT);
   xr.suggestBinding(skip, "/user/hand/right/input/trigger/value");
-  xr::Action& vibrate = set.createAction("vibrate", XR_ACTION_TYPE_VIBRATION_OUTPUT);
+  xr::Action& vibrate = xr.createAction(set, "vibrate", XR_ACTION_TYPE_VIBRATION_OUTPUT);
   xr.suggestBinding(vibrate, "/user/hand/right/output/haptic");
   return {&skip, &vibrate};
 }
@@ -57,8 +57,8 @@ class Ball : public scene::Component {
 
   // In every frame. A pulled trigger moves the ball on, without a point.
   void Update() override {
-    const XrActionStateBoolean skip = xr_.getActionStateBoolean(*controls_.skip);
-    if (skip.changedSinceLastSync == XR_TRUE && skip.currentState == XR_TRUE) move();
+    const xr::ActionState& skip = xr_.actionState(*controls_.skip);
+    if (skip.changed && skip.pressed()) move();
   }
 
   // Every value that changes during play, so that a state can be saved and loaded.
@@ -105,23 +105,26 @@ class BallEnv : public rl::RLEnv {
 
   std::string_view typeName() const override { return "sample.BallEnv"; }
 
-  void InitialiseGame() override { start_s_ = clock().time(); }
-  void InitialiseReward() override { log_ = {{"Points", 0.0}, {"Distance", 0.0}}; }
+  void beginRound() override { start_s_ = clock().time(); }
 
-  void CalculateReward() override {
-    const Vec3 to_ball = ball_.transform().position() - controller_.transform().position();
-    const double shaping = -0.1 * to_ball.norm();
-    reward_ = static_cast<float>(ball_.points() - points_ + shaping);
-    points_ = ball_.points();
-    distance_sum_m_ += to_ball.norm();
-    ++frames_;
-    log_["Points"] = points_;
-    log_["Distance"] = distance_sum_m_ / frames_;
+  void declareLog() override {
+    logColumn("Points", [this] { return points_; });
+    logColumn("Distance", [this] { return distance_sum_m_ / frames_; });
   }
 
-  void UpdateIsFinished() override { finished_ = clock().time() - start_s_ >= round_s_; }
+  double calculateReward() override {
+    const double distance_m =
+        (ball_.transform().position() - controller_.transform().position()).norm();
+    const int new_points = ball_.points() - points_;
+    points_ = ball_.points();
+    distance_sum_m_ += distance_m;
+    ++frames_;
+    return new_points - 0.1 * distance_m;
+  }
 
-  float GetTimeFeature() const override {
+  bool isOver() const override { return clock().time() - start_s_ >= round_s_; }
+
+  float timeFeature() const override {
     return 2.0F * (clock().time() - start_s_) / round_s_ - 1.0F;
   }
 

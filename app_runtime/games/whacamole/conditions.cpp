@@ -166,7 +166,7 @@ double headPitch_deg(double direction_rad) {
 
 AreaChanges areaFromOptions(Options& options) {
   const auto number = [&options](const std::string& name, double least, double most) {
-    // Asked for in any case, so that the name is known.
+    // Read in any case, so that the name is known.
     const double value = options.getNumber(name, std::max(least, 0.0), least, most);
     return options.has(name) ? std::optional(value) : std::nullopt;
   };

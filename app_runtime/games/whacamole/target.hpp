@@ -38,7 +38,6 @@ class Target : public scene::Component {
   int cell() const { return cell_; }
   State state() const { return state_; }
   /// The fixed time that its life counts from.
-  float spawnTime_s() const { return spawn_time_; }
   /// The time of the frame in which it appeared.
   float spawnFrameTime_s() const { return spawn_frame_time_; }
   /// When it can no longer be hit.

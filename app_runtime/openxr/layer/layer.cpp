@@ -2,6 +2,8 @@
 // nothing unless SIM2VR_OPENXR_RECORD names a file.
 #include "layer.hpp"
 
+#include "sim2vr/xr/profiles.hpp"
+
 #include <cxxabi.h>
 #include <fcntl.h>
 #include <unistd.h>
@@ -132,13 +134,6 @@ void finishEnded(Recorder& self) {
   self.ended.time = 0;
 }
 
-/// The hand that a path begins with; nothing: neither.
-std::optional<xr::Hand> handOf(std::string_view path) {
-  if (path.starts_with("/user/hand/left")) return xr::Hand::left;
-  if (path.starts_with("/user/hand/right")) return xr::Hand::right;
-  return std::nullopt;
-}
-
 /// Whether an action with or without subaction path shakes each hand.
 std::array<bool, 2> shaken(const Recorder& self, const XrHapticActionInfo& info) {
   std::array<XrPath, 32> paths{info.subactionPath};
@@ -158,7 +153,7 @@ std::array<bool, 2> shaken(const Recorder& self, const XrHapticActionInfo& info)
     char text[XR_MAX_PATH_LENGTH]{};
     std::uint32_t length = 0;
     self.next.xrPathToString(self.next.instance, paths[i], XR_MAX_PATH_LENGTH, &length, text);
-    if (const auto hand = handOf(text)) hands[static_cast<std::size_t>(*hand)] = true;
+    if (const auto hand = xr::handOf(text)) hands[static_cast<std::size_t>(*hand)] = true;
   }
   return hands;
 }

@@ -4,7 +4,7 @@
 #include <optional>
 
 #include "layer.hpp"
-#include "profiles.hpp"
+#include "sim2vr/xr/profiles.hpp"
 
 namespace sim2vr::openxr::layer {
 namespace {
@@ -78,33 +78,33 @@ std::vector<XrActionSuggestedBinding> OwnActions::withOurs(
   char text[XR_MAX_PATH_LENGTH]{};
   std::uint32_t count = 0;
   next.xrPathToString(next.instance, suggested.interactionProfile, sizeof text, &count, text);
-  const Profile* profile = findProfile(text);
+  const xr::Profile* profile = xr::findProfile(text);
   if (profile == nullptr) return bindings;
-  const auto kindOf = [](Input input) -> std::optional<Kind> {
+  const auto kindOf = [](xr::Input input) -> std::optional<Kind> {
     switch (input) {
-      case Input::grip_pose:
+      case xr::Input::grip_pose:
         return grip;
-      case Input::aim_pose:
+      case xr::Input::aim_pose:
         return aim;
-      case Input::trigger:
+      case xr::Input::trigger:
         return trigger;
-      case Input::squeeze:
+      case xr::Input::squeeze:
         return squeeze;
-      case Input::stick:
+      case xr::Input::stick:
         return stick;
-      case Input::stick_click:
+      case xr::Input::stick_click:
         return stick_click;
-      case Input::lower:
+      case xr::Input::lower:
         return lower;
-      case Input::upper:
+      case xr::Input::upper:
         return upper;
-      case Input::menu:
+      case xr::Input::menu:
         return menu;
       default:
         return std::nullopt;
     }
   };
-  for (const Component& component : profile->components) {
+  for (const xr::Component& component : profile->components) {
     const auto kind = kindOf(component.input);
     // Of 1.1 only.
     if (!kind || component.path.ends_with("/grip_surface/pose")) continue;

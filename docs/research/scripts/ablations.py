@@ -74,18 +74,18 @@ def _reaching(time_cost: float) -> HandPolicy:
 @contextmanager
 def _without(ablation: Ablation) -> Iterator[None]:
     """Take mechanisms away from all persons who begin a round meanwhile."""
-    begin = person_policy.PersonPolicy.reset
+    begin = person_policy.PersonPolicy.begin
     reaching = None if ablation.time_cost == 1.0 else _reaching(ablation.time_cost)
 
-    def reset(self: Any) -> Any:
+    def begun(self: Any, n: int) -> Any:
         if reaching is not None:
             self.human.hand_policy.load_state_dict(reaching.state_dict())
         if not ablation.perceives:
             self.human._misjudged = {}
-        return begin(self)
+        return begin(self, n)
 
     with ExitStack() as stack:
-        stack.enter_context(mock.patch.object(person_policy.PersonPolicy, "reset", reset))
+        stack.enter_context(mock.patch.object(person_policy.PersonPolicy, "begin", begun))
         for name, value in ablation.constants.items():
             stack.enter_context(mock.patch.object(person_policy, name, value))
         yield

@@ -12,10 +12,10 @@ from sim2vr_harness.audit.equilibrium import NEAR_M
 from sim2vr_harness.audit.judging import Judged, places_of
 from sim2vr_harness.audit.population import Subject
 from sim2vr_harness.audit.reaching import MIRROR, Crowd
-from sim2vr_harness.audit.targets import AuditTarget
-from sim2vr_harness.client.frames import aim_direction
+from sim2vr_harness.audit.targets import Target
 from sim2vr_harness.users import UserBatch
-from sim2vr_harness.users.kinematics.posture_controller import PostureController
+from sim2vr_harness.users.kinematics.forward import rotation_matrix
+from sim2vr_harness.users.kinematics.posture_controller import DeviceRay, PostureController
 
 FloatArray = NDArray[np.float64]
 Watch = Callable[[FloatArray, FloatArray], None]
@@ -70,7 +70,7 @@ class Actor:
         place: FloatArray,
         postures: FloatArray,
         *,
-        ray: bool = False,
+        ray: DeviceRay | None = None,
         near: float | None = None,
     ) -> Acted:
         """Bring the right hand to a place, in the body's own frame, from its rest.
@@ -80,10 +80,10 @@ class Actor:
         Args:
             place: (3,) MuJoCo's world, m.
             postures: (C, J) of the independent joints; an attempt each.
-            ray: Whether the ray has to get there.
+            ray: That has to get there, not the hand.
             near: How near is enough, m or degrees.
         """
-        enough = near if near is not None else NEAR_DEG if ray else NEAR_M
+        enough = near if near is not None else NEAR_M if ray is None else NEAR_DEG
         gap, steps = np.inf, 0
         for attempt, posture in enumerate([*postures, None]):
             arrived, least, passed = self._attempt(place, posture, ray, enough)
@@ -93,7 +93,7 @@ class Actor:
         return Acted(None, 1 + len(postures), gap)
 
     def _attempt(
-        self, place: FloatArray, posture: FloatArray | None, ray: bool, enough: float
+        self, place: FloatArray, posture: FloatArray | None, ray: DeviceRay | None, enough: float
     ) -> tuple[bool, float, int]:
         """Return whether the hand got there, the least error, and the user steps."""
         users, controller = self._users, self._controller
@@ -101,10 +101,11 @@ class Actor:
         controller.begin()
         if posture is None:
             start = controller.angles(users.qpos[0])
-            found = (
-                controller.find(start, aim_at=place) if ray else controller.find(start, place=place)
-            )
-            posture = found.angles
+            posture = (
+                controller.find(start, place=place)
+                if ray is None
+                else controller.find(start, aim_at=place, ray=ray)
+            ).angles
         least, settled, nearer = np.inf, 0, 0
         errors: list[float] = []
         count, idle = round(_SECONDS / users.dt), round(_IDLE_S / users.dt)
@@ -125,18 +126,18 @@ class Actor:
                 self._watch(users.qpos[0], users.act[0])
         return False, least, count
 
-    def _error(self, place: FloatArray, ray: bool) -> float:
+    def _error(self, place: FloatArray, ray: DeviceRay | None) -> float:
         positions, quats = self._users.device_poses(_DEVICE)
-        gap = place - positions[0]
-        distance = float(np.linalg.norm(gap))
-        if not ray:
-            return distance
-        along = float(aim_direction(quats[0]) @ gap) / max(distance, 1e-9)
+        if ray is None:
+            return float(np.linalg.norm(place - positions[0]))
+        turn = rotation_matrix(quats[0])
+        gap = place - positions[0] - turn @ ray.origin_m
+        along = float(turn @ ray.direction @ gap) / max(float(np.linalg.norm(gap)), 1e-9)
         return float(np.degrees(np.arccos(np.clip(along, -1.0, 1.0))))
 
 
 def act_out(
-    crowd: Crowd, person: int, targets: Sequence[AuditTarget], judged: Judged
+    crowd: Crowd, person: int, targets: Sequence[Target], judged: Judged
 ) -> list[Acted | None]:
     """Have a person act out all targets with the hand that was judged, rays with the preferred one.
 
@@ -164,8 +165,9 @@ def act_out(
                 (place, place * MIRROR),
                 key=lambda each: float(np.linalg.norm(each - crowd.hand(person, posture))),
             )
-        ray = target.how == "point"
-        size = np.degrees(np.arctan2(target.radius_m, np.linalg.norm(place))) if ray else 0.0
-        near = max(NEAR_DEG, float(size)) if ray else max(NEAR_M, target.radius_m)
+        ray, near = None, max(NEAR_M, target.radius_m)
+        if target.how == "point":
+            ray, size = target.ray, np.arctan2(target.radius_m, np.linalg.norm(place))
+            near = max(NEAR_DEG, float(np.degrees(size)))
         found.append(actor.act(place, further, ray=ray, near=near))
     return found

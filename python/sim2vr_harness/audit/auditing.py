@@ -1,17 +1,29 @@
-"""``sim2vr-harness audit``: judge a population on targets, and look for what includes more."""
+"""``sim2vr-harness audit``: judge a population on targets, and look for what includes more.
+
+With a user of its own: what that user reaches, and how long it holds a posture.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import multiprocessing
+import signal
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, TypeVar, cast, get_args
 
 import numpy as np
 
 from sim2vr_harness.audit.acting import act_out
+from sim2vr_harness.audit.hull import Measured, chosen_point, measure, people_margins
 from sim2vr_harness.audit.judging import Judged, judge
 from sim2vr_harness.audit.pacing import path_loads
+from sim2vr_harness.audit.pages import find_things, things_as_targets
 from sim2vr_harness.audit.population import (
     FEWEST,
     LIMITATIONS,
+    MODEL,
     NONE,
     Limitation,
     Stance,
@@ -19,11 +31,31 @@ from sim2vr_harness.audit.population import (
     draw,
     groups_of,
 )
-from sim2vr_harness.audit.processes import Parts
+from sim2vr_harness.audit.postures import Held, hold, who_hold
 from sim2vr_harness.audit.reaching import Crowd, FloatArray
 from sim2vr_harness.audit.remedies import GOAL, Remedy, remedy
 from sim2vr_harness.audit.summary import Audit, AuditPath
-from sim2vr_harness.audit.targets import AuditTarget
+from sim2vr_harness.audit.targets import (
+    How,
+    Target,
+    alike,
+    found_targets,
+    listed_targets,
+    pressed_places,
+    seen_targets,
+    tool_point,
+)
+from sim2vr_harness.base.cores import available
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.envs.config import EnvConfig, body_of
+from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.play.environment import evaluation_env
+from sim2vr_harness.runs.config import TrainingConfig
+from sim2vr_harness.tools.users import environment_of
+
+T = TypeVar("T")
+Say = Callable[[str], None]
 
 PACE = 20.0
 """Uses of a target in a minute."""
@@ -31,6 +63,233 @@ _PARTS = 4
 """In which everyone's targets are judged."""
 _PART = 10
 """One in so many persons is judged with each limitation, at least :data:`FEWEST`."""
+_MOST_PEOPLE = 10_000
+_TWO_HANDED = "mobl_arms_bimanual"
+"""Looks at games that are played with both hands."""
+
+
+@dataclass(frozen=True)
+class AuditRequest:
+    """What ``sim2vr-harness audit`` is asked: a field per option.
+
+    Attributes:
+        remote: Settings of ``env.app`` that the options of pages and programs mean.
+        people: Persons; None: 500, or with ``user`` that user alone.
+        user, point, tool, cell: Measure what this user brings to targets instead, and the hull.
+        pose, load: Say instead how long that user holds a posture.
+    """
+
+    game: str | None = None
+    condition: Sequence[str] = ()
+    objects: str | None = None
+    targets: Sequence[str] = ()
+    session: Path | None = None
+    how: str = "touch"
+    seconds: float = 10.0
+    user: str | None = None
+    point: str | None = None
+    tool: str | None = None
+    cell: float = 0.05
+    pose: str | None = None
+    load: float = 0.0
+    people: int | None = None
+    stance: str = "seated"
+    pace: float = PACE
+    operate: int = 0
+    seed: int = 1
+    expect: Sequence[str] = ()
+    overrides: Sequence[str] = ()
+    trust_app: bool = False
+    remote: Mapping[str, Any] = field(default_factory=dict)
+
+    def check(self) -> None:
+        """Refuse options that are out of range or do not go together.
+
+        Raises:
+            InputError: Names the option.
+        """
+        self._check_together()
+        for option, got, known in (
+            ("--how", self.how, get_args(How)[:2]),
+            ("--stance", self.stance, get_args(Stance)),
+        ):
+            if got not in known:
+                raise InputError(option, repr(got), " or ".join(known))
+        people = 500 if self.people is None else self.people
+        for option, number, low, high, expected in (
+            ("--people", people, 1, _MOST_PEOPLE, f"1 to {_MOST_PEOPLE:,}"),
+            ("--seed", self.seed, 0, 2**31 - 1, f"0 to {2**31 - 1}"),
+            ("--pace", self.pace, 0.1, 120.0, "0.1 to 120 uses in a minute"),
+            ("--operate", self.operate, 0, people, f"0 to the {people} persons of --people"),
+            ("--cell", self.cell, 0.01, 0.2, "0.01 to 0.2 m"),
+            ("--seconds", self.seconds, 1e-9, 600.0, "more than 0, at most 600"),
+        ):
+            if not low <= number <= high:
+                raise InputError(option, f"{number:g}", expected)
+
+    def _check_together(self) -> None:
+        page, alone = self.remote.get("page"), AuditRequest()
+        listed = bool(self.targets) or self.session is not None
+        if self.user is None:
+            for option in ("point", "tool", "cell", "pose", "load"):
+                if getattr(self, option) != getattr(alone, option):
+                    raise InputError(f"--{option}", "it without --user", "it with --user")
+            if self.game is None and page is None and not listed:
+                if self.remote:
+                    expected = (
+                        "it with --targets FILE.yaml or --session, since a program lists no objects"
+                    )
+                    raise InputError("--openxr", "a program without --targets", expected)
+                raise InputError("--game, --page, --targets or --session", "none", "one of them")
+            if self.overrides and self.game is None and not self.remote:
+                raise InputError("--set", "it without an app", "it with --game or --page")
+        for option in ("stance", "pace", "operate", "how", "expect") if self.user else ():
+            if getattr(self, option) != getattr(alone, option):
+                expected = "it without --user: it is about a population"
+                raise InputError(f"--{option}", "it together with --user", expected)
+        if self.pose is not None:
+            for option in ("game", "targets", "session", "point", "tool", "remote", "cell"):
+                if getattr(self, option) != getattr(alone, option):
+                    name = "page or --openxr" if option == "remote" else option
+                    raise InputError(f"--{name}", "it together with --pose", "one of them")
+        elif self.load:
+            raise InputError("--load", "it without --pose", "it with --pose")
+        if self.game is not None and self.remote:
+            raise InputError("--page or --openxr", "it together with --game", "one of them")
+        if self.game is None and (self.condition or self.objects is not None):
+            raise InputError("--condition or --objects", "it without --game", "it with --game")
+        if self.tool is not None and (self.point is not None or self.game is None):
+            wrong = "it together with --point" if self.point is not None else "it without --game"
+            raise InputError("--tool", wrong, "it with --game and without --point")
+
+    @property
+    def title(self) -> str:
+        """What the audited app or list is called."""
+        if page := self.remote.get("page"):
+            file = Path(page).resolve()
+            return file.parent.name if file.name == "index.html" else file.name
+        source = Path(self.targets[0]) if self.targets else self.session
+        listed = source.stem if source is not None and source.exists() else "the listed targets"
+        return self.game or self.remote.get("game") or listed
+
+
+def population_audit(request: AuditRequest, say: Say = lambda text: None) -> Audit:
+    """Find the targets of a request, and audit a population.
+
+    Args:
+        request: Without ``user``.
+        say: Receives what is being done.
+
+    Raises:
+        InputError: Something cannot be used.
+    """
+    targets = _listed(request, say)
+    for condition in [*request.condition] or [None] if request.game is not None else []:
+        targets += _of_game(request, condition, say)
+    return run(
+        request.title,
+        targets,
+        people=request.people or 500,
+        seed=request.seed,
+        stance=cast("Stance", request.stance),
+        pace=request.pace,
+        operate=request.operate,
+        say=say,
+    )
+
+
+def user_reach(request: AuditRequest, say: Say = lambda text: None) -> Measured:
+    """Measure what the user of a request reaches, and its targets.
+
+    Args:
+        request: With ``user``.
+        say: Receives what is being done.
+
+    Raises:
+        InputError: Something cannot be used.
+    """
+    assert request.user is not None
+    environments = [
+        environment_of(
+            request.user,
+            game=request.game,
+            condition=condition,
+            overrides=request.overrides,
+            trust_app=request.trust_app,
+        )
+        for condition in request.condition or [None]
+    ]
+    body = body_of(environments[0].user)
+    point = chosen_point(body, request.point)
+    if request.tool is not None:
+        with closing(Simulation(alike(environments[0]), 1)) as users:
+            users.reset(seeds=[1])
+            point = tool_point(users.apps[0].scene(), request.tool)
+    listed = _listed(request, say)
+
+    def look(env: EnvConfig, person: int | None) -> list[Target]:
+        pattern, seconds = request.objects, request.seconds
+        return seen_targets(env, pattern, seconds=seconds, person=person, still=person is None)
+
+    sources = [(environments[0], "", listed, lambda _env, _person: listed)] if listed else []
+    if request.game is not None:
+        say(f"targets of {request.game} ...")
+        names = request.condition or [""]
+        sources += [
+            (env, name, look(alike(env), None), look)
+            for env, name in zip(environments, names, strict=True)
+        ]
+    targets, margins = [], []
+    for env, name, found, find in sources:
+        targets += [replace(each, name=f"{name} {each.name}".strip()) for each in found]
+        if request.people is not None:
+            say(f"{request.people} persons, {len(found)} targets ...")
+            margins.append(people_margins(env, point, found, request.people, find, request.seed))
+    say("what is within reach ...")
+    people = np.concatenate(margins, axis=1) if margins else None
+    return measure(body, point, targets, people, cell_m=request.cell)
+
+
+def posture_endurance(request: AuditRequest) -> list[list[Held]]:
+    """Return how each arm of each person holds the posture of a request.
+
+    Args:
+        request: With ``user`` and ``pose``.
+
+    Raises:
+        InputError: Something cannot be used.
+    """
+    assert request.user is not None and request.pose is not None
+    env = environment_of(request.user, overrides=request.overrides, trust_app=request.trust_app)
+    persons = who_hold(env.user, request.people)
+    return [hold(who, request.pose, request.load, strength) for who, strength in persons]
+
+
+def _listed(request: AuditRequest, say: Say) -> list[Target]:
+    """Return the targets that are listed, recorded, or the page's things."""
+    env = None
+    if request.remote:
+        env = evaluation_env(TrainingConfig(), request.remote, request.overrides, source="--set")
+    found = listed_targets(request.targets, env)
+    if env is not None and not request.targets and request.remote.get("page"):
+        say(f"things of {env.app.page} ...")
+        found = things_as_targets(find_things(env, request.seconds, say=say))
+        if not found:
+            expected = "objects that listen or react to a controller, or --targets FILE.yaml"
+            raise InputError("--page", f"{env.app.page}, in which nothing is found", expected)
+    return found + ([] if request.session is None else pressed_places(request.session))
+
+
+def _of_game(request: AuditRequest, condition: str | None, say: Say) -> list[Target]:
+    # The game before the options, which are its own.
+    chosen = [f"env.app.game={request.game}", *request.overrides]
+    env = environment_of(MODEL, condition=condition, overrides=chosen)
+    if "controller_left" in game_facts(env.app).needs("right"):
+        env = environment_of(_TWO_HANDED, condition=condition, overrides=chosen)
+    say(f"targets of {request.game}{f', condition {condition}' if condition else ''} ...")
+    how = cast("How", request.how)
+    found = found_targets(env, objects=request.objects, seconds=request.seconds, how=how)
+    return [replace(each, name=f"{condition or ''} {each.name}".strip()) for each in found]
 
 
 def limitations_of(stance: Stance) -> tuple[Limitation, ...]:
@@ -45,7 +304,7 @@ def limited_persons(people: int) -> int:
 
 def run(
     title: str,
-    targets: Sequence[AuditTarget],
+    targets: Sequence[Target],
     *,
     people: int = 500,
     seed: int = 1,
@@ -53,7 +312,7 @@ def run(
     pace: float = PACE,
     operate: int = 0,
     processes: int = 0,
-    say: Callable[[str], None] = lambda text: None,
+    say: Say = lambda text: None,
 ) -> Audit:
     """Audit targets.
 
@@ -99,7 +358,7 @@ def run(
 
 
 def _judge_all(
-    everyone: Crowd, stance: Stance, targets: Sequence[AuditTarget], pace: float, parts: Parts
+    everyone: Crowd, stance: Stance, targets: Sequence[Target], pace: float, parts: Parts
 ) -> tuple[Judged, list[Judged]]:
     """Return everyone judged on all targets, and some of them with each limitation.
 
@@ -125,10 +384,10 @@ def _judge_all(
 
 def _remedies(
     everyone: Crowd,
-    targets: Sequence[AuditTarget],
+    targets: Sequence[Target],
     judged: Judged,
     parts: Parts,
-    say: Callable[[str], None],
+    say: Say,
 ) -> list[Remedy | None]:
     """Return what would include 95 %, for each target; None where 95 % are included."""
     missed = [i for i in range(len(targets)) if judged.usable[:, i].mean() < GOAL]
@@ -141,11 +400,47 @@ def _remedies(
     return found
 
 
-def _paths(
-    subject: Subject, targets: Sequence[AuditTarget], postures: FloatArray
-) -> list[AuditPath]:
+def _paths(subject: Subject, targets: Sequence[Target], postures: FloatArray) -> list[AuditPath]:
     """Return the paths of a person from each target that it reaches to the next one."""
     known = [i for i in range(len(targets)) if not np.isnan(postures[i]).any()]
     loads = path_loads(subject, [postures[i] for i in known], NONE)
     pairs = zip(known, known[1:], loads, strict=False)
     return [AuditPath(targets[a].name, targets[b].name, *load) for a, b, load in pairs]
+
+
+_do: Callable[[int], object] = int
+"""What the processes do; they are forked with it, as bodies cannot be sent."""
+
+
+def _part(number: int) -> object:
+    return _do(number)
+
+
+def _quiet() -> None:
+    """Leave signals to the first process, which ends the others."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+class Parts:
+    """Runs a function for some numbers.
+
+    Args:
+        processes: How many at most; 0: one per core.
+    """
+
+    def __init__(self, processes: int = 0) -> None:
+        self._processes = processes or available()
+
+    def run(self, function: Callable[[int], T], numbers: Sequence[int]) -> list[T]:
+        """Return what the function returns for each of the numbers, in order."""
+        count = min(self._processes, len(numbers))
+        if count < 2:
+            return [function(number) for number in numbers]
+        global _do
+        _do = function
+        with multiprocessing.get_context("fork").Pool(count, _quiet) as pool:
+            found: list[T] = pool.map(_part, numbers, chunksize=1)  # type: ignore[arg-type]
+            pool.close()
+            pool.join()
+        return found

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from sim2vr_harness.audit.population import Limitation, Subject
 from sim2vr_harness.audit.reaching import Bools, FloatArray
-from sim2vr_harness.audit.targets import AuditTarget
+from sim2vr_harness.audit.targets import Target
 
 SOURCE = (
     "strength 51 kg (men), 31 kg (women): Dodds et al. 2014; friction 0.5 and a margin of 1.4: "
@@ -20,7 +20,7 @@ _FRICTION, _MARGIN = 0.5, 1.4
 _ENDURANCE_S, _ENDURANCE_POWER = 33.55, 1.61
 
 
-def grip_share(subject: Subject, target: AuditTarget, limitation: Limitation) -> float:
+def grip_share(subject: Subject, target: Target, limitation: Limitation) -> float:
     """Return the grip force that a target takes as a share of a person's strength.
 
     A thing between palm and fingers is pressed from two sides. The controller's own weight does not

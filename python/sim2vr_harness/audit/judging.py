@@ -13,7 +13,7 @@ from sim2vr_harness.audit.grip import can_grip, grip_share
 from sim2vr_harness.audit.pacing import REACH_S, Paced, minutes_at_pace
 from sim2vr_harness.audit.population import Limitation, Subject
 from sim2vr_harness.audit.reaching import Bools, Crowd, FloatArray, Ints, Rows, Solved
-from sim2vr_harness.audit.targets import AuditTarget
+from sim2vr_harness.audit.targets import Target
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
 from sim2vr_harness.users.exertion import (
     Strength,
@@ -98,7 +98,7 @@ class Judged:
         return np.asarray(self.seen & self.reached & self.held)
 
 
-def places_of(crowd: Crowd, target: AuditTarget, persons: Ints) -> FloatArray:
+def places_of(crowd: Crowd, target: Target, persons: Ints) -> FloatArray:
     """Return (B, 3) where a target is for persons, MuJoCo's world, m."""
     place = np.repeat(position_to_mujoco(target.place_m)[None], len(persons), axis=0)
     return place + crowd.heads[persons] if target.from_head else place
@@ -123,7 +123,7 @@ def seen(crowd: Crowd, persons: Ints, places: FloatArray) -> Bools:
 
 def reach_either(
     crowd: Crowd,
-    target: AuditTarget,
+    target: Target,
     persons: Ints,
     places: FloatArray,
     *,
@@ -140,7 +140,9 @@ def reach_either(
     left_handed = np.array([crowd.subjects[i].mirrored for i in persons.tolist()], dtype=bool)
     close = np.full(len(persons), target.radius_m) if close_m is None else close_m
     close = np.maximum(close, CLOSE_M)
-    rows = Rows(persons, left_handed, places, close, target.how == "point", quick)
+    rows = Rows(
+        persons, left_handed, places, close, target.ray if target.how == "point" else None, quick
+    )
     best = crowd.solve(rows)
     one = best.reached.copy()
     if target.hand == "preferred" or (crowd.one_hand and target.hand == "either"):
@@ -155,7 +157,7 @@ def reach_either(
     )
     if not len(again):
         return best, one, one
-    other = crowd.solve(Rows(persons, ~left_handed, places, close, rows.points, quick).take(again))
+    other = crowd.solve(Rows(persons, ~left_handed, places, close, rows.ray, quick).take(again))
     reached = one.copy()
     reached[again] = one[again] & other.reached if both else one[again] | other.reached
     one[again] |= other.reached
@@ -174,7 +176,7 @@ def reach_either(
 
 def judge(
     crowd: Crowd,
-    targets: Sequence[AuditTarget],
+    targets: Sequence[Target],
     limitation: Limitation,
     pace: float | None = None,
     *,
@@ -242,7 +244,7 @@ def judge(
 
 def _paced(
     crowd: Crowd,
-    targets: Sequence[AuditTarget],
+    targets: Sequence[Target],
     numbers: FloatArray,
     limitation: Limitation,
     pace: float,
@@ -270,17 +272,18 @@ def _paced(
     return found
 
 
-def _alike(targets: Sequence[AuditTarget]) -> list[list[int]]:
+def _alike(targets: Sequence[Target]) -> list[list[int]]:
     """Return the columns of targets that the same kind of reach gets to, in order."""
-    kinds: dict[tuple[bool, str], list[int]] = {}
+    kinds: dict[tuple[bytes, str], list[int]] = {}
     for column, target in enumerate(targets):
         if target.how != "look":
-            kinds.setdefault((target.how == "point", target.hand), []).append(column)
+            ray = target.ray.key if target.how == "point" else b""
+            kinds.setdefault((ray, target.hand), []).append(column)
     return list(kinds.values())
 
 
 def hold_any(
-    subject: Subject, postures: FloatArray, target: AuditTarget, limitation: Limitation
+    subject: Subject, postures: FloatArray, target: Target, limitation: Limitation
 ) -> tuple[list[float], FloatArray, bool]:
     """Return what :func:`hold` does of the easiest posture, it, and whether it can be held.
 
@@ -304,7 +307,7 @@ def _held(
     crowd: Crowd,
     person: int,
     postures: FloatArray,
-    target: AuditTarget,
+    target: Target,
     limitation: Limitation,
     *,
     muscles: bool,
@@ -327,7 +330,7 @@ def _feasible(
     subject: Subject,
     postures: Sequence[FloatArray],
     place: FloatArray,
-    target: AuditTarget,
+    target: Target,
     limitation: Limitation,
 ) -> tuple[bool, FloatArray]:
     """Return whether the model's muscles bring the hand to a target, and the best posture.
@@ -349,7 +352,7 @@ def _feasible(
 
 
 def can_hold(
-    subject: Subject, postures: FloatArray, target: AuditTarget, limitation: Limitation
+    subject: Subject, postures: FloatArray, target: Target, limitation: Limitation
 ) -> bool:
     """Return whether a shoulder of published strength holds one of the postures (C, J) long enough.
 

@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 from scipy.special import ndtr
 
+from sim2vr_harness.audit.postures import PostureHolder
 from sim2vr_harness.envs.config import UserConfig, body_of
-from sim2vr_harness.tools.endurance import PostureHolder
 from sim2vr_harness.users import Body, PeopleSettings, Person, Population
 from sim2vr_harness.users.exertion import Strength, arms_of
 from sim2vr_harness.users.people import TRAITS

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sim2vr_harness.audit.population import EYE_HEIGHT_STANDING, Limitation, Stance, Subject
-from sim2vr_harness.client.frames import AIM_DIRECTION, position_to_app
+from sim2vr_harness.client.frames import position_to_app
 from sim2vr_harness.users import AVERAGE
 from sim2vr_harness.users.exertion import arms_of
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 from sim2vr_harness.users.kinematics.inverse import CLOSE_M, solve
-from sim2vr_harness.users.kinematics.stacked import StackedLinkage
+from sim2vr_harness.users.kinematics.posture_controller import DeviceRay
 
 FloatArray = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -55,7 +55,7 @@ class Rows:
         mirrored: (B,) whether the left hand does it.
         places: (B, 3) MuJoCo's world, m.
         close_m: (B,) how near is enough.
-        points: whether a ray has to get there, not the hand.
+        ray: that has to get there, not the hand; None: the hand.
         quick: whether only to find out who gets there, not how easily: fewer postures are tried.
     """
 
@@ -63,7 +63,7 @@ class Rows:
     mirrored: Bools
     places: FloatArray
     close_m: FloatArray
-    points: bool = False
+    ray: DeviceRay | None = None
     quick: bool = False
 
     def take(self, chosen: Ints) -> Rows:
@@ -73,7 +73,7 @@ class Rows:
             self.mirrored[chosen],
             self.places[chosen],
             self.close_m[chosen],
-            self.points,
+            self.ray,
             self.quick,
         )
 
@@ -120,7 +120,7 @@ class Crowd:
         self._joints = first.independent_joints
         self.rest = np.array([first.reset_rule.posture.get(j, 0.0) for j in self._joints])
         self._hands = [Linkage(each.body, Point(_DEVICE)) for each in subjects]
-        self._stacks: dict[bool, StackedLinkage] = {}
+        self._stacks: dict[bytes, Linkage] = {}
         self.heads = np.array([_head(each, self.rest) for each in subjects])
         statures = np.array([each.person.stature_m for each in subjects])
         self._sizes = statures / AVERAGE.stature_m
@@ -157,7 +157,7 @@ class Crowd:
         count = len(rows.persons)
         lift = self.lifted(rows.persons)
         local = (rows.places - lift) * np.where(rows.mirrored[:, None], MIRROR, 1.0)
-        stack = self._stack(rows.points)
+        stack = self._stack(rows.ray)
         found = _Best(count, len(stack.joints))
         for trunk in (True,) if rows.quick else (False, True):
             left = np.flatnonzero(found.gap[:, 0] > 0.0)
@@ -184,18 +184,22 @@ class Crowd:
         angles = np.stack([self._whole(stack, found.q[:, i]) for i in range(_KEPT)], axis=1)
         return Solved(angles, found.gap == 0.0, found.gap[:, 0], nearest, found.leans)
 
-    def _stack(self, points: bool) -> StackedLinkage:
-        if points not in self._stacks:
-            ahead = Point(_DEVICE, (float(AIM_DIRECTION[0]), 0.0, float(AIM_DIRECTION[2])))
-            rays = [Linkage(each.body, ahead) for each in self.subjects] if points else None
-            stack = StackedLinkage(self._hands, rays)
-            self._stacks[points] = stack.with_limits(_narrowed(stack, self._limitation.limits_deg))
-        return self._stacks[points]
+    def _stack(self, ray: DeviceRay | None) -> Linkage:
+        key = b"" if ray is None else ray.key
+        if key not in self._stacks:
+            hands, direction = self._hands, None
+            if ray is not None:
+                x, y, z = ray.origin_m.tolist()
+                hands = [Linkage(each.body, Point(_DEVICE, (x, y, z))) for each in self.subjects]
+                direction = ray.direction
+            stack = Linkage.stacked(hands, direction)
+            self._stacks[key] = stack.with_limits(_narrowed(stack, self._limitation.limits_deg))
+        return self._stacks[key]
 
     def _starts(self, rows: Rows, local: FloatArray, trunk: bool) -> FloatArray:
         """(S, B, K) postures to begin with."""
-        if rows.points:
-            rest = _raised(self._stack(True))
+        if rows.ray is not None:
+            rest = _raised(self._stack(rows.ray))
             starts = np.repeat(rest[:, None], len(local), axis=1)
             starts[:, :, -1] = np.linalg.norm(local - self.heads[rows.persons], axis=1)
             return starts
@@ -208,9 +212,7 @@ class Crowd:
             chosen.append(postures[tree.query(scaled, k=count)[1].reshape(len(local), count)])
         return np.swapaxes(np.concatenate(chosen, axis=1), 0, 1)
 
-    def _cost(
-        self, persons: Ints, stack: StackedLinkage, q: FloatArray, there: Bools
-    ) -> FloatArray:
+    def _cost(self, persons: Ints, stack: Linkage, q: FloatArray, there: Bools) -> FloatArray:
         """(B,) what tells easy postures from others; infinite where the hand is not there.
 
         Gravity's torque at the shoulder, and how far wrist and forearm are turned.
@@ -224,7 +226,7 @@ class Crowd:
             cost[row] = load.torque + _TURNED_NM * float(strain.sum())
         return cost
 
-    def _whole(self, stack: StackedLinkage, q: FloatArray) -> FloatArray:
+    def _whole(self, stack: Linkage, q: FloatArray) -> FloatArray:
         """(B, J) angles of all joints: the others rest."""
         angles = np.repeat(self.rest[None], len(q), axis=0)
         for column, joint in enumerate(stack.joints):
@@ -262,7 +264,7 @@ def _head(subject: Subject, rest: FloatArray) -> FloatArray:
     return place
 
 
-def _narrowed(stack: StackedLinkage, limits_deg: Mapping[str, tuple[float, float]]) -> FloatArray:
+def _narrowed(stack: Linkage, limits_deg: Mapping[str, tuple[float, float]]) -> FloatArray:
     limits = stack.limits.copy()
     for joint, narrow in limits_deg.items():
         column = stack.joints.index(joint)
@@ -272,14 +274,14 @@ def _narrowed(stack: StackedLinkage, limits_deg: Mapping[str, tuple[float, float
     return limits
 
 
-def _upright(stack: StackedLinkage) -> FloatArray:
+def _upright(stack: Linkage) -> FloatArray:
     """Limits that keep the trunk where it is."""
     limits = stack.limits.copy()
     limits[:, [joint.startswith(_TRUNK) for joint in stack.joints]] = 0.0
     return limits
 
 
-def _raised(stack: StackedLinkage) -> FloatArray:
+def _raised(stack: Linkage) -> FloatArray:
     """(S, K) postures with the elbow at a right angle and the upper arm raised more and more."""
     postures = np.repeat(stack.rest[None], len(_ELEVATIONS_DEG), axis=0)
     postures[:, stack.joints.index("elbow_flexion")] = np.radians(90.0)

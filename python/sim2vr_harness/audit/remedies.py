@@ -18,7 +18,7 @@ from sim2vr_harness.audit.judging import (
 )
 from sim2vr_harness.audit.population import Limitation
 from sim2vr_harness.audit.reaching import Bools, Crowd, FloatArray, Ints
-from sim2vr_harness.audit.targets import AuditTarget
+from sim2vr_harness.audit.targets import Target
 from sim2vr_harness.client.frames import position_to_mujoco
 
 GOAL = 0.95
@@ -58,7 +58,7 @@ class Remedy:
 
 def usable_at(
     crowd: Crowd,
-    target: AuditTarget,
+    target: Target,
     persons: Ints,
     places: FloatArray,
     limitation: Limitation,
@@ -83,12 +83,12 @@ def usable_at(
     return usable
 
 
-def remedy(crowd: Crowd, target: AuditTarget, judged: Judged, column: int) -> Remedy:
+def remedy(crowd: Crowd, target: Target, judged: Judged, column: int) -> Remedy:
     """Search for what would include 95 % of a crowd."""
     everyone = np.arange(len(crowd.subjects))
     here = places_of(crowd, target, everyone)
 
-    def share(changed: AuditTarget) -> float:
+    def share(changed: Target) -> float:
         return float(usable_at(crowd, changed, everyone, here, judged.limitation).mean())
 
     reached = judged.reached[:, column].mean() >= GOAL
@@ -107,9 +107,7 @@ def remedy(crowd: Crowd, target: AuditTarget, judged: Judged, column: int) -> Re
     return Remedy(shift, after, reach, ray, one, load_kg, hold_s, grip_n)
 
 
-def _load(
-    crowd: Crowd, target: AuditTarget, here: FloatArray, limitation: Limitation
-) -> float | None:
+def _load(crowd: Crowd, target: Target, here: FloatArray, limitation: Limitation) -> float | None:
     """Return the largest of some loads that 95 % hold, below the target's own."""
     everyone = np.arange(len(here))
     solved, _, _ = reach_either(crowd, target, everyone, here)
@@ -125,7 +123,7 @@ def _load(
     return None
 
 
-def _time(target: AuditTarget, judged: Judged, column: int) -> float | None:
+def _time(target: Target, judged: Judged, column: int) -> float | None:
     """Return the longest of some times that 95 % hold, below the target's own."""
     minutes = judged.minutes[MODELS[1]][:, column]
     strong = judged.published_share[:, column] <= 1.0
@@ -136,7 +134,7 @@ def _time(target: AuditTarget, judged: Judged, column: int) -> float | None:
 
 
 def _shift(
-    crowd: Crowd, target: AuditTarget, judged: Judged, column: int
+    crowd: Crowd, target: Target, judged: Judged, column: int
 ) -> tuple[FloatArray | None, FloatArray | None, float]:
     """Return the smallest shifts found for use and for reach, and the share of users."""
     everyone = np.arange(len(crowd.subjects))
@@ -171,7 +169,7 @@ def _directions(judged: Judged, column: int) -> FloatArray:
 
 
 def _promising(
-    crowd: Crowd, target: AuditTarget, sample: Ints, here: FloatArray, shifts: FloatArray
+    crowd: Crowd, target: Target, sample: Ints, here: FloatArray, shifts: FloatArray
 ) -> list[FloatArray]:
     """Return the shifts (D, 3) with which enough of a sample see and reach, the best first."""
     persons = np.tile(sample, len(shifts))
@@ -195,7 +193,7 @@ _CONFIRMED = 6
 
 
 def _confirmed(
-    crowd: Crowd, target: AuditTarget, here: FloatArray, shift: FloatArray, limitation: Limitation
+    crowd: Crowd, target: Target, here: FloatArray, shift: FloatArray, limitation: Limitation
 ) -> float:
     """Return the share of people who can use the target there, holding included.
 

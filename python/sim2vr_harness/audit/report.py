@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from html import escape
@@ -12,21 +12,28 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sim2vr_harness.audit.film import worst_case, write_film
+from sim2vr_harness.audit.acting import Actor
 from sim2vr_harness.audit.grip import SOURCE as GRIP
 from sim2vr_harness.audit.judging import MODELS
-from sim2vr_harness.audit.labels import labels_of
-from sim2vr_harness.audit.population import FEWEST
+from sim2vr_harness.audit.population import FEWEST, MODEL
+from sim2vr_harness.audit.reaching import MIRROR
 from sim2vr_harness.audit.remedies import GOAL
 from sim2vr_harness.audit.summary import EVERYONE, Audit, plain
 from sim2vr_harness.base.files import write_atomically
-from sim2vr_harness.client import AppRefused
+from sim2vr_harness.client import AppRefused, AppScene, SceneMesh, SceneObject
+from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
 from sim2vr_harness.client.webxr.printing import print_page
 from sim2vr_harness.figures.figure import GREY, INK, Bars, Figure, Panel
 from sim2vr_harness.figures.figure import Path as Places
 from sim2vr_harness.figures.html import save_page, table
 from sim2vr_harness.figures.matplotlib_backend import write_figure
+from sim2vr_harness.play.film import Film
+from sim2vr_harness.users import load_body
+from sim2vr_harness.users.rendering import OrbitView, UserRenderer
+
+FloatArray = NDArray[np.float64]
 
 LIMITS = (
     "The trunk leans and turns, but persons do not stand up, step, turn their feet or shift on a "
@@ -49,6 +56,18 @@ _CLASSES = (
     (0.5, "50 to 80 %", "#d55e00"),
     (0.0, "fewer than 50 %", "#b3201f"),
 )
+_SIZE = (640, 480)
+_RED, _GREY = (0.7, 0.12, 0.1, 1.0), (0.5, 0.55, 0.6, 1.0)
+_HALF_M = 0.04
+_TRUNK_M = 0.6
+"""Below the head, which the film shows too."""
+_AWAY_M, _AWAY = 0.6, 1.1
+"""Distance of the camera: so far, and so much of what it shows."""
+_AZIMUTH_DEG, _ELEVATION_DEG = 115.0, -12.0
+VIEWS = ((-130.0, 18.0), (-60.0, 30.0))
+"""Azimuth and elevation of the cameras of web pages and of printed figures, degrees."""
+_LETTER, _LINE = 0.02, 0.05
+"""Width of a letter and height of a line, shares of the scene's extent."""
 
 
 def write(audit: Audit, out: Path, *, film: bool = True) -> list[Path]:
@@ -443,3 +462,135 @@ def _sources(values: Mapping[str, Any]) -> str:
         *rows,
     ]
     return table(["group", "source", "verified"], rows)
+
+
+def worst_case(audit: Audit) -> tuple[int, int] | None:
+    """Return person and target: the target that fewest reach, and who misses it by most.
+
+    None: everyone reaches everything that takes a hand.
+    """
+    judged = audit.judged
+    hands = np.array([each.how not in ("look", "point") for each in audit.targets])
+    missed = np.where(hands, (~judged.reached).mean(axis=0), 0.0)
+    target = int(missed.argmax())
+    if missed[target] == 0.0:
+        return None
+    gaps = np.linalg.norm(judged.needed_m[:, target], axis=1) * ~judged.reached[:, target]
+    return int(gaps.argmax()), target
+
+
+def write_film(audit: Audit, file: Path) -> Path | None:
+    """Write how the person of the worst case tries it; None: there is no worst case.
+
+    Raises:
+        RenderingError: Nothing draws here.
+        RuntimeError: ffmpeg cannot be started.
+    """
+    found = worst_case(audit)
+    if found is None:
+        return None
+    person, column = found
+    subject = audit.subjects[person]
+    side = MIRROR if subject.mirrored else np.ones(3)
+    places = position_to_mujoco(audit.judged.places_m[person]) * side
+    places = places - np.array([0.0, 0.0, audit.lifts_m[person]])
+    frames: list[tuple[FloatArray, FloatArray]] = []
+    Actor(subject, watch=lambda qpos, act: frames.append((qpos, act))).act(
+        places[column], np.zeros((0, 0))
+    )
+    body = load_body(MODEL, person=subject.user.person, torso=True, appearance=True)
+    head, place = position_to_mujoco(audit.landmarks_m[0]), places[column]
+    view = _view(head - np.array([0.0, 0.0, audit.lifts_m[audit.middle]]), place)
+    film = Film(file, *_SIZE, fps=20.0)
+    try:
+        with UserRenderer(body, *_SIZE) as renderer:
+            scene = _scene(places, column)
+            for qpos, act in frames:
+                film.add(renderer.render(qpos, view, act, scene))
+        return film.finish()
+    except BaseException:
+        film.discard()
+        raise
+
+
+def _view(head: FloatArray, place: FloatArray) -> OrbitView:
+    """From the right and a little ahead: head, trunk and target are in the picture."""
+    shown = np.stack([head, head - np.array([0.0, 0.0, _TRUNK_M]), place])
+    low, high = shown.min(axis=0), shown.max(axis=0)
+    x, y, z = ((low + high) / 2.0).tolist()
+    distance = _AWAY_M + _AWAY * float(np.linalg.norm(high - low))
+    return OrbitView((x, y, z), distance, _AZIMUTH_DEG, _ELEVATION_DEG)
+
+
+def _scene(places: FloatArray, column: int) -> AppScene:
+    """The targets as small octahedra, the one that counts in red."""
+    corners = _HALF_M * np.concatenate([np.eye(3), -np.eye(3)]).astype(np.float32)
+    faces = []
+    for x in (0, 3):
+        for y in (1, 4):
+            for z in (2, 5):
+                signs = (x < 3) ^ (y < 3) ^ (z < 3)
+                faces.append((x, z, y) if signs else (x, y, z))
+    mesh = SceneMesh("target", corners, np.array(faces, dtype=np.int64))
+    objects = tuple(
+        SceneObject(
+            number,
+            f"target {number}",
+            0,
+            0,
+            np.r_[position_to_app(place), 0.0, 0.0, 0.0, 1.0],
+            np.ones(3),
+            np.array(_RED if number == column else _GREY, dtype=np.float32),
+            unlit=True,
+        )
+        for number, place in enumerate(places)
+    )
+    return AppScene(objects, (mesh,))
+
+
+def screen(places: FloatArray, azimuth_deg: float, elevation_deg: float) -> FloatArray:
+    """(N, 2) places right, up, ahead as a far camera sees them: to the right, up."""
+    a, e = np.radians([azimuth_deg, elevation_deg])
+    x, z, y = np.reshape(places, (-1, 3)).T  # figures have right, forward, up
+    aside = -np.sin(a) * x + np.cos(a) * y
+    upward = -np.sin(e) * (np.cos(a) * x + np.sin(a) * y) + np.cos(e) * z
+    return np.stack([aside, upward], axis=1)
+
+
+def labels_of(places: FloatArray, names: Sequence[str]) -> list[str]:
+    """Return a label for each place, empty where another place's label speaks for it.
+
+    Places whose labels would overlap share one: "key 1 and 8 more".
+
+    Args:
+        places: (N, 3) right, up, ahead, m.
+        names: Of the places.
+    """
+    extent = max(float(np.ptp(places, axis=0).max(initial=0.0)), 1e-9) if len(places) else 1.0
+    seen = [screen(places, *view) / extent for view in VIEWS]
+    groups = [[i] for i in range(len(names))]
+    merged = True
+    while merged:
+        merged = False
+        for i in range(len(groups)):
+            for j in range(len(groups) - 1, i, -1):
+                if any(_overlap(view, groups[i], groups[j], names) for view in seen):
+                    groups[i] += groups.pop(j)
+                    merged = True
+    found = [""] * len(names)
+    for group in groups:
+        found[group[0]] = _text(group, names)
+    return found
+
+
+def _text(group: Sequence[int], names: Sequence[str]) -> str:
+    more = f" and {len(group) - 1} more" if len(group) > 1 else ""
+    return f"{names[group[0]]}{more}"
+
+
+def _overlap(
+    seen: FloatArray, first: Sequence[int], second: Sequence[int], names: Sequence[str]
+) -> bool:
+    gap = np.abs(seen[first[0]] - seen[second[0]])
+    width = _LETTER * (len(_text(first, names)) + len(_text(second, names))) / 2.0
+    return bool(gap[0] < width and gap[1] < _LINE)

@@ -1,9 +1,12 @@
-"""Targets of an audit: listed in YAML, found in a game, or located in a page."""
+"""Targets of an audit: listed, logged, recorded, found in a game, or located in a page."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,9 +17,18 @@ from pydantic import Field, ValidationError, model_validator
 from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name, read_yaml
 from sim2vr_harness.base.settings import Settings, first_problem
-from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.tools.reach.people import alike
-from sim2vr_harness.tools.reach.targets import Target, seen_targets
+from sim2vr_harness.client import AppRefused, AppScene, DevicePoses, SceneObject, WebXRApp
+from sim2vr_harness.client.devices import input_named
+from sim2vr_harness.client.frames import position_to_mujoco
+from sim2vr_harness.client.runtime import frame_time_ns
+from sim2vr_harness.client.webxr.hands import PageHands
+from sim2vr_harness.envs.apps import app_factory, apps_wanted
+from sim2vr_harness.envs.config import EnvConfig, SenseConfig
+from sim2vr_harness.play.environment import make_simulation
+from sim2vr_harness.sessions import Controller, read_session
+from sim2vr_harness.sessions.state_log import read_lines
+from sim2vr_harness.users.kinematics.forward import Point
+from sim2vr_harness.users.kinematics.posture_controller import AIM_RAY, DeviceRay, page_ray
 
 FloatArray = NDArray[np.float64]
 How = Literal["touch", "point", "press", "grab", "look"]
@@ -26,6 +38,28 @@ _FORM = "a list 'targets' of {name, place: [right, up, ahead] or object: NAME, .
 _MOST = 500
 _STATURES_M = (1.55, 1.85)
 """Of two users in whose rounds a game's targets are looked for: do they follow the head?"""
+_RIG = "XR Rig/"
+_CONTROLLERS = {
+    "XR Rig/RightHand Controller": "controller_right",
+    "XR Rig/LeftHand Controller": "controller_left",
+}
+_POINTERS = ("Ray", "Cursor")
+"""What our games show of where a hand points; no target."""
+_STILL_M, _FLOOR_M, _FLAT_M = 0.4, 0.05, 0.02
+"""Half the diagonal of a still thing at most; what is so near the floor and so flat is none."""
+_NEW_AFTER_M = 0.01
+"""Places nearer to each other than this are one."""
+_RESTS = 5
+"""An object that stays for so many user steps rests there."""
+_LONGEST_S = 300.0
+"""Of a round that is watched for as long as something comes up in it."""
+_NUMBER = r"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"
+_GRID = re.compile(rf"\[(\d+) \d+ \d+ {_NUMBER} {_NUMBER} ({_NUMBER}) ({_NUMBER}) ({_NUMBER})\]")
+_PLANE = re.compile(rf", target plane transform ((?:{_NUMBER} ){{6}}{_NUMBER})")
+_CENTER = re.compile(rf", target_spawn, .*grid ID (\d+), .*center ({_NUMBER}) ({_NUMBER})")
+_PRESSED = 0.5
+_SAME_PRESS_M, _MOST_PRESSES = 0.05, 100
+"""Places of presses that are nearer to each other are one target; how many there are at most."""
 
 Coordinate = Annotated[float, Field(ge=-100.0, le=100.0)]
 
@@ -66,16 +100,19 @@ class TargetSettings(Settings):
 
 
 @dataclass(frozen=True)
-class AuditTarget:
+class Target:
     """A target with its place.
 
     Attributes:
         name: For people.
-        place_m: (3,) right, up, ahead, m, in the world or from the head.
+        place_m: (3,) right, up, ahead, m, from the floor below the body or from the head.
         from_head: Whether it is from the head.
         how, hand, hold_s, load_kg, radius_m, grip_n: As of :class:`TargetSettings`.
         in_app: What was done to it in the app, and what the app did; empty: nothing was done.
         reacts: Whether the app reacted.
+        ray: With which the app lets the hand point, in the axes of the controller.
+        head_offset_m: (3,) from where the headset was as the round of a game began; None: not
+            known.
     """
 
     name: str
@@ -89,22 +126,37 @@ class AuditTarget:
     grip_n: float = 0.0
     in_app: str = ""
     reacts: bool = True
+    ray: DeviceRay = AIM_RAY
+    head_offset_m: FloatArray | None = None
 
-    @classmethod
-    def of(cls, settings: TargetSettings, objects: Mapping[str, Sequence[float]]) -> AuditTarget:
-        """Return the target of settings, with the places of objects that they name."""
-        place = settings.place if settings.object is None else objects[settings.object]
-        return cls(
-            settings.name,
-            np.array(place, dtype=np.float64),
-            settings.relative_to == "head",
-            settings.how,
-            settings.hand,
-            settings.hold_s,
-            settings.load_kg,
-            settings.radius_m,
-            settings.grip_n,
-        )
+    def same_as(self, other: Target) -> bool:
+        """Whether both are one place, in the world or as the game placed it by the head."""
+        near = _same(self.place_m, other.place_m)
+        if near or self.head_offset_m is None or other.head_offset_m is None:
+            return near
+        return _same(self.head_offset_m, other.head_offset_m)
+
+
+def listed_targets(sources: Sequence[str], env: EnvConfig | None = None) -> list[Target]:
+    """Return the targets that words name: ``[NAME=]RIGHT,UP,AHEAD``, files and logs.
+
+    Args:
+        sources: Each a place in metres, a YAML file of targets, or the log of a round.
+        env: Names the page in which objects of files are located; None: there is no page.
+
+    Raises:
+        InputError: It is none of them, or names what is not there.
+    """
+    found: list[Target] = []
+    for text in sources:
+        path = Path(text)
+        if path.is_dir() or path.name == "events.csv":
+            found += logged_targets(path)
+        elif path.is_file():
+            found += located(read_targets(path), env)
+        else:
+            found.append(given_target(text))
+    return found
 
 
 def read_targets(file: Path) -> list[TargetSettings]:
@@ -141,8 +193,7 @@ def found_targets(
     objects: str | None = None,
     seconds: float = 10.0,
     how: How = "touch",
-    look: Callable[..., list[Target]] = seen_targets,
-) -> list[AuditTarget]:
+) -> list[Target]:
     """Find the targets of a game, as a short and a tall user's rounds have them.
 
     A target at the same place from both heads follows the head.
@@ -152,21 +203,25 @@ def found_targets(
         objects: Pattern of the objects' names; None: those that come, go or move, and small ones.
         seconds: How long to look at each round.
         how: What is done with them.
-        look: Plays rounds: (environment, pattern, ``seconds``, ``still``) -> targets.
     """
     short, tall = (
-        look(_sized(env, stature), objects, seconds=seconds, still=True) for stature in _STATURES_M
+        seen_targets(_sized(env, stature), objects, seconds=seconds, still=True)
+        for stature in _STATURES_M
     )
     found = []
     for target in short:
-        other_place = next((each for each in tall if target.same_as(each)), None)
-        moved = other_place is not None and bool(
-            np.abs(other_place.place_m - target.place_m).max() > 0.01
-        )
-        follows = target.from_head_m is not None and moved
-        place = target.from_head_m if follows and target.from_head_m is not None else target.place_m
-        found.append(AuditTarget(target.name, place, follows, how))
-    return [replace(each, name=each.name or f"target {i}") for i, each in enumerate(found)]
+        other = next((each for each in tall if target.same_as(each)), None)
+        moved = other is not None and np.abs(other.place_m - target.place_m).max() > 0.01
+        follows = moved and target.head_offset_m is not None
+        place = target.head_offset_m if follows else target.place_m
+        found.append(Target(target.name, np.asarray(place), bool(follows), how))
+    return found
+
+
+def alike(env: EnvConfig) -> EnvConfig:
+    """Return the environment with the average user and the cheapest sense."""
+    user = env.user.model_copy(update={"people": None})
+    return env.model_copy(update={"user": user, "senses": (SenseConfig(sense="time"),)})
 
 
 def _sized(env: EnvConfig, stature_m: float) -> EnvConfig:
@@ -176,3 +231,386 @@ def _sized(env: EnvConfig, stature_m: float) -> EnvConfig:
     return plain.model_copy(
         update={"user": plain.user.model_copy(update={"person": person, "torso": True})}
     )
+
+
+def given_target(text: str) -> Target:
+    """Read ``[NAME=]RIGHT,UP,AHEAD`` in metres.
+
+    Raises:
+        InputError: It is something else.
+    """
+    name, _, numbers = text.rpartition("=")
+    try:
+        place = np.array([float(number) for number in numbers.split(",")])
+    except ValueError:
+        place = np.empty(0)
+    if place.shape != (3,) or not np.isfinite(place).all():
+        expected = (
+            "a file of targets, a round's log, or [NAME=]RIGHT,UP,AHEAD in metres, for example "
+            "cup=0.2,1.1,0.45"
+        )
+        raise InputError("--targets", repr(text), expected)
+    return Target(name or numbers, place)
+
+
+def logged_targets(log: Path) -> list[Target]:
+    """Read where targets were from a round's ``events.csv``.
+
+    Their places are in ``grid mapping``, or in ``target_spawn`` as a centre in the target plane.
+
+    Args:
+        log: The file, or its folder.
+
+    Raises:
+        InputError: There is no such file, or no target in it.
+    """
+    file = log / "events.csv" if log.is_dir() else log
+    if not file.is_file():
+        raise InputError("--targets", repr(str(log)), "a folder with a round's events.csv")
+    found: dict[str, FloatArray] = {}
+    plane: FloatArray | None = None
+    for line in read_lines(file):
+        if match := _PLANE.search(line):
+            plane = np.array([float(number) for number in match[1].split()])
+        if ", grid mapping " in line:
+            for cell, *place in _GRID.findall(line):
+                found[cell] = np.array([float(number) for number in place])
+        if plane is not None and (match := _CENTER.search(line)):
+            in_plane = np.array([float(match[2]), float(match[3]), 0.0])
+            place_m = plane[:3] + _turned(plane[3:], in_plane)
+            if not any(_same(place_m, other) for other in found.values()):
+                found[str(len(found))] = place_m
+    if not found:
+        expected = "one with 'grid mapping', or with the 'center' of each target_spawn"
+        raise InputError(
+            "--targets", f"{str(file)!r}, which says of no target where it is", expected
+        )
+    return [Target(f"target {cell}", place) for cell, place in found.items()]
+
+
+def _turned(quat_xyzw: FloatArray, vector: FloatArray) -> FloatArray:
+    axis, w = quat_xyzw[:3], quat_xyzw[3]
+    turned: FloatArray = vector + 2.0 * np.cross(axis, np.cross(axis, vector) + w * vector)
+    return turned
+
+
+def _same(a: FloatArray, b: FloatArray) -> bool:
+    return bool(np.linalg.norm(a - b) < _NEW_AFTER_M)
+
+
+def seen_targets(
+    config: EnvConfig,
+    pattern: str | None,
+    *,
+    seconds: float = 10.0,
+    seed: int = 1,
+    rounds: int = 3,
+    person: int | None = None,
+    still: bool = False,
+    simulation: Callable[..., Any] = make_simulation,
+) -> list[Target]:
+    """Let the user sit still in a game, and note where objects come up.
+
+    An object that moves counts where it comes nearest to the headset, and where it rests after it
+    was put elsewhere at once. A place that several rounds have, in the world or from the head, is
+    one target.
+
+    Args:
+        config: User and app.
+        pattern: Of objects' names, with ``*`` and ``?``; None takes those that come, go or move by
+            themselves.
+        seconds: How long to look at a round; ``still``: at the first one until nothing has come up
+            for so long.
+        seed: Of the first round.
+        rounds: How many rounds to look at.
+        person: Number of the person, where users are people.
+        still: Whether small things above the floor that stay count without a pattern, too.
+        simulation: How to make the user: (EnvConfig, n) -> simulation.
+
+    Raises:
+        InputError: The app does not tell of its scene, or nothing fits the pattern.
+    """
+    seen: list[Target] = []
+    paths: set[str] = set()
+    with closing(simulation(config, 1)) as users:
+        app = users.apps[0]
+        if "scene" not in app.capabilities:
+            raise InputError("--game", "an app that tells nothing of its scene", "one that does")
+        for number in range(rounds):
+            users.reset(seeds=[seed + number], persons=None if person is None else [person])
+            tracks = _watched_round(users, pattern, seconds)
+            if still and number == 0:
+                _watch_on(config, tracks, seconds, seed)
+            paths |= tracks.paths
+            for target in tracks.targets(still=still):
+                if not any(target.same_as(other) for other in seen):
+                    seen.append(target)
+    if not seen:
+        wanted = "that comes, goes or moves" if pattern is None else f"called {pattern!r}"
+        own = sorted({name.rpartition("/")[2] for name in paths if not name.startswith(_RIG)})
+        raise InputError("--objects", f"nothing {wanted}", f"one of {', '.join(own)}")
+    return _numbered(seen[:_MOST])
+
+
+def _watched_round(users: Any, pattern: str | None, seconds: float) -> _Tracks:
+    """Sit still until the round ends, or so long."""
+    app = users.apps[0]
+    tracks = _Tracks(app.scene(), pattern)
+    for _ in range(round(seconds * users.config.action_frequency_hz)):
+        outcome = users.step(users.resting_action[None])
+        tracks.add(app.scene())
+        if outcome.over[0]:
+            break
+    return tracks
+
+
+def _watch_on(config: EnvConfig, tracks: _Tracks, seconds: float, seed: int) -> None:
+    """Play a round without a body, its devices at rest, for as long as things come up in it."""
+    hz = config.action_frequency_hz
+    with closing(app_factory(config, 1)(config, 0, None)) as app:
+        app.reset(seed, tracks.devices)
+        for step in range(1, round(_LONGEST_S * hz)):
+            reply = app.step(frame_time_ns(step, hz), tracks.devices)
+            tracks.add(app.scene())
+            if tracks.moments - tracks.last_came > seconds * hz or reply.finished:
+                break
+
+
+def _numbered(seen: list[Target]) -> list[Target]:
+    """Number places of a kind, whatever numbers the objects had."""
+    counts: dict[str, int] = {}
+    named = []
+    for target in seen:
+        kind = target.name.rstrip("0123456789 ") or target.name
+        counts[kind] = counts.get(kind, 0) + 1
+        named.append(replace(target, name=f"{kind} {counts[kind]}"))
+    return named
+
+
+class _Tracks:
+    """Where objects of a round come nearest to the head, that fit a pattern or move.
+
+    Attributes:
+        paths: of all objects that there were.
+        devices: Where they were as it began.
+        moments: How many there were.
+        last_came: Number of the moment at which something came or was put elsewhere last.
+    """
+
+    def __init__(self, first: AppScene, pattern: str | None) -> None:
+        self._pattern = pattern
+        self._first = {one.id: one for one in first.objects}
+        self._best: dict[tuple[int, int], tuple[float, str, FloatArray]] = {}
+        self._moved: set[tuple[int, int]] = set()
+        self._size: dict[tuple[int, int], tuple[float, float]] = {}
+        self._rests: dict[tuple[int, int], _Rest] = {}
+        self.moments = self.last_came = 0
+        self._start = _head(first)
+        self.devices = _devices(first)
+        self.paths: set[str] = set()
+        self.add(first)
+
+    def add(self, scene: AppScene) -> None:
+        """Look at a moment."""
+        head = _head(scene)
+        counts: dict[int, int] = {}
+        self.moments += 1
+        for one in scene.objects:
+            key = one.id, counts.get(one.id, 0)
+            counts[one.id] = key[1] + 1
+            self.paths.add(one.path)
+            if one.path.startswith(_RIG) or key[1] or not self._fits(one):
+                continue
+            before = self._first.get(one.id)
+            if before is None or not _same(before.pose[:3], one.pose[:3]):
+                self._moved.add(key)
+            self._size.setdefault(key, _size(scene, one))
+            rest = self._rests.setdefault(key, _Rest(one.pose[:3].copy()))
+            if rest.add(one.pose[:3]) or key not in self._best:
+                self.last_came = self.moments
+            distance = float(np.linalg.norm(one.pose[:3] - head))
+            if key not in self._best or distance < self._best[key][0]:
+                self._best[key] = distance, one.path.rpartition("/")[2], one.pose[:3].copy()
+
+    def _fits(self, one: SceneObject) -> bool:
+        name = one.path.rpartition("/")[2]
+        if one.mesh is None or self._pattern is None:
+            return one.mesh is not None and name not in _POINTERS
+        return fnmatchcase(name, self._pattern) or fnmatchcase(one.path, self._pattern)
+
+    def targets(self, *, still: bool = False) -> list[Target]:
+        """Those that were found, the earliest first; ``still``: as of :func:`seen_targets`."""
+        return [
+            Target(name, at, head_offset_m=at - self._start)
+            for key, (_, name, place) in self._best.items()
+            if self._pattern is not None or key in self._moved or (still and self._thing(key))
+            for at in (place, *self._rests[key].others(place))
+        ]
+
+    def _thing(self, key: tuple[int, int]) -> bool:
+        """Whether it is small, above the floor, and no board that smaller ones lie on."""
+        (radius, height), place = self._size[key], self._best[key][2]
+        carried = any(
+            self._size[other][0] < radius and np.linalg.norm(where - place) < radius
+            for other, (_, _, where) in self._best.items()
+        )
+        on_floor = abs(place[1]) < _FLOOR_M and height < _FLAT_M
+        return radius <= _STILL_M and not on_floor and not carried
+
+
+class _Rest:
+    """Where an object rests after it was put elsewhere at once."""
+
+    def __init__(self, place: FloatArray) -> None:
+        self._place, self._steps, self._jumped = place, 0, False
+        self._found: list[FloatArray] = []
+
+    def add(self, place: FloatArray) -> bool:
+        """Look at a moment; return whether the object has come to rest elsewhere."""
+        if not _same(place, self._place):
+            self._jumped = self._steps >= _RESTS
+            self._place, self._steps = place.copy(), 0
+        self._steps += 1
+        came = self._jumped and self._steps == _RESTS
+        if self._steps == _RESTS and (came or not self._found):
+            self._found.append(self._place)
+        return came
+
+    def others(self, place: FloatArray) -> list[FloatArray]:
+        """Return these places but one, each once; none if the object was never put elsewhere."""
+        found = [place]
+        for each in self._found if len(self._found) > 1 else []:
+            if not any(_same(each, other) for other in found):
+                found.append(each)
+        return found[1:]
+
+
+def _size(scene: AppScene, one: SceneObject) -> tuple[float, float]:
+    """Half the diagonal of what an object shows, and its height, m."""
+    assert one.mesh is not None
+    extent = np.ptp(scene.meshes[one.mesh].vertices, axis=0) * one.scale
+    height = sum(abs(_turned(one.pose[3:], side)[1]) for side in np.diag(extent))
+    return float(np.linalg.norm(extent)) / 2.0, float(height)
+
+
+def _head(scene: AppScene) -> FloatArray:
+    place = next(one.pose[:3] for one in scene.objects if one.path == f"{_RIG}Main Camera")
+    return np.array(place, dtype=np.float64)
+
+
+def _devices(scene: AppScene) -> DevicePoses:
+    """The devices where the scene has them."""
+    poses = {one.path: np.array(one.pose, dtype=np.float64) for one in scene.objects}
+    right, left = (poses.get(path) for path in _CONTROLLERS)
+    return DevicePoses(poses[f"{_RIG}Main Camera"], right, left)
+
+
+def tool_point(scene: AppScene, pattern: str) -> Point:
+    """Where a tool is on the controller that carries it.
+
+    Args:
+        scene: Of a round that has begun.
+        pattern: Name of the tool's object, with ``*`` and ``?``; it must be below a controller.
+
+    Raises:
+        InputError: No object, or several, fit.
+    """
+    carried = [
+        (one, path)
+        for one in scene.named(pattern)
+        for path in _CONTROLLERS
+        if one.path.startswith(f"{path}/")
+    ]
+    if len({one.path for one, _ in carried}) != 1:
+        below = [
+            one.path
+            for one in scene.objects
+            if any(one.path.startswith(f"{p}/") for p in _CONTROLLERS)
+        ]
+        got = f"{pattern!r}, which {len(carried)} objects in hands are called"
+        raise InputError("--tool", got, f"one of {', '.join(map(repr, below)) or 'none'}")
+    tool, path = carried[0]
+    (hand,) = [one for one in scene.objects if one.path == path]
+    quat = hand.pose[3:] * np.array([-1.0, -1.0, -1.0, 1.0])
+    offset = _turned(quat, tool.pose[:3] - hand.pose[:3])
+    x, y, z = position_to_mujoco(offset).tolist()
+    return Point(_CONTROLLERS[path], (x, y, z))
+
+
+def pressed_places(file: Path) -> list[Target]:
+    """Return the places of a session's hands as trigger or squeeze were pressed, in order.
+
+    Raises:
+        InputError: It is no session, or nothing is pressed in it.
+    """
+    session = read_session(file)
+    found: list[NDArray[np.float64]] = []
+    presses = [
+        each
+        for hand, controller in (("left", session.left), ("right", session.right))
+        if controller is not None
+        for each in _presses(hand, controller)
+    ]
+    for _, place in sorted(presses, key=lambda press: press[0]):
+        if not any(np.linalg.norm(place - other) < _SAME_PRESS_M for other in found):
+            found.append(place)
+    if not found:
+        expected = "one whose hands press a trigger or squeeze"
+        raise InputError("--session", f"{file.name}, in which nothing is pressed", expected)
+    return [
+        Target(f"press {number}", place, how="press", radius_m=0.02)
+        for number, place in enumerate(found[:_MOST_PRESSES], start=1)
+    ]
+
+
+def _presses(hand: str, controller: Controller) -> list[tuple[int, NDArray[np.float64]]]:
+    """Frames in which an input begins to be pressed, and where the hand is then."""
+    if controller.inputs is None:
+        return []
+    columns = [input_named(f"{hand}.{name}").column for name in ("trigger", "squeeze")]
+    down = np.asarray((controller.inputs[:, columns] >= _PRESSED).any(axis=1))
+    begins = np.flatnonzero(down & ~np.r_[False, down[:-1]])
+    places = controller.grip[begins, :3]
+    known = ~np.isnan(places).any(axis=1)
+    return [(int(i), place) for i, place in zip(begins[known], places[known], strict=True)]
+
+
+def located(listed: Sequence[TargetSettings], env: EnvConfig | None) -> list[Target]:
+    """Return targets with their places; those of objects are located in the page.
+
+    Args:
+        listed: Settings.
+        env: User and page; None: there is no page.
+
+    Raises:
+        InputError: A target names an object, and there is no page or no such object.
+    """
+    named = list(dict.fromkeys(each.object for each in listed if each.object is not None))
+    places: dict[str | None, Sequence[float]] = {}
+    if named and (env is None or env.app.page is None):
+        raise InputError("--targets", f"object {named[0]!r} without --page", "a place, or a page")
+    ray = AIM_RAY
+    if env is not None and env.app.page is not None:
+        with WebXRApp(apps_wanted(env, 1)) as app:
+            ray = page_ray(app.pointing_rays().get("right"))
+            PageHands(app)
+            for name in named:
+                try:
+                    places[name] = app.locate(name)
+                except AppRefused as error:
+                    raise InputError("--targets", f"object {name!r}", str(error)) from error
+    return [
+        Target(
+            each.name,
+            np.array(each.place or places[each.object], dtype=np.float64),
+            each.relative_to == "head",
+            each.how,
+            each.hand,
+            each.hold_s,
+            each.load_kg,
+            each.radius_m,
+            each.grip_n,
+            ray=ray,
+        )
+        for each in listed
+    ]

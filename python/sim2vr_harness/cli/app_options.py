@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as jsonlib
 import shlex
 import shutil
 from collections.abc import Mapping, Sequence
@@ -31,7 +30,25 @@ class PageFiles:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PageOptions(PageFiles):
+class GameLibrary:
+    """Games of others."""
+
+    game_library: str | None = option(
+        "A shared library of games, whose code is run.", metavar="FILE"
+    )
+
+    def library(self) -> dict[str, str]:
+        """Load the library; return the setting of ``env.app`` that names it, if any does."""
+        from sim2vr_harness.client import load_game_library
+
+        if self.game_library is None:
+            return {}
+        load_game_library(Path(self.game_library).expanduser())  # who names it here, runs it
+        return {"game_library": _absolute(self.game_library)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageOptions(PageFiles, GameLibrary):
     """A page or an OpenXR program, for commands without protocols 1 and 2."""
 
     page: str | None = option(
@@ -73,6 +90,7 @@ class PageOptions(PageFiles):
             if value and owned is None:
                 raise InputError(name, f"it without {owner}", f"it together with {owner}")
         judged = {} if self.task is None else {"task": _absolute_task(self.task)}
+        judged |= self.library()
         if page is not None:
             return {**_page_settings(page, self.map_, self.browser), **judged}
         if openxr is not None:
@@ -213,13 +231,3 @@ def _absolute(path: str) -> str:
 def _absolute_task(task: str) -> str:
     file, colon, name = task.rpartition(".py:")
     return f"{_absolute(f'{file}.py')}:{name}" if colon else _absolute(task)
-
-
-def as_overrides(settings: dict[str, Any]) -> list[str]:
-    """Return settings of ``env.app`` as ``--set`` takes them; options add to those set before."""
-    mappings = ("options", "transport_options")
-    flat = {key: value for key, value in settings.items() if key not in mappings}
-    for key in mappings:
-        for name, value in settings.get(key, {}).items():
-            flat[f"{key}.{name}"] = value
-    return [f"env.app.{key}={jsonlib.dumps(value)}" for key, value in flat.items()]

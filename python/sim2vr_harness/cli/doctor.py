@@ -339,7 +339,7 @@ def _print_table(checks: list[Check], console: Console) -> None:
 def _try_app(request: DoctorRequest, executable: Path) -> int:
     """Play ten steps in an app, save its picture and print a report."""
     from sim2vr_harness.client import try_app
-    from sim2vr_harness.evaluation.snapshot import parse_size
+    from sim2vr_harness.play.render import parse_size
 
     size, picture = parse_size(request.size), request.out
     trials = try_app(executable, request.app_arg, size=size, timeout_s=request.timeout)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 from rich.console import Console
 
 from sim2vr_harness.base.requests import argument, option
-from sim2vr_harness.cli.app_options import AppOptions, as_overrides
+from sim2vr_harness.cli.app_options import AppOptions
 from sim2vr_harness.cli.options import (
     ActionMode,
     AnyUser,
@@ -28,7 +27,6 @@ from sim2vr_harness.cli.progress import Share, say
 
 if TYPE_CHECKING:
     from sim2vr_harness.evaluation.evaluate import Evaluation, Request
-    from sim2vr_harness.policies.scripted import StepOutcome
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,11 +77,12 @@ class EvaluateRequest(
 
 
 def evaluate(request: EvaluateRequest) -> int:
-    """Let a trained user play, and measure what it does.
+    """Let a user play, and measure what it does.
 
     Examples:
         sim2vr-harness evaluate pretrained:whacamole_constrained --condition easy
         sim2vr-harness evaluate runs/sample --episodes 20 --record
+        sim2vr-harness evaluate --user still --people 3 --set env.app.game=sample
     """
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.evaluation import evaluate as evaluation
@@ -91,6 +90,8 @@ def evaluate(request: EvaluateRequest) -> int:
     remote = request.remote()
     checked = CheckedRun(request, "evaluate")
     run, baseline = who_plays(request.run, request.user)
+    if run is None and baseline is None:
+        raise InputError("RUN", "nothing", "a run's folder, or --user still or random")
     asked = evaluation.Request(
         conditions=request.condition or None,
         episodes=request.episodes,
@@ -107,13 +108,9 @@ def evaluate(request: EvaluateRequest) -> int:
         overrides=request.set_,
         trust_app=request.trust_app,
     )
-    if baseline is not None:
-        return _evaluate_baseline(baseline, asked, request.json, checked)
-    if run is None:
-        raise InputError("RUN", "nothing", "a run's folder, or --user still or random")
     with Share("Playing") as share:
         found = evaluation.evaluate(
-            run,
+            run or str(baseline),
             asked,
             on_progress=share.show,
             on_plan=checked.prepare,
@@ -124,80 +121,36 @@ def evaluate(request: EvaluateRequest) -> int:
 
 def _print(found: Evaluation, request: Request, json: bool, checked: CheckedRun) -> int:
     """Print notes, the table or JSON, and the files."""
+    from sim2vr_harness.evaluation.expectations import of_evaluation
     from sim2vr_harness.evaluation.tables import results_table
     from sim2vr_harness.evaluation.training_distribution import words_of_change
 
     for line in found.unpractised:
         typer.echo(f"note: not trained for: {line}", err=True)
+    for line in found.problems:
+        typer.echo(f"note: {line}", err=True)
     for line in found.unread[:1]:
         more = f" (and {len(found.unread) - 1} more)" if found.unread[1:] else ""
         typer.echo(f"note: not in the tables: {line}{more}", err=True)
     if json:
         print_json(found.summaries)
-        return _status(checked, found.summaries)
-    how = "deterministic" if _first(found.summaries)["deterministic"] else "stochastic"
+        return checked.status(lambda: of_evaluation(found.summaries))
+    how = "deterministic" if next(iter(found.summaries.values()))["deterministic"] else "stochastic"
     title = f"After {found.step:,} user steps, {how} actions"
-    for override in request.overrides:
+    trained = found.user.trained
+    if trained is None:
+        title = f"A user without training: {found.user.name}"
+    for override in request.overrides if trained is not None else ():
         key, _, value = override.partition("=")
         title += f"\nWith {words_of_change(key.strip(), value.strip())}"
     Console().print(results_table(found.summaries, found.facts, title))
-    typer.echo(f"Evaluated: {found.checkpoint}")
-    print_written(found.files)
-    return _status(checked, found.summaries)
-
-
-def _evaluate_baseline(user: str, request: Request, json: bool, checked: CheckedRun) -> int:
-    """Let a baseline play, and measure it; its files go to ``--out`` only."""
-    from sim2vr_harness.base.errors import InputError
-    from sim2vr_harness.envs.games import without_training
-    from sim2vr_harness.evaluation.conditions import named_options
-    from sim2vr_harness.evaluation.scripted_baseline import evaluate_baseline
-    from sim2vr_harness.evaluation.tables import results_table
-    from sim2vr_harness.runs.config import load_config
-
-    for name in ("people", "log", "deterministic"):
-        if getattr(request, name):
-            raise InputError(f"--{name}", "it together with --user", "one of them")
-    config = load_config("webxr", [*request.overrides, *as_overrides(dict(request.app or {}))])
-    with Share("Playing") as share:
-        found = evaluate_baseline(
-            without_training(config.env, request.overrides),
-            user,
-            conditions=request.conditions or (),
-            named=named_options(config.env, list(request.overrides)),
-            episodes=2 if request.episodes is None else request.episodes,
-            seed=1 if request.seed is None else request.seed,
-            record=request.record,
-            out=None if request.out is None else Path(request.out),
-            overwrite=request.overwrite,
-            on_progress=share.show,
-            on_plan=checked.prepare,
-        )
-    for problem in found.problems:
-        typer.echo(f"note: {problem}", err=True)
-    if json:
-        print_json(dict(found.summaries))
-        return _status(checked, found.summaries)
-    Console().print(results_table(found.summaries, found.facts, f"A user without training: {user}"))
-    _print_steps(found.steps)
-    print_written(found.files)
-    return _status(checked, found.summaries)
-
-
-def _print_steps(rounds: list[list[StepOutcome]]) -> None:
-    """Print what the steps of a script did, of every round."""
-    for number, steps in enumerate(rounds, start=1):
-        if len(rounds) > 1:
+    scripts = [result.script for result in found.rounds if result.script]
+    for number, steps in enumerate(scripts, start=1):
+        if len(scripts) > 1:
             typer.echo(f"Round {number}:")
         for k, step in enumerate(steps, start=1):
             typer.echo(f"{k}. {step.words}")
-
-
-def _status(checked: CheckedRun, summaries: Mapping[str, dict[str, Any]]) -> int:
-    from sim2vr_harness.evaluation.expectations import of_evaluation
-
-    return checked.status(lambda: of_evaluation(summaries))
-
-
-def _first(summaries: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    return next(iter(summaries.values()))
+    if trained is not None:
+        typer.echo(f"Evaluated: {trained.source}")
+    print_written(found.files)
+    return checked.status(lambda: of_evaluation(found.summaries))

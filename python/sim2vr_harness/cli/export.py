@@ -61,19 +61,19 @@ def export(request: ExportRequest) -> None:
 
 def _iwer_files(source: Path, out: Path, episodes: Sequence[str]) -> list[Path]:
     """Write a recording per episode, or that of a session."""
-    from sim2vr_harness.cli.session import read_any
     from sim2vr_harness.evaluation.data import read_data, session_of_steps
+    from sim2vr_harness.sessions import read_session
     from sim2vr_harness.sessions.iwer import write_iwer
 
     if source.is_file() or (source / "states.csv").is_file():
         if episodes:
             raise InputError("--episode", "it with a session", "it with an evaluation")
         file = out / f"{source.name.split('.')[0]}.json"
-        write_iwer(read_any(source), file)
+        write_iwer(read_session(source), file)
         return [file]
     data = read_data(source)
     files = []
-    for episode in episodes or list(data.episodes["episode"]):
+    for episode in data.episode_keys(episodes):
         files.append(out / f"{episode}.json")
         write_iwer(session_of_steps(data, episode), files[-1])
     return files

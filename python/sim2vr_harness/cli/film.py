@@ -34,7 +34,7 @@ def film(request: FilmRequest) -> None:
         sim2vr-harness render film whacamole_constrained whacamole_people
         sim2vr-harness render film runs/a runs/b --seconds 20 --out ab.mp4
     """
-    from sim2vr_harness.evaluation.comparison_video import film_comparison
+    from sim2vr_harness.play.render import film_comparison
 
     with Share("Filming") as share:
         written = film_comparison(

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from sim2vr_harness.base.requests import argument
+from sim2vr_harness.cli.app_options import GameLibrary
 from sim2vr_harness.cli.command import Command
 from sim2vr_harness.cli.options import JsonOutput, print_json
 from sim2vr_harness.client import GameFacts, describe_game, list_games, list_options
@@ -33,7 +34,7 @@ class HelpWithGames(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
-class GamesRequest(JsonOutput):
+class GamesRequest(JsonOutput, GameLibrary):
     """Which games to describe."""
 
     name: str | None = argument("GAME", "A game.", None, shown="all, in short", names="games")
@@ -46,6 +47,7 @@ def games(request: GamesRequest) -> None:
         sim2vr-harness games
         sim2vr-harness games beats
     """
+    request.library()
     name = request.name
     facts = [describe_game(each) for each in ([name] if name else sorted(list_games()))]
     if request.json:

@@ -32,7 +32,6 @@ from sim2vr_harness.cli import (
     film,
     games,
     page,
-    reach,
     replay,
     session,
     snapshot,
@@ -107,7 +106,6 @@ app.add("report", report_command.report, STUDY)
 app.add("compare", compare.compare, STUDY)
 app.add("track", track.track, ANALYSE)
 app.add("audit", audit.audit, ANALYSE)
-app.add("reach", reach.reach, ANALYSE)
 app.add("export", export.export, ANALYSE)
 plot.add("curves", curves.curves)
 app.add_typer(plot, name="plot", rich_help_panel=LOOK)

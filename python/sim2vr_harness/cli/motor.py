@@ -15,6 +15,8 @@ from sim2vr_harness.cli.command import CommandGroup
 from sim2vr_harness.cli.options import JsonOutput, TrainedPeople, TrustedApp, print_json
 
 if TYPE_CHECKING:
+    from sim2vr_harness.policies.hierarchical.human_motor import HumanMotorPolicy
+    from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
     from sim2vr_harness.runs.option_config import MotorTrainingConfig
     from sim2vr_harness.training.motor_control.goal_task import MotorTrainer
     from sim2vr_harness.training.motor_control.people_training import PeopleTrainer
@@ -63,9 +65,8 @@ class MeasureLayerRequest(LayerRequest, JsonOutput):
     layer: Path | None = option(
         "The layer.", metavar="FILE.pt", shown="the one that ships", place="file to read"
     )
-    movements: int = option("Of each kind (27 kinds).", 256, least=16, most=100_000)
-    noise: bool = option("With a person's motor noise.", False)
-    out: Path | None = option("Draw it into this file.", metavar="FILE.png", place="file to write")
+    movements: int = option("Of each kind (9 kinds).", 48, least=12, most=100_000)
+    noise: bool = option("With a person's motor noise; persons always have it.", False)
 
 
 def train_layer(request: TrainLayerRequest) -> int:
@@ -154,96 +155,64 @@ def _cycles(practice: MotorTrainer | PeopleTrainer, begun: Path) -> dict[str, An
 
 
 def measure(request: MeasureLayerRequest) -> None:
-    """Measure a motor layer: end points, speeds, effort and Fitts' law.
+    """Measure aimed movements of a motor layer: Fitts' law, errors, speed profiles.
 
-    With --people, a population reaches and turns rays at nine indices of difficulty each, and
-    pushes.
+    Hands reach over three distances in three movement times. With --people, persons reach targets
+    of three widths, and end their movements themselves.
 
     Examples:
         sim2vr-harness users motor measure mobl_arms_wrist
         sim2vr-harness users motor measure mobl_arms_wrist --people
     """
     from sim2vr_harness.cli.progress import Share
-    from sim2vr_harness.policies.hierarchical.motor_store import load_motor_layer, motor_layer_for
-    from sim2vr_harness.runs.trust import require_trusted_body
-    from sim2vr_harness.training.motor_control.benchmark import measure_layer
-    from sim2vr_harness.training.motor_control.benchmark_figure import draw_measures
-    from sim2vr_harness.users import load_body
-    from sim2vr_harness.users.noise import MotorNoiseSettings
-
-    require_trusted_body(request.body, request.body, trust=request.trust_app)
-    if request.people is not None:
-        _measure_people(request)
-        return
-    body, file, out = load_body(request.body), request.layer, request.out
-    layer = (
-        motor_layer_for(body, request.step_s)
-        if file is None
-        else load_motor_layer(file, body, request.step_s)
-    )
-    noise = None
-    if request.noise:
-        noise = MotorNoiseSettings(signal_dependent="white", constant="white")
-    with Share("Measuring movements") as share:
-        measures = measure_layer(
-            layer,
-            noise=noise,
-            bodies=request.movements,
-            seed=request.seed,
-            on_progress=share.show,
-        )
-    numbers = measures.summary()
-    if out is not None:
-        draw_measures(measures, f"Motor layer of {body.name}", out)
-    if request.json:
-        print_json(numbers)
-        return
-    for name, value in numbers.items():
-        typer.echo(f"{name:40s} {value:.4g}")
-    if out is not None:
-        typer.echo(f"Written: {out}")
-
-
-def _measure_people(request: MeasureLayerRequest) -> None:
-    from sim2vr_harness.cli.progress import Share
-    from sim2vr_harness.envs.config import UserConfig
+    from sim2vr_harness.envs.config import NoiseConfig, UserConfig
     from sim2vr_harness.envs.people_preset import as_population
     from sim2vr_harness.policies.hierarchical.motor_store import (
         human_policy_for,
         load_human_policy,
+        load_motor_layer,
+        motor_layer_for,
     )
-    from sim2vr_harness.training.motor_control.human_benchmark import measure_people
-    from sim2vr_harness.training.motor_control.ray_benchmark import measure_rays
-    from sim2vr_harness.training.motor_control.strike_benchmark import measure_strikes
+    from sim2vr_harness.runs.trust import require_trusted_body
+    from sim2vr_harness.training.motor_control.aimed_movements import measure_movements
+    from sim2vr_harness.users import load_body
 
-    user, layer, step_s = (
-        as_population(UserConfig(model=request.body)),
-        request.layer,
-        request.step_s,
-    )
-    policy = (
-        human_policy_for(user, step_s) if layer is None else load_human_policy(layer, user, step_s)
-    )
-    kinds: dict[str, Any] = {
-        "reaches": measure_people,
-        "rays": measure_rays,
-        "pushes": measure_strikes,
-    }
-    found: dict[str, float] = {}
-    rows: list[str] = []
-    for kind, measured in kinds.items():
-        with Share(f"Measuring {kind}") as share:
-            measures = measured(
-                policy, user, persons=request.people, seed=request.seed, on_progress=share.show
-            )
-        found |= measures.summary()
-        rows += measures.rows()
+    require_trusted_body(request.body, request.body, trust=request.trust_app)
+    user, layer, step_s = UserConfig(model=request.body), request.layer, request.step_s
+    policy: HumanMotorPolicy | MotorPolicy
+    if request.people is not None:
+        user = as_population(user)
+        policy = (
+            human_policy_for(user, step_s)
+            if layer is None
+            else load_human_policy(layer, user, step_s)
+        )
+    else:
+        if request.noise:
+            white = NoiseConfig(signal_dependent="white", constant="white")
+            user = user.model_copy(update={"noise": white})
+        body = load_body(request.body)
+        policy = (
+            motor_layer_for(body, step_s)
+            if layer is None
+            else load_motor_layer(layer, body, step_s)
+        )
+    persons = request.people or 12
+    with Share("Measuring movements") as share:
+        measures = measure_movements(
+            policy,
+            user,
+            persons=persons,
+            repeats=-(-request.movements // persons),
+            seed=request.seed,
+            on_progress=share.show,
+        )
     if request.json:
-        print_json(found)
+        print_json(measures.summary())
         return
-    for row in rows:
+    for row in measures.rows():
         typer.echo(row)
-    for name, value in found.items():
+    for name, value in measures.summary().items():
         typer.echo(f"{name:40s} {value:.4g}")
 
 

@@ -2,25 +2,48 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
+from rich import box
 from rich.console import Console
+from rich.table import Table
 
 from sim2vr_harness.base.errors import InputError, counted, printable
+from sim2vr_harness.base.files import file_name
 from sim2vr_harness.base.requests import argument, option
 from sim2vr_harness.cli.app_options import AppOptions
 from sim2vr_harness.cli.options import JsonOutput, print_json
 from sim2vr_harness.cli.progress import Share
 
-_MOST_VALUES = 12
-
 if TYPE_CHECKING:
-    from sim2vr_harness.evaluation.replay.film import ReplayFilm
+    from sim2vr_harness.play.film import ReplayFilm
+    from sim2vr_harness.sessions import Session
+    from sim2vr_harness.sessions.agreement import Agreement
     from sim2vr_harness.sessions.replay import SessionReplay
+
+_MOST_VALUES = 12
+_THREADS = 2
+_EVENTS = (
+    "Targets",
+    "Same\noutcome",
+    "Hits\nrec/pred",
+    "Misses\nrec/pred",
+    "Contacts\nrec/pred",
+    "First\ndifference",
+)
+_TIMES = (
+    "Hit recall\n50/100 ms",
+    "Precision\n50/100 ms",
+    "Same\nstep",
+    "|dt|\nms",
+    "|dv| m/s\nmedian/p95",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +73,7 @@ class ReplayRequest(JsonOutput, AppOptions):
     game: str | None = option(
         "Replay sessions in this game.", metavar="NAME", shown="the session's", names="games"
     )
-    strict: bool = option("Exit with status 1 unless every event of a session came again.", False)
+    strict: bool = option("Exit with status 1 unless every event came again.", False)
 
 
 def replay(request: ReplayRequest) -> int:
@@ -63,102 +86,232 @@ def replay(request: ReplayRequest) -> int:
         sim2vr-harness replay recordings/person_1 --video replay.mp4
         sim2vr-harness replay round.jsonl --page game.html --task task.yaml
     """
-    from sim2vr_harness.sessions.formats import is_session
+    from sim2vr_harness.play.film import ReplayFilm
+    from sim2vr_harness.play.render import parse_size
+    from sim2vr_harness.sessions import read_sessions
+    from sim2vr_harness.sessions.agreement import agreement_of, rounds_json
+    from sim2vr_harness.sessions.logs import WHACAMOLE
+    from sim2vr_harness.sessions.whacamole import is_recorded_round, without_constraint
 
-    remote, paths, video = request.remote(), request.paths, request.video
-    film = None if video is None else _film(video, request.size, request.fps)
-    if request.game is not None or remote or all(map(is_session, paths)):
-        status = _replay_sessions(request, remote, film)
-    elif request.strict:
-        raise InputError("--strict", "it with rounds of Whac-A-Mole", "sessions")
-    else:
-        _replay_rounds(request, film)
-        status = 0
-    for file in film.files if film is not None and not request.json else []:
-        typer.echo(f"Written: {file}")
-    return status
-
-
-def _film(video: Path, size: str, fps: float) -> ReplayFilm:
-    from sim2vr_harness.evaluation.replay.film import ReplayFilm
-    from sim2vr_harness.evaluation.snapshot import parse_size
-
-    return ReplayFilm(video, parse_size(size, (4096, 4096)), fps)
-
-
-def _replay_rounds(request: ReplayRequest, film: ReplayFilm | None) -> None:
-    """Replay rounds of Whac-A-Mole, whose spawns, outcomes and speeds are compared."""
-    from sim2vr_harness.evaluation.replay.recordings import read_recordings
-    from sim2vr_harness.evaluation.replay.replayer import Replay, replay_all
-    from sim2vr_harness.evaluation.replay.report import ReplayReport
-
+    remote, video, game = request.remote(), request.video, request.game
+    film = (
+        None
+        if video is None
+        else ReplayFilm(video, parse_size(request.size, (4096, 4096)), request.fps)
+    )
+    sessions = [each for path in request.paths for each in read_sessions(path)]
+    own = not remote and game in (None, WHACAMOLE)
+    rounds = [own and is_recorded_round(each) for each in sessions]
+    given = {
+        "--closed": request.closed,
+        "--unconstrained": request.unconstrained,
+        "--fixed-step": request.fixed_step,
+    }
+    for name, value in given.items():
+        if value not in (False, None) and not any(rounds):
+            raise InputError(name, "it with a session", "it with rounds of Whac-A-Mole")
     fixed_step = request.fixed_step
     if fixed_step is not None and not 1e-4 <= fixed_step <= 1.0:
         raise InputError("--fixed-step", f"{fixed_step:g}", "a period from 0.0001 to 1 s")
-    recordings = read_recordings(request.paths, unconstrained=request.unconstrained)
-    replays: list[Replay] = []
+    if request.unconstrained:
+        sessions = [
+            without_constraint(each) if is_round else each
+            for each, is_round in zip(sessions, rounds, strict=True)
+        ]
+    for each, is_round in zip(sessions, rounds, strict=True):
+        for note in () if is_round or each.path is None else each.notes:
+            typer.echo(printable(f"note: {each.path.name}: {note}"), err=True)
+    player = _Player(game, remote, request.closed, fixed_step, request.log, film)
+    played = list(zip(_distinct_names(sessions), sessions, rounds, strict=True))
+    replays = []
     with Share("Replaying") as share:
-        if film is not None:
-            film.progress = lambda part: share.show((len(replays) + part) / len(recordings))
         share.show(0.0)
-        for done in replay_all(
-            recordings,
-            closed_loop=request.closed,
-            fixed_step_s=fixed_step,
-            log_dir=request.log,
-            film=film,
-        ):
+        for done in player.replays(played, share.show):
             replays.append(done)
-            share.show(len(replays) / len(recordings))
-    found = ReplayReport(replays)
+            share.show(len(replays) / len(played))
+    both = list(zip(played, replays, strict=True))
+    agreeing = [
+        (n, s, agreement_of(s, done.session)) for (n, s, is_round), done in both if is_round
+    ]
+    others = [(s, done) for (_, s, is_round), done in both if not is_round]
     if request.json:
-        print_json(found.as_json())
+        content = rounds_json(agreeing, closed_loop=request.closed) if agreeing else {}
+        if others:
+            content["sessions"] = {str(each.path): _as_json(done) for each, done in others}
+        print_json(content)
     else:
-        found.print(Console())
-
-
-def _replay_sessions(
-    request: ReplayRequest, remote: dict[str, Any], film: ReplayFilm | None
-) -> int:
-    """Replay sessions in an app; 1 with ``strict`` if it did not do the same."""
-    from sim2vr_harness.cli.session import read_any
-    from sim2vr_harness.sessions import write_session
-    from sim2vr_harness.sessions.replay import replay_session
-
-    for option_, given in (
-        ("--closed", request.closed),
-        ("--unconstrained", request.unconstrained),
-        ("--fixed-step", request.fixed_step is not None),
-    ):
-        if given:
-            raise InputError(option_, "it with a session", "it with rounds of Whac-A-Mole")
-    game = request.game
-    done: dict[str, SessionReplay] = {}
-    for path in request.paths:
-        session = read_any(path)
-        for note in session.notes:
-            typer.echo(printable(f"note: {path.name}: {note}"), err=True)
-        kept = None if request.log is None else request.log / path.name
-        with Share(f"Replaying {path.name}") as share, ExitStack() as stack:
-            shown: dict[str, Any] = {}
-            if film is not None:
-                name = path.name.split(".")[0]
-                played = game or str(remote.get("game") or session.app.name)
-                round_film = film.round(session, name, played, only=len(request.paths) == 1)
-                watch = stack.enter_context(round_film).watch
-                shown = {"renderer": "automatic", "size": film.size, "watch": watch}
-            done[str(path)] = replay_session(
-                session, game=game, app=remote, log_dir=kept, on_progress=share.show, **shown
-            )
-        if kept is not None:
-            write_session(done[str(path)].session, kept / "replay.jsonl")
-    if request.json:
-        print_json({"sessions": {name: _as_json(each) for name, each in done.items()}})
-    else:
-        for name, each in done.items():
-            lines = [f"{Path(name).name}: {_summary(each)}", *_lines(each)]
+        if agreeing:
+            _print_rounds(agreeing, closed_loop=request.closed)
+        for each, done in others:
+            name = "" if each.path is None else each.path.name
+            lines = [f"{name}: {_summary(done)}", *_lines(done)]
             typer.echo("\n".join(map(printable, lines)))
-    return int(request.strict and not all(each.comparison.same for each in done.values()))
+        for file in () if film is None else film.files:
+            typer.echo(f"Written: {file}")
+    same = [part.identical_rounds == 1 for *_, part in agreeing]
+    same += [done.comparison.same for _, done in others]
+    return int(request.strict and not all(same))
+
+
+@dataclass(frozen=True)
+class _Player:
+    """How sessions are replayed; see the options."""
+
+    game: str | None
+    remote: dict[str, Any]
+    closed: bool
+    fixed_step: float | None
+    log: Path | None
+    film: ReplayFilm | None
+
+    def replays(
+        self, played: Sequence[tuple[str, Session, bool]], on_progress: Callable[[float], None]
+    ) -> Iterator[SessionReplay]:
+        """Replay sessions in their order; games of this runtime in parallel unless filmed."""
+        if self.film is None and not self.remote and len(played) > 1:
+            with ThreadPoolExecutor(_THREADS) as pool:
+                yield from pool.map(lambda one: self.replay(*one), played)
+            return
+        for number, one in enumerate(played):
+
+            def show(part: float, done: int = number) -> None:
+                on_progress((done + part) / len(played))
+
+            yield self.replay(*one, only=len(played) == 1, on_progress=show)
+
+    def replay(
+        self,
+        name: str,
+        session: Session,
+        is_round: bool,
+        *,
+        only: bool = True,
+        on_progress: Callable[[float], None] = lambda part: None,
+    ) -> SessionReplay:
+        from sim2vr_harness.sessions import write_session
+        from sim2vr_harness.sessions.replay import replay_session
+        from sim2vr_harness.sessions.whacamole import with_clock
+
+        place = None if self.log is None else self.log / name
+        try:
+            if is_round:
+                session = with_clock(session, closed_loop=self.closed, fixed_step_s=self.fixed_step)
+            with ExitStack() as stack:
+                shown: dict[str, Any] = {}
+                if self.film is not None:
+                    app = self.game or str(self.remote.get("game") or session.app.name)
+                    film = stack.enter_context(self.film.round(session, name, app, only=only))
+                    shown = {"renderer": "automatic", "size": self.film.size, "watch": film.watch}
+                done = replay_session(
+                    session,
+                    game=self.game,
+                    app=self.remote,
+                    log_dir=place,
+                    on_progress=on_progress,
+                    **shown,
+                )
+        except ValueError as error:
+            source = "" if session.path is None else file_name(session.path)
+            if not is_round or str(error).startswith(source):
+                raise
+            raise ValueError(f"{source}: {error}") from error
+        if place is not None:
+            write_session(done.session, place / "replay.jsonl")
+        return done
+
+
+def _distinct_names(sessions: Sequence[Session]) -> list[str]:
+    """Sessions that share a name get as much of their path in front as tells them apart."""
+    parts = [(each.path or Path()).resolve().parts for each in sessions]
+    names = [each.name for each in sessions]
+    for depth in range(1, max(map(len, parts))):
+        if len(set(names)) == len(names):
+            break
+        names = [
+            "/".join([*own[-1 - depth : -1], each.name])
+            for own, each in zip(parts, sessions, strict=True)
+        ]
+    return names
+
+
+def _print_rounds(rounds: Sequence[tuple[str, Session, Agreement]], *, closed_loop: bool) -> None:
+    """Print the events of each round and of all, then how well hits agree in time and speed."""
+    console = Console()
+    how = "seed and poses only" if closed_loop else "spawns from the log, outcomes predicted"
+    console.print(_rounds_table(rounds, f"Replay: {how}", _EVENTS, _event_cells))
+    console.print(_rounds_table(rounds, "When and how fast hits are", _TIMES, _time_cells))
+
+
+def _rounds_table(
+    rounds: Sequence[tuple[str, Session, Agreement]],
+    title: str,
+    columns: Sequence[str],
+    cells: Callable[[Agreement], list[str]],
+) -> Table:
+    from sim2vr_harness.sessions.agreement import pooled
+    from sim2vr_harness.sessions.whacamole import constrained
+
+    table = Table(
+        title=title,
+        title_justify="left",
+        title_style="bold",
+        box=box.SIMPLE_HEAD,
+        padding=(0, 0, 0, 1),
+    )
+    table.add_column("Round", overflow="fold")
+    for heading in columns:
+        table.add_column(heading, justify="right", no_wrap=True)
+    groups: dict[str, list[Agreement]] = {"constrained": [], "unconstrained": []}
+    for name, session, part in rounds:
+        table.add_row(name, *cells(part))
+        groups["constrained" if constrained(session) else "unconstrained"].append(part)
+    table.add_section()
+    if all(groups.values()):
+        groups["all"] = [part for *_, part in rounds]
+    for name, parts in groups.items():
+        if parts:
+            table.add_row(name, *cells(pooled(parts)), style="bold")
+    return table
+
+
+def _event_cells(part: Agreement) -> list[str]:
+    from sim2vr_harness.sessions.agreement import as_json
+
+    figures = as_json(part)
+    counts = [
+        f"{figures[f'{kind}_recorded']}/{figures[f'{kind}_predicted']}"
+        for kind in ("hits", "misses", "contacts")
+    ]
+    different = part.rounds - part.identical_rounds
+    first = f"in {different} of {part.rounds}" if different else "none"
+    if part.first_divergence_s is not None:
+        first = f"{part.first_divergence_s:.2f} s"
+    return [str(part.targets), _four_digits(figures["outcome_agreement"]), *counts, first]
+
+
+def _time_cells(part: Agreement) -> list[str]:
+    from sim2vr_harness.sessions.agreement import as_json
+
+    figures = as_json(part)
+    dt_s, dv, dv_p95 = (figures[key] for key in ("mean_abs_dt_s", "dv_median", "dv_p95"))
+    recall, precision = (
+        "/".join(_four_digits(figures[f"hit_{what}_{window}ms"]) for window in (50, 100))
+        for what in ("recall", "precision")
+    )
+    return [
+        recall,
+        precision,
+        _four_digits(figures["same_step"]),
+        "-" if dt_s is None else f"{1000 * dt_s:.3f}",
+        "-" if dv is None else f"{dv:.4f}/{dv_p95:.4f}",
+    ]
+
+
+def _four_digits(value: float | None) -> str:
+    """Four digits without the zero in front; 1 only when it is exactly that."""
+    if value is None:
+        return "-"
+    return f"{value:g}" if value in (0.0, 1.0) else f"{min(value, 0.9999):.4f}"[1:]
 
 
 def _as_json(replayed: SessionReplay) -> dict[str, Any]:

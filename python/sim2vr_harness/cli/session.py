@@ -60,19 +60,6 @@ app = CommandGroup(
 )
 
 
-def read_any(path: Path) -> Session:
-    """Read a session of any format, packed rounds (``.npz``) among them."""
-    from sim2vr_harness.sessions import read_session
-
-    if path.suffix != ".npz":
-        return read_session(path)
-    from sim2vr_harness.evaluation.replay.recordings import read_recordings
-    from sim2vr_harness.evaluation.replay.replayer import session_of
-
-    (recording,) = read_recordings([path])
-    return session_of(recording)
-
-
 def convert(request: ConvertRequest) -> None:
     """Convert a recorded round to the format of OUT's name.
 
@@ -80,10 +67,10 @@ def convert(request: ConvertRequest) -> None:
         sim2vr-harness session convert recording.json round.jsonl.gz
         sim2vr-harness session convert replay.bsor poses.csv
     """
-    from sim2vr_harness.sessions.formats import require_name, write_session
+    from sim2vr_harness.sessions.formats import read_session, require_name, write_session
 
     form = require_name(request.out)
-    session = read_any(request.source)
+    session = read_session(request.source)
     if request.swap_hands:
         session = session.swapped()
     if request.game is not None:
@@ -109,7 +96,9 @@ def show(request: ShowRequest) -> None:
         sim2vr-harness session show round.jsonl
         sim2vr-harness session show recording.json --json
     """
-    content = _content(read_any(request.source))
+    from sim2vr_harness.sessions import read_session
+
+    content = _content(read_session(request.source))
     if request.json:
         print_json(content)
         return
@@ -129,11 +118,11 @@ def strip(request: CopyRequest) -> None:
         sim2vr-harness session strip round.jsonl shared.jsonl
         sim2vr-harness session strip recording.json shared.jsonl.gz
     """
-    from sim2vr_harness.sessions.formats import require_name, write_session
+    from sim2vr_harness.sessions.formats import read_session, require_name, write_session
     from sim2vr_harness.sessions.privacy import personal_content, stripped
 
     require_name(request.out)
-    session = stripped(read_any(request.source))
+    session = stripped(read_session(request.source))
     write_session(session, request.out)
     typer.echo(f"Written: {request.out}")
     for line in personal_content(session):

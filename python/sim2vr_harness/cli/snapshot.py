@@ -37,7 +37,7 @@ def snapshot(request: SnapshotRequest) -> None:
         sim2vr-harness render snapshot --game beats --condition level
         sim2vr-harness render snapshot --page game.html --user random
     """
-    from sim2vr_harness.evaluation import snapshot as pictures
+    from sim2vr_harness.play import render as pictures
 
     remote = request.remote()
     run, baseline = who_plays(None, request.user)
@@ -48,8 +48,7 @@ def snapshot(request: SnapshotRequest) -> None:
         size=pictures.parse_size(request.size),
         seconds=request.seconds,
         seed=request.seed,
-        run=run,
-        baseline=baseline,
+        user=run or baseline or "still",
         app=remote,
         overrides=request.set_,
         trust_app=request.trust_app,

@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 
 from sim2vr_harness.base.requests import argument, option
-from sim2vr_harness.cli.app_options import AppOptions, as_overrides
+from sim2vr_harness.cli.app_options import AppOptions
 from sim2vr_harness.cli.errors import INTERRUPTED
 from sim2vr_harness.cli.options import TrainedPeople, TrustedApp, known_configs
 from sim2vr_harness.cli.progress import Share, say
@@ -64,7 +64,8 @@ def train(request: TrainRequest) -> int:
         sim2vr-harness train --resume runs/sample
     """
     from sim2vr_harness.envs.games import with_task
-    from sim2vr_harness.policies.scripted.baselines import doing_nothing_pays
+    from sim2vr_harness.play.environment import as_overrides
+    from sim2vr_harness.play.users import doing_nothing_pays
     from sim2vr_harness.runs.trust import named_app, require_trust
     from sim2vr_harness.training.run import trainer
 
@@ -86,7 +87,9 @@ def train(request: TrainRequest) -> int:
     if not resume:
         settings = settings.model_copy(update={"env": with_task(settings.env)})
     settings = _of_people(settings, request.count()) if people else settings
-    if not resume and (note := doing_nothing_pays(settings.env)):
+    # The recipe skills plays these users itself.
+    judged = settings.recipe != "skills" and not resume
+    if judged and (note := doing_nothing_pays(settings.env)):
         say(f"note: {note}")
     result = trainer.train(
         settings,

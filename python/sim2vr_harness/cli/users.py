@@ -19,7 +19,6 @@ from sim2vr_harness.base.files import read_json
 from sim2vr_harness.base.requests import argument, option
 from sim2vr_harness.cli import motor
 from sim2vr_harness.cli.command import CommandGroup
-from sim2vr_harness.cli.endurance import endurance
 from sim2vr_harness.cli.options import JsonOutput, TrustedApp, print_json, print_written
 from sim2vr_harness.cli.progress import Share
 from sim2vr_harness.client import Measure
@@ -352,5 +351,4 @@ app.add("show", show)
 app.add("pack", pack)
 app.add("bodies", bodies)
 app.add("export", export)
-app.add("endurance", endurance)
 app.add_typer(motor.app, name="motor")

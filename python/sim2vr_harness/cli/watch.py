@@ -10,7 +10,7 @@ import typer
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.requests import argument, option
-from sim2vr_harness.cli.app_options import PageOptions, as_overrides
+from sim2vr_harness.cli.app_options import PageOptions
 from sim2vr_harness.cli.options import (
     ActionMode,
     AnyUser,
@@ -80,37 +80,39 @@ def _chosen(
     request: WatchRequest, run: str | None, baseline: str | None, remote: dict[str, Any]
 ) -> Playlist:
     """Return what to watch: a session, a user, or both."""
-    from sim2vr_harness.cli.session import read_any
-    from sim2vr_harness.sessions.formats import is_session
+    from sim2vr_harness.sessions import find_sessions, read_session
+    from sim2vr_harness.sessions.whacamole import is_recorded_round
     from sim2vr_harness.tools.watch.selection import choose
     from sim2vr_harness.tools.watch.sessions import beside as shown_beside
     from sim2vr_harness.tools.watch.sessions import session_show
 
-    game, beside = request.game, request.beside
-    if run is not None and Path(run).suffix != ".npz" and is_session(Path(run)):
-        alone = Path(run)
-        return session_show(read_any(alone), alone.name, game=game, app=remote)
-    seed, condition = request.seed, request.condition
-    session = None if beside is None else read_any(beside)
-    if session is not None:
-        seed = session.seed if seed is None else seed
-        same = session.app.kind == "game" and not remote and game in (None, session.app.name)
-        condition = condition or (session.app.condition if same else "") or None
+    game, seed, condition = request.game, request.seed, request.condition
+    beside = request.beside
+    alone = None if run is None or Path(run).is_dir() else Path(run)
+    if alone is not None and find_sessions(alone) == [alone]:
+        session = read_session(alone)
+        if not is_recorded_round(session):
+            return session_show(session, alone.name, game=game, app=remote)
+    shown = None if beside is None else read_session(beside)
+    if shown is not None:
+        seed = shown.seed if seed is None else seed
+        same = shown.app.kind == "game" and not remote and game in (None, shown.app.name)
+        condition = condition or (shown.app.condition if same else "") or None
     show = choose(
         run,
         seed=1 if seed is None else seed,
         game=game,
         condition=condition,
-        page=as_overrides(remote),
+        app=remote,
         person=request.try_,
         deterministic=request.deterministic,
         trust_app=request.trust_app,
         untrained=baseline,
         overrides=request.set_,
     )
-    if session is None or beside is None:
+    if shown is None or beside is None:
         return show
-    return shown_beside(show, session_show(session, beside.name, game=game, app=remote))
+    return shown_beside(show, session_show(shown, beside.name, game=game, app=remote))
 
 
 def _serve(show: Playlist, host: str, port: int, shared: bool) -> None:

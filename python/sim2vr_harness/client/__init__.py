@@ -43,6 +43,7 @@ from sim2vr_harness.client.games import (
     describe_game,
     facts_of_outside,
     list_options,
+    load_game_library,
 )
 from sim2vr_harness.client.in_process import InProcessApp
 from sim2vr_harness.client.in_process_batch import InProcessBatch, InProcessBatchApp
@@ -154,6 +155,7 @@ __all__ = [
     "list_games",
     "list_options",
     "list_transports",
+    "load_game_library",
     "load_task",
     "register_transport",
     "require_capability",

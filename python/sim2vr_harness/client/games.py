@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import difflib
 import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, Literal
 
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.client.runtime import list_games, load_runtime
+from sim2vr_harness.registration import register_games
 
 _CONDITION_ARGUMENT = "condition"
 """SIM2VR's own apps take the name of a condition as the argument ``-condition``."""
@@ -321,6 +324,45 @@ def describe_game(name: str) -> GameFacts:
         ValueError: There is no such game; names the nearest.
     """
     return read_facts(json.loads(load_runtime().game_facts(name)))
+
+
+_libraries: dict[str, None] = {}
+"""Libraries of games that this process has opened, in this order."""
+
+
+def load_game_library(file: str | Path) -> tuple[str, ...]:
+    """Open a shared library of games, which runs its code, and return the games' names.
+
+    They are then games of this process like those that are built in, Gymnasium ids included.
+
+    Raises:
+        ValueError: it cannot be opened, was built against another version of sim2vr, or has a game
+            of a name that is taken.
+    """
+    real = os.path.realpath(file)
+    names = tuple(load_runtime().load_game_library(real))
+    register_games({describe_game(name).id: name for name in names})
+    _libraries[real] = None
+    return names
+
+
+def loaded_game_libraries() -> tuple[str, ...]:
+    """Return the libraries that this process has opened; servers that it starts open them too."""
+    return tuple(_libraries)
+
+
+def require_game_library(file: str | Path) -> None:
+    """Check that a library of games that a configuration names was opened.
+
+    Raises:
+        ValueError: it was not: no one has agreed to run its code.
+    """
+    if os.path.realpath(file) not in _libraries:
+        raise ValueError(
+            f"app.game_library: got {str(file)!r}, code that you have not run before; expected "
+            "--trust-app, if you know where it comes from, or, in Python, "
+            "sim2vr_harness.client.load_game_library(FILE) before"
+        )
 
 
 def list_options(name: str) -> tuple[GameOption, ...]:

@@ -15,7 +15,7 @@ from pathlib import Path
 from sim2vr_harness.base.notices import notice_once
 from sim2vr_harness.client.base import OptionValue, plain_options
 from sim2vr_harness.client.channel import Channel, checked_duration_s
-from sim2vr_harness.client.games import describe_game
+from sim2vr_harness.client.games import describe_game, loaded_game_libraries
 from sim2vr_harness.client.process import AppProcess, log_folder
 from sim2vr_harness.client.runtime import list_games
 
@@ -164,6 +164,8 @@ def sim2vr_arguments(
         "--renderer",
         renderer,
     ]
+    for library in loaded_game_libraries():
+        arguments += ["--game-library", library]
     arguments += ["--width", str(width), "--height", str(height)]
     return arguments if log_dir is None else [*arguments, "--log-dir", str(log_dir)]
 

@@ -18,7 +18,6 @@ def map_images(path: str, link: str, shape: tuple[int, ...]) -> UInt8Array | Non
         link: where that leads; in another container the same path is something else.
         shape: of all images together, uint8.
     """
-    size = int(np.prod(shape))
     try:
         if os.readlink(path) != link:
             return None
@@ -26,9 +25,18 @@ def map_images(path: str, link: str, shape: tuple[int, ...]) -> UInt8Array | Non
     except (OSError, ValueError):
         return None
     try:
+        return map_file(descriptor, shape)
+    finally:
+        os.close(descriptor)
+
+
+def map_file(descriptor: int, shape: tuple[int, ...]) -> UInt8Array | None:
+    """Map the images of an open file, to read only; None where they do not fit into it."""
+    size = int(np.prod(shape))
+    try:
         if os.fstat(descriptor).st_size < size:
             return None
         memory = mmap.mmap(descriptor, size, prot=mmap.PROT_READ)
-    finally:
-        os.close(descriptor)
+    except (OSError, ValueError):
+        return None
     return np.frombuffer(memory, np.uint8).reshape(shape)

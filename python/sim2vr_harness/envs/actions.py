@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
+from sim2vr_harness.base.state import RowState
 from sim2vr_harness.client.devices import INPUT_COUNT, input_named
 
 PRESS, RELEASE = 0.33, -0.33
@@ -17,7 +17,7 @@ PRESS, RELEASE = 0.33, -0.33
 FloatArray = NDArray[np.float64]
 
 
-class Actions:
+class Actions(RowState):
     """The actions of N users and what beside the body they move: fingers and eyes.
 
     An analogue input has the value that the action says, [-1, 1] mapped linearly to its range; a
@@ -31,6 +31,8 @@ class Actions:
         inputs: names of the inputs that the fingers work (client.INPUT_NAMES).
         gaze_range_deg: how far the gaze moves; 0: it does not.
     """
+
+    _state = ("input_values", "gaze_deg", "last")
 
     def __init__(
         self, n: int, body: tuple[str, ...], inputs: tuple[str, ...], gaze_range_deg: float
@@ -117,23 +119,3 @@ class Actions:
             row = rows.setdefault(key, np.zeros((len(ids), frames, INPUT_COUNT)))
             row[:, :, one.column] = self.input_values[ids, k, None]
         return rows
-
-    def get_state(self, i: int) -> dict[str, Any]:
-        """Copies of what user i's fingers and eyes do, and of the last actions."""
-        return {name: array[i].copy() for name, array in self._state()}
-
-    def _state(self) -> tuple[tuple[str, FloatArray], ...]:
-        return ("inputs", self.input_values), ("gaze_deg", self.gaze_deg), ("last", self.last)
-
-    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
-        """Restores what :meth:`get_state` returned.
-
-        Raises:
-            ValueError: it is of other inputs.
-        """
-        for name, array in self._state():
-            if np.shape(state[name]) != array.shape[1:]:
-                raise ValueError(
-                    f"state {name}: got {np.shape(state[name])}, expected {array.shape[1:]}"
-                )
-            array[i] = state[name]

@@ -281,6 +281,9 @@ class AppConfig(Settings):
     1), or an OpenXR program (openxr); None starts our own sim2vr-app."""
     arguments: tuple[str, ...] = ()
     """Further arguments of the executable."""
+    game_library: str | None = None
+    """A shared library of games (docs/guide/own_game.md) that this process and the sim2vr-apps
+    that it starts open."""
     connect: str | None = None
     """``HOST:PORT`` of an app that runs already, or a ZeroMQ endpoint such as ``ipc:///tmp/app``,
     instead of starting one."""
@@ -331,10 +334,11 @@ class AppConfig(Settings):
                     f"connect: got an address of {len(self.connect.encode()):,} bytes, expected at "
                     f"most {_LONGEST_ADDRESS}, as many as the name of a socket can have"
                 )
-            if self.executable is not None or self.arguments:
+            if self.executable is not None or self.arguments or self.game_library is not None:
                 raise ValueError(
-                    f"connect: got {self.connect!r} next to an executable or arguments, expected "
-                    "one of the two: an app that runs already, or one to start"
+                    f"connect: got {self.connect!r} next to an executable, arguments or a "
+                    "game_library, expected one of the two: an app that runs already, or one to "
+                    "start"
                 )
         transport = transport_named(self.transport)
         if transport.needs and getattr(self, transport.needs) is None:

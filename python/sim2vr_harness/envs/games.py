@@ -7,6 +7,7 @@ from functools import cache
 from typing import Any
 
 from sim2vr_harness.client import GameFacts, describe_game, facts_of_outside, list_games
+from sim2vr_harness.client.games import require_game_library
 from sim2vr_harness.client.tasks import load_task, names_code, task_facts
 from sim2vr_harness.envs.apps import facts_told, judged, knows_options
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, with_options
@@ -24,9 +25,12 @@ def game_facts(app: AppConfig, *, ask: bool = True) -> GameFacts:
             and whether a task's code may run.
 
     Raises:
-        ValueError: The runtime has no such game; names the nearest.
+        ValueError: The runtime has no such game; names the nearest. Or a library of games is named
+            whose code may not run.
         RuntimeError: The app that was asked does not answer.
     """
+    if app.game_library is not None:
+        require_game_library(app.game_library)
     if judged(app):
         if names_code(app.task) and not ask:
             return GameFacts(name=app.game, published=False)

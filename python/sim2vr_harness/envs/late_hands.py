@@ -14,6 +14,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.state import RowState
 from sim2vr_harness.client import DevicePoses, OptionValue
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.perception import StepContext
@@ -41,13 +42,15 @@ def app_options(options: Mapping[str, OptionValue]) -> dict[str, OptionValue]:
     return {name: value for name, value in options.items() if name != HAND_LAG}
 
 
-class LateHands:
+class LateHands(RowState):
     """Delays the controllers' poses of N users; a ``Sense``, so that saved states hold them.
 
     Args:
         config: of the users.
         n: number of users N.
     """
+
+    _state = ("_ring",)
 
     name, pauses, frame = "hands as the app gets them", (), -1
     needs: str | None = None
@@ -88,11 +91,3 @@ class LateHands:
         """(N, 2, 7) the present poses."""
         newest: NDArray[np.float64] = self._ring.newest()
         return newest
-
-    def get_state(self, i: int) -> dict[str, Any]:
-        """User i's past."""
-        return self._ring.get_state(i)
-
-    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
-        """Restore what :meth:`get_state` returned."""
-        self._ring.set_state(i, state)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import fnmatch
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,6 +19,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.state import RowState
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.perception import StepContext
@@ -258,13 +259,15 @@ class PrivilegedSenses:
         return np.concatenate([now[:, : self._own], self._batch.privileged_drawn], axis=1)
 
 
-class _Memory:
+class _Memory(RowState):
     """The last moments of N users, and what they did; a ``Sense`` that watches them.
 
     Who sees late sees a frame of some moment within a user step (``Delayed``). A teacher beside it
     knows what that frame shows: a few hundredths of a second earlier or later, and what it does
     would follow from nothing that is seen.
     """
+
+    _state = ("_moments", "_actions", "_pictured")
 
     name, pauses, frame = "teacher's memory", (), -1
     needs: str | None = None
@@ -282,17 +285,16 @@ class _Memory:
         actions = _numbers(len(simulation.actions.names))
         self._moments = Ring(self.name, simulation.n, self.space, lag.longest)
         self._actions = Ring(self.name, simulation.n, actions, max(0, lag.actions - 1))
-        self._rings = {"moments": self._moments, "actions": self._actions}
         self._pictured: Ring | None = None
         self._pictures = simulation.late_pictures
         if self._pictures is not None:
             back = self._pictures.longest_back + lag.recognition
             self._pictured = Ring(self.name, simulation.n, self.space, back)
-            self._rings["pictured"] = self._pictured
 
     def reset(self, ids: NDArray[np.int64], seeds: NDArray[np.int64]) -> None:
-        for ring in self._rings.values():
-            ring.forget(ids)
+        for ring in (self._moments, self._actions, self._pictured):
+            if ring is not None:
+                ring.forget(ids)
 
     def sample(self, moment: StepContext, substep: int) -> None:
         """Nothing: whole user steps are remembered."""
@@ -326,13 +328,6 @@ class _Memory:
         """(N, A) what was done in the last user step (1), or before."""
         values: NDArray[np.float32] = self._actions.ago(back - 1)
         return values
-
-    def get_state(self, i: int) -> dict[str, Any]:
-        return {name: ring.get_state(i) for name, ring in self._rings.items()}
-
-    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
-        for name, ring in self._rings.items():
-            ring.set_state(i, state[name])
 
 
 def _numbers(size: int) -> spaces.Box[Any]:

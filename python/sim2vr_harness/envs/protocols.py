@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 from gymnasium import spaces
@@ -33,11 +33,11 @@ class SimulationLike(Protocol):
     def step(self, actions: NDArray) -> Any:
         """Advance every user by one step; returns a ``StepBatch``."""
 
-    def save_state(self) -> bytes:
+    def state_dict(self) -> dict[str, NDArray]:
         """Return the exact state."""
 
-    def load_state(self, state: bytes) -> list[int]:
-        """Continue from :meth:`save_state`; returns the users whose rounds had to start anew."""
+    def load_state_dict(self, state: Mapping[str, Any]) -> list[int]:
+        """Continue from :meth:`state_dict`; returns the users whose rounds had to start anew."""
 
     def close(self) -> None:
         """Free everything."""

@@ -179,11 +179,11 @@ class Senses:
             moment.replied_s[ids] = moment.users.time[ids]
         self.perception.take(moment, None if len(ids) == moment.users.n else ids)
 
-    def get_state(self, i: int) -> dict[str, Any]:
+    def state_dict(self, i: int) -> dict[str, Any]:
         """Everything that user i's future perception depends on."""
         moment = self._moment
         return {
-            "senses": self.perception.get_state(i),
+            "senses": self.perception.state_dict(i),
             "time_feature": float(moment.time_feature[i]),
             "replied_s": float(moment.replied_s[i]),
             "haptics": [
@@ -193,10 +193,10 @@ class Senses:
             "sounds": [(one.name, one.position_m, one.gain) for one in moment.sounds.get(i, ())],
         }
 
-    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
-        """Restores what :meth:`get_state` returned."""
+    def load_state_dict(self, i: int, state: Mapping[str, Any]) -> None:
+        """Restores what :meth:`state_dict` returned."""
         moment = self._moment
-        self.perception.set_state(i, state["senses"])
+        self.perception.load_state_dict(i, state["senses"])
         moment.time_feature[i] = state["time_feature"]
         moment.replied_s[i] = state["replied_s"]
         haptics = {i: tuple(HapticPulse(*one) for one in state["haptics"])}

@@ -58,7 +58,7 @@ class Simulation:
     An episode depends on its seed and actions only, not on N, the position in the batch or the
     threads.
 
-    Simulations can be pickled and copied, by way of :meth:`save_state`: the copy goes on in apps
+    Simulations can be pickled and copied, by way of :meth:`state_dict`: the copy goes on in apps
     of its own, as exactly as these save their rounds. It writes no episode logs.
 
     An app outside this process may fail. Its user's episode is truncated there (``app_failed``),
@@ -403,50 +403,55 @@ class Simulation:
 
     # --- saved states ------------------------------------------------------------------------
 
-    def save_state(self) -> bytes:
+    def state_dict(self) -> dict[str, NDArray[np.uint8]]:
         """Everything the future depends on, mid-episode included: random streams, bodies, apps.
+
+        Returns:
+            ``simulation``: one array of bytes, since an app's own part is bytes.
 
         Raises:
             RuntimeError: some user was never reset, or the simulation is closed.
         """
         self._require_open()
         everyone = range(self.n)
-        return packed(
+        state = packed(
             self.n,
             {
                 "seeds": [generator.bit_generator.state for generator in self._seeds],
-                "users": [self.users.get_state(i) for i in everyone],
-                "actions": [self.actions.get_state(i) for i in everyone],
-                "senses": [self._senses.get_state(i) for i in everyone],
+                "users": [self.users.state_dict(i) for i in everyone],
+                "actions": [self.actions.state_dict(i) for i in everyone],
+                "senses": [self._senses.state_dict(i) for i in everyone],
                 "apps": [self._group.save(i, int(self._steps[i])) for i in everyone],
                 "arrays": {name: getattr(self, name).copy() for name in self._STATE_ARRAYS},
             },
         )
+        return {"simulation": np.frombuffer(state, np.uint8)}
 
     @property
     def exact_states(self) -> bool:
-        """Whether :meth:`save_state` holds the rounds; SIM2VR apps of others cannot save theirs."""
+        """Whether :meth:`state_dict` holds the rounds; SIM2VR apps of others cannot save theirs."""
         return all("save" in app.capabilities for app in self.apps)
 
-    def load_state(self, state: bytes) -> list[int]:
-        """Goes on from :meth:`save_state` of a simulation with the same configuration and N.
+    def load_state_dict(self, state: Mapping[str, ArrayLike]) -> list[int]:
+        """Goes on from :meth:`state_dict` of a simulation with the same configuration and N.
 
         Returns:
             The users whose apps could not save their rounds; they have started new ones.
 
         Raises:
-            ValueError: the bytes are of something else or of another number of users.
+            ValueError: the state is of something else or of another number of users.
             RuntimeError: an app refuses its part, or the simulation is closed.
         """
         self._require_open()
-        saved = unpacked(state, self.n, ("seeds", "users", "actions", "senses", "apps", "arrays"))
+        given = np.asarray(state["simulation"]).tobytes()
+        saved = unpacked(given, self.n, ("seeds", "users", "actions", "senses", "apps", "arrays"))
         for i in range(self.n):
             self._seeds[i].bit_generator.state = saved["seeds"][i]
-            self.users.set_state(i, saved["users"][i])
-            self.actions.set_state(i, saved["actions"][i])
+            self.users.load_state_dict(i, saved["users"][i])
+            self.actions.load_state_dict(i, saved["actions"][i])
             if saved["apps"][i] is not None:
                 self.apps[i].load(saved["apps"][i])
-            self._senses.set_state(i, saved["senses"][i])
+            self._senses.load_state_dict(i, saved["senses"][i])
         if self._mirrored is not None:
             self._mirrored.resume(self._left_handers())
         for name in self._STATE_ARRAYS:
@@ -465,14 +470,14 @@ class Simulation:
             "config": self.config,
             "n": self.n,
             "make_app": self._make_app,
-            "state": self.save_state() if begun else None,
+            "state": self.state_dict() if begun else None,
         }
 
     def __setstate__(self, made: dict[str, Any]) -> None:
         """Makes it anew, in apps of its own, and goes on there."""
         self.__init__(made["config"], made["n"], make_app=made["make_app"])  # type: ignore[misc]
         if made["state"] is not None:
-            self.load_state(made["state"])
+            self.load_state_dict(made["state"])
 
     def close(self) -> None:
         """Ends the apps; idempotent. Later calls raise RuntimeError."""

@@ -1,4 +1,4 @@
-"""``sim2vr-harness evaluate``: a trained user plays, and what it did is measured."""
+"""``sim2vr-harness evaluate``: a user plays, and what it did is measured."""
 
 from __future__ import annotations
 
@@ -9,11 +9,19 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.progress import progress_of_part
-from sim2vr_harness.client import Condition, GameFacts
+from sim2vr_harness.client import (
+    Condition,
+    GameFacts,
+    TaskedApp,
+    TaskMoment,
+    check_task,
+    load_task,
+)
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.envs.people_preset import with_people
@@ -26,20 +34,19 @@ from sim2vr_harness.evaluation.conditions import (
 )
 from sim2vr_harness.evaluation.data.folder import EvaluationData
 from sim2vr_harness.evaluation.data.recording import DataRecorder
-from sim2vr_harness.evaluation.environment import evaluation_env, make_simulation
 from sim2vr_harness.evaluation.expectations import Planned
-from sim2vr_harness.evaluation.metrics import RoundResult, summarise
 from sim2vr_harness.evaluation.results import EvaluationResults
-from sim2vr_harness.evaluation.rollouts import Watcher, jobs_for, play
-from sim2vr_harness.evaluation.round_logs import RoundLogs
 from sim2vr_harness.evaluation.training_distribution import met, unpractised
-from sim2vr_harness.evaluation.video import RoundFilmer
+from sim2vr_harness.play.environment import make_simulation
+from sim2vr_harness.play.exertion import ExertionRecorder, FatigueRecorder
+from sim2vr_harness.play.film import RoundFilmer
+from sim2vr_harness.play.player import Watcher, jobs_for, play
+from sim2vr_harness.play.round import Round, summarise
+from sim2vr_harness.play.round_logs import RoundLogs
+from sim2vr_harness.play.users import SimulatedUser, doing_nothing_pays
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy
 from sim2vr_harness.policies.hierarchical.pointing import apart, rays_of
 from sim2vr_harness.policies.protocol import Policy
-from sim2vr_harness.policies.registry import load_policy
-from sim2vr_harness.policies.scripted.baselines import doing_nothing_pays
-from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.users import effort_weight
 
@@ -73,8 +80,8 @@ class Request:
         log: Whether to keep the game's CSV logs.
         steps: Whether to write tables of every user step and app frame, too.
         out: Where files go; None takes the run's ``evaluation/step_<N>``, and in it a folder named
-            after what is different from the run's own settings, if anything is. Results are added
-            to those that are there.
+            after what is different from the run's own settings, if anything is; of a user without
+            training nothing is written then. Results are added to those that are there.
         overwrite: Whether to begin with new results where there are others.
         batch: Rounds played in parallel at most.
         app: Settings that replace those of ``env.app``, for example another executable.
@@ -111,22 +118,25 @@ class Evaluation:
     Attributes:
         summaries: condition -> means over its rounds, and ``rounds``, one entry each.
         facts: What the game publishes.
+        user: Who played.
         step: User steps that the evaluated checkpoint was trained for.
-        checkpoint: The evaluated checkpoint or packed weights.
         files: Results, tables, videos and logs that were written.
         rounds: Every round.
         unpractised: What the user was not trained for, a line each.
+        problems: Of a user without training: what is wrong with the app or its task, a sentence
+            each.
         data: The tables, as data frames: of everything that is in the folder.
         unread: Logs of the app that the tables lack, and why, a line each.
     """
 
     summaries: dict[str, dict[str, Any]]
     facts: GameFacts
+    user: SimulatedUser
     step: int
-    checkpoint: Path
     files: list[Path]
-    rounds: list[RoundResult]
+    rounds: list[Round]
     unpractised: list[str]
+    problems: list[str]
     data: EvaluationData
     unread: list[str]
 
@@ -160,65 +170,60 @@ def evaluate(
     on_plan: Callable[[Planned], None] | None = None,
     on_note: Callable[[str], None] | None = None,
 ) -> Evaluation:
-    """Let a trained user play and measure it.
+    """Let a user play and measure it.
 
     Args:
-        run: A run's folder, one of its checkpoints, or ``pretrained:NAME``.
+        run: A run's folder, one of its checkpoints, ``pretrained:NAME``, ``still``, ``random`` or a
+            script.
         request: What to play.
         on_progress: Called with the share of the work done, from 0 to 1.
         simulation: How to make the users.
         on_plan: Called with conditions and measures before anything is played.
-        on_note: Called with a sentence if doing nothing pays, before anything is played; None:
+        on_note: Called with a sentence if doing nothing pays, before a trained user plays; None:
             this is not measured.
 
     Raises:
         InputError: The run, a number, a condition or the place for the results cannot be used.
     """
-    plan = _Plan.of(run, request or Request())
-    if on_plan is not None:
-        on_plan(Planned.of_evaluation(plan.facts, plan.conditions, plan.env.user))
-    if on_note is not None and (note := doing_nothing_pays(plan.env)):
-        on_note(note)
-    rounds, recorder, files = _recorded(plan, simulation, on_progress)
-    summaries = plan.summaries(rounds)
-    results = plan.results.add(summaries, overwrite=plan.request.overwrite)
-    return Evaluation(
-        summaries,
-        plan.facts,
-        int(plan.settings["trained_steps"]),
-        plan.user.source,
-        [results, recorder.root, *files],
-        rounds,
-        plan.unpractised,
-        EvaluationData(recorder.root),
-        recorder.unread,
-    )
-
-
-def _recorded(
-    plan: _Plan, simulation: SimulationFactory, on_progress: Callable[[float], None]
-) -> tuple[list[RoundResult], DataRecorder, list[Path]]:
-    """Play all rounds and write tables; return them, what wrote them, and films and logs."""
-    wanted, out = plan.request, plan.out
-    kept = wanted.log or _logs_by_itself(plan.env)
-    logs = RoundLogs(out / ("logs" if wanted.log else _PASSING_LOGS)) if kept else None
-    filmer = RoundFilmer(out, plan.facts, seconds=wanted.film_seconds) if wanted.record else None
-    recorder = DataRecorder(out, plan.facts, plan.env, moments=wanted.steps)
-    watchers: list[Watcher] = [*recorder.watchers, *wanted.watchers]
-    watchers += [each for each in (logs, filmer) if each]
     with ExitStack() as stack:
+        plan = _Plan.of(run, request or Request(), stack)
+        wanted, user, out = plan.request, plan.user, plan.out
+        if on_plan is not None:
+            on_plan(Planned.of_evaluation(plan.facts, plan.conditions, plan.env.user))
+        trained = user.trained is not None
+        if trained and on_note is not None and (note := doing_nothing_pays(plan.env)):
+            on_note(note)
+        kept = wanted.log or _logs_by_itself(plan.env)
+        logs = RoundLogs(out / ("logs" if wanted.log else _PASSING_LOGS)) if kept else None
         stack.callback(shutil.rmtree, out / _PASSING_LOGS, ignore_errors=True)
-        if filmer is not None:
-            stack.enter_context(closing(filmer))
-        rounds = _play(plan, recorder, logs, watchers, simulation, on_progress)
+        recorder = DataRecorder(out, plan.facts, plan.env, moments=wanted.steps and plan.kept)
+        watchers = [ExertionRecorder(), FatigueRecorder(), *recorder.watchers, *wanted.watchers]
+        filmer = RoundFilmer(out, plan.facts, seconds=wanted.film_seconds)
+        if wanted.record:
+            watchers.append(stack.enter_context(closing(filmer)))
+        watchers += [logs] if logs is not None else []
+        rounds, moments = _play(plan, recorder, logs, watchers, simulation, on_progress)
         if logs is not None:
             settled = logs.settle(rounds, out)
             rounds = settled if wanted.log else rounds
             recorder.take_logs(settled)
         recorder.finish(rounds, plan.settings, plan.effort_weight)
-    files = list(filmer.files) if filmer else []
-    files += [out / "logs"] if wanted.log and logs is not None and logs.any else []
-    return rounds, recorder, files
+        summaries = plan.summaries(rounds)
+        files = [plan.results.add(summaries, overwrite=wanted.overwrite), recorder.root]
+        files += filmer.files
+        files += [out / "logs"] if wanted.log and logs is not None and logs.any else []
+        return Evaluation(
+            summaries,
+            plan.facts,
+            user,
+            int(plan.settings["trained_steps"]),
+            files if plan.kept else [],
+            rounds,
+            plan.unpractised,
+            [] if trained else _problems(plan, rounds, moments),
+            EvaluationData(recorder.root),
+            recorder.unread,
+        )
 
 
 @dataclass(frozen=True)
@@ -226,10 +231,11 @@ class _Plan:
     """What is played: a request with every value filled in.
 
     Attributes:
+        kept: Whether what is written stays.
         settings: of the results; gets ``trained_steps`` once the policy is loaded.
     """
 
-    user: TrainedUser
+    user: SimulatedUser
     request: Request
     env: EnvConfig
     facts: GameFacts
@@ -239,40 +245,48 @@ class _Plan:
     deterministic: bool
     batch: int
     out: Path
+    kept: bool
     results: EvaluationResults
     settings: dict[str, Any]
     unpractised: list[str]
 
     @classmethod
-    def of(cls, run: str | Path, request: Request) -> _Plan:
+    def of(cls, run: str | Path, request: Request, stack: ExitStack) -> _Plan:
         """Fill in what a request leaves to the run's configuration, and check it."""
-        user = find_user(run, code=True)
-        config, usual = user.config, user.config.evaluation
+        user = SimulatedUser.find(run)
+        config, usual, trained = user.config, user.config.evaluation, user.trained
         episodes = usual.episodes if request.episodes is None else request.episodes
         seed = usual.seed if request.seed is None else request.seed
         deterministic = request.deterministic
         if deterministic is None:
             deterministic = usual.deterministic
-        env = evaluation_env(
-            config, request.app, request.overrides, source=run, trust_app=request.trust_app
-        )
+        env = user.env(request.app, request.overrides, trust_app=request.trust_app)
         if request.people is not None:
             env = with_people(env, request.people, seed, request.overrides)
         if request.cores is not None:
             env = env.model_copy(update={"cores": request.cores})
-        require_contract(user, env)
-        facts = game_facts(env.app)
+        user.require_contract(env)
+        facts = user.facts(game_facts(env.app))
         named = named_options(env, request.overrides, request.app)
-        typed = bool(request.app.get("arguments"))
+        typed = trained is None or bool(request.app.get("arguments"))
         asked = asked_conditions(env.app, request.conditions, typed=typed)
-        conditions = chosen_conditions(facts, asked, usual.conditions or met(config), named)
-        facts = facts_of_chosen(facts, conditions)
+        played = usual.conditions or met(config)
+        if trained is None:
+            played = [facts.default_condition]
+        conditions = chosen_conditions(facts, asked, played, named)
         batch = batch_for(env, request.batch)
         rounds = episodes * (request.people or 1) * len(conditions)
         _check_numbers(episodes, seed, min(batch, rounds))
-        out = Path(request.out or user.evaluation_dir / _folder_of(config, request))
+        kept = trained is not None or request.out is not None
+        for option in ("record", "log"):
+            if getattr(request, option) and not kept:
+                raise InputError(f"--{option}", "it without --out", "a folder, --out FOLDER")
+        if trained is not None:
+            out = Path(request.out or trained.evaluation_dir / _folder_of(config, request))
+        else:
+            out = Path(request.out or stack.enter_context(TemporaryDirectory()))
         settings: dict[str, Any] = {
-            "user": name_of(user),
+            "user": user.name,
             "episodes": episodes,
             "seed": seed,
             "deterministic": deterministic,
@@ -280,10 +294,24 @@ class _Plan:
             "app": dict(request.app),
             **({} if request.people is None else {"people": request.people}),
         }
-        new = unpractised(config, env, [condition.name for condition in conditions])
+        new: list[str] = []
+        if trained is not None:
+            new = unpractised(config, env, [condition.name for condition in conditions])
         return cls(
-            *(user, request, env, facts, conditions, episodes, seed, deterministic, batch),
-            *(out, EvaluationResults(out), settings, new),
+            user,
+            request,
+            env,
+            facts_of_chosen(facts, conditions),
+            conditions,
+            episodes,
+            seed,
+            deterministic,
+            batch,
+            out,
+            kept,
+            EvaluationResults(out),
+            settings,
+            new,
         )
 
     @property
@@ -291,7 +319,7 @@ class _Plan:
         """The weight of effort in the reward."""
         return effort_weight(self.env.user.effort.model, self.env.user.effort.weight)
 
-    def summaries(self, rounds: Sequence[RoundResult]) -> dict[str, dict[str, Any]]:
+    def summaries(self, rounds: Sequence[Round]) -> dict[str, dict[str, Any]]:
         """Return means by condition, with settings and rounds."""
         found = {}
         for condition in self.conditions:
@@ -315,14 +343,21 @@ def _play(
     watchers: Sequence[Watcher],
     simulation: SimulationFactory,
     on_progress: Callable[[float], None],
-) -> list[RoundResult]:
-    """Play all rounds, conditions that the same apps can play together."""
+) -> tuple[list[Round], list[TaskMoment]]:
+    """Play all rounds, conditions that the same apps can play together.
+
+    Returns:
+        The rounds, and what the task of a user without training was shown in the first one.
+    """
+    judges: list[TaskedApp] = []
 
     def make_policy(users: Any) -> Policy:
-        spaces = users.observation_space, users.action_space
-        policy, plan.settings["trained_steps"] = load_policy(plan.user, *spaces)
+        policy, plan.settings["trained_steps"] = plan.user.policy(users, plan.facts)
         if isinstance(policy, HierarchicalPolicy) and (note := _another_ray(policy, users)):
             plan.unpractised[:] = [*dict.fromkeys([*plan.unpractised, note])]
+        if plan.user.trained is None and not judges and isinstance(users.apps[0], TaskedApp):
+            judges.append(users.apps[0])
+            judges[0].record()
         if plan.request.overwrite:
             recorder.clear()
         else:
@@ -330,7 +365,7 @@ def _play(
             plan.results.require_room(names, plan.settings)
         return policy
 
-    rounds: list[RoundResult] = []
+    rounds: list[Round] = []
     groups = condition_groups(plan.env, plan.conditions)
     for number, (env, conditions) in enumerate(groups):
 
@@ -347,7 +382,25 @@ def _play(
             watchers=watchers,
             on_progress=progress_of_part(on_progress, number, len(groups)),
         )
-    return rounds
+    moments = (judges[0].moments or []) if judges else []
+    starts = [k for k, moment in enumerate(moments) if moment.step_s == 0.0]
+    return rounds, moments[: starts[1]] if len(starts) > 1 else moments
+
+
+def _problems(plan: _Plan, rounds: Sequence[Round], moments: Sequence[TaskMoment]) -> list[str]:
+    """Return what is wrong with the app or its task, a sentence each."""
+    found = []
+    if moments and plan.env.app.task is not None:
+        found = [f"the task: {one}" for one in check_task(load_task(plan.env.app.task), moments)]
+    score = plan.facts.score
+    arrived = any(step.arrived_s is not None for result in rounds for step in result.script)
+    if arrived and score and all(not result.values.get(score) for result in rounds):
+        found.append(
+            f"{plan.user.name}: it arrived, and {score} stayed at 0; another object may count, a "
+            "faster touch or another input, or the page looks at another controller: where the "
+            "task names one device, that is the page's first input source"
+        )
+    return found
 
 
 def _another_ray(policy: HierarchicalPolicy, users: Any) -> str:
@@ -362,13 +415,6 @@ def _logs_by_itself(env: EnvConfig) -> bool:
     """Whether the app is ours and started here, so that its logs cost no one an argument."""
     app = env.app
     return app.connect is None and app.executable is None and app.page is None
-
-
-def name_of(user: TrainedUser) -> str:
-    """A packed user's name, or the run's and the checkpoint's."""
-    if "name" in user.card:
-        return str(user.card["name"])
-    return f"{Path(os.path.realpath(user.source)).parents[1].name}/{user.source.stem}"
 
 
 def _folder_of(config: TrainingConfig, request: Request) -> str:

@@ -18,8 +18,8 @@ from sim2vr_harness.base.errors import InputError, closest, shown, unknown_name
 from sim2vr_harness.base.files import file_name, read_json
 from sim2vr_harness.client import Condition, GameFacts, Measure
 from sim2vr_harness.envs.config import UserConfig
-from sim2vr_harness.evaluation.metrics import measures_of
-from sim2vr_harness.evaluation.muscle_groups import fatigue_names
+from sim2vr_harness.play.exertion import fatigue_names
+from sim2vr_harness.play.round import measures_of
 from sim2vr_harness.statistics.intervals import Moments, welch_interval_of_moments
 
 ENDS = ("diverged", "app_left", "app_failed")

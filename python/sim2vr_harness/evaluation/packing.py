@@ -17,7 +17,7 @@ from sim2vr_harness.client import GameFacts, Measure
 from sim2vr_harness.envs.senses import observation_space_of
 from sim2vr_harness.evaluation.curves import pack_curves
 from sim2vr_harness.evaluation.evaluate import Evaluation, Request, evaluate
-from sim2vr_harness.evaluation.metrics import measures_of
+from sim2vr_harness.play.round import measures_of
 from sim2vr_harness.policies.registry import new_network
 from sim2vr_harness.policies.store import TrainedUser, find_user, pack
 from sim2vr_harness.runs.config import first_difference

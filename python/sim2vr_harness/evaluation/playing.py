@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.gym_env import RenderMode, Sim2VREnv
 from sim2vr_harness.envs.senses import observation_space_of
-from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.evaluate import Evaluation, Request
 from sim2vr_harness.evaluation.evaluate import evaluate as measure
+from sim2vr_harness.play.environment import evaluation_env
 from sim2vr_harness.policies.protocol import require_observation
 from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.store import find_user, require_contract
@@ -74,10 +74,10 @@ class UserPolicy:
     def predict(
         self,
         observation: Mapping[str, NDArray[Any]],
-        state: tuple[Any, ...] | None = None,
+        state: Any = None,
         episode_start: NDArray[np.bool_] | None = None,
         deterministic: bool | None = None,
-    ) -> tuple[NDArray[np.float32], tuple[Any, ...] | None]:
+    ) -> tuple[NDArray[np.float32], Any]:
         """The action for an observation, called as Stable-Baselines3's models are.
 
         Args:
@@ -105,19 +105,12 @@ class UserPolicy:
         if alone:
             one = {key: value[None] for key, value in one.items()}
         count = len(next(iter(one.values())))
-        begins = np.ones(count, bool) if state is None else np.zeros(count, bool)
-        if episode_start is not None:
-            begins |= np.asarray(episode_start, bool).reshape(-1)[:count]
-        before = state or (None,) * count
-        intended = tuple(
-            self._policy.reset() if begins[i] else copy.deepcopy(before[i]) for i in range(count)
-        )
-        actions = [
-            self._policy.act({key: one[key][i] for key in one}, intended[i], rng)
-            for i in range(count)
-        ]
-        after = None if intended[0] is None else intended
-        return (actions[0] if alone else np.stack(actions)), after
+        memory = self._policy.begin(count) if state is None else copy.deepcopy(state)
+        if state is not None and episode_start is not None:
+            starts = np.asarray(episode_start, bool).reshape(-1)[:count]
+            self._policy.restart(memory, np.flatnonzero(starts).tolist())
+        actions = self._policy.act(one, memory, [rng] * count)
+        return (actions[0] if alone else actions), memory
 
 
 def load_user_policy(run: str | Path, *, trust_app: bool = False) -> UserPolicy:

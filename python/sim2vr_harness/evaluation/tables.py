@@ -12,8 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from sim2vr_harness.client import GameFacts, Measure
-from sim2vr_harness.evaluation.fatigue import FATIGUE, fatigue_measures, full_name
-from sim2vr_harness.evaluation.metrics import ARM_MEASURES, measures_of
+from sim2vr_harness.play.fatigue import FATIGUE, fatigue_measures, full_name
+from sim2vr_harness.play.round import ARM_MEASURES, measures_of
 
 _COLUMNS = 4
 """Conditions that fit 80 columns beside the names of the numbers."""
@@ -31,7 +31,7 @@ def results_table(
     """Return tables of means and standard deviations over rounds or people, a column a condition.
 
     Args:
-        summaries: condition -> :func:`~sim2vr_harness.evaluation.metrics.summarise`.
+        summaries: condition -> :func:`~sim2vr_harness.play.round.summarise`.
         facts: What the game publishes.
         title: Shown above.
     """

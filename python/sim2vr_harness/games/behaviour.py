@@ -64,6 +64,8 @@ class Behaviour:
         ratings: how tiring people find them; None: not known.
         headlines: (condition, measure) shown first.
         any_app: whether rounds are sessions of any app: measured is the hand, not a tool.
+        aimed: whether it is a game of aimed movements: measured are Fitts' law and throughput,
+            over all conditions.
     """
 
     game: str
@@ -81,6 +83,15 @@ class Behaviour:
     ratings: Ratings | None = None
     headlines: tuple[tuple[str, str], ...] = field(default_factory=tuple)
     any_app: bool = False
+    aimed: bool = False
+
+    @property
+    def least_people(self) -> int:
+        """How many people there must be to compare with; figures of aimed movements are published.
+
+        Two have a range.
+        """
+        return 0 if self.aimed else 1 if self.any_app else 2
 
     def recognise(self, name: str) -> tuple[str, str] | None:
         """Group and condition of a game's name of a condition; None if it is not compared."""

@@ -109,10 +109,10 @@ class ImaginedRounds(Protocol):
     def adapt(self) -> None:
         """Change spawns and worth of the cells by what :attr:`counts` says has failed."""
 
-    def state_dict(self) -> dict[str, Tensor]:
+    def state_dict(self) -> dict[str, Any]:
         """Everything that the rounds' future depends on."""
 
-    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Go on from :meth:`state_dict`."""
 
 

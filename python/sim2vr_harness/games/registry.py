@@ -17,12 +17,12 @@ _ROOMS = {
 """Name of the game -> its package: ``game.GAME`` is the game, ``settings.GameModelSettings`` the
 settings of its differentiable model. A new game is one line."""
 
-_MEASURED = {"whacamole": "sim2vr_harness.games.whacamole"}
+_MEASURED = {
+    "whacamole": "sim2vr_harness.games.whacamole",
+    "pointing": "sim2vr_harness.games.pointing",
+}
 """Name of the game -> its package, whose ``behaviour.BEHAVIOUR`` describes how players' behaviour
 is measured; it needs no differentiable model."""
-
-_AIMED = ("pointing",)
-"""Games of aimed movements, whose logs have the selections that Fitts' law is about."""
 
 
 def room_of(name: str) -> str | None:
@@ -49,11 +49,6 @@ def imagined_settings(name: str) -> type[Settings] | None:
         return None
     settings: type[Settings] = import_module(f"{_ROOMS[name]}.settings").GameModelSettings
     return settings
-
-
-def aimed_games() -> tuple[str, ...]:
-    """Return the names of the games of aimed movements."""
-    return _AIMED
 
 
 def behaviours() -> tuple[str, ...]:

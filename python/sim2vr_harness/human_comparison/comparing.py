@@ -13,6 +13,7 @@ from sim2vr_harness.human_comparison.measures import (
     NEGLIGIBLE,
     BehaviourMeasure,
     measures_in,
+    plain,
 )
 from sim2vr_harness.human_comparison.persons import Cell, RecordedPerson
 from sim2vr_harness.statistics.distances import (
@@ -42,7 +43,7 @@ class ComparisonRow:
         value: of the user: mean over its persons.
         spread: standard deviation over its persons (ddof 1); None of one person.
         persons: how many of the user's have the number.
-        people_mean: mean over people.
+        people_mean: mean over people; None, as their least and greatest, without recorded people.
         people_low: their least.
         people_high: their greatest.
         people_spread: standard deviation over people; None of one.
@@ -61,9 +62,9 @@ class ComparisonRow:
     value: float
     spread: float | None
     persons: int
-    people_mean: float
-    people_low: float
-    people_high: float
+    people_mean: float | None
+    people_low: float | None
+    people_high: float | None
     people_spread: float | None
     people: int
     inside: float | None
@@ -71,6 +72,13 @@ class ComparisonRow:
     persons_inside: float | None
     percentile: float | None
     deviations: float | None
+
+    @property
+    def people_range(self) -> str:
+        """People's least and greatest; empty without people."""
+        if self.people_low is None or self.people_high is None:
+            return ""
+        return f"{plain(self.people_low)} to {plain(self.people_high)}"
 
 
 @dataclass(frozen=True)
@@ -134,18 +142,22 @@ def compare(name: str, user: People, people: People, behaviour: Behaviour) -> Co
     Args:
         name: Of the user.
         user: Its persons by condition.
-        people: At least two persons by condition; of sessions one.
+        people: By condition, at least as many persons as the game's ``least_people``.
         behaviour: Of the game.
     """
-    least = 1 if behaviour.any_app else 2
     cells = [
         (group, condition)
         for group in behaviour.groups
         for condition in behaviour.conditions
-        if len(people.get((group, condition), ())) >= least and user.get((group, condition))
+        if len(people.get((group, condition), ())) >= behaviour.least_people
+        and user.get((group, condition))
     ]
-    rows = [row for cell in cells for row in _rows(cell, user[cell], people[cell], behaviour)]
-    samples = [row for cell in cells for row in _samples(cell, user[cell], people[cell], behaviour)]
+    rows = [
+        row for cell in cells for row in _rows(cell, user[cell], people.get(cell, ()), behaviour)
+    ]
+    samples = [
+        row for cell in cells for row in _samples(cell, user[cell], people.get(cell, ()), behaviour)
+    ]
     return Compared(name, user, tuple(rows), tuple(samples))
 
 
@@ -159,10 +171,10 @@ def _rows(
         own = [x.values[measure.name] for x in user if measure.name in x.values]
         theirs = [x.values[measure.name] for x in people if measure.name in x.values]
         several = len(theirs) > 1
-        if not own or not (several or (theirs and behaviour.any_app)):
+        if not own or len(theirs) < behaviour.least_people:
             continue
         value = float(np.mean(own))
-        nearest = min(max(value, min(theirs)), max(theirs))
+        nearest = min(max(value, min(theirs)), max(theirs)) if theirs else value
         value = nearest if abs(value - nearest) < NEGLIGIBLE else value
         if np.ptp([value, *theirs]) < NEGLIGIBLE:  # all alike, but for rounding errors
             theirs = [value] * len(theirs)
@@ -177,9 +189,9 @@ def _rows(
             value=value,
             spread=float(np.std(own, ddof=1)) if len(own) > 1 else None,
             persons=len(own),
-            people_mean=float(np.mean(theirs)),
-            people_low=min(theirs),
-            people_high=max(theirs),
+            people_mean=float(np.mean(theirs)) if theirs else None,
+            people_low=min(theirs, default=None),
+            people_high=max(theirs, default=None),
             people_spread=float(np.std(theirs, ddof=1)) if several else None,
             people=len(theirs),
             inside=share,

@@ -22,7 +22,8 @@ from sim2vr_harness.figures.figure import (
 )
 from sim2vr_harness.figures.matplotlib_backend import write_figure
 from sim2vr_harness.human_comparison.comparing import Compared, ComparisonRow
-from sim2vr_harness.human_comparison.measures import FAMILIES, MEASURES, SESSION_MEASURES
+from sim2vr_harness.human_comparison.fitts import STUDIES, Spread
+from sim2vr_harness.human_comparison.measures import EVERY_MEASURE, FAMILIES
 from sim2vr_harness.human_comparison.persons import Cell, RecordedPerson
 from sim2vr_harness.human_comparison.reaction import Effect
 from sim2vr_harness.human_comparison.report import ComparisonReport
@@ -31,12 +32,20 @@ from sim2vr_harness.human_comparison.sources import Source
 _FAR = 5.0
 """The distance from where on colours are the same."""
 
+_MEAN = "mean ± SD over persons"
+
 _Curve = Callable[[RecordedPerson], tuple[Numbers, Numbers] | None]
 
 
 def draw(report: ComparisonReport, folder: Path) -> list[Path]:
-    """Write ``latency``, ``time_to_hit``, ``measures``, ``overview``.png; those with content."""
-    figures = (_latency(report), _time_to_hit(report), _headlines(report), _overview(report))
+    """Write ``latency``, ``time_to_hit``, ``measures``, ``movement_time``, ``overview``.png.
+
+    Those without content are left out.
+    """
+    figures = (
+        *(_latency(report), _time_to_hit(report), _headlines(report)),
+        *(_movement_time(report), _overview(report)),
+    )
     return [write_figure(each, folder / f"{each.key}.png") for each in figures if each is not None]
 
 
@@ -113,6 +122,8 @@ def _headlines(report: ComparisonReport) -> Figure | None:
             continue
         first, n = rows[0], len(rows)
         places = [float(i) for i in range(n + 1)]
+        assert first.people_low is not None and first.people_high is not None
+        assert first.people_mean is not None
         low, high = [first.people_low] * (n + 1), [first.people_high] * (n + 1)
         layers: list[Layer] = [Ranges("people", places, low, high)]
         layers += [Points(c.name, [i], [r.value], colour_of(i)) for i, (c, r) in both(rows)]
@@ -125,6 +136,58 @@ def _headlines(report: ComparisonReport) -> Figure | None:
     return (
         Figure("measures", "Measures of users and people's range", "", panels) if panels else None
     )
+
+
+def _movement_time(report: ComparisonReport) -> Figure | None:
+    """Movement time, throughput and errors over the index of difficulty.
+
+    Means over persons with their standard deviations; lines are MT = a + b ID of the means, dashed
+    ones are published of people.
+    """
+    if not report.laws:
+        return None
+    times: list[Layer] = []
+    throughputs: list[Layer] = []
+    rates: list[Layer] = []
+    for number, (user, law) in enumerate(report.laws.items()):
+        bits, colour, line = [row.bits for row in law.rows], colour_of(number), law.line
+        label = user
+        if line is not None:
+            label += f": {line.a_s:.2f} s + {line.b_s_per_bit:.2f} s/bit, R2 = {line.r2:.2f}"
+            times.append(_straight(label, line.a_s, line.b_s_per_bit, bits, colour))
+        for layers, key in (
+            (times, "movement_time_s"),
+            (throughputs, "throughput_bps"),
+            (rates, "error_rate"),
+        ):
+            found: list[Spread] = [getattr(row, key) for row in law.rows]
+            means, sds = [row.mean for row in found], [row.sd for row in found]
+            spread = None if None in sds else sds
+            name = label if layers is times else user
+            layers.append(Points(name, bits, means, colour, spread=spread, key=_MEAN))
+            if layers is not times:
+                layers.append(Line(label, bits, means, colour))
+    every = [row.bits for law in report.laws.values() for row in law.rows]
+    times += [
+        _straight(f"people: {s.label}", s.a_s, s.b_s_per_bit, every, GREY, dashed=True)
+        for s in STUDIES
+        if s.a_s is not None and s.b_s_per_bit is not None
+    ]
+    x = "index of difficulty (bits)"
+    panels = [
+        Panel("", times, x, "movement time (s)", y_range=(0.0, 0.0), legend=True),
+        Panel("", throughputs, x, "throughput of a block (bits/s)", y_range=(0.0, 0.0)),
+        Panel("", rates, x, "proportion of errors", y_range=(-0.03, 1.03)),
+    ]
+    return Figure("movement_time", "Aimed movements", "", panels)
+
+
+def _straight(
+    name: str, a_s: float, b: float, bits: Sequence[float], colour: str, *, dashed: bool = False
+) -> Line:
+    """MT = a + b ID over the indices that were played."""
+    ends = [min(bits), max(bits)]
+    return Line(name, ends, [a_s + b * end for end in ends], colour, dashed=dashed)
 
 
 def _overview(report: ComparisonReport) -> Figure | None:
@@ -140,8 +203,9 @@ def _overview(report: ComparisonReport) -> Figure | None:
     rows: list[str] = []
     values: list[list[float | None]] = []
     for family in FAMILIES:
-        every = (*MEASURES, *SESSION_MEASURES)
-        shown = [m for m in every if m.family == family and any(m == key[3] for key in found)]
+        shown = [
+            m for m in EVERY_MEASURE if m.family == family and any(m == key[3] for key in found)
+        ]
         for measure in shown:
             beside = [found.get((compared.name, *cell, measure)) for compared, cell in columns]
             values.append([None if row is None else _outside(row) for row in beside])

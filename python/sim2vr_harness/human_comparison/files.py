@@ -25,8 +25,9 @@ from sim2vr_harness.human_comparison.comparing import (
     total,
 )
 from sim2vr_harness.human_comparison.contrasts import ContrastRow
+from sim2vr_harness.human_comparison.fitts import STUDIES
 from sim2vr_harness.human_comparison.measures import plain
-from sim2vr_harness.human_comparison.report import ComparisonReport
+from sim2vr_harness.human_comparison.report import ComparisonReport, aimed_of
 
 
 def as_json(report: ComparisonReport) -> dict[str, Any]:
@@ -55,6 +56,19 @@ def as_json(report: ComparisonReport) -> dict[str, Any]:
             }
             for group, each in report.left_out.items()
         },
+        **({"fitts": _fitts(report)} if report.behaviour.aimed else {}),
+    }
+
+
+def _fitts(report: ComparisonReport) -> dict[str, Any]:
+    """Fitts' law of users and people, and what is published."""
+    return {
+        "law": {name: asdict(law) for name, law in report.laws.items()},
+        "persons": {
+            source.name: {person.name: asdict(aimed) for person, aimed in aimed_of(source)}
+            for source in (*report.users, report.people)
+        },
+        "published": [asdict(study) for study in STUDIES],
     }
 
 
@@ -101,6 +115,19 @@ def _user(report: ComparisonReport, index: int, compared: Compared) -> dict[str,
         "fatigue": [asdict(row) for row in tired],
         "fatigue_differences": [asdict(row) for row in more],
     }
+
+
+def _flat(row: dict[str, Any]) -> dict[str, Any]:
+    """A row whose spreads over persons have a column each; none where there is no number."""
+    found: dict[str, Any] = {}
+    for key, value in row.items():
+        parts = (
+            {f"_{part}": number for part, number in value.items()}
+            if isinstance(value, dict)
+            else {}
+        )
+        found |= {f"{key}{part}": number for part, number in (parts or {"": value}).items()}
+    return {key: value for key, value in found.items() if value is not None}
 
 
 def _numbers(values: Any) -> dict[str, float]:
@@ -160,7 +187,7 @@ def write_page(
         text = f"{compared.name}: {len(compared.rows)} measures"
         if found is not None and found.inside is not None:
             text += f", {100 * found.inside:.0f} % of them inside people's range"
-        else:
+        elif any(row.people for row in compared.rows):
             text += "; one person was recorded, who has no range"
         parts += [f"<h2>{escape(text)}</h2>", _page_table(compared)]
     for figure in figures:
@@ -177,8 +204,8 @@ def _page_table(compared: Compared) -> str:
             f"{row.measure.label}, {row.condition}",
             row.measure.unit,
             plain(row.value),
-            plain(row.people_mean),
-            f"{plain(row.people_low)} to {plain(row.people_high)}" if row.people > 1 else "",
+            "" if row.people_mean is None else plain(row.people_mean),
+            row.people_range if row.people > 1 else "",
             f"{row.persons}, {row.people}",
             "" if row.inside is None else f"{row.inside:.2g}",
         )
@@ -214,13 +241,19 @@ def write_csv(report: ComparisonReport, folder: Path) -> list[Path]:
                 *report.group_contrasts(),
             )
         ],
+        "difficulties": [
+            {"user": name, **_flat(asdict(row))}
+            for name, law in report.laws.items()
+            for row in law.rows
+        ],
     }
     files = []
     for name, rows in tables.items():
         if not rows:
             continue
         text = io.StringIO()
-        writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+        names = list(dict.fromkeys(name for row in rows for name in row))
+        writer = csv.DictWriter(text, names, lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
         write_atomically(folder / f"{name}.csv", text.getvalue().encode())

@@ -16,9 +16,14 @@ from sim2vr_harness.human_comparison.rounds import PlayedRound
 
 FloatArray = NDArray[np.float64]
 
+Found = tuple[dict[str, float], dict[str, FloatArray]]
+"""Values, and the samples that some of them are of."""
+
 PERIOD_S = 0.05
 SETTLING_S = 2.0
 """Left out at the beginning of a round, except in counts: simulated arms start hanging down."""
+STILL_MPS = 0.3
+"""Slower, the tool is still."""
 _TINY_S = 1e-9
 
 

@@ -51,6 +51,7 @@ _rotation = partial(BehaviourMeasure, family="rotation")
 _head = partial(BehaviourMeasure, family="head")
 _strategy = partial(BehaviourMeasure, family="strategy")
 _fatigue = partial(BehaviourMeasure, family="fatigue")
+_aimed = partial(BehaviourMeasure, family="aimed movements")
 
 NEGLIGIBLE = 1e-6
 """Differences below it (m, s, degrees, ...) are rounding errors of recordings, not of people."""
@@ -262,7 +263,23 @@ SESSION_MEASURES = (
 )
 """Of sessions of any app, beside those above that need no plane of targets."""
 
-FAMILIES = tuple(dict.fromkeys(measure.family for measure in MEASURES))
+AIMED_MEASURES = (
+    _aimed("throughput", "throughput", unit="bits/s"),
+    _aimed("aimed_time", "movement time", unit="s"),
+    _aimed("fitts_a", "a of MT = a + b ID", unit="s"),
+    _aimed("fitts_b", "b", unit="s/bit"),
+    _aimed("fitts_r2", "R2"),
+    _aimed("fitts_a_effective", "a, effective", unit="s"),
+    _aimed("fitts_b_effective", "b, effective", unit="s/bit"),
+    _aimed("fitts_r2_effective", "R2, effective"),
+    _aimed("endpoint_spread", "endpoint spread along the task axis", unit="mm"),
+    _aimed("submovements", "submovements"),
+    _aimed("aimed_errors", "errors"),
+    _aimed("timeouts", "time-outs"),
+)
+"""Of games of aimed movements, over all rounds of a person; see ``fitts.py``."""
+
+FAMILIES = tuple(dict.fromkeys(measure.family for measure in (*MEASURES, *AIMED_MEASURES)))
 
 
 def measured(name: str) -> BehaviourMeasure:
@@ -272,6 +289,8 @@ def measured(name: str) -> BehaviourMeasure:
 
 def measures_in(behaviour: Behaviour, group: str, condition: str) -> tuple[BehaviourMeasure, ...]:
     """The measures that make sense in a game's condition, in the order of the tables."""
+    if behaviour.aimed:
+        return AIMED_MEASURES
     makes_sense = {
         MeasureContext.ALWAYS: True,
         MeasureContext.ONE_TARGET: condition in behaviour.one_target,
@@ -285,4 +304,6 @@ def measures_in(behaviour: Behaviour, group: str, condition: str) -> tuple[Behav
     )
 
 
-_BY_NAME = {measure.name: measure for measure in (*MEASURES, *SESSION_MEASURES)}
+EVERY_MEASURE = (*MEASURES, *SESSION_MEASURES, *AIMED_MEASURES)
+
+_BY_NAME = {measure.name: measure for measure in EVERY_MEASURE}

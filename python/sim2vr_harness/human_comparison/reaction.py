@@ -10,9 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.human_comparison.grid import PERIOD_S, Track, at, first_crossing
-from sim2vr_harness.human_comparison.motion import STILL_MPS
-from sim2vr_harness.human_comparison.outcomes import Found
+from sim2vr_harness.human_comparison.grid import (
+    PERIOD_S,
+    STILL_MPS,
+    Found,
+    Track,
+    at,
+    first_crossing,
+)
 
 FloatArray = NDArray[np.float64]
 

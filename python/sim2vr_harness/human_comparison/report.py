@@ -24,7 +24,15 @@ from sim2vr_harness.human_comparison.contrasts import (
     fatigue_of,
     group_contrasts,
 )
+from sim2vr_harness.human_comparison.fitts import AimedPerson, Law, law_of
+from sim2vr_harness.human_comparison.persons import RecordedPerson
 from sim2vr_harness.human_comparison.sources import Source
+
+
+def aimed_of(source: Source) -> list[tuple[RecordedPerson, AimedPerson]]:
+    """Return a source's persons and their aimed movements; none in other games."""
+    persons = (person for own in source.persons.values() for person in own)
+    return [(person, person.aimed) for person in persons if person.aimed is not None]
 
 
 @dataclass(frozen=True)
@@ -70,6 +78,12 @@ class ComparisonReport:
     def rows(self) -> list[ComparisonRow]:
         """Those of all users."""
         return [row for each in self.compared for row in each.rows]
+
+    @cached_property
+    def laws(self) -> dict[str, Law]:
+        """Fitts' law of the users and of people, by name; none in games without aimed movements."""
+        sources = [(source, aimed_of(source)) for source in (*self.users, self.people)]
+        return {each.name: law_of([own for _, own in found]) for each, found in sources if found}
 
     @cached_property
     def left_out(self) -> dict[str, dict[str, Compared]]:

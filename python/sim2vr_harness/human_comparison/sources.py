@@ -1,35 +1,59 @@
-"""Sources of rounds: recordings, folders of logs, evaluations, and new episodes."""
+"""Sources of rounds: recorded people, recorded users, and users who play now.
+
+Every round is a session: of a log, a packed round or a file of any other format. Users play into a
+folder, from which their rounds are read like those of people.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import partial
+import shutil
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from sim2vr_harness.base.errors import InputError, shown
+from sim2vr_harness.base.errors import InputError, shown, unknown_name
 from sim2vr_harness.base.files import file_name, read_bytes, read_json, write_atomically
+from sim2vr_harness.base.progress import progress_of_part
+from sim2vr_harness.envs.config import AppConfig
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
-from sim2vr_harness.evaluation.replay.recordings import Recording, read_recordings
 from sim2vr_harness.games.behaviour import Behaviour
+from sim2vr_harness.games.registry import behaviour_of, behaviours
 from sim2vr_harness.human_comparison.persons import (
     Cell,
     RecordedPerson,
     RoundMeasures,
-    measure_round,
+    measure_session,
     persons_of,
 )
-from sim2vr_harness.human_comparison.rounds import round_of
+from sim2vr_harness.human_comparison.rounds import (
+    behaviour_of_sessions,
+    has_targets,
+    name_of_condition,
+)
+from sim2vr_harness.play.session_recorder import SessionRecorder
+from sim2vr_harness.play.users import SimulatedUser
+from sim2vr_harness.policies.scripted.steps import is_script, read_steps
 from sim2vr_harness.policies.store import TrainedUser, find_user, is_packed
 from sim2vr_harness.runs.run_folder import RunFolder
+from sim2vr_harness.sessions import (
+    AppIdentity,
+    Session,
+    find_sessions,
+    read_session,
+    read_sessions,
+    write_session,
+)
+from sim2vr_harness.sessions.replay import replay_session
+from sim2vr_harness.sessions.whacamole import is_recorded_round, without_constraint
 
-_RESULTS, _PLAYED, _PERSON = "results.json", "played.json", "person.json"
+_RESULTS, _PLAYED, _SESSIONS = "results.json", "played.json", "sessions"
 _EXPECTED_RESULTS = "results of an evaluation: conditions with their rounds"
+_BASELINES = ("still", "random")
 
 
 @dataclass(frozen=True)
@@ -54,30 +78,33 @@ class Plays:
 
     Attributes:
         out: rounds go to a folder of the user's name in it, and are used again.
-        episodes: rounds per condition.
+        episodes: rounds per condition; None: 6, beside sessions of any app 2.
         seed: of the first round.
         overrides: ``env.KEY=VALUE``, what is different from the training's environment.
-        conditions: the game's names; None takes all compared ones of the user's groups.
+        conditions: the game's names; None takes all compared ones of the user's groups, beside
+            sessions those of the people.
         batch: rounds in parallel at most.
         persons: how many persons, who differ, play ``episodes`` rounds per condition each; None for
             the user alone.
         trust_app: whether the program that the user names as its app may be started.
+        remote: settings of ``env.app`` for a page or another app; empty: the user's own.
     """
 
     out: Path
-    episodes: int = 6
+    episodes: int | None = None
     seed: int = 77
     overrides: Sequence[str] = ()
     conditions: Sequence[str] | None = None
     batch: int = 10
     persons: int | None = None
     trust_app: bool = False
+    remote: Mapping[str, Any] = field(default_factory=dict)
 
     def request(self, folder: Path, **more: Any) -> Request:
         """Return the evaluation that plays into a folder, anew, without tables of steps."""
         return Request(
             **{"conditions": self.conditions, "log": True, **more},
-            episodes=self.episodes,
+            episodes=self.episodes or 6,
             seed=self.seed,
             steps=False,
             out=folder,
@@ -89,112 +116,328 @@ class Plays:
         )
 
 
-def read_people(
-    folders: Sequence[Path], behaviour: Behaviour, *, unconstrained: bool = False
-) -> Source:
-    """Measure people's recordings.
+@dataclass(frozen=True)
+class Recorded:
+    """A session and whose it is.
 
-    Who played is what the recording says, or the name of the folder that a round's folder is in.
-
-    Args:
-        folders: Of recorded rounds, in the forms that ``sim2vr-harness replay`` takes.
-        behaviour: Of the game.
-        unconstrained: Every touch was a hit, though the logs do not say.
-
-    Raises:
-        InputError: A folder has no rounds of the game, or no group has two persons.
+    Attributes:
+        person: who played.
+        session: the round.
+        fatigued: mean over the muscles of the largest share of fatigued motor units; None: not
+            known.
     """
-    rounds: list[RoundMeasures] = []
-    for folder in folders:
-        if not folder.exists():
-            raise InputError("--recordings", repr(str(folder)), "a folder that exists")
-        found = _read(folder, "--recordings", unconstrained=unconstrained)
-        rounds += _measured(found, behaviour, partial(_whose, root=folder), folder)
-    persons = persons_of(rounds, behaviour)
-    most = max(len(each) for each in persons.values())
-    if most < 2:
-        name = next(iter(persons.values()))[0].name
-        expected = "at least two, for a range; with own logs a folder per person"
-        raise InputError("--recordings", f"one person ({name})", expected)
-    return Source("people", persons)
+
+    person: str
+    session: Session
+    fatigued: float | None = None
 
 
-def read_user(
-    user: str,
-    behaviour: Behaviour,
+# --- comparing -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Sources:
+    """People and users, measured.
+
+    Attributes:
+        behaviour: what the measures know of the game, or of an app without a description.
+        people: whose range decides; empty where none were recorded.
+        users: by what was given for each.
+    """
+
+    behaviour: Behaviour
+    people: Source
+    users: Mapping[str, Source]
+
+
+def read_sources(
+    users: Sequence[str],
+    people: Sequence[Path],
     plays: Plays,
     *,
+    game: str | None = None,
+    groups: Sequence[str] = (),
+    unconstrained: bool = False,
     on_progress: Callable[[float], None] = lambda share: None,
-) -> Source:
-    """Measure a user: of a folder with logs, or one that plays now.
+) -> Sources:
+    """Read people's sessions and measure users beside them, who play first if they must.
 
     Args:
-        user: A user's name, a run's folder or checkpoint; or the folder of an evaluation with
-            logs, or of any rounds.
-        behaviour: Of the game.
-        plays: How it plays, if it has to.
+        users: trained users, sessions or folders of them; beside sessions of an app without a
+            description also users without training.
+        people: sessions or folders of them.
+        plays: how users play.
+        game: name of the game; None: that of people's logs, or of the first user that says.
+        groups: of people, by whose rules users play.
+        unconstrained: every touch was a hit for people, though the logs do not say.
         on_progress: Called with the share of the work done.
 
     Raises:
-        InputError: It is none of them, or its rounds are not of the game.
+        InputError: a round cannot be measured, or a user cannot play. All that can be known before
+            a user plays is checked before.
     """
-    known = trained_user(user, behaviour.game)
-    if known is None:
-        return _of_folder(Path(user), behaviour)
-    conditions = plays.conditions or _conditions(known, behaviour)
-    folder = play_now(user, known, conditions, plays, on_progress)
-    return _of_folder(folder, behaviour, name=folder.name)
+    recorded = [each for path in people for each in read_people(path, unconstrained=unconstrained)]
+    behaviour = _described(users, recorded, game, plays)
+    if not recorded and (behaviour is None or behaviour.least_people):
+        expected = "people's recorded rounds: sessions, or their folders"
+        raise InputError("--recordings", "none", expected)
+    plays = _with_groups(plays, groups, behaviour)
+    plays = replace(plays, episodes=plays.episodes or (2 if behaviour is None else 6))
+    ready = {user: read_user(Path(user)) for user in users if _is_recorded(user)}
+    names = {user: Path(user).resolve().name for user in ready}
+    if behaviour is None:
+        recorded = [_with_condition(each, plays.conditions) for each in recorded]
+    measured = None if behaviour is None else measured_people(recorded, behaviour)
+    _check(users, ready, recorded, measured, behaviour, plays)
+    app = dict(plays.remote)
+    for number, user in enumerate(users):
+        if user not in ready:
+            show = progress_of_part(on_progress, number, len(users) + (behaviour is None))
+            folder, own = _play(user, recorded, behaviour, plays, show)
+            ready[user], app = read_user(folder), app or own
+            names[user] = user if _is_untrained(user) else folder.name
+    if behaviour is None:
+        recorded = _with_targets(recorded, app, on_progress)
+        every = [each.session for own in (recorded, *ready.values()) for each in own]
+        behaviour = behaviour_of_sessions(_name(recorded, app), every)
+    return Sources(
+        behaviour,
+        measured or measured_people(recorded, behaviour),
+        {user: measured_user(names[user], ready[user], behaviour) for user in users},
+    )
 
 
-def check_user(user: str, behaviour: Behaviour, plays: Plays, people: Source) -> None:
-    """Refuse a user before anything is played.
+def _with_groups(plays: Plays, groups: Sequence[str], behaviour: Behaviour | None) -> Plays:
+    """Add the conditions of groups of people."""
+    if not groups:
+        return plays
+    if plays.conditions:
+        got = f"{shown(list(groups))} beside --condition {shown(list(plays.conditions))}"
+        raise InputError("--group", got, "one of the two: a group plays all that are compared")
+    if behaviour is None or behaviour.aimed:
+        game = "sessions of any app" if behaviour is None else behaviour.game
+        raise InputError("--group", shown(list(groups)), f"none for {game}, without groups")
+    for name in groups:
+        if name not in behaviour.groups:
+            raise unknown_name("--group", name, behaviour.groups)
+    names = [name for each in dict.fromkeys(groups) for name in behaviour.played(each)]
+    return replace(plays, conditions=names)
+
+
+def _described(
+    users: Sequence[str], recorded: Sequence[Recorded], game: str | None, plays: Plays
+) -> Behaviour | None:
+    """The description of the game; None of sessions of any app.
+
+    Logs and packed rounds of a described game have more in them than other sessions.
+    """
+    if plays.remote:
+        return None
+    if recorded:
+        paths = [each.session.path or Path() for each in recorded]
+        logs = [path.is_dir() or path.suffix in (".csv", ".npz") for path in paths]
+        first = next((each.session for each, log in zip(recorded, logs, strict=True) if log), None)
+        game = game or ("" if first is None else first.app.name)
+        return behaviour_of(game) if first is not None and game in behaviours() else None
+    known = (found for user in users if game is None and (found := game_of(user)) is not None)
+    return behaviour_of(game or next(known, behaviours()[0]))
+
+
+def _check(
+    users: Sequence[str],
+    ready: Mapping[str, Sequence[Recorded]],
+    recorded: Sequence[Recorded],
+    people: Source | None,
+    behaviour: Behaviour | None,
+    plays: Plays,
+) -> None:
+    """Refuse before users play what would be refused after it."""
+    if behaviour is None:
+        every = [*recorded, *(each for own in ready.values() for each in own)]
+        known = behaviour_of_sessions(_name(recorded, plays.remote), [e.session for e in every])
+        conditions = {name_of_condition(each.session) for each in recorded}
+        for each in every:
+            measure_session(each.session, known, each.person)
+        games = {each.session.app.name for each in recorded if each.session.app.kind == "game"}
+    else:
+        games = {behaviour.game}
+    for user in users:
+        if user in ready:
+            if behaviour is None:
+                played = {name_of_condition(each.session) for each in ready[user]}
+                _require_common(f"{user!r}, who played", played, conditions)
+        elif behaviour is None and _is_untrained(user):
+            if is_script(user):
+                read_steps(user)
+        else:
+            app = find_user(user, code=True).config.env.app
+            if games and not plays.remote and app.game not in games:
+                got, expected = f"{user!r}, who plays {app.game}", ", ".join(sorted(games))
+                raise InputError("USER", got, f"a user of {expected}")
+            if behaviour is not None and people is not None and not behaviour.aimed:
+                names = plays.conditions or _conditions(find_user(user, code=True), behaviour)
+                cells = {cell for name in names if (cell := behaviour.recognise(name)) is not None}
+                if not cells & {*people.persons}:
+                    theirs = {" ".join(cell) for cell in people.persons}
+                    _require_common(f"{user!r}, who plays", names, theirs)
+    for name in games if behaviour is None else ():
+        facts = [each.name for each in game_facts(AppConfig(game=name)).conditions]
+        for wanted in plays.conditions or ():
+            if facts and wanted not in facts:
+                raise unknown_name("--condition", wanted, facts)
+
+
+def _require_common(who: str, played: Iterable[str], people: Iterable[str]) -> None:
+    if not {*played} & {*people}:
+        expected = f"a condition of people's: {', '.join(sorted(people))}"
+        raise InputError("USER", f"{who} {', '.join(played)}", expected)
+
+
+def _with_condition(each: Recorded, conditions: Sequence[str] | None) -> Recorded:
+    """A game's recording with its condition: its own, or the only one that was named.
 
     Raises:
-        InputError: There is no such user, it plays another game, or no condition that people have
-            played.
+        InputError: Neither says which condition was played.
     """
-    known = trained_user(user, behaviour.game)
-    if known is None:
-        return
-    conditions = list(plays.conditions or _conditions(known, behaviour))
-    if not {behaviour.recognise(name) for name in conditions} & {*people.persons}:
-        theirs = ", ".join(sorted(" ".join(cell) for cell in people.persons))
-        got = f"{user!r}, who plays {', '.join(conditions)}"
-        raise InputError("USER", got, f"a condition of people's: {theirs}")
+    app = each.session.app
+    if app.kind != "game" or not app.name or app.condition:
+        return each
+    if conditions is None or len(conditions) != 1:
+        names = [condition.name for condition in game_facts(AppConfig(game=app.name)).conditions]
+        if not names:
+            return each
+        path = each.session.path or Path()
+        raise InputError(
+            "--recordings",
+            f"{path.name}, which does not say which condition of {app.name} was played",
+            f"--condition NAME, one of {', '.join(names)}; or the condition in the recording: "
+            f'"condition": "{names[0]}" beside the name of the app in its first line',
+        )
+    named = replace(app, condition=conditions[0])
+    return replace(each, session=replace(each.session, app=named))
 
 
-def trained_user(user: str, game: str) -> TrainedUser | None:
-    """A user that can play; None of a folder of logs.
+def _with_targets(
+    played: Sequence[Recorded], app: Mapping[str, Any], on_progress: Callable[[float], None]
+) -> list[Recorded]:
+    """Sessions with the events that the app's task names, by a replay where they lack them."""
+    found = []
+    for each in played:
+        if app.get("task") is None or has_targets(each.session):
+            found.append(each)
+            continue
+        again = replay_session(each.session, app=app, on_progress=on_progress).session
+        found.append(replace(each, session=replace(each.session, events=again.events)))
+    return found
+
+
+def _name(played: Sequence[Recorded], app: Mapping[str, Any]) -> str:
+    named = [each.session.app.name for each in played if each.session.app.name]
+    return str(app.get("game") or next(iter(named), "app"))
+
+
+# --- reading -------------------------------------------------------------------------------------
+
+
+def read_people(path: Path, *, unconstrained: bool = False) -> list[Recorded]:
+    """Read people's sessions at or below a place.
+
+    Who played is what a session says; of a log the name of the folder that the round's folder is
+    in, of another file its own name, or that of its folder below ``path``.
 
     Raises:
-        InputError: There is no such user, or it plays another game.
+        InputError: there is no session, or one is damaged.
     """
-    if _is_folder_of_logs(user):
-        return None
-    known = find_user(user, code=True)
-    plays = known.config.env.app.game
-    if plays != game:
-        raise InputError("USER", f"{user!r}, who plays {plays}", f"a user of {game}")
-    return known
+    found = read_sessions(path, "--recordings")
+    if unconstrained:
+        found = [without_constraint(e) if is_recorded_round(e) else e for e in found]
+    return [Recorded(_person(each, path, None), each) for each in found]
 
 
-def game_of(user: str) -> str | None:
-    """The game that a user plays, or has played; None of logs that do not say."""
-    if not _is_folder_of_logs(user):
-        game: str = find_user(user, code=True).config.env.app.game
-        return game
-    results = Path(user) / _RESULTS
-    if not results.is_file():
-        return None
-    found = read_json(results, _EXPECTED_RESULTS)
-    summaries = found.values() if isinstance(found, dict) else ()
-    games = [summary.get("game") for summary in summaries if isinstance(summary, dict)]
-    return next((name for name in games if isinstance(name, str)), None)
+def read_user(folder: Path) -> list[Recorded]:
+    """Read a user's sessions: of an evaluation with logs, or at or below a place.
+
+    Raises:
+        InputError: there is no session, one is damaged, or an evaluation has no logs.
+    """
+    results = folder / _RESULTS
+    if not results.is_file() or (folder / _SESSIONS).is_dir():
+        found = read_sessions(folder / _SESSIONS if results.is_file() else folder, "USER")
+        return [Recorded(_person(each, folder, folder.resolve().name), each) for each in found]
+    content = read_json(results, _EXPECTED_RESULTS)
+    rows: list[Any] = []
+    for summary in content.values() if isinstance(content, dict) else [content]:
+        own = summary.get("rounds") if isinstance(summary, dict) else None
+        if not isinstance(own, list) or not all(isinstance(row, dict) for row in own):
+            raise InputError(file_name(results), shown(summary, 40), _EXPECTED_RESULTS)
+        rows += own
+    recorded = []
+    for row in rows:
+        place = row.get("log_folder")
+        if not isinstance(place, str) or not (folder / place / "states.csv").is_file():
+            expected = "logs of every round: sim2vr-harness evaluate --log"
+            raise InputError("USER", f"{str(folder)!r}, which has rounds without", expected)
+        person = folder.resolve().name if row.get("person") is None else str(row["person"])
+        tired = row.get("max_fatigued")
+        fatigued = float(tired) if isinstance(tired, (int, float)) else None
+        recorded.append(Recorded(person, read_session(folder / place), fatigued))
+    return recorded
 
 
-def _is_folder_of_logs(user: str) -> bool:
-    path = Path(user)
-    return path.is_dir() and not (is_packed(user) or RunFolder(path).exists)
+def _person(session: Session, root: Path, user: str | None) -> str:
+    path = session.path or root
+    if session.person:
+        return session.person
+    if path.is_dir() or path.suffix in (".csv", ".npz"):
+        above = path.resolve().parent
+        if above.name == "logs" and above != root.resolve():
+            above = above.parent
+        return user or above.name
+    own = path.parent.resolve() not in (root.resolve(), root.resolve().parent)
+    return path.parent.name if own else session.name
+
+
+def measured_people(recorded: Sequence[Recorded], behaviour: Behaviour) -> Source:
+    """Measure people.
+
+    Raises:
+        InputError: no round is of the game, or no condition has as many persons as it needs.
+    """
+    found = _measured(recorded, behaviour, "--recordings")
+    if found and behaviour.least_people > 1 and max(map(len, found.persons.values())) < 2:
+        name = next(iter(found.persons.values()))[0].name
+        expected = "at least two, for a range; with own logs a folder per person"
+        raise InputError("--recordings", f"one person ({name})", expected)
+    return replace(found, name="people")
+
+
+def measured_user(name: str, recorded: Sequence[Recorded], behaviour: Behaviour) -> Source:
+    """Measure a user; see :func:`measured_people`."""
+    return replace(_measured(recorded, behaviour, "USER"), name=name)
+
+
+def _measured(recorded: Sequence[Recorded], behaviour: Behaviour, option: str) -> Source:
+    rounds: list[RoundMeasures] = []
+    tired: dict[Cell, dict[str, list[float]]] = {}
+    for each in recorded:
+        measured = measure_session(each.session, behaviour, each.person)
+        if measured is None:
+            continue
+        rounds.append(measured)
+        if each.fatigued is not None:
+            own = tired.setdefault(measured.cell, {}).setdefault(each.person, [])
+            own.append(each.fatigued)
+    if recorded and not rounds:
+        names = [name for group in behaviour.groups for name in behaviour.played(group)]
+        conditions = sorted({each.session.app.condition for each in recorded})
+        place = str((recorded[0].session.path or Path()).parent)
+        got = f"{place!r} with conditions {shown(conditions, 60)}"
+        raise InputError(option, got, f"rounds of {behaviour.game}: {', '.join(names)}")
+    fatigue = {
+        cell: {person: sum(values) / len(values) for person, values in own.items()}
+        for cell, own in tired.items()
+    }
+    return Source("", persons_of(rounds, behaviour), fatigue)
 
 
 def read_folders(name: str, folders: Sequence[Path], behaviour: Behaviour) -> Source:
@@ -211,7 +454,10 @@ def read_folders(name: str, folders: Sequence[Path], behaviour: Behaviour) -> So
     persons: dict[Cell, Sequence[RecordedPerson]] = {}
     fatigue: dict[Cell, Mapping[str, float]] = {}
     for folder in folders:
-        own = _of_folder(folder, behaviour, name)
+        recorded = read_user(folder)
+        own_name = folder.resolve().name  # of a user who is no particular person
+        recorded = [replace(e, person=name) if e.person == own_name else e for e in recorded]
+        own = measured_user(name, recorded, behaviour)
         for cell in own.persons:
             if cell in persons:
                 got = f"{name!r}, who played {' '.join(cell)} in several cells"
@@ -221,188 +467,102 @@ def read_folders(name: str, folders: Sequence[Path], behaviour: Behaviour) -> So
     return Source(name, persons, fatigue)
 
 
-# --- folders --------------------------------------------------------------------------------------
-
-
-def _of_folder(folder: Path, behaviour: Behaviour, name: str | None = None) -> Source:
-    name = name or folder.resolve().name
-    if (folder / _RESULTS).is_file():
-        return _of_evaluation(folder, behaviour, name)
-    found = _read(folder, "USER")
-    rounds = _measured(
-        found, behaviour, lambda played: person_beside(played.source) or name, folder
-    )
-    return Source(name, persons_of(rounds, behaviour))
-
-
-@dataclass(frozen=True)
-class LoggedRound:
-    """A round of an evaluation.
-
-    Attributes:
-        person: who played; the user's name where it is no particular person.
-        folder: of its logs.
-        row: what the evaluation says of it.
-    """
-
-    person: str
-    folder: Path
-    row: Mapping[str, Any]
-
-
-def logged_rounds(folder: Path, name: str) -> list[LoggedRound]:
-    """The rounds of an evaluation that was logged; none of a folder that is no evaluation.
-
-    Raises:
-        InputError: Its results cannot be read, or a round has no log.
-    """
-    if not (folder / _RESULTS).is_file():
-        return []
-    results = read_json(folder / _RESULTS, _EXPECTED_RESULTS)
-    if not isinstance(results, dict):
-        raise InputError(file_name(folder / _RESULTS), shown(results, 40), _EXPECTED_RESULTS)
-    found = []
-    for summary in results.values():
-        for row in _rows(folder, summary):
-            place = row.get("log_folder")
-            if not isinstance(place, str) or not (folder / place / "states.csv").is_file():
-                expected = "logs of every round: sim2vr-harness evaluate --log"
-                raise InputError("USER", f"{str(folder)!r}, which has rounds without", expected)
-            person = name if row.get("person") is None else str(row["person"])
-            found.append(LoggedRound(person, folder / place, row))
-    return found
-
-
-def _of_evaluation(folder: Path, behaviour: Behaviour, name: str) -> Source:
-    """An evaluation's logs, with whose they are and how tiring they were from its results."""
-    rounds: list[RoundMeasures] = []
-    tired: dict[Cell, dict[str, list[float]]] = {}
-    for logged in logged_rounds(folder, name):
-        own = [
-            measure_round(played, behaviour)
-            for recording in read_recordings([logged.folder])
-            if (played := round_of(recording, behaviour, logged.person)) is not None
-        ]
-        rounds += own
-        fatigued = logged.row.get("max_fatigued")
-        if isinstance(fatigued, (int, float)):
-            for each in own:
-                tired.setdefault(each.cell, {}).setdefault(logged.person, []).append(
-                    float(fatigued)
-                )
-    if not rounds:
-        conditions = list(read_json(folder / _RESULTS, _EXPECTED_RESULTS))
-        raise _no_rounds("USER", folder, behaviour, conditions)
-    fatigue = {
-        cell: {person: sum(values) / len(values) for person, values in own.items()}
-        for cell, own in tired.items()
-    }
-    return Source(name, persons_of(rounds, behaviour), fatigue)
-
-
-def _rows(folder: Path, summary: Any) -> list[dict[str, Any]]:
-    rows = summary.get("rounds") if isinstance(summary, dict) else None
-    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        raise InputError(file_name(folder / _RESULTS), shown(summary, 40), _EXPECTED_RESULTS)
-    return rows
-
-
-def _read(folder: Path, option: str, *, unconstrained: bool = False) -> list[Recording]:
-    try:
-        return read_recordings([folder], unconstrained=unconstrained)
-    except InputError as error:
-        if error.field != "PATH":
-            raise
-        raise InputError(option, error.got, error.expected) from error
-
-
-def _measured(
-    found: Sequence[Recording],
-    behaviour: Behaviour,
-    whose: Callable[[Recording], str],
-    folder: Path,
-) -> list[RoundMeasures]:
-    rounds = [
-        measure_round(played, behaviour)
-        for recording in found
-        if (played := round_of(recording, behaviour, whose(recording))) is not None
-    ]
-    if not rounds:
-        conditions = sorted({recording.condition for recording in found})
-        raise _no_rounds("PATH", folder, behaviour, conditions)
-    return rounds
-
-
-def _no_rounds(
-    option: str, folder: Path, behaviour: Behaviour, conditions: Sequence[str]
-) -> InputError:
-    names = [name for group in behaviour.groups for name in behaviour.played(group)]
-    got = f"{str(folder)!r} with conditions {shown(list(conditions), 60)}"
-    return InputError(option, got, f"rounds of {behaviour.game}: {', '.join(names)}")
-
-
-def _whose(recording: Recording, root: Path) -> str:
-    """The person beside a round's log, or the name of the folder that the round's folder is in."""
-    known = person_beside(recording.source)
-    if known is not None:
-        return known
-    above = recording.source.resolve().parent
-    if above.name == "logs" and above != root.resolve():
-        above = above.parent
-    return above.name
-
-
-def person_beside(folder: Path) -> str | None:
-    """Who played a round that ``evaluate --people --log`` has logged into a folder."""
-    file = folder / _PERSON
-    if not file.is_file():
+def game_of(user: str) -> str | None:
+    """The game that a user plays, or has played; None of logs that do not say."""
+    if not _is_recorded(user):
+        game: str = find_user(user, code=True).config.env.app.game
+        return game
+    results = Path(user) / _RESULTS
+    if not results.is_file():
         return None
-    index = read_json(file, "a person's fields").get("index")
-    return None if index is None else str(index)
+    found = read_json(results, _EXPECTED_RESULTS)
+    summaries = found.values() if isinstance(found, dict) else ()
+    games = [summary.get("game") for summary in summaries if isinstance(summary, dict)]
+    return next((name for name in games if isinstance(name, str)), None)
 
 
-# --- playing --------------------------------------------------------------------------------------
+def _is_recorded(user: str) -> bool:
+    """Whether a user is given by its rounds, not by its weights."""
+    path = Path(user)
+    if path.is_dir():
+        return not (is_packed(user) or RunFolder(path).exists)
+    return path.exists() and bool(find_sessions(path))
 
 
-def play_now(
+# --- playing -------------------------------------------------------------------------------------
+
+
+def _is_untrained(user: str) -> bool:
+    return user in _BASELINES or is_script(user)
+
+
+def _play(
     user: str,
-    known: TrainedUser,
-    conditions: Sequence[str],
+    recorded: Sequence[Recorded],
+    behaviour: Behaviour | None,
     plays: Plays,
     on_progress: Callable[[float], None],
-) -> Path:
-    """Return the folder of a user's rounds, which are played unless the same ones are there.
+) -> tuple[Path, dict[str, Any]]:
+    """Play a user's rounds, unless the same ones are there.
 
-    Args:
-        user: As it was named.
-        known: The same.
-        conditions: The game's names.
-        plays: How.
-        on_progress: Called with the share of the work done.
+    Returns:
+        Their folder, and the settings of the app as a replay takes them; none of a game of this
+        runtime, which sessions name.
     """
+    games = [each.session for each in recorded if each.session.app.kind == "game"]
+    conditions = list(plays.conditions or dict.fromkeys(map(name_of_condition, games)))
+    who, app = SimulatedUser.find(user), dict(plays.remote)
+    weights = None
+    if who.trained is not None:
+        weights = hashlib.sha256(read_bytes(who.trained.source, "weights of a user")).hexdigest()
+        if behaviour is not None:
+            conditions = list(plays.conditions or _conditions(who.trained, behaviour))
+    elif games and not app:
+        app = {"game": games[0].app.name, "transport": "in_process"}
+    app_config = who.env(app, plays.overrides, trust_app=plays.trust_app).app
+    played_in = {**app_config.model_dump(exclude={"task", "transport_options"})}
+    settings_of_app = {} if app_config.transport == "in_process" else played_in
+    if settings_of_app or app_config.task is not None:
+        settings_of_app = {**settings_of_app, "task": app_config.task}
+    folder = plays.out / re.sub(r"[^\w.=-]+", "_", who.name)
     told = {
-        "weights": hashlib.sha256(read_bytes(known.source, "weights of a user")).hexdigest(),
-        "conditions": list(conditions),
+        "weights": weights,
+        "conditions": conditions,
         "episodes": plays.episodes,
         "seed": plays.seed,
         "persons": plays.persons,
         "overrides": list(plays.overrides),
+        "app": dict(plays.remote),
     }
-    folder = plays.out / _folder_name(user, known)
     mark = folder / _PLAYED
     if mark.is_file() and read_json(mark, "what was played, in JSON") == told:
-        return folder
+        return folder, settings_of_app
     mark.unlink(missing_ok=True)
-    request = plays.request(folder, conditions=list(conditions))
+    shutil.rmtree(folder / _SESSIONS, ignore_errors=True)
+    recorder = SessionRecorder(_identity(app_config))
+    local = app_config.page is None and app_config.transport == "in_process"
+    request = plays.request(
+        folder,
+        conditions=conditions or None,
+        log=behaviour is not None or (local and who.trained is not None),
+        app=app,
+        watchers=[] if behaviour is not None else [recorder],
+    )
     evaluate(user, request, on_progress=on_progress)
+    if behaviour is None and not (folder / "logs").is_dir():
+        for number, each in enumerate(recorder.sessions):
+            session = replace(each, person=each.person or folder.name)
+            write_session(session, folder / _SESSIONS / f"{number:04d}.jsonl")
     write_atomically(mark, (json.dumps(told, indent=2) + "\n").encode())
-    return folder
+    return folder, settings_of_app
 
 
 def _conditions(known: TrainedUser, behaviour: Behaviour) -> list[str]:
     """All compared conditions of the groups that a user was trained or is evaluated in."""
     app = known.config.env.app
     names = [*(known.config.evaluation.conditions or game_facts(app).evaluated)]
+    if behaviour.aimed:
+        return names
     condition = app.options.get("condition")
     groups = {behaviour.group_of(str(name)) for name in (*names, condition) if name is not None}
     return [
@@ -410,8 +570,8 @@ def _conditions(known: TrainedUser, behaviour: Behaviour) -> list[str]:
     ]
 
 
-def _folder_name(user: str, known: TrainedUser) -> str:
-    name = known.card.get("name")
-    if name is None:
-        name = f"{known.source.resolve().parents[1].name}_{known.source.stem}"
-    return re.sub(r"[^\w.=-]+", "_", str(name))
+def _identity(app: AppConfig) -> AppIdentity:
+    kind: Literal["page", "game", "app"] = "page" if app.page else "app"
+    if kind == "app" and app.transport == "in_process":
+        kind = "game"
+    return AppIdentity(kind, app.game, "", dict(app.options))

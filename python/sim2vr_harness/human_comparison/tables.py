@@ -10,6 +10,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from sim2vr_harness.base.errors import counted
 from sim2vr_harness.human_comparison.agreement import cell_disagreement, fatigue_order
 from sim2vr_harness.human_comparison.comparing import (
     Compared,
@@ -20,12 +21,13 @@ from sim2vr_harness.human_comparison.comparing import (
 )
 from sim2vr_harness.human_comparison.contrasts import COMPARED, ContrastRow
 from sim2vr_harness.human_comparison.files import as_json
+from sim2vr_harness.human_comparison.fitts import STUDIES
 from sim2vr_harness.human_comparison.grid import SETTLING_S
-from sim2vr_harness.human_comparison.measures import MEASURES, SESSION_MEASURES, plain
-from sim2vr_harness.human_comparison.report import ComparisonReport
+from sim2vr_harness.human_comparison.measures import EVERY_MEASURE, plain
+from sim2vr_harness.human_comparison.report import ComparisonReport, aimed_of
 
 _WORST = 12
-_LABELS = {measure.name: measure.label for measure in (*MEASURES, *SESSION_MEASURES)}
+_LABELS = {measure.name: measure.label for measure in EVERY_MEASURE}
 SETTLING = (
     f"The first {SETTLING_S:g} s of each round are left out of the measures of movement, because "
     "arms of simulated users start hanging down; counts are of the whole round."
@@ -39,7 +41,8 @@ def report_tables(report: ComparisonReport, *, every: bool = False) -> Renderabl
         report: What was found.
         every: Show every measure in every condition.
     """
-    parts: list[RenderableType] = [Text(SETTLING)]
+    aimed = report.behaviour.aimed
+    parts: list[RenderableType] = [] if aimed else [Text(SETTLING)]
     parts += map(Text, missing_values(report))
     if any(row.distance is not None for row in report.rows()):
         parts.append(_totals(report))
@@ -49,9 +52,69 @@ def report_tables(report: ComparisonReport, *, every: bool = False) -> Renderabl
         parts.append(_headlines(report, compared))
         parts += _fatigue(report, index)
         parts += _cells(report, index)
-        parts.append(_rows(compared, _farthest(compared)) if not every else _rows(compared, None))
+        if not aimed:
+            chosen = None if every else _farthest(compared)
+            parts.append(_rows(compared, chosen))
+    if aimed:
+        parts += _law(report, every=every)
     parts += _contrasts(report)
     return Group(*parts)
+
+
+def _law(report: ComparisonReport, *, every: bool) -> Iterator[RenderableType]:
+    """Fitts' law of users and people, each distance and width if wanted, and what is published."""
+    for source in (*report.users, report.people):
+        if (law := report.laws.get(source.name)) is None:
+            continue
+        persons = [person for person, _ in aimed_of(source)]
+        rounds = sum(person.rounds for person in persons)
+        who = f"{source.name}: {counted(len(persons), 'person')}, {counted(rounds, 'round')}"
+        if law.line is not None:
+            who += (
+                f"; of their means {_line(law.line.a_s, law.line.b_s_per_bit)}, "
+                f"R2 = {law.line.r2:.3f}, {law.line.points} indices"
+            )
+        yield Text(who)
+    for name, law in report.laws.items() if every else ():
+        table = Table(
+            *("D (cm)", "W (cm)", "ID (bits)", "MT (s)", "SD (mm)", "errors", "TP (bits/s)"),
+            *("submovements", "n"),
+            title=f"{name}: means over n persons",
+            box=box.SIMPLE_HEAD,
+            title_justify="left",
+        )
+        for row in law.rows:
+            table.add_row(
+                f"{100 * row.distance_m:.3g}",
+                f"{100 * row.width_m:.3g}",
+                f"{row.bits:.2f}",
+                f"{row.movement_time_s.mean:.3f}",
+                f"{1000 * row.spread_m.mean:.1f}",
+                f"{row.error_rate.mean:.3f}",
+                f"{row.throughput_bps.mean:.2f}",
+                "" if row.submovements is None else f"{row.submovements.mean:.2f}",
+                str(row.persons),
+            )
+        yield table
+    for study in STUDIES:
+        parts = []
+        if study.a_s is not None and study.b_s_per_bit is not None:
+            parts.append(_line(study.a_s, study.b_s_per_bit))
+        if study.r2 is not None:
+            parts.append(f"R2 = {study.r2:.3f}")
+        if study.throughput_bps is not None:
+            parts.append(f"throughput {study.throughput_bps:.2f} bits/s")
+        if parts:
+            yield Text(f"Published, {study.label} ({study.task}): {', '.join(parts)}")
+    if not any(study.throughput_bps for study in STUDIES):
+        yield Text(
+            "Published throughput of people with a VR controller: none could be looked up "
+            "(docs/research/games.md); --people takes recordings of your own."
+        )
+
+
+def _line(a_s: float, b_s_per_bit: float) -> str:
+    return f"MT = {a_s:.3f} s + {b_s_per_bit:.3f} s/bit * ID"
 
 
 def missing_values(report: ComparisonReport) -> Iterator[str]:
@@ -125,9 +188,10 @@ def _in_one_table(report: ComparisonReport) -> Iterator[RenderableType]:
             if not known:
                 continue
             unit = f" ({known[0].measure.unit})" if known[0].measure.unit else ""
-            people = f"{plain(known[0].people_low)} to {plain(known[0].people_high)}"
             cells = [_value(own.get(place)) for own in rows]
-            table.add_row(f"{known[0].measure.label}, {place[0]}{unit}", *cells, people)
+            table.add_row(
+                f"{known[0].measure.label}, {place[0]}{unit}", *cells, known[0].people_range
+            )
         totals = [total(list(own.values())) for own in rows]
         table.add_row("cells inside", *("" if t is None else _digits(t.inside, 3) for t in totals))
         table.add_row("distance", *("" if t is None else _digits(t.distance, 2) for t in totals))
@@ -201,9 +265,9 @@ def _table(title: str, rows: Sequence[ComparisonRow]) -> Table:
     for row in rows:
         spread = "" if row.spread is None else f" ± {plain(row.spread)}"
         mark = _mark(row)
-        people = plain(row.people_mean)
+        people = "" if row.people_mean is None else plain(row.people_mean)
         if row.people > 1:
-            people += f" [{plain(row.people_low)} to {plain(row.people_high)}]"
+            people += f" [{row.people_range}]"
         unit = f" ({row.measure.unit})" if row.measure.unit else ""
         where = f"{row.condition}, {row.group}" if several else row.condition
         far = [

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.perception.sense import IntArray, Sensed, StepContext, float_space, restore
+from sim2vr_harness.perception.sense import IntArray, Sensed, StepContext, float_space
 
 _HANDS = ("left", "right")
 _ROUNDING_S = 1e-6
@@ -26,6 +25,8 @@ class Haptics(Sensed):
         name: key in the observation.
         n: number of users N.
     """
+
+    _state = (*Sensed._state, "_amplitude", "_end_s", "_felt_s")
 
     def __init__(self, name: str, n: int) -> None:
         super().__init__(name, float_space(0.0, 1.0, 2), n, self._felt, needs="haptics")
@@ -52,18 +53,3 @@ class Haptics(Sensed):
                 self._end_s[i, hand] = moment.replied_s[i] + max(pulse.duration_s, 0.0)
         self._felt_s[rows] = moment.users.time[rows]
         return strongest
-
-    def get_state(self, i: int) -> dict[str, Any]:
-        """See :class:`Sense`."""
-        return super().get_state(i) | {
-            "amplitude": self._amplitude[i].copy(),
-            "end_s": self._end_s[i].copy(),
-            "felt_s": np.array(self._felt_s[i]),
-        }
-
-    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
-        """See :class:`Sense`."""
-        super().set_state(i, state)
-        restore(self.name, self._amplitude, i, state["amplitude"])
-        restore(self.name, self._end_s, i, state["end_s"])
-        self._felt_s[i] = float(state["felt_s"])

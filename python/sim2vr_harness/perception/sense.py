@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.state import RowState
 from sim2vr_harness.users.batch import UserBatch
 
 IntArray = NDArray[np.int64]
@@ -129,11 +130,11 @@ class Sense(Protocol):
     def observe(self) -> NDArray[Any]:
         """``(N, *space.shape)`` what the users perceive, a fresh array."""
 
-    def get_state(self, i: int) -> dict[str, Any]:
+    def state_dict(self, i: int) -> dict[str, Any]:
         """Copies of everything that user i's future perception depends on."""
 
-    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
-        """Restores what :meth:`get_state` returned.
+    def load_state_dict(self, i: int, state: Mapping[str, Any]) -> None:
+        """Restores what :meth:`state_dict` returned.
 
         Raises:
             ValueError: an entry has another shape.
@@ -143,7 +144,7 @@ class Sense(Protocol):
 Look = Callable[[StepContext, IntArray | None], NDArray[Any]]
 
 
-class Sensed:
+class Sensed(RowState):
     """A :class:`Sense` that is a function of the moment: it keeps the latest values.
 
     Args:
@@ -155,6 +156,8 @@ class Sensed:
             of the moment at any substep.
         needs: see :class:`Sense`.
     """
+
+    _state = ("_values",)
 
     pauses: tuple[int, ...] = ()
     frame: int | IntArray = -1
@@ -188,27 +191,10 @@ class Sensed:
         """See :class:`Sense`."""
         return self._values.copy()
 
-    def get_state(self, i: int) -> dict[str, Any]:
-        """See :class:`Sense`."""
-        return {"values": self._values[i].copy()}
-
-    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
-        """See :class:`Sense`."""
-        restore(self.name, self._values, i, state["values"])
-
 
 def rows_of(ids: IntArray | None) -> IntArray | slice:
     """An index of these users' rows; None, all of them, is several times as quick as a list."""
     return slice(None) if ids is None else ids
-
-
-def restore(name: str, array: NDArray[Any], i: int, row: NDArray[Any]) -> None:
-    """Writes a saved row; ValueError when it has another shape."""
-    if np.shape(row) != array.shape[1:]:
-        raise ValueError(
-            f"state of the sense {name!r}: got shape {np.shape(row)}, expected {array.shape[1:]}"
-        )
-    array[i] = row
 
 
 def float_space(low: float, high: float, size: int) -> spaces.Box[Any]:

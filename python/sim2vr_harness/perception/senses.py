@@ -90,12 +90,12 @@ class Perception:
         """The observation: fresh arrays, first axis N."""
         return {sense.name: sense.observe() for sense in self.senses}
 
-    def get_state(self, i: int) -> dict[str, Any]:
+    def state_dict(self, i: int) -> dict[str, Any]:
         """Everything that user i's future perception depends on."""
-        return {sense.name: sense.get_state(i) for sense in self._all}
+        return {sense.name: sense.state_dict(i) for sense in self._all}
 
-    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
-        """Restores what :meth:`get_state` returned.
+    def load_state_dict(self, i: int, state: Mapping[str, Any]) -> None:
+        """Restores what :meth:`state_dict` returned.
 
         Raises:
             ValueError: the state is of other senses.
@@ -104,4 +104,4 @@ class Perception:
         if sorted(state) != sorted(expected):
             raise ValueError(f"state: got the senses {sorted(state)}, expected {sorted(expected)}")
         for sense in self._all:
-            sense.set_state(i, state[sense.name])
+            sense.load_state_dict(i, state[sense.name])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence
@@ -15,11 +14,14 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from sim2vr_harness.perception.sense import IntArray, Sense, StepContext, restore, rows_of
+from sim2vr_harness.base.state import RowState
+from sim2vr_harness.perception.sense import IntArray, Sense, StepContext, rows_of
 
 
-class _Wrapper:
+class _Wrapper(RowState):
     """Passes everything on to the sense inside."""
+
+    _state = ("sense",)
 
     def __init__(self, sense: Sense) -> None:
         self.sense = sense
@@ -43,16 +45,8 @@ class _Wrapper:
         """See :class:`Sense`."""
         self.sense.sample(moment, substep)
 
-    def get_state(self, i: int) -> dict[str, Any]:
-        """See :class:`Sense`."""
-        return {"sense": self.sense.get_state(i)}
 
-    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
-        """See :class:`Sense`."""
-        self.sense.set_state(i, state["sense"])
-
-
-class Ring:
+class Ring(RowState):
     """The last values of N users, a whole number of takes back.
 
     Args:
@@ -62,8 +56,10 @@ class Ring:
         back: how many takes back the oldest is that can be requested, at least 0.
     """
 
+    _state = ("_values", "_newest", "_fresh")
+
     def __init__(self, name: str, n: int, space: spaces.Box[Any], back: int) -> None:
-        self._name = name
+        self.name = name
         self.back = np.full(n, back)
         """(N,) how many takes back the one is that :meth:`oldest` gives; up to `back`."""
         self._length = back + 1
@@ -107,20 +103,6 @@ class Ring:
         """(N, ...) a copy."""
         return self.ago(self.back)
 
-    def get_state(self, i: int) -> dict[str, Any]:
-        """Copies of user i's past."""
-        return {
-            "values": self._values[i].copy(),
-            "newest": np.array(self._newest[i]),
-            "fresh": np.array(self._fresh[i]),
-        }
-
-    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
-        """Restores what :meth:`get_state` returned."""
-        restore(self._name, self._values, i, state["values"])
-        self._newest[i] = int(state["newest"])
-        self._fresh[i] = bool(state["fresh"])
-
 
 @dataclass(frozen=True)
 class OwnDelays:
@@ -153,6 +135,8 @@ class Delayed(_Wrapper):
     Raises:
         ValueError: a delay that cannot be kept, or a sense that is delayed already.
     """
+
+    _state = ("sense", "_ring")
 
     def __init__(
         self, sense: Any, delay_ms: float | OwnDelays, *, timestep_s: float, substeps: int
@@ -254,14 +238,9 @@ class Delayed(_Wrapper):
         """See :class:`Sense`."""
         return self._ring.oldest()
 
-    def get_state(self, i: int) -> dict[str, Any]:
-        """See :class:`Sense`."""
-        return super().get_state(i) | {"line": self._ring.get_state(i)}
-
-    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
+    def load_state_dict(self, i: int, state: Mapping[str, Any]) -> None:
         """See :class:`Sense`; a user's own delay is that of the person that it has become."""
-        super().set_state(i, state)
-        self._ring.set_state(i, state["line"])
+        super().load_state_dict(i, state)
         self._plan([i])
 
 
@@ -304,6 +283,8 @@ class Noisy(_Wrapper):
         ValueError: the level is not above 0.
     """
 
+    _state = ("sense", "_values", "_streams")
+
     def __init__(self, sense: Sense, level: float) -> None:
         super().__init__(sense)
         if not (np.isfinite(level) and level > 0.0):
@@ -342,20 +323,11 @@ class Noisy(_Wrapper):
         """See :class:`Sense`."""
         return self._values.copy()
 
-    def get_state(self, i: int) -> dict[str, Any]:
-        """See :class:`Sense`."""
-        stream = json.dumps(self._streams[i].bit_generator.state).encode()
-        return super().get_state(i) | {"values": self._values[i].copy(), "stream": stream}
-
-    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
-        """See :class:`Sense`."""
-        super().set_state(i, state)
-        restore(self.name, self._values, i, state["values"])
-        self._streams[i].bit_generator.state = json.loads(bytes(state["stream"]))
-
 
 class _Remembering(_Wrapper):
     """A sense with a memory of whole user steps."""
+
+    _state = ("sense", "_ring")
 
     def __init__(self, sense: Sense, steps: int) -> None:
         super().__init__(sense)
@@ -370,15 +342,6 @@ class _Remembering(_Wrapper):
         """See :class:`Sense`."""
         self.sense.take(moment, ids)
         self._ring.push(self.sense.observe()[rows_of(ids)], ids)
-
-    def get_state(self, i: int) -> dict[str, Any]:
-        """See :class:`Sense`."""
-        return super().get_state(i) | {"memory": self._ring.get_state(i)}
-
-    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
-        """See :class:`Sense`."""
-        super().set_state(i, state)
-        self._ring.set_state(i, state["memory"])
 
 
 def _times(space: spaces.Box[Any], count: int) -> spaces.Box[Any]:

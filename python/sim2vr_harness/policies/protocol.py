@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.base.errors import InputError
 
 Observation = dict[str, NDArray[Any]]
-"""Key of the observation space -> array (...), of one user."""
+"""Key of the observation space -> array, (...) of one user or (N, ...) of N users."""
 
 
 Shapes = Mapping[str, tuple[int, ...]]
@@ -37,25 +37,30 @@ def require_observation(wanted: Shapes, observation: Mapping[str, NDArray[Any]])
 
 @runtime_checkable
 class Policy(Protocol):
-    """Acts for simulated users, each on its own observation.
+    """Acts for N simulated users, each on its own observation.
 
-    A policy holds the state of no episode: what it remembers of one is its memory, which belongs to
-    the caller. So one policy acts for many users, and the action of a user does not depend on how
-    many others are simulated.
+    A policy holds the state of no episode: what it remembers of them is its memory, which belongs
+    to the caller. The action of a user does not depend on how many others are simulated.
     """
 
-    def reset(self) -> Any:
-        """Return the memory of a user whose episode begins; None for policies without memory."""
+    def begin(self, n: int) -> Any:
+        """Return the memory of N users whose episodes begin; None for policies without memory."""
+
+    def restart(self, memory: Any, users: Sequence[int]) -> None:
+        """Let the episodes of these users, by their rows, begin anew; changes the memory."""
 
     def act(
-        self, observation: Observation, memory: Any, rng: np.random.Generator | None
+        self,
+        observations: Observation,
+        memory: Any,
+        rngs: Sequence[np.random.Generator | None],
     ) -> NDArray[np.float32]:
-        """Return the action of one user, (A,) in [-1, 1].
+        """Return the actions, (N, A) in [-1, 1].
 
         Args:
-            observation: of this user.
-            memory: of this user's episode, from :meth:`reset`; may be changed here.
-            rng: draws a sample of the action; None takes the mean (deterministic).
+            observations: key -> (N, ...).
+            memory: of the users' episodes, from :meth:`begin`; may be changed here.
+            rngs: of each user, draws a sample of its action; None takes the mean (deterministic).
         """
 
     def state_dict(self) -> Mapping[str, Any]:
@@ -68,22 +73,25 @@ Act = Callable[[Observation, np.random.Generator | None], NDArray[np.float32]]
 
 @dataclass(frozen=True)
 class FunctionPolicy:
-    """A function as a policy, without memory and weights.
-
-    Attributes:
-        function: returns a user's action.
-    """
+    """A function of one user's observation as a policy, without memory and weights."""
 
     function: Act
 
-    def reset(self) -> None:
+    def begin(self, n: int) -> None:
         """Return None: there is nothing to remember."""
 
+    def restart(self, memory: Any, users: Sequence[int]) -> None:
+        """Do nothing."""
+
     def act(
-        self, observation: Observation, memory: Any, rng: np.random.Generator | None
+        self, observations: Observation, memory: Any, rngs: Sequence[np.random.Generator | None]
     ) -> NDArray[np.float32]:
-        """Return the action of one user, (A,) in [-1, 1]."""
-        return self.function(observation, rng)
+        """Return what the function returns for each user, (N, A)."""
+        each = [
+            self.function({key: value[i] for key, value in observations.items()}, rng)
+            for i, rng in enumerate(rngs)
+        ]
+        return np.stack(each).astype(np.float32)
 
     def state_dict(self) -> Mapping[str, Any]:
         """Return no weights."""
@@ -92,5 +100,10 @@ class FunctionPolicy:
 
 def episode_of(policy: Policy) -> Act:
     """Return a function that acts for one user in one episode, with a memory of its own."""
-    memory = policy.reset()
-    return lambda observation, rng: policy.act(observation, memory, rng)
+    memory = policy.begin(1)
+
+    def act(observation: Observation, rng: np.random.Generator | None) -> NDArray[np.float32]:
+        one = {key: np.asarray(value)[None] for key, value in observation.items()}
+        return policy.act(one, memory, [rng])[0]
+
+    return act

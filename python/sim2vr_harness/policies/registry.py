@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -48,20 +48,30 @@ class GaussianPolicy:
             f"GaussianPolicy({network}: {shapes_in_words(self._wanted)}; {self._std.size} actions)"
         )
 
-    def reset(self) -> None:
+    def begin(self, n: int) -> None:
         """Return None: the network sees all that it acts on."""
 
+    def restart(self, memory: Any, users: Sequence[int]) -> None:
+        """Do nothing."""
+
     def act(
-        self, observation: Observation, memory: Any, rng: np.random.Generator | None
+        self, observations: Observation, memory: Any, rngs: Sequence[np.random.Generator | None]
     ) -> NDArray[np.float32]:
-        """Return the action of one user; see :class:`~sim2vr_harness.policies.protocol.Policy`."""
-        require_observation(self._wanted, observation)
-        batch = {key: torch.from_numpy(value[None]) for key, value in observation.items()}
-        with torch.no_grad():
-            action = self._network.action_mean(batch).numpy()[0]
-        if rng is not None:
-            action = action + self._std * rng.standard_normal(action.shape, dtype=np.float32)
-        clipped: NDArray[np.float32] = np.clip(action, -1.0, 1.0).astype(np.float32)
+        """Return the actions, (N, A) in [-1, 1].
+
+        The network takes one user at a time: the last bits of matrix products depend on the number
+        of rows.
+        """
+        first = {key: value[0] for key, value in observations.items()}
+        require_observation(self._wanted, first)
+        actions = np.empty((len(rngs), self._std.size), np.float32)
+        for i, rng in enumerate(rngs):
+            row = {key: torch.from_numpy(value[i : i + 1]) for key, value in observations.items()}
+            with torch.no_grad():
+                actions[i] = self._network.action_mean(row).numpy()[0]
+            if rng is not None:
+                actions[i] += self._std * rng.standard_normal(self._std.shape, dtype=np.float32)
+        clipped: NDArray[np.float32] = np.clip(actions, -1.0, 1.0)
         return clipped
 
     def state_dict(self) -> dict[str, Any]:
@@ -152,8 +162,9 @@ def _of_code(
         got = f"{str(user.source)!r}, which cannot be made ({words_of(error)})"
         raise InputError("RUN", got, expected) from error
     if not isinstance(policy, Policy):
-        missing = [name for name in ("reset", "act", "state_dict") if not hasattr(policy, name)]
+        needed = ("begin", "restart", "act", "state_dict")
+        missing = [name for name in needed if not hasattr(policy, name)]
         raise InputError(
-            "RUN", f"{str(user.source)!r} without {', '.join(missing)}", "reset, act and state_dict"
+            "RUN", f"{str(user.source)!r} without {', '.join(missing)}", ", ".join(needed)
         )
     return policy

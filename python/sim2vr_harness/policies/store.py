@@ -113,7 +113,7 @@ def _of_code(text: str, allowed: bool) -> TrainedUser:
     if not allowed:
         expected = "--trust-app, if you know where it comes from"
         raise InputError("user", f"{text!r}, Python code that a file names", expected)
-    expected = "FILE.py:CLASS, a class with config, reset, act and state_dict"
+    expected = "FILE.py:CLASS, a class with config, begin, restart, act and state_dict"
     made = load_class("RUN", text, expected, lambda found: hasattr(found, "act"))
     source = Path(text.rpartition(":")[0]).expanduser()
     config = getattr(made, "config", None)

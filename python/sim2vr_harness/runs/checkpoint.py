@@ -72,23 +72,6 @@ def read_tensors(path: Path, expected: str) -> dict[str, Any]:
         raise UnusableFile(path, error.got, expected) from error
 
 
-def state_header(number: int, **values: Any) -> str:
-    """Return the header of a training's state: its format's number, and plain values."""
-    return json.dumps({"format": number, **values})
-
-
-def read_header(state: Mapping[str, Any], number: int) -> dict[str, Any]:
-    """Return the values of a state's header, whose format must be of this number.
-
-    Raises:
-        ValueError: it is of another format.
-    """
-    header: dict[str, Any] = json.loads(state["header"])
-    if header["format"] != number:
-        raise ValueError(f"got format {header['format']}, expected {number}")
-    return header
-
-
 def load_policy_weights(path: Path, policy: torch.nn.Module) -> int:
     """Load a checkpoint's weights into a policy and return the checkpoint's step.
 

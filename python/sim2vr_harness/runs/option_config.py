@@ -106,8 +106,7 @@ class SkillsConfig(Settings):
     user: Literal["hierarchical", "person"] = "hierarchical"
     """Who plays in the end. ``hierarchical``: the Q-network, with the motor layer below it; it
     completes each action that it has selected. ``person``: the same, but it sees late, needs time
-    to decide, counts the cost of effort, and moves by the human motor policy of its body;
-    ``train GAME --people`` sets it."""
+    to decide, and moves by the human motor policy of its body; ``train GAME --people`` sets it."""
     motor: str | None = None
     """File of the motor layer; None: the one that ships for the body, or, where none does, one that
     the run makes first."""

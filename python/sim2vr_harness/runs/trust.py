@@ -1,7 +1,8 @@
 """Programs and Python that a file names run only if this user has said so.
 
 A run's folder, a packed user, a study or a configuration that someone else has written may name
-any program of this machine, with any arguments, as the app to play in; any Python file as its task;
+any program of this machine, with any arguments, as the app to play in; any shared library as its
+games; any Python file as its task;
 and a body whose model an installed package makes. What this user has named on a command line, or
 trained with, is remembered outside all of these, a file for each in
 ``$XDG_STATE_HOME/sim2vr/trusted_apps`` (``~/.local/state/...``).
@@ -21,12 +22,13 @@ from typing import Any
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import write_atomically
+from sim2vr_harness.client import load_game_library
 from sim2vr_harness.client.tasks import TaskRules, names_code
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.users.bodies import allow_package, foreign_package, origin_of
 
-_KEYS = ("executable", "arguments", "connect", "page", "map", "browser", "task")
+_KEYS = ("executable", "arguments", "game_library", "connect", "page", "map", "browser", "task")
 _told: list[dict[str, Any]] = []
 """What was remembered in this process, for homes that cannot be written to."""
 
@@ -46,8 +48,10 @@ def require_trust(
 ) -> None:
     """Check that this user knows the code that an environment of a file runs or connects to.
 
+    The library that its game is in is then opened.
+
     Args:
-        env: the environment; nothing of it is started, imported or opened here.
+        env: the environment; nothing else of it is started, imported or opened here.
         source: the file, or the folder that it is in, for people.
         named: which settings of the app the command line gave itself.
         trust: whether this user says that it is fine (``--trust-app``), which is remembered.
@@ -57,6 +61,8 @@ def require_trust(
     """
     _require_app(env.app, source, named, trust)
     require_trusted_body(env.user.model, source, trust=trust)
+    if env.app.game_library is not None:
+        load_game_library(env.app.game_library)
 
 
 def require_trusted_body(model: str, source: str | Path, *, trust: bool = False) -> None:
@@ -90,6 +96,8 @@ def answered(env: EnvConfig) -> None:
     Of nothing else: what another file names there is a question again.
     """
     _told.append(_entry(env.app))
+    if env.app.game_library is not None:
+        load_game_library(env.app.game_library)
     if (package := foreign_package(env.user.model)) is not None:
         allow_package(package)
 
@@ -125,8 +133,8 @@ def remember(app: AppConfig, folder: Path) -> None:
 
     Args:
         app: the app.
-        folder: of the run, or the configuration's file; a program that lies in the same folder
-            came with it and is requested every time.
+        folder: of the run, or the configuration's file; a program or library that lies in the same
+            folder came with it and is requested every time.
     """
     entry = _entry(app)
     if any(entry.get(key) for key in _KEYS):
@@ -139,7 +147,8 @@ def _note(entry: dict[str, Any], *sources: Path) -> None:
         return
     _told.append(entry)
     place = state_folder()
-    if place is None or any(_lies_in(entry["real"], source) for source in sources):
+    code = (entry["real"], entry.get("game_library"))
+    if place is None or any(_lies_in(file, source) for file in code for source in sources):
         return
     name = hashlib.sha256(json.dumps(entry, sort_keys=True).encode()).hexdigest()[:32]
     with suppress(OSError):  # asked again next time
@@ -148,7 +157,7 @@ def _note(entry: dict[str, Any], *sources: Path) -> None:
 
 
 def _lies_in(real: str | None, source: Path) -> bool:
-    """Whether a program lies in a folder, or beside a file."""
+    """Whether a program or library lies in a folder, or beside a file."""
     if not real or not source.exists():
         return False
     return Path(real).is_relative_to(
@@ -159,8 +168,8 @@ def _lies_in(real: str | None, source: Path) -> bool:
 def _entry(app: AppConfig) -> dict[str, Any]:
     """What is trusted: the program by its path and by where that leads, and its arguments.
 
-    Of a page its path, what it may load, the browser, and its task's rules, which have JavaScript;
-    of any app the file of a task in Python.
+    A library of games by where its path leads. Of a page its path, what it may load, the browser,
+    and its task's rules, which have JavaScript; of any app the file of a task in Python.
     """
     program = None if app.executable is None else os.path.abspath(app.executable)
     entry: dict[str, Any] = {
@@ -169,6 +178,8 @@ def _entry(app: AppConfig) -> dict[str, Any]:
         "arguments": list(app.arguments),
         "connect": app.connect,
     }
+    if app.game_library is not None:
+        entry["game_library"] = os.path.realpath(app.game_library)
     if app.page is not None:
         entry["page"] = app.page if "://" in app.page else os.path.realpath(app.page)
         if app.map:
@@ -219,6 +230,9 @@ def _unknown(app: AppConfig, source: str | Path, from_file: Collection[str]) -> 
     if names_code(app.task) or list(from_file) == ["task"]:
         what = app.task if isinstance(app.task, str) else "rules with JavaScript of a page"
         key, option = "task", "--task with the same path"
+        doing = "code that you have not run before"
+    elif "game_library" in from_file:
+        key, what, option = "game_library", app.game_library, "--game-library with the same path"
         doing = "code that you have not run before"
     elif app.page is not None:
         key, what, option = "page", app.page, "--page with the same path"

@@ -1,6 +1,11 @@
 """Recorded rounds of any app: one format, readers and writers of others, and their replay."""
 
-from sim2vr_harness.sessions.formats import read_session, write_session
+from sim2vr_harness.sessions.formats import (
+    find_sessions,
+    read_session,
+    read_sessions,
+    write_session,
+)
 from sim2vr_harness.sessions.session import (
     JOINT_NAMES,
     AppIdentity,
@@ -15,6 +20,8 @@ __all__ = [
     "Controller",
     "Session",
     "SessionEvent",
+    "find_sessions",
     "read_session",
+    "read_sessions",
     "write_session",
 ]

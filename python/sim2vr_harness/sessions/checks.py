@@ -54,6 +54,11 @@ def checked(session: Session, source: str) -> Session:
         None if one is None else _controller(one, count, source, side)
         for side, one in (("left", session.left), ("right", session.right))
     )
+    for name, rows in session.objects.items():
+        if rows.shape != (count, 7) or not np.isfinite(rows).all():
+            wrong = int(np.argmin(np.isfinite(rows).reshape(len(rows), -1).all(axis=1)))
+            got = f"{name} of shape {rows.shape}, or not finite"
+            raise InputError(f"{source}, frame {wrong}", got, f"({count}, 7) finite numbers")
     events = _events(session.events, source)
     app = AppIdentity(
         session.app.kind,

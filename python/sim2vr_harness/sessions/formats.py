@@ -15,6 +15,7 @@ from sim2vr_harness.sessions.iwer import read_iwer, write_iwer
 from sim2vr_harness.sessions.logs import read_log, write_log
 from sim2vr_harness.sessions.session import Session
 from sim2vr_harness.sessions.table import read_table, write_table
+from sim2vr_harness.sessions.whacamole import PACKED, packed_rounds, read_packed
 
 _HEAD = 4096
 
@@ -64,6 +65,12 @@ FORMATS: tuple[Format, ...] = (
         bsor.read_bsor,
     ),
     Format(
+        PACKED,
+        "packed round of Whac-A-Mole with its manifest.json, read only",
+        lambda head: head[:2] == b"PK",
+        read_packed,
+    ),
+    Format(
         "iwer",
         "recording of IWER's ActionRecorder",
         lambda head: _text(head)[:1] == "{",
@@ -91,9 +98,11 @@ FORMATS: tuple[Format, ...] = (
 """Every format, in the order in which a file's content is looked at."""
 
 _EXPECTED = (
-    "a session: JSON lines, a recording of IWER, BSOR, a round's states.csv or its folder, or a "
-    "CSV table with time_s and head_x"
+    "a session: JSON lines, a recording of IWER, BSOR, a round's states.csv or its folder, a "
+    "packed round NAME.npz, or a CSV table with time_s and head_x"
 )
+_IN_FOLDERS = (".jsonl", ".jsonl.gz", ".bsor")
+"""Ends of sessions' names in folders, which hold other files, too; a file may be of any format."""
 
 
 def format_of(path: Path) -> Format:
@@ -116,14 +125,6 @@ def format_of(path: Path) -> Format:
     raise InputError(file_name(path), "UTF-16" if utf16 else "another file", _EXPECTED)
 
 
-def is_session(path: Path) -> bool:
-    """Whether a path is a session in another form than a log."""
-    try:
-        return path.is_file() and format_of(path).name != "log"
-    except InputError:
-        return False
-
-
 def read_session(path: Path) -> Session:
     """Read a session of any format, checked.
 
@@ -131,7 +132,58 @@ def read_session(path: Path) -> Session:
         InputError: it is none, or damaged; one sentence with the file and the place in it.
     """
     session = checked(format_of(path).read(path), file_name(path))
-    return replace(session, folder=path if path.is_dir() else path.parent)
+    return replace(session, path=path.parent if path.name == "states.csv" else path)
+
+
+def find_sessions(path: Path) -> list[Path]:
+    """Return the sessions at or below a place; none where it is no session.
+
+    A folder's own are those that its ``manifest.json`` lists, its files of the formats that are
+    only sessions, and logs; a file may be of any format.
+
+    Raises:
+        InputError: a ``manifest.json`` is damaged.
+    """
+    if path.is_dir() and (path / "states.csv").is_file():
+        return [path]
+    if path.is_dir() and (path / "manifest.json").is_file():
+        return packed_rounds(path / "manifest.json")
+    if path.is_dir():
+        below = sorted(path.iterdir())
+        known = (each for each in below if each.is_dir() or each.name.endswith(_IN_FOLDERS))
+        return [found for each in known for found in find_sessions(each)]
+    if path.name == "manifest.json":
+        return packed_rounds(path)
+    try:
+        found = format_of(path).name if path.is_file() else None
+    except InputError:
+        return []
+    packed = found == PACKED and path.suffix != ".npz"  # other files are ZIP archives, too
+    return [] if found is None or packed else [path]
+
+
+def read_sessions(path: Path, option: str = "PATH") -> list[Session]:
+    """Read all sessions at or below a place.
+
+    Args:
+        path: a session of any format, a ``manifest.json``, or a folder above such.
+        option: the command's, for the error.
+
+    Raises:
+        InputError: there is none, or one is damaged.
+    """
+    if not path.exists():
+        raise InputError(option, repr(str(path)), "a file or folder that exists")
+    if path.is_file() and path.name != "manifest.json":
+        return [read_session(path)]
+    files = find_sessions(path)
+    if not files:
+        expected = (
+            "a session, a folder with states.csv and events.csv, or with manifest.json, NAME.npz "
+            "and NAME_events.csv; or a folder above such ones"
+        )
+        raise InputError(option, repr(str(path)), expected)
+    return [read_session(file) for file in files]
 
 
 def require_name(path: Path) -> Format:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.base.errors import InputError, shown
-from sim2vr_harness.base.files import file_name, parse_json
+from sim2vr_harness.base.files import file_name, parse_json, read_json
 from sim2vr_harness.client import OptionValue, frame_time_ns
 from sim2vr_harness.sessions.checks import LATEST_NS
 from sim2vr_harness.sessions.session import (
@@ -39,8 +41,83 @@ _DEVICES = ("left", "right", "head")
 _AXES = ("pos_x", "pos_y", "pos_z", "quat_x", "quat_y", "quat_z", "quat_w")
 
 
+WHACAMOLE = "whacamole"
+"""The game whose logs are recognised by their targets' cells."""
+PLANE, GRID = "target_plane_transform", "grid_mapping"
+"""Events of a log of Whac-A-Mole: pose of the targets' plane, and places of the cells in it."""
+_TARGET = "target_"
+_KINDS = ("spawn", "hit", "contact", "miss")
+
+
+@dataclass(frozen=True)
+class TargetEvent:
+    """Something that happened to a target of Whac-A-Mole.
+
+    Attributes:
+        time_s: on the game's clock: of the frame for a spawn, of the fixed step for the others.
+        kind: ``spawn``, ``hit``, ``contact`` (a touch too slow for a hit) or ``miss``.
+        target: counts the round's spawns from 0.
+        cell: 0 to 8, row by row from the top left as the player sees it.
+        velocity_mps: the game's smoothed hammer velocity, world axes; of hits and contacts.
+    """
+
+    time_s: float
+    kind: str
+    target: int
+    cell: int
+    velocity_mps: tuple[float, float, float] | None = None
+
+
+def target_event(event: SessionEvent) -> TargetEvent:
+    """Return what an event says of its target.
+
+    Raises:
+        KeyError, TypeError, ValueError: it is none of a target of Whac-A-Mole.
+    """
+    kind, data = event.kind.removeprefix(_TARGET), event.data
+    target, cell = int(str(data["target_id"])), int(str(data["grid_id"]))
+    speeds = tuple(float(v) for v in data.get("velocity", ()))
+    if kind not in _KINDS or not 0 <= cell < 9 or len(speeds) not in (0, 3):
+        raise ValueError
+    three = (speeds[0], speeds[1], speeds[2]) if speeds else None
+    return TargetEvent(event.time_ns / 1e9, kind, target, cell, three)
+
+
+def target_events(session: Session) -> tuple[TargetEvent, ...]:
+    """Return what happened to the targets of a round of Whac-A-Mole.
+
+    Raises:
+        InputError: an event of a target has no number or cell.
+    """
+    named = ((f"event at {each.time_ns / 1e9:g} s", each) for each in session.events)
+    return tuple(target_event(each) for each in _checked_targets(named) if _is_target(each))
+
+
+def _is_target(event: SessionEvent) -> bool:
+    return event.kind.startswith(_TARGET) and event.kind != PLANE
+
+
+def _checked_targets(logged: Iterable[tuple[str, SessionEvent]]) -> list[SessionEvent]:
+    """Events of Whac-A-Mole, without a last one that was cut off."""
+    every = list(logged)
+    for place, event in every:
+        expected = "'T, target_KIND, target ID N, grid ID G[, velocity X Y Z]'"
+        try:
+            if event.kind.startswith(PLANE):
+                expected = "the plane's pose: position x y z, rotation x y z w"
+                if event.kind != PLANE or np.shape(event.data.get("value")) != (7,):
+                    raise ValueError
+            elif _is_target(event):
+                target_event(event)
+        except (KeyError, TypeError, ValueError):
+            if event is every[-1][1]:
+                return [each for _, each in every[:-1]]
+            raise InputError(place, shown(event_text(event), 80), expected) from None
+    return [each for _, each in every]
+
+
 def read_log(path: Path) -> Session:
-    """Read the log of a round.
+    """Read the log of a round; times are as logged, see :func:`on_lockstep_clock`.
 
     Args:
         path: Its folder, or its ``states.csv``.
@@ -51,20 +128,28 @@ def read_log(path: Path) -> Session:
     states = path / "states.csv" if path.is_dir() else path
     log = read_state_log(states)
     events = states.with_name(states.name.removesuffix("states.csv") + "events.csv")
-    options, found = dict[str, OptionValue](), tuple[SessionEvent, ...]()
+    options, logged = dict[str, OptionValue](), list[tuple[str, SessionEvent]]()
     if events.is_file():
-        options, found = logged_options(events), logged_events(events)
-    times_ns, rate = times_of_log(log.times_s)
+        options, logged = logged_options(events), numbered_events(events)
+    game, found = _game_of(logged), [event for _, event in logged]
+    left = _controller(log.left)
+    if game == WHACAMOLE:
+        found = _checked_targets(logged)
+        left = left if options.get("hand") == "left" else None
+    person = states.with_name("person.json")
+    index = read_json(person, "a person's fields").get("index") if person.is_file() else None
     return Session(
-        time_ns=times_ns,
+        time_ns=np.rint(log.times_s * 1e9).astype(np.int64),
         head=log.head,
-        left=_controller(log.left),
+        left=left,
         right=_controller(log.right),
-        events=found,
-        app=AppIdentity("game", _game_of(found), log.condition, options),
+        objects=log.others,
+        events=tuple(found),
+        app=AppIdentity("game", game, log.condition, options),
         seed=log.seed,
-        rate_hz=rate,
+        rate_hz=times_of_log(log.times_s)[1],
         source="log",
+        person="" if index is None else str(index),
     )
 
 
@@ -100,9 +185,13 @@ def _lockstep_rate(times_s: FloatArray) -> int | None:
     return rate if bool((off_s <= rounding_s(times_s)).all()) else None
 
 
-def _game_of(events: tuple[SessionEvent, ...]) -> str:
-    """Only Whac-A-Mole's events say whose they are."""
-    return "whacamole" if any(each.kind == "target_spawn" for each in events) else ""
+def _game_of(logged: Sequence[tuple[str, SessionEvent]]) -> str:
+    """The game whose events these are, by names that only it has; empty: not known."""
+    found = [event for _, event in logged]
+    if any(event.kind == "block_start" for event in found):
+        return "pointing"
+    targets = [event for event in found if event.kind.startswith(_TARGET)]
+    return WHACAMOLE if targets and not any("center" in each.data for each in targets) else ""
 
 
 def _controller(poses: FloatArray) -> Controller | None:

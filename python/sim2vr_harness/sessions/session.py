@@ -120,8 +120,8 @@ class Session:
         rounding_m: step to which the source rounds positions, m; 0: not rounded.
         page_start: what a page did before the first frame; None: not known.
         notes: what is odd about the file, a sentence each.
-        folder: of the file that it was read from, which alone may hold files that it names; None:
-            it was not read from a file.
+        objects: further things that a log tracked, such as a hammer's ``marker``: (N, 7) poses.
+        path: file or folder that it was read from; None: of none.
     """
 
     time_ns: NDArray[np.int64]
@@ -139,7 +139,8 @@ class Session:
     rounding_m: float = 0.0
     page_start: PageStart | None = None
     notes: tuple[str, ...] = ()
-    folder: Path | None = None
+    objects: Mapping[str, FloatArray] = field(default_factory=dict)
+    path: Path | None = None
 
     def __len__(self) -> int:
         return len(self.time_ns)
@@ -161,6 +162,32 @@ class Session:
         """Those that there are, by side."""
         found = {"left": self.left, "right": self.right}
         return {side: one for side, one in found.items() if one is not None}
+
+    @property
+    def name(self) -> str:
+        """A short name for tables: of the file or folder; empty of neither."""
+        if self.path is None:
+            return ""
+        if self.path.is_dir():
+            return self.path.resolve().name
+        if self.path.name.endswith("states.csv"):
+            return self.path.stem.removesuffix("states").rstrip("_-. ")
+        return self.path.name.split(".")[0]
+
+    @property
+    def folder(self) -> Path | None:
+        """The folder that it was read from, which alone may hold files that it names."""
+        return self.path if self.path is None or self.path.is_dir() else self.path.parent
+
+    def frames(self, rows: Any) -> Session:
+        """Return the session with some of its frames: a slice, or (M,) numbers of frames."""
+        left, right = (
+            None if one is None else one.map(lambda poses: poses[rows])
+            for one in (self.left, self.right)
+        )
+        objects = {name: poses[rows] for name, poses in self.objects.items()}
+        poses = {"left": left, "right": right, "objects": objects}
+        return replace(self, time_ns=self.time_ns[rows], head=self.head[rows], **poses)
 
     def swapped(self) -> Session:
         """Return the session with the controllers in the other hands."""

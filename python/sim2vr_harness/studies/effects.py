@@ -28,7 +28,7 @@ from sim2vr_harness.statistics.intervals import mean_interval
 from sim2vr_harness.studies.config import parse_study
 from sim2vr_harness.studies.data import StudyData, factor_column
 from sim2vr_harness.studies.runner import StudyProgress, run_study
-from sim2vr_harness.training.motor_control.human_benchmark import HumanMeasures, measure_people
+from sim2vr_harness.training.motor_control.aimed_movements import AimedMovements, measure_movements
 
 FloatArray = NDArray[np.float64]
 _EXPECTED = "effects in YAML, a mapping of keys to values"
@@ -233,7 +233,7 @@ def _of_reaches(
         policy = human_policy_for(env.user, step_s)
     else:
         policy = load_human_policy(Path(given), env.user, step_s)
-    measures = measure_people(
+    measures = measure_movements(
         policy,
         env.user,
         persons=reaches.persons,
@@ -256,7 +256,7 @@ def _shipped() -> TrainingConfig:
     return config.model_copy(update={"env": env})
 
 
-def _resampled(measures: HumanMeasures, reaches: Reaches) -> list[dict[str, float]]:
+def _resampled(measures: AimedMovements, reaches: Reaches) -> list[dict[str, float]]:
     """Return summaries of persons drawn with replacement."""
     rng = np.random.default_rng([reaches.seed, 71])
     rows = np.arange(reaches.persons * reaches.repeats).reshape(reaches.persons, -1)

@@ -12,9 +12,9 @@ from sim2vr_harness.client import GameFacts, InProcessBatch, Measure
 from sim2vr_harness.envs.config import AppConfig, with_options
 from sim2vr_harness.envs.late_hands import app_options, hand_lag_s
 from sim2vr_harness.evaluation.expectations import Planned, study_group
-from sim2vr_harness.evaluation.fatigue import fatigue_measures
-from sim2vr_harness.evaluation.metrics import measures_of
-from sim2vr_harness.evaluation.muscle_groups import fatigue_names
+from sim2vr_harness.play.exertion import fatigue_names
+from sim2vr_harness.play.fatigue import fatigue_measures
+from sim2vr_harness.play.round import measures_of
 from sim2vr_harness.studies.cells import Cell, cells_of, content_hash
 from sim2vr_harness.studies.config import StudyConfig
 from sim2vr_harness.studies.jobs import CellTask, Limits, TrainingTask

@@ -16,8 +16,8 @@ from sim2vr_harness.client import Condition, GameFacts
 from sim2vr_harness.envs.config import EnvConfig, with_options
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.evaluation.conditions import chosen_conditions, named_options
-from sim2vr_harness.evaluation.environment import evaluation_env
-from sim2vr_harness.evaluation.evaluate import name_of
+from sim2vr_harness.play.environment import evaluation_env
+from sim2vr_harness.play.users import name_of
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import TrainingConfig, load_config, to_yaml
 from sim2vr_harness.runs.trust import named_app, require_trust

@@ -10,7 +10,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import EnvConfig, with_options
 from sim2vr_harness.envs.games import game_facts, with_game
 from sim2vr_harness.evaluation.conditions import chosen_conditions, named_options
-from sim2vr_harness.evaluation.environment import evaluation_env
+from sim2vr_harness.play.environment import evaluation_env
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import TrainingConfig, load_config, parse_config, read_mapping
 from sim2vr_harness.users import list_bodies

@@ -17,9 +17,10 @@ from torch import Tensor
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import naming
+from sim2vr_harness.base.state import State
 
 
-class ReplayStore:
+class ReplayStore(State):
     """Collected frames, in the order of collection, pictures in files.
 
     The files are only ever appended to, so that a resumed stage reads just the frames that the
@@ -94,13 +95,13 @@ class ReplayStore:
         """Return copies of all keys of frames, by :attr:`first` to :attr:`count`."""
         return {key: torch.from_numpy(self.read(key, indices)) for key in self._arrays}
 
-    def state_dict(self) -> dict[str, Tensor]:
+    def state_dict(self) -> dict[str, Any]:
         """Return all but the pictures, which are made sure to be in their files.
 
         What is appended later overwrites no frame that this state can ask for, if it is within the
         slack.
         """
-        known = {}
+        known: dict[str, Any] = {"count": self.count}
         for key, array in self._arrays.items():
             if isinstance(array, np.memmap):
                 array.flush()
@@ -108,10 +109,11 @@ class ReplayStore:
                 known[key] = torch.from_numpy(array[: self.count])
         return known
 
-    def load_state_dict(self, count: int, state: Mapping[str, Tensor]) -> None:
-        """Go back to the first ``count`` frames."""
-        self.count = count
-        for key, values in state.items():
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go back to the frames of :meth:`state_dict`."""
+        self.count = state["count"]
+        for key in state.keys() - {"count"}:
+            values = state[key]
             self._arrays[key][: len(values)] = values.cpu().numpy()
 
 

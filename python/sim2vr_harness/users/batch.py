@@ -444,7 +444,7 @@ class UserBatch:
 
     # --- save and restore --------------------------------------------------------------------
 
-    def get_state(self, i: int) -> dict[str, Any]:
+    def state_dict(self, i: int) -> dict[str, Any]:
         """Returns everything that user i's future depends on, as arrays and bytes.
 
         Includes activations, motors, solver warm start, fatigue, noise streams and where the head
@@ -453,43 +453,43 @@ class UserBatch:
         """
         i = int(checks.checked_ids([i], self.n)[0])
         state: dict[str, Any] = {
-            **self._physics.get_state(i),
+            **self._physics.state_dict(i),
             "head_pitch_deg": np.array(self._worn.head_pitch_deg[i]),
             "effort_cost": self._cost[i].copy(),
         }
-        state.update({f"effort/{k}": v[i].copy() for k, v in self.effort.state().items()})
+        state.update({f"effort/{k}": v[i].copy() for k, v in self.effort.state_dict().items()})
         if self.noise is not None:
-            state.update({f"noise/{k}": v for k, v in self.noise.get_state(i).items()})
+            state.update({f"noise/{k}": v for k, v in self.noise.state_dict(i).items()})
         if self._head is not None:
-            state.update({f"head/{k}": v for k, v in self._head.get_state(i).items()})
+            state.update({f"head/{k}": v for k, v in self._head.state_dict(i).items()})
         if self.who.people is not None:
-            state["person"] = self.who.get_state(i)
+            state["person"] = self.who.state_dict(i)
         return state
 
-    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
-        """Restores what `get_state` returned, into any user of a batch with the same settings.
+    def load_state_dict(self, i: int, state: Mapping[str, Any]) -> None:
+        """Restores what `state_dict` returned, into any user of a batch with the same settings.
 
         Raises:
             ValueError: an index out of range, a state of another model, effort or noise, or one
                 that is not finite.
         """
         i = int(checks.checked_ids([i], self.n)[0])
-        checks.require_state(state, self.get_state(i))
+        checks.require_state(state, self.state_dict(i))
         ids = np.array([i])
         if self.who.people is not None:
-            self.who.set_state(i, state["person"])
-        self._physics.set_state(i, state)
+            self.who.load_state_dict(i, state["person"])
+        self._physics.load_state_dict(i, state)
         self._worn.head_pitch_deg[i] = state["head_pitch_deg"]
         self._worn.copy(ids, slice(None))
         self._cost[i] = state["effort_cost"]
-        effort = {k: state[f"effort/{k}"][None] for k in self.effort.state()}
-        self.effort.set_state(effort, ids)
+        effort = {k: state[f"effort/{k}"][None] for k in self.effort.state_dict()}
+        self.effort.load_state_dict(effort, ids)
         if self.noise is not None:
-            keys = self.noise.get_state(i)
-            self.noise.set_state(i, {k: state[f"noise/{k}"] for k in keys})
+            keys = self.noise.state_dict(i)
+            self.noise.load_state_dict(i, {k: state[f"noise/{k}"] for k in keys})
         if self._head is not None:
-            keys = self._head.get_state(i)
-            self._head.set_state(i, {k: state[f"head/{k}"] for k in keys})
+            keys = self._head.state_dict(i)
+            self._head.load_state_dict(i, {k: state[f"head/{k}"] for k in keys})
 
     def set_motion(
         self, qpos: FloatArray, qvel: FloatArray, act: FloatArray, motor: FloatArray

@@ -101,12 +101,14 @@ class EffortModel(ABC):
     def _cost(self, values: FloatArray, ids: Ids) -> FloatArray:
         """(K,) cost of a step before its weight; ``values`` are what the model reads."""
 
-    def state(self) -> dict[str, FloatArray]:
+    def state_dict(self) -> dict[str, FloatArray]:
         """Returns copies of what the model remembers; the first axis is the user."""
         return {name: values.copy() for name, values in self._arrays().items()}
 
-    def set_state(self, state: Mapping[str, NDArray[np.floating]], ids: Ids = slice(None)) -> None:
-        """Restores what `state` returned, for all users or for `ids`.
+    def load_state_dict(
+        self, state: Mapping[str, NDArray[np.floating]], ids: Ids = slice(None)
+    ) -> None:
+        """Restores what `state_dict` returned, for all users or for `ids`.
 
         Raises:
             ValueError: a missing, unknown or wrongly shaped entry.

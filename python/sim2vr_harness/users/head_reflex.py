@@ -13,15 +13,14 @@ form, so that the number of app frames changes no bit of it.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from functools import cache
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm, solve_discrete_lyapunov
 
+from sim2vr_harness.base.state import RowState
 from sim2vr_harness.users.bodies.body import Body, held
 
 FloatArray = NDArray[np.float64]
@@ -59,7 +58,7 @@ _DEVIATIONS = np.concatenate([TURNS_RAD, SWAY_M])
 _TURNS, _SWAYS = slice(0, 3), slice(3, 5)
 
 
-class HeadReflex:
+class HeadReflex(RowState):
     """The heads of N users, each with a random stream of its own.
 
     Args:
@@ -67,6 +66,8 @@ class HeadReflex:
         timestep_s: physics step.
         substeps: physics steps per user step.
     """
+
+    _state = ("_start", "_aim", "_hand_m", "_rngs")
 
     def __init__(self, n: int, timestep_s: float, substeps: int) -> None:
         self._timestep_s, self._substeps = timestep_s, substeps
@@ -157,22 +158,6 @@ class HeadReflex:
         at = self._at(substep)[..., 0]
         at[:, _SWAYS] -= RECOIL * (hands_m[:, :2] - self._hand_m)
         return at
-
-    def get_state(self, i: int) -> dict[str, Any]:
-        """Everything that user i's head will do depends on, but for the hand."""
-        stream = json.dumps(self._rngs[i].bit_generator.state).encode()
-        return {
-            "start": self._start[i].copy(),
-            "aim": self._aim[i].copy(),
-            "hand_m": self._hand_m[i].copy(),
-            "stream": stream,
-        }
-
-    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
-        """Restores what `get_state` returned."""
-        self._start[i], self._aim[i] = state["start"], state["aim"]
-        self._hand_m[i] = state["hand_m"]
-        self._rngs[i].bit_generator.state = json.loads(bytes(state["stream"]))
 
 
 def head_reflex(motion: HeadMotion, body: Body, n: int, substeps: int) -> HeadReflex | None:

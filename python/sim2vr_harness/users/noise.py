@@ -7,13 +7,14 @@ standard deviation is 0.103 times the control, and constant noise of 0.185 that 
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+
+from sim2vr_harness.base.state import RowState
 
 FloatArray = NDArray[np.float64]
 Colour = Literal["white", "red"]
@@ -49,7 +50,7 @@ class MotorNoiseSettings:
                 raise ValueError(f"{field}: got {level}, expected a finite number, at least 0")
 
 
-class MotorNoise:
+class MotorNoise(RowState):
     """Noise for N users, each with a random stream of its own.
 
     A user's noise therefore depends on its own seed only, not on who else is simulated.
@@ -59,6 +60,8 @@ class MotorNoise:
         n: number of users.
         muscle_count: number of muscles M.
     """
+
+    _state = ("_rngs", "_signal_red", "_constant_red")
 
     def __init__(self, settings: MotorNoiseSettings, n: int, muscle_count: int) -> None:
         self.settings = settings
@@ -107,18 +110,3 @@ class MotorNoise:
                     shared = self._constant_red[i]
                 noisy[row] += shared
         return np.clip(noisy, 0.0, 1.0)
-
-    def get_state(self, i: int) -> dict[str, Any]:
-        """Returns user i's random stream (bytes) and accumulated noise (arrays)."""
-        stream = json.dumps(self._rngs[i].bit_generator.state).encode()
-        return {
-            "stream": stream,
-            "signal_red": self._signal_red[i].copy(),
-            "constant_red": self._constant_red[i].copy(),
-        }
-
-    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
-        """Restores what `get_state` returned."""
-        self._rngs[i].bit_generator.state = json.loads(bytes(state["stream"]))
-        self._signal_red[i] = state["signal_red"]
-        self._constant_red[i] = state["constant_red"]

@@ -113,7 +113,7 @@ class Physics:
         self._state[ids], self.qacc[ids], self.force[ids], self.motor[ids] = kept
         self.batch.forward(ids, _POS)
 
-    def get_state(self, i: int) -> dict[str, FloatArray]:
+    def state_dict(self, i: int) -> dict[str, FloatArray]:
         """Everything that simulation i's future depends on, solver warm start included."""
         return {
             "simulation": self._state[i].copy(),
@@ -124,8 +124,8 @@ class Physics:
             "warnings": np.array(self.batch.warning[i]),
         }
 
-    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
-        """Puts simulation i where `get_state` says."""
+    def load_state_dict(self, i: int, state: Mapping[str, Any]) -> None:
+        """Puts simulation i where `state_dict` says."""
         kept = (state["simulation"], state["qacc"], state["force"], state["motor"])
         self.put_back(np.array([i]), kept)
         self.batch.warning[i] = state["warnings"]

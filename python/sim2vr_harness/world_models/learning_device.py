@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, Protocol
 
@@ -11,12 +11,12 @@ from torch import Tensor, nn
 
 
 class Part(Protocol):
-    """What changes in a window; its state is tensors by name."""
+    """What changes in a window; see :class:`~sim2vr_harness.base.state.State`."""
 
-    def state_dict(self) -> dict[str, Tensor]:
-        """Return its tensors, copies."""
+    def state_dict(self) -> dict[str, Any]:
+        """Return copies of its tensors."""
 
-    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Take such tensors."""
 
 
@@ -107,7 +107,7 @@ class Window:
         self._run, self._parts, self._stream = run, parts, stream
         self._graph: torch.cuda.CUDAGraph | None = None
         self._pool: Any = None
-        self._kept: list[dict[str, Tensor]] = []
+        self._kept: list[dict[str, Any]] = []
         self._returned: Any = None
         self._warm = False
 
@@ -146,7 +146,11 @@ class Window:
             part.load_state_dict(kept)
 
 
-def _copy(values: dict[str, Tensor], to: dict[str, Tensor]) -> None:
-    with torch.no_grad():
-        for name, kept in to.items():
-            kept.copy_(values[name])
+def _copy(values: Any, to: Any) -> None:
+    """Overwrite the tensors of a state by those of another one."""
+    if isinstance(to, Tensor):
+        with torch.no_grad():
+            to.copy_(values)
+    elif isinstance(to, dict | list):
+        for name in to if isinstance(to, dict) else range(len(to)):
+            _copy(values[name], to[name])

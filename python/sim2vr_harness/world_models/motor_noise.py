@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import torch
 from torch import Tensor
 
+from sim2vr_harness.base.state import State
 from sim2vr_harness.users.noise import MotorNoiseSettings
 
 
-class ImaginedNoise:
+class ImaginedNoise(State):
     """What :class:`~sim2vr_harness.users.noise.MotorNoise` does, differentiable by the controls.
 
     Draws from torch's global generator. Red noise starts from nothing where a user goes on from a
@@ -21,6 +20,8 @@ class ImaginedNoise:
         n: number of users B.
         muscles: number of muscles M.
     """
+
+    _state = ("_signal_red", "_constant_red")
 
     def __init__(self, settings: MotorNoiseSettings, n: int, muscles: int) -> None:
         self._settings = settings
@@ -51,12 +52,3 @@ class ImaginedNoise:
     def forget(self, ids: Tensor) -> None:
         """Let accumulated noise of some users start anew."""
         self._signal_red[ids], self._constant_red[ids] = 0.0, 0.0
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """What has accumulated."""
-        return {"signal_red": self._signal_red.clone(), "constant_red": self._constant_red.clone()}
-
-    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """Go on from :meth:`state_dict`."""
-        self._signal_red = state["signal_red"].clone()
-        self._constant_red = state["constant_red"].clone()

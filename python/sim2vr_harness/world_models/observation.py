@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from sim2vr_harness.base.state import State
 from sim2vr_harness.envs.privileged import Layout
 from sim2vr_harness.world_models.rollout_env import ImaginedUsers
 
@@ -16,7 +17,7 @@ _ACTION_SPREAD = 0.5
 """Standard deviation that actions are taken to have, in statistics of observations."""
 
 
-class ImaginedSenses:
+class ImaginedSenses(State):
     """Observations of B imagined users, differentiable by all that happened since :meth:`cut`.
 
     Args:
@@ -28,6 +29,8 @@ class ImaginedSenses:
     Raises:
         KeyError: the layout asks for a number that the imagined game does not know.
     """
+
+    _state = ("_past", "_did")
 
     def __init__(
         self, layout: Layout, everything: Sequence[str], users: ImaginedUsers, rounds: Any
@@ -105,15 +108,6 @@ class ImaginedSenses:
         """Forget what led to the present: gradients end here."""
         self._past = [moment.detach() for moment in self._past]
         self._did = [did.detach() for did in self._did]
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """The past."""
-        return {"past": torch.stack(self._past), "did": torch.stack(self._did or [torch.zeros(0)])}
-
-    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """Go on from :meth:`state_dict`."""
-        self._past = list(state["past"])
-        self._did = list(state["did"]) if self._did else []
 
 
 def _replaced(values: Tensor, new: Tensor, ids: Tensor) -> Tensor:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.state import State
 from sim2vr_harness.users import Body, held
 from sim2vr_harness.users.noise import MotorNoiseSettings
 from sim2vr_harness.world_models.actuator_state import REST_ACT
@@ -22,7 +24,7 @@ _BROKEN_RADPS, _WILD_RADPS = 40.0, 15.0
 _BEYOND_COST, _WILD_COST = 0.5, 0.02
 
 
-class ImaginedUsers:
+class ImaginedUsers(State):
     """Users whose next motion is what a body model says; differentiable by their actions.
 
     Args:
@@ -40,6 +42,8 @@ class ImaginedUsers:
     Raises:
         InputError: a cost of carrying where hands hold nothing.
     """
+
+    _state = ("motion", "_control", "_noise")
 
     def __init__(
         self,
@@ -223,23 +227,8 @@ class ImaginedUsers:
             parts.append(self._persons.features(motion.persons))
         return torch.cat(parts, 1)
 
-    def state_dict(self) -> dict[str, Tensor]:
-        """Everything that their future depends on, but for the body model."""
-        own = {} if self._noise is None else self._noise.state_dict()
-        return own | {
-            "angles": self.motion.angles.clone(),
-            "speeds": self.motion.speeds.clone(),
-            "drives": self.motion.drives.clone(),
-            "persons": self.motion.persons.clone(),
-            "control": self._control.clone(),
-        }
-
-    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """Go on from :meth:`state_dict`."""
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on from :meth:`state_dict`, but for the body model."""
+        super().load_state_dict(state)
         self._placed = None
-        parts = ("angles", "speeds", "drives", "persons")
-        self.motion = Motion(*(state[name].clone() for name in parts))
-        self._control = state["control"].clone()
         self._before = self.motion
-        if self._noise is not None:
-            self._noise.load_state_dict(state)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
-from typing import Any
 
 import torch
 from torch import Tensor, nn
 
+from sim2vr_harness.base.state import State
 from sim2vr_harness.world_models.body_dynamics import mlp
 
 _PASSES, _BATCH = 4, 2048
@@ -18,7 +18,7 @@ _SCALE = 10.0
 """Of values, beside the nets' outputs."""
 
 
-class ValueFunction:
+class ValueFunction(State):
     """A critic that learns by TD(lambda), and a slow copy of it that windows end with.
 
     Args:
@@ -30,6 +30,8 @@ class ValueFunction:
         gamma: discount of a user step.
         lam: lambda of TD(lambda).
     """
+
+    _state = ("_value", "_slow", "_optimizer")
 
     def __init__(
         self,
@@ -81,17 +83,3 @@ class ValueFunction:
             pairs = zip(self._slow.parameters(), self._value.parameters(), strict=True)
             for slow, fast in pairs:
                 slow.lerp_(fast, _FOLLOW)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Everything that its future depends on, but for the normalisation."""
-        return {
-            "value": self._value.state_dict(),
-            "slow": self._slow.state_dict(),
-            "optimizer": self._optimizer.state_dict(),
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from :meth:`state_dict`."""
-        self._value.load_state_dict(state["value"])
-        self._slow.load_state_dict(state["slow"])
-        self._optimizer.load_state_dict(state["optimizer"])

@@ -93,6 +93,13 @@ TEST(Options, ListsOfNumbers) {
             "option 'cells'[2]: got \"x\", expected a number from 0.0 to 10.0");
 }
 
+TEST(Options, MergingAddsAndReplaces) {
+  EXPECT_EQ(mergedOptions(R"({"a": 1, "b": {"x": 1}})", R"({"b": {"y": 2}, "c": 3})"),
+            R"({"a":1,"b":{"y":2},"c":3})");
+  EXPECT_EQ(errorOf([] { mergedOptions("{}", "[1]"); }),
+            "options: got '[1]', expected a JSON object");
+}
+
 TEST(Options, OnlyAnObjectIsAccepted) {
   EXPECT_EQ(errorOf([] { Options::fromJson("[1, 2]"); }),
             "options: got '[1, 2]', expected a JSON object");

@@ -43,38 +43,38 @@ TEST(BeatsPrivileged, TellsWhatComesRelativeToTheHead) {
   stance.head = {0.1, 1.1, 0.0};
   stance.right.position = {0.2, 0.9, 0.0};
   round.frame(stance);
-  auto told = privileged(round);
-  EXPECT_NEAR(told["head.x_m"], 0.1, 1e-6);
-  EXPECT_NEAR(told["head.y_m"], -0.1, 1e-6);
+  auto timed = privileged(round);
+  EXPECT_NEAR(timed["head.x_m"], 0.1, 1e-6);
+  EXPECT_NEAR(timed["head.y_m"], -0.1, 1e-6);
   // Column 1, row 2: x = -0.2, y = 0.05 from the origin; z = 0.8 + 2 (1 - 0.05).
-  EXPECT_EQ(told["left0.present"], 1.0F);
-  EXPECT_NEAR(told["left0.time_s"], 0.95, 1e-6);
-  EXPECT_NEAR(told["left0.x_m"], -0.3, 1e-6);
-  EXPECT_NEAR(told["left0.y_m"], 0.15, 1e-6);
-  EXPECT_NEAR(told["left0.z_m"], 2.7, 1e-6);
-  EXPECT_NEAR(told["left0.dir_x"], 1.0, 1e-6);
-  EXPECT_NEAR(told["left0.dir_y"], 0.0, 1e-6);
-  EXPECT_EQ(told["left1.present"], 0.0F);
-  EXPECT_NEAR(told["right0.dir_y"], -1.0, 1e-6);
-  EXPECT_EQ(told["right1.present"], 1.0F);
-  EXPECT_EQ(told["right1.dir_x"], 0.0F);
-  EXPECT_EQ(told["right1.dir_y"], 0.0F);
-  EXPECT_EQ(told["mine0.present"], 1.0F);
-  EXPECT_NEAR(told["mine0.y_m"], -0.65 + 0.1, 1e-6);
+  EXPECT_EQ(timed["left0.present"], 1.0F);
+  EXPECT_NEAR(timed["left0.time_s"], 0.95, 1e-6);
+  EXPECT_NEAR(timed["left0.x_m"], -0.3, 1e-6);
+  EXPECT_NEAR(timed["left0.y_m"], 0.15, 1e-6);
+  EXPECT_NEAR(timed["left0.z_m"], 2.7, 1e-6);
+  EXPECT_NEAR(timed["left0.dir_x"], 1.0, 1e-6);
+  EXPECT_NEAR(timed["left0.dir_y"], 0.0, 1e-6);
+  EXPECT_EQ(timed["left1.present"], 0.0F);
+  EXPECT_NEAR(timed["right0.dir_y"], -1.0, 1e-6);
+  EXPECT_EQ(timed["right1.present"], 1.0F);
+  EXPECT_EQ(timed["right1.dir_x"], 0.0F);
+  EXPECT_EQ(timed["right1.dir_y"], 0.0F);
+  EXPECT_EQ(timed["mine0.present"], 1.0F);
+  EXPECT_NEAR(timed["mine0.y_m"], -0.65 + 0.1, 1e-6);
   // From x = -0.8 to 0, y = -0.825 to 0.225; 0.1 m to the right of it, so free by 2 cm.
-  EXPECT_NEAR(told["wall0.start_s"], 1.95, 1e-5);
-  EXPECT_NEAR(told["wall0.end_s"], 2.95, 1e-5);
-  EXPECT_NEAR(told["wall0.left_m"], -0.9, 1e-6);
-  EXPECT_NEAR(told["wall0.right_m"], -0.1, 1e-6);
-  EXPECT_NEAR(told["wall0.bottom_m"], -0.725, 1e-6);
-  EXPECT_NEAR(told["wall0.top_m"], 0.325, 1e-6);
-  EXPECT_NEAR(told["aid.wall_m"], -0.02, 1e-6);
-  EXPECT_EQ(told["round.speed_mps"], 2.0F);
-  EXPECT_NEAR(told["right.root_z_m"], 0.08, 1e-6);
-  EXPECT_NEAR(told["right.axis_z"], 1.0, 1e-6);
-  EXPECT_NEAR(told["right.tip_vx_mps"], (0.2 - 3.0) / 0.05, 1e-3);
+  EXPECT_NEAR(timed["wall0.start_s"], 1.95, 1e-5);
+  EXPECT_NEAR(timed["wall0.end_s"], 2.95, 1e-5);
+  EXPECT_NEAR(timed["wall0.left_m"], -0.9, 1e-6);
+  EXPECT_NEAR(timed["wall0.right_m"], -0.1, 1e-6);
+  EXPECT_NEAR(timed["wall0.bottom_m"], -0.725, 1e-6);
+  EXPECT_NEAR(timed["wall0.top_m"], 0.325, 1e-6);
+  EXPECT_NEAR(timed["aid.wall_m"], -0.02, 1e-6);
+  EXPECT_EQ(timed["round.speed_mps"], 2.0F);
+  EXPECT_NEAR(timed["right.root_z_m"], 0.08, 1e-6);
+  EXPECT_NEAR(timed["right.axis_z"], 1.0, 1e-6);
+  EXPECT_NEAR(timed["right.tip_vx_mps"], (0.2 - 3.0) / 0.05, 1e-3);
   // Its tip at z = 1.08 + 0.015; the box's front at 0.8 + 2 * 1.45 - 0.175.
-  EXPECT_NEAR(told["aid.right_m"], 3.525 - 1.095, 1e-5);
+  EXPECT_NEAR(timed["aid.right_m"], 3.525 - 1.095, 1e-5);
 }
 
 // 0.8 + 2 * 7 = 14.8 m away at the start; the far plane is 10 m.
@@ -118,12 +118,12 @@ TEST(BeatsEnv, ShapedRewardAddsClosenessAndPenalties) {
   EXPECT_EQ(round.harness.log("PenaltyRewardSum"), -30.0);
 }
 
-TEST(BeatsEnv, TimeFeatureIsConstantUnlessAskedFor) {
+TEST(BeatsEnv, TimeFeatureIsConstantByDefault) {
   BeatsRound plain(emptyLevel(2.0));
-  BeatsRound told(emptyLevel(2.0), R"({"end_on_miss": false, "time_feature": true})");
-  for (BeatsRound* round : {&plain, &told}) round->waitUntil(0.5);
-  EXPECT_EQ(plain.harness.env().GetTimeFeature(), 0.0F);
-  EXPECT_NEAR(told.harness.env().GetTimeFeature(), -0.5F, 1e-5F);
+  BeatsRound timed(emptyLevel(2.0), R"({"end_on_miss": false, "time_feature": true})");
+  for (BeatsRound* round : {&plain, &timed}) round->waitUntil(0.5);
+  EXPECT_EQ(plain.harness.env().timeFeature(), 0.0F);
+  EXPECT_NEAR(timed.harness.env().timeFeature(), -0.5F, 1e-5F);
 }
 
 TEST(BeatsEnv, HandTravelIsTheWayOfBothGrips) {

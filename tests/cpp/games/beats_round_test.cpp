@@ -374,7 +374,7 @@ TEST(BeatsRound, CutsAndErrorsAreFeltAndHeard) {
   round.waitUntil(0.9);
   round.stroke(Hand::kRight, {0.2, 1.5, 0.0}, {0.2, 0.9, 0.0});
   EXPECT_EQ(names(), std::vector<std::string>{"cut"});
-  auto pulses = round.harness.device().takePulses();
+  auto pulses = round.harness.session().takePulses();
   ASSERT_EQ(pulses.size(), 1);
   EXPECT_EQ(pulses[0].hand, xr::Hand::right);
   EXPECT_EQ(pulses[0].duration_ns, 20'000'000);
@@ -383,13 +383,13 @@ TEST(BeatsRound, CutsAndErrorsAreFeltAndHeard) {
   in_the_way.left.position = {-0.6, 0.55, 0.0};
   round.waitUntil(3.0, in_the_way);
   EXPECT_EQ(names(), std::vector<std::string>{"mine"});
-  pulses = round.harness.device().takePulses();
+  pulses = round.harness.session().takePulses();
   ASSERT_EQ(pulses.size(), 1);
   EXPECT_EQ(pulses[0].hand, xr::Hand::left);
   EXPECT_EQ(pulses[0].amplitude, 1.0F);
   round.waitUntil(5.0, in_the_way);
   EXPECT_EQ(names(), std::vector<std::string>{"wall"});
-  EXPECT_EQ(round.harness.device().takePulses().size(), 2);
+  EXPECT_EQ(round.harness.session().takePulses().size(), 2);
 }
 
 TEST(BeatsRound, GoesOnFromASavedStateToTheBit) {

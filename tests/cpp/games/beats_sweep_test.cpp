@@ -124,7 +124,7 @@ TEST(BeatsSweep, AgreesWithDenseSampling) {
     }
     if (s && sampled <= 1.0) {
       // Found no later than the sample that shows it, and not before the one in front of it, but
-      // for where blade and box move side by side.
+      // for where blade and box move in parallel.
       EXPECT_LE(*s, sampled + 1e-9);
       EXPECT_GE(*s, sampled - 0.05);
       ++found;

@@ -117,7 +117,7 @@ TEST(Conditions, ATiltedAreaLiesAsTheStudysDo) {
   EXPECT_FALSE(geometry(Placement::kLow, xr::Hand::right, {.tilt_deg = 0.0}).struck_down);
 }
 
-TEST(Conditions, TheHeadIsAskedForBetweenThePlacements) {
+TEST(Conditions, TheHeadRequestLiesBetweenThePlacements) {
   const auto pitch = [](double height_m, double distance_m) {
     return geometry(Placement::kMid, xr::Hand::right,
                     {.height_m = height_m, .distance_m = distance_m})

@@ -15,7 +15,6 @@
 #include "sim2vr/scene/scene.hpp"
 #include "sim2vr/xr/frames.hpp"
 #include "sim2vr/xr/session.hpp"
-#include "sim2vr/xr/simulated_device.hpp"
 
 namespace sim2vr::games::testing {
 
@@ -41,14 +40,13 @@ class GameHarness {
   GameHarness(rl::Game& game, std::uint32_t seed, const std::string& options_json = "{}",
               const TimeSettings& time = referenceTime(), std::int64_t start_ns = 0,
               rl::EpisodeLogger* logger = nullptr)
-      : scene_(time), physics_(scene_), session_(device_) {
+      : scene_(time), physics_(scene_) {
     Options options = Options::fromJson(options_json);
     game.configure(options);
     options.expectAllRead();
     scene_.clock().restart(start_ns);
     rl::GameContext context{scene_, session_, physics_, seed, logger, sounds_};
     env_ = &game.build(context);
-    session_.begin();
   }
 
   void frame(std::int64_t time_ns, const Poses& poses) {
@@ -63,16 +61,12 @@ class GameHarness {
   }
 
   void frame(std::int64_t time_ns, const xr::DeviceState& state) {
-    device_.set(state);
-    session_.waitFrame(time_ns, 50'000'000);
-    session_.beginFrame();
-    session_.syncActions();
+    session_.nextFrame(time_ns, xr::validated(state));
     env_->beginStep(1);
     scene_.runFrame(time_ns, [this] {
       if (before_physics) before_physics();
       physics_.step();
     });
-    session_.endFrame();
   }
 
   /// Frames 0 .. count-1 at n * period_ns with constant poses.
@@ -95,7 +89,7 @@ class GameHarness {
   physics::PhysicsWorld& physics() { return physics_; }
   rl::RLEnv& env() { return *env_; }
   rl::SoundLog& sounds() { return sounds_; }
-  xr::SimulatedDevice& device() { return device_; }
+  xr::Session& session() { return session_; }
   double log(const std::string& name) const { return env_->log().at(name); }
 
   template <class T>
@@ -118,7 +112,6 @@ class GameHarness {
   scene::Scene scene_;
   physics::PhysicsWorld physics_;
   rl::SoundLog sounds_;
-  xr::SimulatedDevice device_;
   xr::Session session_;
   rl::RLEnv* env_ = nullptr;
 };

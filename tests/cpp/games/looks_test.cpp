@@ -1,4 +1,4 @@
-// What Whac-A-Mole shows to whom: the spectators' camera, the player's headset, the burst of a hit.
+// What Whac-A-Mole shows: the spectators' camera, the player's headset, the burst of a hit.
 #include <gtest/gtest.h>
 
 #include <algorithm>

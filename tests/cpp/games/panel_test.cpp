@@ -6,8 +6,8 @@
 #include <string>
 
 #include "game_harness.hpp"
-#include "panel/env.hpp"
 #include "panel/game.hpp"
+#include "panel/round.hpp"
 #include "sim2vr/core/errors.hpp"
 
 namespace sim2vr::games::panel {
@@ -61,7 +61,7 @@ TEST(Panel, ARayAndTheTriggerOperateTheLitButton) {
   // Three frames after it came up, in frame 0, the trigger was pulled in frame 2.
   EXPECT_NEAR(play.log("MedianSelectionTime"), 0.1, kFloat);
   EXPECT_EQ(play.harness.sounds().take().back().name, "hit");
-  EXPECT_EQ(play.harness.device().takePulses().size(), 1U);
+  EXPECT_EQ(play.harness.session().takePulses().size(), 1U);
   EXPECT_FALSE(play.lit().center_m().isApprox(place_m, kFloat));
 }
 

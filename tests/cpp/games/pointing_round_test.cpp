@@ -29,7 +29,7 @@ TEST(Pointing, TheFirstFramePutsTheCircleBeforeTheHead) {
   EXPECT_TRUE(round.round().center_m().isApprox(Vec3(0.15, 1.1, 0.4), kFloat));
   EXPECT_EQ(round.round().target(), 0);
   EXPECT_TRUE(round.round().targetCenter(0).isApprox(Vec3(0.15, 1.1 + 0.173205, 0.4), kFloat));
-  EXPECT_EQ(round.harness.env().GetTimeFeature(), -1.0F);
+  EXPECT_EQ(round.harness.env().timeFeature(), -1.0F);
   round.head_m = {0.3, 1.0, -0.2};
   round.idle();
   EXPECT_TRUE(round.round().center_m().isApprox(Vec3(0.15, 1.1, 0.4), kFloat));
@@ -52,11 +52,11 @@ TEST(Pointing, AHitIsWorthTenAndTheNextTargetIsUpInTheSameFrame) {
   // The tip is 2 cm behind the plane, 30 cm from the next target along it.
   const double distance_m = std::hypot(0.3, 0.02);
   EXPECT_NEAR(round.harness.env().reward(), 10.0 + distanceReward(distance_m), kFloat);
-  EXPECT_NEAR(round.harness.env().GetTimeFeature(), 2.0 / 4.0 - 1.0, kFloat);
+  EXPECT_NEAR(round.harness.env().timeFeature(), 2.0 / 4.0 - 1.0, kFloat);
   const auto sounds = round.harness.sounds().take();
   ASSERT_EQ(sounds.size(), 1U);
   EXPECT_EQ(sounds[0].name, "hit");
-  EXPECT_EQ(round.harness.device().takePulses().size(), 1U);
+  EXPECT_EQ(round.harness.session().takePulses().size(), 1U);
 }
 
 TEST(Pointing, ASelectionBesideTheTargetIsAnErrorAndEndsTheTrial) {
@@ -166,7 +166,7 @@ TEST(Pointing, ABlockIsMeasured) {
     round.tap(offsets_m[i] * axis);
   }
   EXPECT_TRUE(round.harness.env().finished());
-  EXPECT_EQ(round.harness.env().GetTimeFeature(), 1.0F);
+  EXPECT_EQ(round.harness.env().timeFeature(), 1.0F);
   EXPECT_EQ(round.log("Points"), 4.0);
   EXPECT_EQ(round.log("Movements"), 3.0);
   EXPECT_EQ(round.log("Blocks"), 1.0);
@@ -262,9 +262,9 @@ TEST(Pointing, LogsSaySelectionsWithPlaceAndTime) {
   EXPECT_TRUE(states.starts_with("condition pointing, random seed 7")) << states.substr(0, 200);
 }
 
-class Told {
+class Observed {
  public:
-  explicit Told(PointingRound& round)
+  explicit Observed(PointingRound& round)
       : names_(round.game.privilegedNames()), values_(names_.size()) {
     round.harness.env().fillPrivileged(values_);
   }
@@ -286,54 +286,54 @@ TEST(PointingPrivileged, TellsTipTargetAndTheOneAfterIt) {
   PointingRound round(kOneBlock);
   round.frame({0.10, 1.0, 0.30});
   round.frame({0.11, 1.0, 0.30});
-  const Told told(round);
-  EXPECT_TRUE(told.vector("tip.").isApprox(Vec3(0.11, -0.2, 0.30), kFloat));
-  EXPECT_TRUE(told.vector("tip.v", "_mps").isApprox(Vec3(0.2, 0.0, 0.0), 1e-4));
-  EXPECT_NEAR(told("tip.depth_m"), -0.10, kFloat);
-  EXPECT_EQ(told("tip.armed"), 1.0);
-  EXPECT_EQ(told("target.present"), 1.0);
-  EXPECT_EQ(told("target.start"), 1.0);
-  EXPECT_NEAR(told("target.width_m"), 0.04, kFloat);
-  EXPECT_NEAR(told("target.age_s"), 0.05, kFloat);
-  EXPECT_TRUE(told.vector("target.").isApprox(Vec3(0.04, 0.273205, 0.10), 1e-4));
-  EXPECT_EQ(told("next.present"), 1.0);
-  EXPECT_TRUE(told.vector("target.place_").isApprox(Vec3(0.15, 0.073205, 0.40), 1e-4));
-  EXPECT_TRUE(told.vector("next.place_").isApprox(Vec3(0.0, -0.1866025, 0.40), 1e-4));
-  EXPECT_TRUE(Vec3(told("round.side_m"), told("round.height_m"), told("round.depth_m"))
+  const Observed observed(round);
+  EXPECT_TRUE(observed.vector("tip.").isApprox(Vec3(0.11, -0.2, 0.30), kFloat));
+  EXPECT_TRUE(observed.vector("tip.v", "_mps").isApprox(Vec3(0.2, 0.0, 0.0), 1e-4));
+  EXPECT_NEAR(observed("tip.depth_m"), -0.10, kFloat);
+  EXPECT_EQ(observed("tip.armed"), 1.0);
+  EXPECT_EQ(observed("target.present"), 1.0);
+  EXPECT_EQ(observed("target.start"), 1.0);
+  EXPECT_NEAR(observed("target.width_m"), 0.04, kFloat);
+  EXPECT_NEAR(observed("target.age_s"), 0.05, kFloat);
+  EXPECT_TRUE(observed.vector("target.").isApprox(Vec3(0.04, 0.273205, 0.10), 1e-4));
+  EXPECT_EQ(observed("next.present"), 1.0);
+  EXPECT_TRUE(observed.vector("target.place_").isApprox(Vec3(0.15, 0.073205, 0.40), 1e-4));
+  EXPECT_TRUE(observed.vector("next.place_").isApprox(Vec3(0.0, -0.1866025, 0.40), 1e-4));
+  EXPECT_TRUE(Vec3(observed("round.side_m"), observed("round.height_m"), observed("round.depth_m"))
                   .isApprox(Vec3(0.15, -0.10, 0.40), kFloat));
   // It is 17.3 cm above the circle's centre, 0 beside it, and 4 cm wide.
   for (const char* yes : {"x0", "x3", "y0", "y7", "width0", "width1"}) {
-    EXPECT_EQ(told(std::string("shown.") + yes), 1.0) << yes;
+    EXPECT_EQ(observed(std::string("shown.") + yes), 1.0) << yes;
   }
-  for (const char* no : {"x4", "x7"}) EXPECT_EQ(told(std::string("shown.") + no), 0.0) << no;
+  for (const char* no : {"x4", "x7"}) EXPECT_EQ(observed(std::string("shown.") + no), 0.0) << no;
   // The nearest start of a tap is 5 cm before target 2, at (0, 1.0133975, 0.35).
-  EXPECT_NEAR(told("aid.start_distance_m"), Vec3(0.11, -0.0133975, -0.05).norm(), 1e-4);
+  EXPECT_NEAR(observed("aid.start_distance_m"), Vec3(0.11, -0.0133975, -0.05).norm(), 1e-4);
 }
 
 TEST(PointingPrivileged, InTheLastTrialOfABlockNothingIsNext) {
   PointingRound round(kOneBlock);
   round.idle();
   for (int i = 0; i < 3; ++i) round.tap();
-  const Told told(round);
-  EXPECT_EQ(told("target.present"), 1.0);
-  EXPECT_EQ(told("target.start"), 0.0);
-  EXPECT_EQ(told("next.present"), 0.0);
+  const Observed observed(round);
+  EXPECT_EQ(observed("target.present"), 1.0);
+  EXPECT_EQ(observed("target.start"), 0.0);
+  EXPECT_EQ(observed("next.present"), 0.0);
   round.tap();
-  EXPECT_EQ(Told(round)("target.present"), 0.0);
+  EXPECT_EQ(Observed(round)("target.present"), 0.0);
 }
 
-TEST(PointingPrivileged, ATargetIsToldOnceItHasBeenInView) {
+TEST(PointingPrivileged, ATargetIsObservedOnceItHasBeenInView) {
   PointingRound round(kOneBlock);
   round.head_rotation = Quat(Eigen::AngleAxisd(3.14159, Vec3::UnitY()));
   round.idle();
-  EXPECT_EQ(Told(round)("target.present"), 0.0);
-  EXPECT_EQ(Told(round).vector("target."), Vec3::Zero());
+  EXPECT_EQ(Observed(round)("target.present"), 0.0);
+  EXPECT_EQ(Observed(round).vector("target."), Vec3::Zero());
   round.head_rotation = Quat::Identity();
   round.idle();
-  EXPECT_EQ(Told(round)("target.present"), 1.0);
+  EXPECT_EQ(Observed(round)("target.present"), 1.0);
   round.head_rotation = Quat(Eigen::AngleAxisd(3.14159, Vec3::UnitY()));
   round.idle();
-  EXPECT_EQ(Told(round)("target.present"), 1.0);
+  EXPECT_EQ(Observed(round)("target.present"), 1.0);
 }
 
 }  // namespace

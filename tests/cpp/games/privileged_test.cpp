@@ -1,4 +1,4 @@
-// What teachers are told. Frames are 50 ms apart (50 ns short of it), so that 1 cm in a frame is
+// Privileged observations. Frames are 50 ms apart (50 ns short of it), so that 1 cm in a frame is
 // 0.2 m/s, of which the hammer's filter shows a half at first.
 #include <gtest/gtest.h>
 
@@ -15,12 +15,12 @@
 namespace sim2vr::games::whacamole {
 namespace {
 
-class Told {
+class Observed {
  public:
-  explicit Told(const rl::RLEnv& env) : values_(Privileged::names().size()) {
+  explicit Observed(const rl::RLEnv& env) : values_(Privileged::names().size()) {
     env.fillPrivileged(values_);
   }
-  explicit Told(WhacAMoleRound& round) : Told(round.harness.env()) {}
+  explicit Observed(WhacAMoleRound& round) : Observed(round.harness.env()) {}
 
   double operator()(const std::string& name) const {
     const auto& names = Privileged::names();
@@ -66,20 +66,20 @@ TEST(Privileged, NeedsOnePlacePerName) {
 TEST(Privileged, Round) {
   WhacAMoleRound low(R"({"condition": "low-easy", "strike_threshold_mps": 0.5})");
   low.idle(21);
-  const Told told(low);
-  EXPECT_EQ(told("round.low"), 1.0);
-  EXPECT_EQ(told("round.mid"), 0.0);
-  EXPECT_EQ(told("round.high"), 0.0);
-  EXPECT_EQ(told("round.constrained"), 1.0);
-  EXPECT_EQ(told("round.max_targets"), 1.0);
-  EXPECT_EQ(told("round.strike_threshold_mps"), 0.5);
-  EXPECT_NEAR(told("round.elapsed_s"), 1.0, kFloat);
+  const Observed observed(low);
+  EXPECT_EQ(observed("round.low"), 1.0);
+  EXPECT_EQ(observed("round.mid"), 0.0);
+  EXPECT_EQ(observed("round.high"), 0.0);
+  EXPECT_EQ(observed("round.constrained"), 1.0);
+  EXPECT_EQ(observed("round.max_targets"), 1.0);
+  EXPECT_EQ(observed("round.strike_threshold_mps"), 0.5);
+  EXPECT_NEAR(observed("round.elapsed_s"), 1.0, kFloat);
 
   WhacAMoleRound free(R"({"condition": "high-unconstrained"})");
   free.idle();
-  EXPECT_EQ(Told(free)("round.high"), 1.0);
-  EXPECT_EQ(Told(free)("round.constrained"), 0.0);
-  EXPECT_EQ(Told(free)("round.strike_threshold_mps"), 0.0);
+  EXPECT_EQ(Observed(free)("round.high"), 1.0);
+  EXPECT_EQ(Observed(free)("round.constrained"), 0.0);
+  EXPECT_EQ(Observed(free)("round.strike_threshold_mps"), 0.0);
 }
 
 // The head is at (0, 1.2, 0), the mid area's origin at (0.15, 1.1, 0.4).
@@ -87,14 +87,14 @@ TEST(Privileged, Hammer) {
   WhacAMoleRound round(R"({"condition": "medium"})");
   round.frameWithMarker({0.1, 1.0, 0.3});
   round.frameWithMarker({0.1, 1.0, 0.31});
-  const Told told(round);
-  EXPECT_TRUE(told.vector("hammer.", "_m").isApprox(Vec3(0.1, -0.2, 0.31), kFloat));
-  EXPECT_TRUE(told.vector("hammer.v", "_mps").isApprox(Vec3(0, 0, 0.2), 1e-4));
-  EXPECT_TRUE(told.vector("hammer.root_v", "_mps").isApprox(Vec3(0, 0, 0.1), 1e-4));
-  EXPECT_NEAR(told("hammer.strike_mps"), 0.1, 1e-4);
-  EXPECT_NEAR(told("hammer.depth_m"), -0.09, kFloat);
-  EXPECT_TRUE(told.vector("hammer.face_", "").isApprox(Vec3(-1, 0, 0), kFloat));
-  EXPECT_TRUE(told.vector("hammer.handle_", "").isApprox(Vec3(0, 1, 0), kFloat));
+  const Observed observed(round);
+  EXPECT_TRUE(observed.vector("hammer.", "_m").isApprox(Vec3(0.1, -0.2, 0.31), kFloat));
+  EXPECT_TRUE(observed.vector("hammer.v", "_mps").isApprox(Vec3(0, 0, 0.2), 1e-4));
+  EXPECT_TRUE(observed.vector("hammer.root_v", "_mps").isApprox(Vec3(0, 0, 0.1), 1e-4));
+  EXPECT_NEAR(observed("hammer.strike_mps"), 0.1, 1e-4);
+  EXPECT_NEAR(observed("hammer.depth_m"), -0.09, kFloat);
+  EXPECT_TRUE(observed.vector("hammer.face_", "").isApprox(Vec3(-1, 0, 0), kFloat));
+  EXPECT_TRUE(observed.vector("hammer.handle_", "").isApprox(Vec3(0, 1, 0), kFloat));
 }
 
 // Downwards strikes; the area at (0.15, 0.9, 0.35), its normal (0, -1, 1) / sqrt(2).
@@ -102,19 +102,19 @@ TEST(Privileged, HammerAtTheLowArea) {
   WhacAMoleRound round(R"({"condition": "low-easy"})");
   round.frameWithMarker({0.15, 1.0, 0.35});
   round.frameWithMarker({0.15, 0.98, 0.35});
-  EXPECT_NEAR(Told(round)("hammer.strike_mps"), 0.2, 1e-4);
-  EXPECT_NEAR(Told(round)("hammer.depth_m"), -0.08 * std::sqrt(0.5), kFloat);
+  EXPECT_NEAR(Observed(round)("hammer.strike_mps"), 0.2, 1e-4);
+  EXPECT_NEAR(Observed(round)("hammer.depth_m"), -0.08 * std::sqrt(0.5), kFloat);
 }
 
 TEST(Privileged, ATargetThroughItsLife) {
   WhacAMoleRound round(R"({"condition": "easy"})");
   round.idle();
-  EXPECT_EQ(Told(round).present(), 0);
+  EXPECT_EQ(Observed(round).present(), 0);
 
   const Target& target = round.waitFor(Target::State::kFadeIn);
   const int number = target.cell();
   const std::string cell = "cell" + std::to_string(number) + ".";
-  const Told grows(round);
+  const Observed grows(round);
   EXPECT_EQ(grows.present(), 1);
   EXPECT_EQ(grows(cell + "alive"), 0.0);
   // Its life counts from the last fixed step, up to 2 ms before the frame.
@@ -130,35 +130,36 @@ TEST(Privileged, ATargetThroughItsLife) {
   }
 
   round.waitFor(Target::State::kAlive);
-  EXPECT_EQ(Told(round)(cell + "alive"), 1.0);
-  EXPECT_LE(Told(round)(cell + "life_s"), 1.0);
-  EXPECT_EQ(Told(round)(cell + "overlap"), 0.0);
+  EXPECT_EQ(Observed(round)(cell + "alive"), 1.0);
+  EXPECT_LE(Observed(round)(cell + "life_s"), 1.0);
+  EXPECT_EQ(Observed(round)(cell + "overlap"), 0.0);
   round.frameWithHead(round.hitCenter(target));
-  EXPECT_EQ(Told(round)(cell + "overlap"), 1.0);
+  EXPECT_EQ(Observed(round)(cell + "overlap"), 1.0);
 
   round.waitFor(Target::State::kFadeOut);
-  EXPECT_EQ(Told(round).present(), 0);
+  EXPECT_EQ(Observed(round).present(), 0);
 }
 
 TEST(Privileged, NextAreOrderedByTheEndOfTheirLife) {
   WhacAMoleRound round(R"({"condition": "hard", "spawn_times": [0.09, 0.29, 0.49, 0.69],
                            "spawn_cells": [6, 0, 8, 4]})");
   round.idle(18);  // 0.85 s
-  const Told told(round);
-  EXPECT_EQ(told.present(), 4);
+  const Observed observed(round);
+  EXPECT_EQ(observed.present(), 4);
   for (int i = 0; i < Privileged::kNext; ++i) {
     const std::string next = "next" + std::to_string(i) + ".";
     // Appeared 0.2 s after one another.
-    EXPECT_NEAR(told(next + "life_s"), 0.35 + 0.2 * i, 0.01);
+    EXPECT_NEAR(observed(next + "life_s"), 0.35 + 0.2 * i, 0.01);
     const Vec3 cell = cellCenter_m(std::vector<int>{6, 0, 8}[static_cast<std::size_t>(i)]);
-    EXPECT_NEAR(told(next + "x_m") - told("next0.x_m"), cell.x() - cellCenter_m(6).x(), kFloat);
+    EXPECT_NEAR(observed(next + "x_m") - observed("next0.x_m"), cell.x() - cellCenter_m(6).x(),
+                kFloat);
   }
   // The hammer hangs low at x = -0.05: the bottom left cell is the nearest.
-  EXPECT_EQ(told("nearest.x_m"), told("cell6.x_m"));
-  EXPECT_EQ(told("nearest.y_m"), told("cell6.y_m"));
+  EXPECT_EQ(observed("nearest.x_m"), observed("cell6.x_m"));
+  EXPECT_EQ(observed("nearest.y_m"), observed("cell6.y_m"));
 }
 
-// Nobody looks, somebody looks, nobody looks.
+// The user looks away, at it, and away again.
 TEST(Privileged, OnlyWhatTheHeadsetHasShown) {
   WhacAMole game;
   testing::GameHarness round(game, 3, R"({"condition": "easy"})");
@@ -174,16 +175,16 @@ TEST(Privileged, OnlyWhatTheHeadsetHasShown) {
     play(behind);
     ASSERT_LT(frames, 100);
   }
-  EXPECT_EQ(Told(round.env()).present(), 0);
-  EXPECT_EQ(Told(round.env())("nearest.present"), 0.0);
-  EXPECT_EQ(Told(round.env())("aid.progress_m"), 0.0);
+  EXPECT_EQ(Observed(round.env()).present(), 0);
+  EXPECT_EQ(Observed(round.env())("nearest.present"), 0.0);
+  EXPECT_EQ(Observed(round.env())("aid.progress_m"), 0.0);
   play(ahead);
-  EXPECT_EQ(Told(round.env()).present(), 1);
+  EXPECT_EQ(Observed(round.env()).present(), 1);
   play(behind);
-  EXPECT_EQ(Told(round.env()).present(), 1) << "it was seen";
+  EXPECT_EQ(Observed(round.env()).present(), 1) << "it was seen";
   while (!round.all<Target>().empty()) play(behind);
   while (round.all<Target>().empty()) play(behind);
-  EXPECT_EQ(Told(round.env()).present(), 0) << "the next one was not";
+  EXPECT_EQ(Observed(round.env()).present(), 0) << "the next one was not";
 }
 
 TEST(Privileged, ProgressTowardsTheTargetThatExpiresFirst) {
@@ -192,11 +193,11 @@ TEST(Privileged, ProgressTowardsTheTargetThatExpiresFirst) {
   round.idle(12);
   const Vec3 first = Vec3(0.15, 1.1, 0.41) + cellCenter_m(0);
   round.frameWithMarker(first + Vec3(0.0, 0.0, -0.20));
-  const double before = Told(round)("aid.progress_m");
+  const double before = Observed(round)("aid.progress_m");
   round.frameWithMarker(first + Vec3(0.0, 0.0, -0.15));
-  EXPECT_NEAR(Told(round)("aid.progress_m") - before, 0.05, kFloat);
+  EXPECT_NEAR(Observed(round)("aid.progress_m") - before, 0.05, kFloat);
   round.frameWithMarker(first + Vec3(0.0, 0.0, -0.30));
-  EXPECT_NEAR(Told(round)("aid.progress_m") - before, -0.10, kFloat);
+  EXPECT_NEAR(Observed(round)("aid.progress_m") - before, -0.10, kFloat);
 }
 
 // 5 cm in a frame from rest is 0.5 m/s after the filter; 15 cm away that counts exp(-(15 / 8)^2) =
@@ -205,39 +206,40 @@ TEST(Privileged, StrikingNearATarget) {
   WhacAMoleRound round(R"({"condition": "hard", "spawn_times": [0.1], "spawn_cells": [0]})");
   const Vec3 first = Vec3(0.15, 1.1, 0.41) + cellCenter_m(0);
   for (int i = 0; i < 16; ++i) round.frameWithMarker(first + Vec3(0.0, 0.0, -0.20));
-  const double before = Told(round)("aid.strike");
+  const double before = Observed(round)("aid.strike");
   EXPECT_NEAR(before, 0.0, 1e-6);
   round.frameWithMarker(first + Vec3(0.0, 0.0, -0.15));
-  EXPECT_NEAR(Told(round)("aid.strike") - before, 0.5 * 0.029730 * 0.05, 1e-6);
-  const double there = Told(round)("aid.strike");
+  EXPECT_NEAR(Observed(round)("aid.strike") - before, 0.5 * 0.029730 * 0.05, 1e-6);
+  const double there = Observed(round)("aid.strike");
   round.frameWithMarker(first + Vec3(0.0, 0.0, -0.30));  // backwards
-  EXPECT_EQ(Told(round)("aid.strike"), there);
+  EXPECT_EQ(Observed(round)("aid.strike"), there);
 }
 
 // A stroke begins 10 cm in front of a cell; cells are 12.5 cm apart.
 TEST(Privileged, WhereAStrokeBegins) {
   WhacAMoleRound round("{}");
   round.frameWithMarker({0.15, 1.1, 0.30});
-  EXPECT_EQ(Told(round)("aid.start_cell"), 4.0);
-  EXPECT_NEAR(Told(round)("aid.start_distance_m"), 0.0, kFloat);
+  EXPECT_EQ(Observed(round)("aid.start_cell"), 4.0);
+  EXPECT_NEAR(Observed(round)("aid.start_distance_m"), 0.0, kFloat);
   round.frameWithMarker({0.15 - 0.125, 1.1 + 0.125 + 0.03, 0.26});
-  EXPECT_EQ(Told(round)("aid.start_cell"), 0.0);
-  EXPECT_TRUE(Told(round).vector("aid.home_", "_m").isApprox(Vec3(0.125, -0.155, 0.04), kFloat));
-  EXPECT_NEAR(Told(round)("aid.start_distance_m"), 0.05, kFloat);
+  EXPECT_EQ(Observed(round)("aid.start_cell"), 0.0);
+  EXPECT_TRUE(
+      Observed(round).vector("aid.home_", "_m").isApprox(Vec3(0.125, -0.155, 0.04), kFloat));
+  EXPECT_NEAR(Observed(round)("aid.start_distance_m"), 0.05, kFloat);
 
   WhacAMoleRound low(R"({"condition": "low"})");
   const double half = std::sqrt(0.5);
   low.frameWithMarker(Vec3(0.15, 0.9, 0.35) - 0.10 * Vec3(0.0, -half, half));
-  EXPECT_EQ(Told(low)("aid.start_cell"), 4.0);
-  EXPECT_NEAR(Told(low)("aid.start_distance_m"), 0.0, 1e-6);
-  EXPECT_NEAR(Told(low).vector("aid.home_", "_m").norm(), 0.0, 1e-6);
+  EXPECT_EQ(Observed(low)("aid.start_cell"), 4.0);
+  EXPECT_NEAR(Observed(low)("aid.start_distance_m"), 0.0, 1e-6);
+  EXPECT_NEAR(Observed(low).vector("aid.home_", "_m").norm(), 0.0, 1e-6);
 }
 
 TEST(Privileged, NothingIsLeftAfterTheRound) {
   WhacAMoleRound round(R"({"condition": "hard", "round_seconds": 1})");
   for (int i = 0; i < 40 && !round.harness.env().finished(); ++i) round.idle();
   ASSERT_TRUE(round.harness.env().finished());
-  EXPECT_EQ(Told(round).present(), 0);
+  EXPECT_EQ(Observed(round).present(), 0);
 }
 
 // 7.5 cm in a frame from rest is judged as 0.75 m/s (target_test.cpp).

@@ -55,7 +55,7 @@ TEST(Registry, EveryGameHasAHeadCameraAndDefaults) {
                {{Vec3(0.0, 1.2, 0.0), Quat::Identity()}, {Vec3(0.2, 0.8, 0.2), Quat::Identity()}});
     EXPECT_FALSE(round.env().finished()) << entry.name;
     // At its start, or 0 throughout in a game that does not tell.
-    EXPECT_LE(round.env().GetTimeFeature(), 0.0F) << entry.name;
+    EXPECT_LE(round.env().timeFeature(), 0.0F) << entry.name;
   }
 }
 

@@ -111,7 +111,7 @@ TEST(Round, WaitsForTheCountdown) {
   round.idle(2);  // t = 1.05 is the first frame with 1 s since placing
   EXPECT_EQ(round.round().phase(), Round::Phase::kPlay);
   EXPECT_TRUE(round.targets().empty());
-  EXPECT_EQ(round.harness.env().GetTimeFeature(), -1.0F);
+  EXPECT_EQ(round.harness.env().timeFeature(), -1.0F);
   round.idle();
   EXPECT_EQ(round.targets().size(), 1U);
 }
@@ -119,10 +119,10 @@ TEST(Round, WaitsForTheCountdown) {
 TEST(Round, EndsInTheFirstFrameAfterSixtySeconds) {
   WhacAMoleRound round(conditionJson("medium"), 1, testing::referenceTime(), nullptr, 50'000'000);
   round.idle(601);
-  EXPECT_FLOAT_EQ(round.harness.env().GetTimeFeature(), 0.0F);  // t = 30
+  EXPECT_FLOAT_EQ(round.harness.env().timeFeature(), 0.0F);  // t = 30
   round.idle(600);                                              // t = 60 is not beyond 60
   EXPECT_FALSE(round.harness.env().finished());
-  EXPECT_FLOAT_EQ(round.harness.env().GetTimeFeature(), 1.0F);
+  EXPECT_FLOAT_EQ(round.harness.env().timeFeature(), 1.0F);
   const Counts before = round.round().counts();
   round.idle();  // t = 60.05
   EXPECT_TRUE(round.harness.env().finished());
@@ -136,7 +136,7 @@ TEST(Round, EndsInTheFirstFrameAfterSixtySeconds) {
 TEST(Round, ShorterRoundsEndEarlierAndScaleTheTimeFeature) {
   WhacAMoleRound round(conditionJson("medium", R"(, "round_seconds": 2)"));
   round.idle(21);
-  EXPECT_NEAR(round.harness.env().GetTimeFeature(), 0.0F, 1e-5F);
+  EXPECT_NEAR(round.harness.env().timeFeature(), 0.0F, 1e-5F);
   while (!round.harness.env().finished()) round.idle();
   EXPECT_EQ(round.frames(), 42);
 }

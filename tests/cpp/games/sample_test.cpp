@@ -51,14 +51,14 @@ TEST(TouchTheBall, ATouchIsHeardAndFelt) {
   const Vec3 ball = ballPosition(round);
   round.frame(50'000'000, {kHead, {ball, Quat::Identity()}});
   EXPECT_TRUE(round.sounds().take().empty());
-  EXPECT_TRUE(round.device().takePulses().empty());
+  EXPECT_TRUE(round.session().takePulses().empty());
   round.frame(100'000'000, {kHead, {ball, Quat::Identity()}});
   const auto sounds = round.sounds().take();
   ASSERT_EQ(sounds.size(), 1U);
   EXPECT_EQ(sounds[0].name, "touch");
   EXPECT_EQ(sounds[0].position_m, ball);
   EXPECT_EQ(sounds[0].gain, 1.0F);
-  const auto pulses = round.device().takePulses();
+  const auto pulses = round.session().takePulses();
   ASSERT_EQ(pulses.size(), 1U);
   EXPECT_EQ(pulses[0].hand, xr::Hand::right);
   EXPECT_EQ(pulses[0].amplitude, 0.5F);
@@ -88,7 +88,7 @@ TEST(TouchTheBall, RoundEnds) {
   EXPECT_FALSE(round.env().finished());
   round.frame(1'000'000'000, {kHead, kAway});
   EXPECT_TRUE(round.env().finished());
-  EXPECT_EQ(round.env().GetTimeFeature(), 1.0F);
+  EXPECT_EQ(round.env().timeFeature(), 1.0F);
 }
 
 TEST(TouchTheBall, SeedsMatter) {

@@ -26,7 +26,7 @@ struct Gate : ::testing::Test {
     ASSERT_EQ(program.begin(), XR_SUCCESS);
     const auto hello = harness.receiveJson(MessageKind::hello);
     EXPECT_EQ(hello["application"], "program");
-    EXPECT_EQ(hello["protocol"], 1);
+    EXPECT_EQ(hello["protocol"], 2);
     EXPECT_EQ(hello["pid"], ::getpid());
     const auto session = harness.receiveJson(MessageKind::session);
     EXPECT_EQ(session["graphics"], "headless");

@@ -1,6 +1,5 @@
 // Swapchains, the checks of xrEndFrame, and the picture that the harness gets.
-#include <fcntl.h>
-#include <sys/mman.h>
+#include <unistd.h>
 
 #include <cmath>
 #include <limits>
@@ -15,7 +14,9 @@ struct Layers : ::testing::Test {
   Program program;
   XrSpace stage = XR_NULL_HANDLE;
   std::vector<std::uint8_t> image;
-  std::string memory;
+  int memory = -1;
+
+  ~Layers() override { ::close(memory); }
 
   void start(const nlohmann::json& config = nlohmann::json::object()) {
     harness.sendConfig(config);
@@ -24,9 +25,10 @@ struct Layers : ::testing::Test {
     ASSERT_EQ(program.createSession(false), XR_SUCCESS);
     ASSERT_EQ(program.begin(), XR_SUCCESS);
     harness.receiveJson(MessageKind::hello);
+    memory = harness.file();
     const auto session = harness.receiveJson(MessageKind::session);
     EXPECT_EQ(session["depth_layers"], true);
-    memory = session["image_memory"];
+    EXPECT_EQ(session["image_bytes"], 64);
     stage = program.referenceSpace(XR_REFERENCE_SPACE_TYPE_STAGE);
     harness.sendStep();
     ASSERT_EQ(program.frame(), XR_SUCCESS);
@@ -61,10 +63,8 @@ struct Layers : ::testing::Test {
     EXPECT_EQ(program.frame(nullptr, layers), XR_SUCCESS);
     FakeHarness::Head head;
     harness.receiveAnswer(&head);
-    const int file = ::open(memory.c_str(), O_RDONLY);
     image.assign(64, 0);
-    EXPECT_EQ(::pread(file, image.data(), 64, 0), 64);
-    ::close(file);
+    EXPECT_EQ(::pread(memory, image.data(), 64, 0), 64);
     return head;
   }
   /// The result of xrEndFrame with one layer, inside a frame that goes on.

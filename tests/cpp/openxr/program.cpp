@@ -62,6 +62,23 @@ void FakeHarness::sendStep(int frames, bool image_wanted, double trigger) {
   send(MessageKind::step, body);
 }
 
+int FakeHarness::file() const {
+  char byte = 0;
+  iovec part{&byte, 1};
+  alignas(cmsghdr) char control[CMSG_SPACE(sizeof(int))];
+  msghdr message{};
+  message.msg_iov = &part;
+  message.msg_iovlen = 1;
+  message.msg_control = control;
+  message.msg_controllen = sizeof control;
+  EXPECT_EQ(::recvmsg(socket_, &message, MSG_PEEK | MSG_CMSG_CLOEXEC), 1);
+  const cmsghdr* rights = CMSG_FIRSTHDR(&message);
+  if (rights == nullptr || rights->cmsg_type != SCM_RIGHTS) return -1;
+  int file = -1;
+  std::memcpy(&file, CMSG_DATA(rights), sizeof file);
+  return file;
+}
+
 nlohmann::json FakeHarness::receiveJson(MessageKind kind) {
   const Message message = receive();
   EXPECT_EQ(message.kind, kind) << message.body;

@@ -48,6 +48,8 @@ class FakeHarness {
   /// A step of frames 10 ms apart; the head is at (frame, 1.6, 0) in the app's frame.
   void sendStep(int frames = 1, bool image_wanted = true, double trigger = 0.0);
   Message receive() { return channel_->receive(); }
+  /// The descriptor that comes with the next message, which stays to be received; -1: none.
+  int file() const;
   nlohmann::json receiveJson(MessageKind kind);
   /// The JSON of an answer; `head`: its numbers before.
   struct Head {

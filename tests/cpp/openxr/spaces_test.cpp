@@ -65,14 +65,14 @@ TEST_F(Spaces, LocalIsWhereTheHeadWasAtFirst) {
   const XrSpace local = program.referenceSpace(XR_REFERENCE_SPACE_TYPE_LOCAL);
   EXPECT_FLOAT_EQ(locate(local, stage).pose.position.y, 1.6F);
   EXPECT_FLOAT_EQ(locate(local, stage).pose.position.x, 0.0F);
-  const XrSpace floor = program.referenceSpace(kLocalFloor);
+  const XrSpace floor = program.referenceSpace(xr::kLocalFloor);
   EXPECT_FLOAT_EQ(locate(floor, stage).pose.position.y, 0.0F);
 }
 
 TEST_F(Spaces, LocalFloorIsOf11) {
   start();
   const XrReferenceSpaceCreateInfo info{
-      XR_TYPE_REFERENCE_SPACE_CREATE_INFO, nullptr, kLocalFloor, {{0, 0, 0, 1}, {0, 0, 0}}};
+      XR_TYPE_REFERENCE_SPACE_CREATE_INFO, nullptr, xr::kLocalFloor, {{0, 0, 0, 1}, {0, 0, 0}}};
   XrSpace space = XR_NULL_HANDLE;
   EXPECT_EQ(XR_CALL(program.instance, xrCreateReferenceSpace)(program.session, &info, &space),
             XR_ERROR_REFERENCE_SPACE_UNSUPPORTED);

@@ -31,9 +31,6 @@ TEST(Collider, ShapesAreChecked) {
   EXPECT_EQ(fieldOf([] { Collider c(Capsule{1.0, -1.0, 0}); }), "collider.height");
   EXPECT_EQ(fieldOf([] { Collider c(Capsule{1.0, 2.0, 3}); }), "collider.axis");
   EXPECT_EQ(fieldOf([] { Collider c(Box{}, Vec3(0, 0, kNan)); }), "collider.center");
-  Collider collider{Box{}};
-  EXPECT_EQ(fieldOf([&] { collider.setShape(Sphere{-1.0}); }), "collider.radius");
-  EXPECT_TRUE(std::holds_alternative<Box>(collider.shape())) << "a refused shape is not kept";
 }
 
 TEST(Collider, DynamicRigidbodyIsRefused) {

@@ -63,14 +63,6 @@ TEST(TriggerRules, LayersDecideWhoMeets) {
   EXPECT_EQ(two.world.overlapCount(), 1);
 }
 
-TEST(TriggerRules, TriggerFlagMayChangeInPlay) {
-  Two two;
-  EXPECT_EQ(two.pairs(false, false, true, false), 0);
-  two.b.getComponent<Collider>()->setTrigger(true);
-  two.world.step();
-  EXPECT_EQ(two.world.overlapCount(), 1);
-}
-
 TEST(TriggerRules, LayersAreChecked) {
   Two two;
   try {

@@ -66,7 +66,7 @@ TEST(ReferenceArguments, AnUnreadableFixedSeedIsNone) {
   EXPECT_THROW(parseArguments({"--fixed-seed", "abc"}), InvalidArgument) << "ours says so";
 }
 
-TEST(Arguments, ModeFollowsFromWhatIsAskedFor) {
+TEST(Arguments, ModeFollowsFromTheArguments) {
   EXPECT_EQ(parseArguments({}).mode, Mode::serve);
   EXPECT_EQ(parseArguments({"--port", "0"}).mode, Mode::serve);
   EXPECT_EQ(parseArguments({"--play"}).mode, Mode::play);

@@ -104,7 +104,7 @@ TEST_P(GeometryTest, NearAndFarPlanesClip) {
   EXPECT_EQ(centre(-1.0), (Pixel{0, 0, 0, 255}));
 }
 
-TEST_P(GeometryTest, BackFacesAreHiddenUnlessAskedFor) {
+TEST_P(GeometryTest, BackFacesAreHiddenByDefault) {
   MeshRenderer& sheet = world_.add(quad(), unlit(kWhite), {0, 0, 1});
   const auto shown = [&] { return draw(kSmall).at(30, 20)[0] == 255; };
   EXPECT_TRUE(shown());

@@ -168,50 +168,9 @@ TEST(MeshTest, RefusesImpossibleShapes) {
 
 class FileTest : public ::testing::Test {
  protected:
-  MeshPtr load(const std::string& text) {
-    std::ofstream(path_) << text;
-    return loadObj(path_);
-  }
   const sim2vr::testing::OwnFolder folder_;
-  const std::filesystem::path path_ = folder_ / "mesh.obj";
+  const std::filesystem::path path_ = folder_ / "picture.png";
 };
-
-TEST_F(FileTest, ObjPolygonsAreTriangulatedInTheAppsFrame) {
-  const MeshPtr mesh = load(
-      "# a square in OBJ's right-handed frame, front towards +z\n"
-      "v 1 0 0\nv 2 0 0\nv 2 1 0\nv 1 1 0\nvt 0 1\nvn 0 0 2\n"
-      "f 1/1/1 2/1/1 3/1/1 -1/1/1\n");
-  ASSERT_EQ(mesh->triangleCount(), 2U);
-  EXPECT_EQ(mesh->vertices.size(), 4U);
-  EXPECT_EQ(mesh->vertices[1].position, Eigen::Vector3f(-2, 0, 0));
-  EXPECT_EQ(mesh->vertices[0].normal, Eigen::Vector3f(0, 0, 1));
-  EXPECT_EQ(mesh->vertices[0].uv, Eigen::Vector2f(0, 1));
-  EXPECT_NEAR(measure(*mesh).agreement, 1.0, 1e-6);
-}
-
-TEST_F(FileTest, ObjWithoutNormalsIsShadedFlat) {
-  const MeshPtr mesh = load("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1//  2 4\n");
-  EXPECT_EQ(mesh->vertices.size(), 6U);
-  EXPECT_NEAR(measure(*mesh).agreement, 1.0, 1e-6);
-}
-
-TEST_F(FileTest, ObjErrorsNameTheLine) {
-  const auto message = [&](const std::string& text) { return messageOf([&] { load(text); }); };
-  const std::string file = path_.string();
-  EXPECT_EQ(message("v 0 0 0\nv 1 x 0\n"), file + " line 2: got 'v 1 x 0', expected 3 numbers");
-  EXPECT_EQ(message("v 0 0 0\nf 1 1\n"),
-            file + " line 2: got a face of 2 corners, expected at least 3");
-  EXPECT_EQ(message("v 0 0 0\nf 1 1 2\n"),
-            file + " line 2: got the corner '2', expected an index among the 1 read so far");
-  EXPECT_EQ(message("v 0 0 0\nf 1 1 q\n"),
-            file + " line 2: got the corner 'q', expected whole numbers separated by '/'");
-  EXPECT_EQ(message("v 0 0 0\nvn 0 0 0\n"),
-            file + " line 2: got 'vn 0 0 0', expected a normal longer than 0");
-  EXPECT_EQ(message("v 0 0 0\n"),
-            "mesh file: got " + file + " without faces, expected at least one face (f)");
-  EXPECT_EQ(messageOf([] { loadObj("no/such.obj"); }),
-            "mesh file: got no/such.obj, expected a readable Wavefront OBJ file");
-}
 
 TEST_F(FileTest, PngComesBackAsWritten) {
   for (const int channels : {1, 3, 4}) {

@@ -1,4 +1,4 @@
-// Helpers of the render tests: pictures that can be asked for pixels, and a scene with a camera.
+// Helpers of the render tests: pictures whose pixels can be read, and a scene with a camera.
 #pragma once
 
 #include <gtest/gtest.h>

@@ -310,7 +310,7 @@ TEST_P(RendererTest, MayOutliveItsDriverAtExit) {
   EXPECT_EXIT(std::exit(0), ::testing::ExitedWithCode(0), "");
 }
 
-TEST_P(RendererTest, MeshesThatNobodyHoldsAreLetGo) {
+TEST_P(RendererTest, MeshesThatAreNotHeldAreLetGo) {
   std::weak_ptr<const Mesh> watched;
   {
     MeshPtr mesh = lathe(std::array{LathePoint{1, 0}, LathePoint{1, 1}}, 8);

@@ -25,8 +25,9 @@ TEST(GameFacts, AGameThatSaysNothingHasOneConditionAndItsReward) {
 TEST(GameFacts, ItemsSayWhatTheLogCallsThem) {
   GameFacts facts;
   facts.items = {{.name = "coin", .id_field = "ID", .outcomes = {{"coin_taken", "taken", true}}}};
-  const auto told = nlohmann::json::parse(factsJson("g", "", facts))["items"];
-  EXPECT_EQ(told, nlohmann::json::parse(R"([{"name": "coin", "id_field": "ID", "begin_event": null,
+  const auto observed = nlohmann::json::parse(factsJson("g", "", facts))["items"];
+  EXPECT_EQ(observed,
+            nlohmann::json::parse(R"([{"name": "coin", "id_field": "ID", "begin_event": null,
       "outcomes": [{"event": "coin_taken", "name": "taken", "success": true}],
       "counted_events": [], "cell_field": null, "place_field": null, "places_event": null,
       "velocity_field": null}])"));
@@ -37,9 +38,9 @@ TEST(GameFacts, TheDefaultConditionIsEvaluatedWhenNoneIsNamed) {
   facts.conditions = {{.name = "a", .options_json = R"({"x": 1})"},
                       {.name = "b", .options_json = R"({"x": 2})"}};
   facts.default_condition = "b";
-  const auto told = nlohmann::json::parse(factsJson("g", "", facts));
-  EXPECT_FALSE(told["conditions"][0]["evaluated"]);
-  EXPECT_TRUE(told["conditions"][1]["evaluated"]);
+  const auto observed = nlohmann::json::parse(factsJson("g", "", facts));
+  EXPECT_FALSE(observed["conditions"][0]["evaluated"]);
+  EXPECT_TRUE(observed["conditions"][1]["evaluated"]);
 }
 
 std::string refusal(const GameFacts& facts) {

@@ -76,7 +76,7 @@ TEST(StateLog, ReadsWhatTheLoggerWrites) {
   EXPECT_EQ(static_cast<float>(log.rows[0].right[1]), -2e-7F);
 }
 
-// tests/python/evaluation/replay/test_state_log.py has the same cases.
+// tests/python/sessions/test_state_log.py has the same cases.
 TEST(StateLog, AsASpreadsheetSavesIt) {
   const std::string plain = kTitle + kHeader + row("0") + row("0.05");
   const auto replaced = [&](std::string text, const std::string& from, const std::string& to) {

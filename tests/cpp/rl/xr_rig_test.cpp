@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <map>
 #include <string>
 
 #include "sim2vr/core/errors.hpp"
@@ -10,7 +11,6 @@
 #include "sim2vr/rl/xr_rig.hpp"
 #include "sim2vr/scene/scene.hpp"
 #include "sim2vr/xr/frames.hpp"
-#include "sim2vr/xr/simulated_device.hpp"
 
 namespace sim2vr::rl {
 namespace {
@@ -18,31 +18,32 @@ namespace {
 class CountingEnv : public RLEnv {
  public:
   std::string_view typeName() const override { return "test.Env"; }
-  void InitialiseGame() override { calls += "game "; }
-  void InitialiseReward() override { calls += "reward "; }
-  void Reset() override { calls += "reset "; }
-  void CalculateReward() override { calls += "calculate "; }
-  void UpdateIsFinished() override { calls += "finished "; }
-  float GetTimeFeature() const override { return 0.0F; }
+  void beginRound() override { calls += "begin "; }
+  void declareLog() override {
+    calls += "log ";
+    logColumn("frames", [this] { return ++frames_; });
+    logTerm("term", [] { return 0.25; });
+  }
+  double calculateReward() override {
+    calls += "reward ";
+    return 0.5;
+  }
+  bool isOver() const override { return frames_ == 2; }
+  float timeFeature() const override { return 0.0F; }
 
   std::string calls;
+
+ private:
+  int frames_ = 0;
 };
 
 class XrRigTest : public ::testing::Test {
  protected:
-  XrRigTest()
-      : physics_(scene_),
-        session_(device_),
-        context_{scene_, session_, physics_, 0, nullptr, sounds_} {}
+  XrRigTest() : physics_(scene_), context_{scene_, session_, physics_, 0, nullptr, sounds_} {}
 
   void frame(std::int64_t time_ns, const xr::DeviceState& state) {
-    if (session_.state() == XR_SESSION_STATE_READY) session_.begin();
-    device_.set(state);
-    session_.waitFrame(time_ns, 50'000'000);
-    session_.beginFrame();
-    session_.syncActions();
+    session_.nextFrame(time_ns, xr::validated(state));
     scene_.runFrame(time_ns, [] {});
-    session_.endFrame();
   }
 
   static xr::DeviceState someState() {
@@ -56,7 +57,6 @@ class XrRigTest : public ::testing::Test {
 
   scene::Scene scene_;
   physics::PhysicsWorld physics_;
-  xr::SimulatedDevice device_;
   xr::Session session_;
   SoundLog sounds_;
   GameContext context_;
@@ -142,8 +142,41 @@ TEST_F(XrRigTest, EnvironmentIsSetUpOnceAndUpdatedPerFrame) {
   auto& env = scene_.create("Env").addComponent<CountingEnv>();
   EXPECT_EQ(env.executionOrder(), 5);
   frame(0, someState());
+  EXPECT_FALSE(env.finished());
   frame(50'000'000, someState());
-  EXPECT_EQ(env.calls, "game reward reset calculate finished calculate finished ");
+  EXPECT_EQ(env.calls, "begin reward log reward ");
+  EXPECT_EQ(env.reward(), 0.5F);
+  EXPECT_TRUE(env.finished());
+}
+
+// Two frames in the first user step, one in the second; a quarter in each frame.
+TEST_F(XrRigTest, TermsAreSummedOverTheUserStepAndOverTheRound) {
+  buildXrRig(context_);
+  auto& env = scene_.create("Env").addComponent<CountingEnv>();
+  env.beginStep(2);
+  frame(0, someState());
+  frame(25'000'000, someState());
+  EXPECT_EQ(env.log(),
+            (std::map<std::string, double>{{"frames", 2.0}, {"term", 0.5}, {"termSum", 0.5}}));
+  env.beginStep(1);
+  frame(50'000'000, someState());
+  EXPECT_EQ(env.log(),
+            (std::map<std::string, double>{{"frames", 3.0}, {"term", 0.25}, {"termSum", 0.75}}));
+}
+
+TEST_F(XrRigTest, TheLogGoesOnAfterALoad) {
+  buildXrRig(context_);
+  auto& env = scene_.create("Env").addComponent<CountingEnv>();
+  frame(0, someState());
+  Archive saved = Archive::saver();
+  env.fields(saved);
+  frame(50'000'000, someState());
+  Archive loaded = Archive::loader(saved.bytes());
+  env.fields(loaded);
+  EXPECT_EQ(env.log().at("termSum"), 0.25);
+  frame(100'000'000, someState());
+  EXPECT_EQ(env.log().at("termSum"), 0.5);
+  EXPECT_EQ(env.log().size(), 3U);
 }
 
 }  // namespace

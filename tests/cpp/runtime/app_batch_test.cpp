@@ -100,7 +100,7 @@ std::vector<Track> together(const std::vector<int>& seeds, int threads, render::
   return tracks;
 }
 
-/// Draws as another renderer does, but says that a GPU does it; counts what it is asked for.
+/// Draws as another renderer does, but says that a GPU does it; counts its calls.
 class Gpu final : public render::Renderer {
  public:
   render::RendererKind kind() const override { return real_->kind(); }

@@ -22,28 +22,31 @@ class DrumEnv final : public rl::RLEnv {
       : xr_(xr), beat_(beat), shake_(shake), sounds_(sounds) {}
 
   std::string_view typeName() const override { return "test.Drum"; }
-  void InitialiseGame() override { log_["Beats"] = 0.0; }
-  void InitialiseReward() override {}
-  void CalculateReward() override {
-    reward_ = 0.0F;
+  void declareLog() override {
+    logColumn("Beats", [this] { return beats_; });
+  }
+  double calculateReward() override {
+    double reward = 0.0;
     for (const xr::Hand hand : xr::kHands) {
-      const XrActionStateBoolean beat = xr_.getActionStateBoolean(beat_, hand);
-      if (beat.currentState == XR_FALSE || beat.changedSinceLastSync == XR_FALSE) continue;
-      reward_ += 1.0F;
-      log_["Beats"] += 1.0;
+      const xr::ActionState& beat = xr_.actionState(beat_, hand);
+      if (!beat.pressed() || !beat.changed) continue;
+      reward += 1.0;
+      ++beats_;
       xr_.applyHapticFeedback(shake_, hand,
                               {XR_TYPE_HAPTIC_VIBRATION, nullptr, 30'000'000, 80.0F, 0.25F});
       sounds_.play({"drum", Vec3(0.0, 1.0, 1.0), 0.5F});
     }
+    return reward;
   }
-  void UpdateIsFinished() override {}
-  float GetTimeFeature() const override { return 0.0F; }
+  bool isOver() const override { return false; }
+  float timeFeature() const override { return 0.0F; }
 
  private:
   xr::Session& xr_;
   const xr::Action& beat_;
   const xr::Action& shake_;
   rl::SoundLog& sounds_;
+  int beats_ = 0;
 };
 
 class Drum final : public rl::Game {
@@ -56,10 +59,9 @@ class Drum final : public rl::Game {
   }
 
   rl::RLEnv& build(rl::GameContext& context) override {
-    const std::vector<xr::Hand> hands(xr::kHands.begin(), xr::kHands.end());
     xr::ActionSet& set = context.xr.createActionSet("drum");
-    xr::Action& beat = set.createAction("beat", XR_ACTION_TYPE_BOOLEAN_INPUT, hands);
-    xr::Action& shake = set.createAction("shake", XR_ACTION_TYPE_VIBRATION_OUTPUT, hands);
+    xr::Action& beat = context.xr.createAction(set, "beat", XR_ACTION_TYPE_BOOLEAN_INPUT);
+    xr::Action& shake = context.xr.createAction(set, "shake", XR_ACTION_TYPE_VIBRATION_OUTPUT);
     for (const std::string hand : {"/user/hand/left", "/user/hand/right"}) {
       context.xr.suggestBinding(beat, hand + "/input/trigger/value");
       context.xr.suggestBinding(shake, hand + "/output/haptic");

@@ -28,7 +28,7 @@ xr::DeviceState player(int number, int frame) {
   return xr::devicesFromRows(head, nullptr, right);
 }
 
-std::vector<float> told(LockstepApp& app) {
+std::vector<float> observed(LockstepApp& app) {
   std::vector<float> values(app.privilegedNames().size());
   app.fillPrivileged(values);
   return values;
@@ -54,7 +54,7 @@ TEST(Privileged, ABatchHoldsWhatEveryAppSaysAfterItsLastFrame) {
       batch.step(all, frames);
       for (const int app : all) {
         const auto row = batch.privileged().subspan(static_cast<std::size_t>(app) * width, width);
-        EXPECT_TRUE(std::ranges::equal(row, told(batch.app(app)))) << app;
+        EXPECT_TRUE(std::ranges::equal(row, observed(batch.app(app)))) << app;
       }
     }
     EXPECT_EQ(batch.privileged().data(), address);

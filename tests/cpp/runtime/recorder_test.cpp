@@ -39,7 +39,7 @@ TEST_F(RecorderTest, NumbersThePicturesOfBothCamerasAndRemovesOldOnes) {
   const auto app = makeApp("whacamole");
   std::filesystem::create_directories(folder / "mainCamera");
   std::ofstream(folder / "mainCamera" / "image7.png") << "old";
-  std::ofstream(folder / "mainCamera" / "notes.txt") << "somebody's";
+  std::ofstream(folder / "mainCamera" / "notes.txt") << "notes";
   Recorder recorder({.folder = folder, .size = {32, 24}});
   recorder.write(*app);
   recorder.write(*app);
@@ -94,7 +94,7 @@ TEST_F(RecorderTest, VideosNeedFfmpegAndEvenSizes) {
   }
 }
 
-/// Stands in for ffmpeg: what it is given goes to the file that it is told to make.
+/// Stands in for ffmpeg: what it is given goes to the file that it has to make.
 void installFakeFfmpeg(const std::filesystem::path& folder, const std::string& body) {
   std::ofstream(folder / "ffmpeg") << "#!/bin/sh\n" << body << "\n";
   ::chmod((folder / "ffmpeg").c_str(), 0755);

@@ -111,7 +111,7 @@ TEST(SaveLoad, ActiveFlagsComeAlong) {
   scene->find("Area")->setActive(false);
   const auto fresh = buildGame();
   load(*fresh, save(*scene));
-  EXPECT_FALSE(fresh->find("Area")->activeSelf());
+  EXPECT_FALSE(fresh->find("Area")->activeInHierarchy());
   play(*fresh, 3, 6);
   EXPECT_EQ(fresh->find("Area")->getComponent<Spawner>()->frames, 2) << "asleep";
 }

@@ -256,7 +256,7 @@ TEST(Protocol2, PulsesAndSoundsOfTheRecords) {
   EXPECT_EQ(testing::read<std::uint32_t>(reply[7], 64), 0U);
 }
 
-TEST(Protocol2, NamesAreToldOnce) {
+TEST(Protocol2, NamesAreSentOnce) {
   Names names;
   EXPECT_EQ(Json::parse(encodeResults({.type = 3}, twoResults(), names)[3]),
             (Json{{"logs", {{"0", {"a", "b"}}, {"1", Json::array()}}},

@@ -202,10 +202,9 @@ TEST(Server, APortInUseIsAnError) {
     FAIL() << "no error";
   } catch (const InvalidArgument& error) {
     EXPECT_EQ(error.field(), "port");
-    EXPECT_NE(std::string(error.what()).find("expected a port that nobody listens on"),
-              std::string::npos);
+    EXPECT_NE(std::string(error.what()).find("expected a free port"), std::string::npos);
   }
-  values.address = "192.0.2.1";  // an address for documentation, nobody's
+  values.address = "192.0.2.1";  // an address for documentation, of no machine
   EXPECT_THROW(Server(std::move(values)), InvalidArgument);
 }
 
@@ -223,7 +222,7 @@ TEST(Server, Endpoints) {
   EXPECT_THROW(values.endpoint(), InvalidArgument);
 }
 
-TEST(Server, ASecondClientIsToldSoAtOnce) {
+TEST(Server, ASecondClientIsRefusedAtOnce) {
   Running server(settings());
   Client owner(server.endpoint);
   owner.ask2(Type::hello, 0, {"{}"});
@@ -311,7 +310,7 @@ TEST(Server, KeepsOnServingWhereAsked) {
     if (i != 1) client.quit();  // the second one vanishes
     if (i == 1) continue;
   }
-  // Whoever comes after a vanished client is served once the server has noticed.
+  // A client that comes after a vanished client is served once the server has noticed.
   Client last(server.endpoint);
   Reply reply;
   do {

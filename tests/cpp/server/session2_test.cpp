@@ -395,7 +395,7 @@ TEST(Session2, AnotherHelloReplacesTheApps) {
   EXPECT_EQ(errorOf(client.step(1, 1)), "none");
   EXPECT_EQ(errorOf(client.ask(Type::hello, 0, {R"({"apps": 1, "game": "sample"})"})), "none");
   EXPECT_EQ(errorOf(client.step(1, 1)), "1 app: got 1, expected 0 to 0");
-  // The names of the log are told again.
+  // The names of the log are sent again.
   EXPECT_NE(client.reset(0, 1).at(3), "");
 }
 

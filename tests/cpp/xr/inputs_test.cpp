@@ -1,4 +1,4 @@
-// Rows of controller inputs (pose_row.hpp), touch paths and haptic pulses.
+// Rows of controller inputs (pose_row.hpp).
 #include <array>
 #include <limits>
 
@@ -50,21 +50,6 @@ TEST(InputRow, ReachesTheDeviceStateOfATrackedControllerOnly) {
   EXPECT_EQ(state.hand(Hand::right).trigger, 0.75F);
   EXPECT_FALSE(state.hand(Hand::left).active);
   EXPECT_EQ(state.hand(Hand::left).trigger, 0.0F);
-}
-
-TEST(SimulatedDevice, HandsOutEveryPulseOnce) {
-  SimulatedDevice device;
-  device.haptic(Hand::left, {XR_TYPE_HAPTIC_VIBRATION, nullptr, 20'000'000, 160.0F, 0.5F});
-  device.haptic(Hand::right, {XR_TYPE_HAPTIC_VIBRATION, nullptr, XR_MIN_HAPTIC_DURATION,
-                              XR_FREQUENCY_UNSPECIFIED, 0.0F});
-  const std::vector<HapticPulse> pulses = device.takePulses();
-  ASSERT_EQ(pulses.size(), 2U);
-  EXPECT_EQ(pulses[0].hand, Hand::left);
-  EXPECT_EQ(pulses[0].amplitude, 0.5F);
-  EXPECT_EQ(pulses[0].frequency_hz, 160.0F);
-  EXPECT_EQ(pulses[0].duration_ns, 20'000'000);
-  EXPECT_EQ(pulses[1].amplitude, 0.0F);
-  EXPECT_TRUE(device.takePulses().empty());
 }
 
 }  // namespace

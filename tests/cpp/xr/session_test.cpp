@@ -1,123 +1,142 @@
-// Life cycle, frame loop and saving.
+// The sessions of our own games (session.hpp).
+#include "sim2vr/xr/session.hpp"
+
 #include "support.hpp"
 
 namespace sim2vr::xr {
 namespace {
 
-using States = std::vector<XrSessionState>;
+constexpr const char* kRightTrigger = "/user/hand/right/input/trigger/value";
+constexpr XrHapticVibration kHum{XR_TYPE_HAPTIC_VIBRATION, nullptr, 20'000'000, 160.0F, 0.5F};
 
-TEST(Session, StatesOfAWholeLife) {
-  SimulatedDevice device;
-  Session session(device);
-  EXPECT_EQ(drain(session), (States{XR_SESSION_STATE_IDLE, XR_SESSION_STATE_READY}));
-  EXPECT_FALSE(session.isRunning());
-  session.begin();
-  EXPECT_TRUE(session.isRunning());
-  EXPECT_EQ(drain(session), (States{XR_SESSION_STATE_SYNCHRONIZED}));
-  frame(session, 0);
-  EXPECT_EQ(drain(session), (States{XR_SESSION_STATE_VISIBLE, XR_SESSION_STATE_FOCUSED}));
-  frame(session, kPeriod);
-  EXPECT_EQ(drain(session), States{});
-  session.requestExit();
-  EXPECT_EQ(drain(session), (States{XR_SESSION_STATE_VISIBLE, XR_SESSION_STATE_SYNCHRONIZED,
-                                    XR_SESSION_STATE_STOPPING}));
-  session.end();
-  EXPECT_EQ(drain(session), (States{XR_SESSION_STATE_IDLE, XR_SESSION_STATE_EXITING}));
-  EXPECT_EQ(session.state(), XR_SESSION_STATE_EXITING);
+class Sessions : public ::testing::Test {
+ protected:
+  Session session_;
+  ActionSet& set_ = session_.createActionSet("play");
+  Action& fire_ = session_.createAction(set_, "fire", XR_ACTION_TYPE_FLOAT_INPUT, {Hand::right});
+};
+
+TEST_F(Sessions, AllIsAsOfTheLatestFrame) {
+  session_.suggestBinding(fire_, kRightTrigger);
+  EXPECT_EQ(errorOf<StateError>([&] { session_.nextFrame(0, {}); }),
+            "nextFrame: no action sets are attached; call attachActionSets first");
+  session_.attachActionSets();
+  EXPECT_EQ(session_.frameTime(), 0);
+  session_.nextFrame(100, pulled(0.25F));
+  EXPECT_EQ(session_.frameTime(), 100);
+  EXPECT_EQ(session_.actionState(fire_).value.x, 0.25F);
+  EXPECT_EQ(session_.actionState(fire_, Hand::right).last_change, 100);
+  EXPECT_FALSE(session_.actionState(fire_, Hand::left).active);
 }
 
-TEST(Session, EventsCarryTypeAndTime) {
-  SimulatedDevice device;
-  Session session(device);
-  session.begin();
-  drain(session);
-  session.waitFrame(70, kPeriod);
-  const auto event = session.pollEvent();
-  ASSERT_TRUE(event.has_value());
-  EXPECT_EQ(event->type, XR_TYPE_EVENT_DATA_SESSION_STATE_CHANGED);
-  EXPECT_EQ(event->time, 70);
+TEST_F(Sessions, BindingErrors) {
+  const auto error = [&](const char* path) {
+    return errorOf<InvalidArgument>([&] { session_.suggestBinding(fire_, path); });
+  };
+  EXPECT_EQ(
+      error("/user/hand/right/input/triger/value"),
+      "binding path: got '/user/hand/right/input/triger/value', expected an input or output of "
+      "the Touch controllers; did you mean '/user/hand/right/input/trigger/value'?");
+  for (const std::string path :
+       {"/user/hand/right/input/thumbstick", "/user/hand/left/input/trigger/value"}) {
+    EXPECT_EQ(error(path.c_str()), "binding path: got '" + path +
+                                       "', expected a path for the float action 'fire' and of a "
+                                       "hand that it was created with");
+  }
+  EXPECT_EQ(error("/user/hand/right/input/x/click").substr(0, 12), "binding path");
+  EXPECT_EQ(error("/user/hand/right/input/system/click").substr(0, 12), "binding path");
+  EXPECT_EQ(error("/user/hand/right/input/trigger"), "none") << "the value is understood";
 }
 
-TEST(Session, WrongOrderNamesCallAndState) {
-  SimulatedDevice device;
-  Session session(device);
-  const auto error = [&](auto call) { return errorOf<StateError>([&] { call(); }); };
-  EXPECT_EQ(error([&] { session.end(); }),
-            "end: the session is READY; it can end only when STOPPING (call requestExit first)");
-  EXPECT_EQ(error([&] { session.requestExit(); }),
-            "requestExit: the session is READY; it must be running (call begin when READY)");
-  EXPECT_EQ(error([&] { session.waitFrame(0, 1); }),
-            "waitFrame: the session is READY; it must be running (call begin when READY)");
-  session.begin();
-  EXPECT_EQ(error([&] { session.begin(); }),
-            "begin: the session is SYNCHRONIZED; it can begin only when READY");
-  session.requestExit();
-  EXPECT_EQ(error([&] { session.requestExit(); }),
-            "requestExit: the session is STOPPING already; call end");
-  session.end();
-  EXPECT_EQ(error([&] { session.begin(); }),
-            "begin: the session is EXITING; it can begin only when READY");
+TEST_F(Sessions, SetsAndNamesAreCheckedAndFixedOnceAttached) {
+  EXPECT_EQ(errorOf<InvalidArgument>([&] { session_.createActionSet("play"); }),
+            "action set name: got 'play' twice, expected a name not used before");
+  EXPECT_EQ(errorOf<InvalidArgument>([&] { session_.createActionSet("My Set"); }),
+            "action set name: got 'My Set', expected 1 to 63 characters out of a-z 0-9 - _ .");
+  const auto action = [&](const std::string& name, XrActionType type) {
+    return errorOf<InvalidArgument>([&] { session_.createAction(set_, name, type); });
+  };
+  EXPECT_EQ(action("fire", XR_ACTION_TYPE_FLOAT_INPUT),
+            "action name: got 'fire' twice, expected a name not used before");
+  EXPECT_EQ(action("odd", XR_ACTION_TYPE_MAX_ENUM),
+            "action 'odd' type: got 2147483647, expected boolean, float, vector2f or pose input, "
+            "or vibration output");
+  EXPECT_EQ(action(std::string(64, 'a'), XR_ACTION_TYPE_FLOAT_INPUT).substr(0, 11), "action name");
+  session_.attachActionSets();
+  EXPECT_EQ(errorOf<StateError>([&] { session_.attachActionSets(); }),
+            "attachActionSets: the action sets are attached already; that is possible once per "
+            "session");
+  EXPECT_THROW(session_.createActionSet("late"), StateError);
+  EXPECT_THROW(session_.createAction(set_, "late", XR_ACTION_TYPE_FLOAT_INPUT), StateError);
+  EXPECT_THROW(session_.suggestBinding(fire_, kRightTrigger), StateError);
+  EXPECT_EQ(session_.findAction("play", "fire"), &fire_);
+  EXPECT_EQ(session_.findAction("none", "fire"), nullptr);
 }
 
-TEST(Session, FrameLoopOrderIsStrict) {
-  SimulatedDevice device;
-  Session session(device);
-  session.begin();
-  const auto error = [&](auto call) { return errorOf<StateError>([&] { call(); }); };
-  EXPECT_EQ(error([&] { session.beginFrame(); }),
-            "beginFrame: call waitFrame first (session SYNCHRONIZED; the order is waitFrame, "
-            "beginFrame, endFrame)");
-  EXPECT_EQ(error([&] { session.endFrame(); }).substr(0, 31), "endFrame: call beginFrame first");
-  session.waitFrame(0, 1);
-  EXPECT_EQ(error([&] { session.waitFrame(1, 1); }).substr(0, 32),
-            "waitFrame: call beginFrame first");
-  session.beginFrame();
-  EXPECT_EQ(error([&] { session.beginFrame(); }).substr(0, 32), "beginFrame: call waitFrame first");
-  EXPECT_EQ(error([&] { session.waitFrame(1, 1); }).substr(0, 30),
-            "waitFrame: call endFrame first");
-  session.endFrame();
-  session.waitFrame(1, 1);
+TEST_F(Sessions, VibrationsReachTheBoundAndTrackedHandsOnce) {
+  Action& buzz = session_.createAction(set_, "buzz", XR_ACTION_TYPE_VIBRATION_OUTPUT);
+  session_.suggestBinding(buzz, "/user/hand/left/output/haptic");
+  session_.suggestBinding(buzz, "/user/hand/right/output/haptic");
+  session_.attachActionSets();
+  session_.applyHapticFeedback(buzz, Hand::right, kHum);
+  EXPECT_TRUE(session_.takePulses().empty()) << "no frame yet";
+  session_.nextFrame(0, pulled(0.0F));
+  session_.applyHapticFeedback(buzz, Hand::left, kHum);
+  EXPECT_TRUE(session_.takePulses().empty()) << "not tracked";
+  session_.applyHapticFeedback(buzz, Hand::right, kHum);
+  session_.applyHapticFeedback(buzz, std::nullopt, kHum);
+  const auto pulses = session_.takePulses();
+  ASSERT_EQ(pulses.size(), 2U);
+  EXPECT_EQ(pulses[0].hand, Hand::right);
+  EXPECT_EQ(pulses[0].amplitude, 0.5F);
+  EXPECT_EQ(pulses[0].frequency_hz, 160.0F);
+  EXPECT_EQ(pulses[1].duration_ns, 20'000'000);
+  EXPECT_TRUE(session_.takePulses().empty());
 }
 
-TEST(Session, FrameStateEchoesTheCallersTime) {
-  SimulatedDevice device;
-  Session session(device);
-  session.begin();
-  const XrFrameState state = session.waitFrame(123, 45);
-  EXPECT_EQ(state.type, XR_TYPE_FRAME_STATE);
-  EXPECT_EQ(state.predictedDisplayTime, 123);
-  EXPECT_EQ(state.predictedDisplayPeriod, 45);
-  EXPECT_EQ(state.shouldRender, XR_TRUE);
-  session.beginFrame();
-  session.endFrame();
-  EXPECT_EQ(errorOf<InvalidArgument>([&] { session.waitFrame(122, 45); }),
-            "predicted_display_time: got 122, expected a time not before the previous frame's 123");
-  EXPECT_EQ(errorOf<InvalidArgument>([&] { session.waitFrame(124, -1); }),
-            "period: got -1, expected a duration of 0 ns or more");
-  session.requestExit();
-  EXPECT_EQ(session.waitFrame(124, 45).shouldRender, XR_FALSE) << "stopping";
+TEST_F(Sessions, WrongVibrationsAndSpacesAreRefused) {
+  Action& buzz = session_.createAction(set_, "buzz", XR_ACTION_TYPE_VIBRATION_OUTPUT);
+  const auto error = [&](const Action& action, const XrHapticVibration& vibration) {
+    return errorOf<InvalidArgument>(
+        [&] { session_.applyHapticFeedback(action, std::nullopt, vibration); });
+  };
+  XrHapticVibration loud = kHum;
+  loud.amplitude = 1.5F;
+  EXPECT_EQ(error(buzz, loud),
+            "vibration: got amplitude 1.500000, frequency 160.000000, duration 20000000, expected "
+            "0 to 1, 0 Hz or more, and 0 ns or more or XR_MIN_HAPTIC_DURATION");
+  EXPECT_EQ(error(fire_, kHum), "action 'fire': got float, expected a vibration output");
+  EXPECT_EQ(errorOf<InvalidArgument>([&] { session_.actionSpace(fire_, Hand::right); }),
+            "action 'fire': got a request for an action space, expected a pose action that was "
+            "created with this hand");
 }
 
-TEST(Session, InputFocusComesAndGoes) {
-  SimulatedDevice device;
-  Session session(device);
-  session.begin();
-  session.setInputFocus(true);
-  EXPECT_EQ(session.state(), XR_SESSION_STATE_SYNCHRONIZED) << "no focus before it is visible";
-  frame(session, 0);
-  session.setInputFocus(false);
-  EXPECT_EQ(session.state(), XR_SESSION_STATE_VISIBLE);
-  frame(session, 1);
-  EXPECT_EQ(session.state(), XR_SESSION_STATE_VISIBLE) << "a frame does not give it back";
-  session.setInputFocus(true);
-  EXPECT_EQ(session.state(), XR_SESSION_STATE_FOCUSED);
+// Of a game as of a program, LOCAL is the whole place of the head in the first frame.
+TEST_F(Sessions, LocatesInStage) {
+  Action& hand = session_.createAction(set_, "hand", XR_ACTION_TYPE_POSE_INPUT);
+  session_.suggestBinding(hand, "/user/hand/right/input/grip/pose");
+  session_.attachActionSets();
+  DeviceState devices = pulled(0.0F);
+  devices.head.position = {0.2F, 1.6F, -0.3F};
+  devices.hand(Hand::right).grip.position = {0.5F, 1.0F, -0.5F};
+  session_.nextFrame(0, devices);
+  const auto local = session_.locateSpace({.reference = XR_REFERENCE_SPACE_TYPE_LOCAL});
+  expectPose(local.value(), {{0, 0, 0, 1}, {0.2F, 1.6F, -0.3F}});
+  devices.head.position.x = 0.0F;
+  session_.nextFrame(1, devices);
+  expectPose(session_.locateSpace({.reference = XR_REFERENCE_SPACE_TYPE_LOCAL}).value(), *local);
+  EXPECT_EQ(session_.locateSpace({.reference = XR_REFERENCE_SPACE_TYPE_VIEW})->position.x, 0.0F);
+  EXPECT_EQ(session_.locateSpace(session_.actionSpace(hand, Hand::right))->position.z, -0.5F);
+  EXPECT_FALSE(session_.locateSpace(session_.actionSpace(hand, Hand::left)));
+  const auto views = session_.locateViews();
+  expectPose(views[0].pose, {{0, 0, 0, 1}, {-0.032F, 0.0F, 0.0F}});
+  EXPECT_FLOAT_EQ(views[1].fov.angleRight, std::atan(1.5F));
 }
 
 TEST(Session, SettingsAreChecked) {
-  SimulatedDevice device;
-  const auto field = [&](SessionSettings settings) {
+  const auto field = [](const SessionSettings& settings) {
     try {
-      const Session session(device, settings);
+      const Session session(settings);
     } catch (const InvalidArgument& error) {
       return error.field();
     }
@@ -129,62 +148,38 @@ TEST(Session, SettingsAreChecked) {
   EXPECT_EQ(field({}), "none");
 }
 
-void build(Session& session) {
-  ActionSet& set = session.createActionSet("play");
-  Action& grab = set.createAction("grab", XR_ACTION_TYPE_FLOAT_INPUT, {Hand::right});
-  session.suggestBinding(grab, "/user/hand/right/input/squeeze/value");
-  session.attachActionSets();
-}
-
-TEST(Session, SavedStateContinues) {
-  SimulatedDevice device;
-  Session session(device);
-  build(session);
-  session.begin();
-  device.setHead({{0, 0, 0, 1}, {0, 1.5F, 0}});
-  ControllerState right = activeController();
-  right.squeeze = 0.5F;
-  device.setController(Hand::right, right);
-  session.waitFrame(100, kPeriod);
-  session.syncActions();
+TEST_F(Sessions, SavedStateContinuesAndThatOfOtherActionsIsRefused) {
+  session_.suggestBinding(fire_, kRightTrigger);
+  session_.attachActionSets();
+  session_.nextFrame(100, pulled(0.5F));
   Archive saved = Archive::saver();
-  session.fields(saved);
-
-  SimulatedDevice fresh_device;
-  Session fresh(fresh_device);
-  build(fresh);
-  Archive loader = Archive::loader(saved.bytes());
-  fresh.fields(loader);
-  loader.expectEnd();
-  EXPECT_EQ(fresh.state(), XR_SESSION_STATE_FOCUSED);
+  session_.fields(saved);
+  const auto load = [&](Session& session) {
+    Archive loader = Archive::loader(saved.bytes());
+    session.fields(loader);
+    loader.expectEnd();
+  };
+  Session fresh;
+  Action& fire = fresh.createAction(fresh.createActionSet("play"), "fire",
+                                    XR_ACTION_TYPE_FLOAT_INPUT, {Hand::right});
+  fresh.suggestBinding(fire, kRightTrigger);
+  fresh.attachActionSets();
+  load(fresh);
   EXPECT_EQ(fresh.frameTime(), 100);
-  EXPECT_EQ(fresh_device.state().head.position.y, 1.5F);
-  const Action& grab = *fresh.findActionSet("play")->findAction("grab");
-  EXPECT_EQ(fresh.getActionStateFloat(grab, Hand::right).currentState, 0.5F);
-  EXPECT_EQ(fresh.getActionStateFloat(grab, Hand::right).lastChangeTime, 100);
-  fresh.beginFrame();  // the frame under way goes on
-  fresh.endFrame();
-  EXPECT_EQ(drain(fresh).size(), 5U) << "events not polled yet came along";
+  EXPECT_EQ(fresh.actionState(fire, Hand::right).last_change, 100);
+  fresh.nextFrame(200, pulled(0.5F));
+  EXPECT_FALSE(fresh.actionState(fire).changed);
   Archive again = Archive::saver();
-  session.fields(again);
+  session_.fields(again);
   EXPECT_EQ(again.bytes(), saved.bytes()) << "saving changes nothing";
-}
 
-TEST(Session, SavedStateOfOtherActionsIsRefused) {
-  SimulatedDevice device;
-  Session session(device);
-  build(session);
-  Archive saved = Archive::saver();
-  session.fields(saved);
-  Session none(device);
-  Archive loader = Archive::loader(saved.bytes());
-  EXPECT_EQ(errorOf<EngineError>([&] { none.fields(loader); }),
+  Session none;
+  EXPECT_EQ(errorOf<EngineError>([&] { load(none); }),
             "saved state: it has 1 actions, this session has 0");
-  Session other(device);
-  other.createActionSet("play").createAction("drop", XR_ACTION_TYPE_FLOAT_INPUT);
-  Archive second = Archive::loader(saved.bytes());
-  EXPECT_EQ(errorOf<EngineError>([&] { other.fields(second); }),
-            "saved state: action 'grab' where this session has 'drop'");
+  Session other;
+  other.createAction(other.createActionSet("play"), "drop", XR_ACTION_TYPE_FLOAT_INPUT);
+  EXPECT_EQ(errorOf<EngineError>([&] { load(other); }),
+            "saved state: action 'fire' where this session has 'drop'");
 }
 
 }  // namespace

@@ -1,44 +1,16 @@
-// A session with a simulated device, and shorthands.
+// Devices and poses of the tests, and shorthands.
 #pragma once
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <functional>
 #include <string>
-#include <vector>
 
 #include "sim2vr/core/errors.hpp"
-#include "sim2vr/xr/session.hpp"
-#include "sim2vr/xr/simulated_device.hpp"
+#include "sim2vr/xr/device.hpp"
 
 namespace sim2vr::xr {
-
-constexpr XrDuration kPeriod = 50'000'000;
-
-/// Counts how often it was sampled.
-class CountingDevice final : public Device {
- public:
-  std::string_view name() const override { return "counting"; }
-  DeviceState sample(XrTime time) override {
-    times.push_back(time);
-    return state;
-  }
-
-  DeviceState state;
-  std::vector<XrTime> times;
-};
-
-inline void frame(Session& session, XrTime time) {
-  session.waitFrame(time, kPeriod);
-  session.beginFrame();
-  session.endFrame();
-}
-
-inline std::vector<XrSessionState> drain(Session& session) {
-  std::vector<XrSessionState> states;
-  while (const auto event = session.pollEvent()) states.push_back(event->state);
-  return states;
-}
 
 template <class Error>
 std::string errorOf(const std::function<void()>& action) {
@@ -53,6 +25,14 @@ std::string errorOf(const std::function<void()>& action) {
 inline ControllerState activeController() {
   ControllerState state;
   state.active = true;
+  return state;
+}
+
+/// The right hand alone, with its trigger pulled so far.
+inline DeviceState pulled(float trigger) {
+  DeviceState state;
+  state.hand(Hand::right) = activeController();
+  state.hand(Hand::right).trigger = trigger;
   return state;
 }
 

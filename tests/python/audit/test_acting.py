@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 from sim2vr_harness.audit.acting import Actor, act_out
+from sim2vr_harness.audit.auditing import Parts
 from sim2vr_harness.audit.judging import hold, judge
 from sim2vr_harness.audit.pacing import MOST_MINUTES, Paced, minutes_at_pace, path_loads
 from sim2vr_harness.audit.population import LIMITATIONS, NONE, draw
-from sim2vr_harness.audit.processes import Parts
 from sim2vr_harness.audit.reaching import Crowd
-from sim2vr_harness.audit.recorded import pressed_places
-from sim2vr_harness.audit.targets import AuditTarget
+from sim2vr_harness.audit.targets import Target, pressed_places
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.sessions import Controller, Session, write_session
 from sim2vr_harness.users.exertion import Strength
+from sim2vr_harness.users.kinematics.posture_controller import DeviceRay
 
 NO_POSTURES = np.zeros((0, 0))
 
@@ -89,8 +90,8 @@ def test_above_the_shoulder_is_worse_than_below() -> None:
     # Li et al. 2024 (NICER), Hincapie-Ramos et al. 2014: Borg ratings by height of targets.
     crowd = Crowd(draw(6, 1), "seated", NONE)
     heights = [
-        AuditTarget("low", np.array([0.15, -0.55, 0.42]), from_head=True),
-        AuditTarget("high", np.array([0.15, 0.05, 0.42]), from_head=True),
+        Target("low", np.array([0.15, -0.55, 0.42]), from_head=True),
+        Target("high", np.array([0.15, 0.05, 0.42]), from_head=True),
     ]
     judged = judge(crowd, heights, NONE)
     assert judged.reached.all()
@@ -129,6 +130,21 @@ def test_near_places_are_reached_and_far_ones_not() -> None:
     assert 0.2 < (near.seconds or 0.0) < 3.0
     assert (far.done, far.attempts) == (False, 1)
     assert far.gap > 0.5
+
+
+def test_a_ray_of_the_app_s_own_is_brought_to_the_place() -> None:
+    (subject,) = draw(1, 1)
+    ray = DeviceRay(np.array([0.0, 0.05, 0.0]), np.array([1.0, 0.0, 0.0]))
+    place, last = np.array([2.0, 0.2, 1.2]), []
+    actor = Actor(subject, watch=lambda qpos, _: last.append(qpos))
+    assert actor.act(place, NO_POSTURES, ray=ray).done
+    data = mujoco.MjData(subject.body.physics_model)
+    data.qpos[:] = last[-1]
+    mujoco.mj_kinematics(subject.body.physics_model, data)
+    turn = data.site("controller_right").xmat.reshape(3, 3)
+    gap = place - data.site("controller_right").xpos - turn @ ray.origin_m
+    angle = np.degrees(np.arccos(turn[:, 0] @ gap / np.linalg.norm(gap)))
+    assert angle < 1.5
 
 
 def test_who_sits_higher_reaches_higher() -> None:
@@ -170,7 +186,7 @@ def test_a_session_without_a_press_is_refused(tmp_path: Path) -> None:
 
 def test_the_hand_that_was_judged_acts_it_out() -> None:
     crowd = Crowd(draw(1, 1), "seated", NONE)
-    left = AuditTarget("left", np.array([-0.75, 1.0, 0.05]))
+    left = Target("left", np.array([-0.75, 1.0, 0.05]))
     judged = judge(crowd, [left], NONE, muscles=True)
     assert judged.reached.all()
     assert judged.feasible.all()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -9,19 +10,19 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim2vr_harness.audit.auditing import run
-from sim2vr_harness.audit.causes import cause, shift_words
+from sim2vr_harness.audit.auditing import AuditRequest, run
 from sim2vr_harness.audit.judging import Judged, judge, places_of, seen
-from sim2vr_harness.audit.pages import located
 from sim2vr_harness.audit.population import NONE, Limitation, draw, groups_of
 from sim2vr_harness.audit.reaching import Crowd, Rows
 from sim2vr_harness.audit.remedies import GOAL, remedy
 from sim2vr_harness.audit.report import findings, headline, write
-from sim2vr_harness.audit.summary import plain, proportion
-from sim2vr_harness.audit.targets import AuditTarget, found_targets, read_targets
+from sim2vr_harness.audit.summary import cause, plain, proportion, shift_words
+from sim2vr_harness.audit.targets import Target, found_targets, located, read_targets
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.client.frames import position_to_app
 from sim2vr_harness.statistics.intervals import wilson_interval
 from sim2vr_harness.tools.users import environment_of
+from sim2vr_harness.users.kinematics.posture_controller import DeviceRay
 
 
 @pytest.fixture(scope="module")
@@ -29,20 +30,24 @@ def crowd() -> Crowd:
     return Crowd(draw(6, 1), "seated", NONE)
 
 
-def target(name: str, right: float, up: float, ahead: float, **more: Any) -> AuditTarget:
-    return AuditTarget(name, np.array([right, up, ahead]), **more)
+def target(name: str, right: float, up: float, ahead: float, **more: Any) -> Target:
+    return Target(name, np.array([right, up, ahead]), **more)
+
+
+def posed(crowd: Crowd, angles: np.ndarray | None = None, **degrees: float) -> mujoco.MjData:
+    """The first person in a posture, by MuJoCo; other joints are at 0."""
+    body = crowd.subjects[0].body
+    data = mujoco.MjData(body.physics_model)
+    if angles is None:
+        angles = np.radians([degrees.get(joint, 0.0) for joint in body.independent_joints])
+    data.qpos[:] = body.coupled_qpos(angles)
+    mujoco.mj_kinematics(body.physics_model, data)
+    return data
 
 
 def arm_length(crowd: Crowd) -> tuple[np.ndarray, float]:
-    """Shoulder of the first person and how far its straight arm carries the grip, by MuJoCo."""
-    body = crowd.subjects[0].body
-    model = body.physics_model
-    data = mujoco.MjData(model)
-    angles = np.zeros(len(body.independent_joints))
-    angles[body.independent_joints.index("shoulder_elv")] = np.radians(90.0)
-    angles[body.independent_joints.index("elv_angle")] = np.radians(90.0)
-    data.qpos[:] = body.coupled_qpos(angles)
-    mujoco.mj_kinematics(model, data)
+    """Shoulder of the first person and how far its straight arm carries the grip."""
+    data = posed(crowd, shoulder_elv=90.0, elv_angle=90.0)
     shoulder = data.body("humerus").xpos.copy()
     return shoulder, float(np.linalg.norm(data.site("controller_right").xpos - shoulder))
 
@@ -55,6 +60,68 @@ def test_a_straight_arm_ends_at_its_length(crowd: Crowd) -> None:
     found = crowd.solve(Rows(zeros, zeros.astype(bool), places, np.full(3, 0.001)))
     assert found.reached.tolist() == [True, True, False]
     assert found.leans[:2].tolist() == [False, True]
+
+
+UPRIGHT = {f"trunk_{joint}": (0.0, 0.0) for joint in ("flexion", "bending", "rotation")}
+
+
+def test_a_place_beyond_the_arm_s_length_lacks_the_difference(crowd: Crowd) -> None:
+    """The trunk upright, 0.9 and 1.2 lengths of the arm straight ahead of the shoulder.
+
+    Shoulder girdle and wrist make the straight arm up to 3 cm longer.
+    """
+    upright = Limitation("upright", limits_deg=UPRIGHT)
+    shoulder, length = arm_length(crowd)
+    places = position_to_app([shoulder + share * length * np.eye(3)[0] for share in (0.9, 1.2)])
+    targets = [target(name, *place) for name, place in zip("ab", places, strict=True)]
+    judged = judge(Crowd(crowd.subjects[:1], "seated", upright), targets, upright)
+    assert judged.reached[0].tolist() == [True, False]
+    assert cause(judged, targets[1], 0, 1) == "too far"
+    np.testing.assert_allclose(judged.needed_m[0, 1], [0.0, 0.0, -0.2 * length], atol=0.03)
+
+
+def test_an_arm_raised_by_90_degrees_ends_a_forearm_above_the_shoulder(crowd: Crowd) -> None:
+    """Then the elbow is no higher than the shoulder, and the hand no more than a forearm above."""
+    data = posed(crowd, shoulder_elv=90.0, elv_angle=90.0)
+    forearm = np.linalg.norm(data.site("controller_right").xpos - data.body("ulna").xpos)
+    place = data.body("humerus").xpos + np.array([0.2, -0.1, 1.1 * forearm])
+    limits = UPRIGHT | {"shoulder_elv": (0.0, 90.0)}
+    reached = []
+    for limits_deg in (UPRIGHT, limits):
+        limitation = Limitation("", limits_deg=limits_deg, one_hand=True)
+        one = Crowd(crowd.subjects[:1], "seated", limitation)
+        zero = np.zeros(1, dtype=np.int64)
+        rows = Rows(zero, zero.astype(bool), place[None], np.full(1, 0.001))
+        reached.append(bool(one.solve(rows).reached[0]))
+    assert reached == [True, False]
+
+
+def test_who_stands_reaches_the_same_places_from_higher_up(crowd: Crowd) -> None:
+    """Eyes at 0.936 of the stature (Drillis and Contini)."""
+    standing = Crowd(crowd.subjects, "standing", NONE)
+    statures = [each.person.stature_m for each in crowd.subjects]
+    np.testing.assert_allclose(standing.heads[:, 2], 0.936 * np.array(statures))
+    lift = standing.heads[0] - crowd.heads[0]
+    assert lift[2] > 0.2
+    zero, close = np.zeros(1, dtype=np.int64), np.full(1, 0.001)
+    place = np.array([[0.4, -0.2, 1.1]])
+    seated = crowd.solve(Rows(zero, zero.astype(bool), place, close))
+    higher = standing.solve(Rows(zero, zero.astype(bool), place + lift, close))
+    np.testing.assert_allclose(higher.angles[0, 0], seated.angles[0, 0], atol=1e-9)
+    np.testing.assert_allclose(higher.nearest - seated.nearest, lift[None], atol=1e-9)
+
+
+def test_a_ray_of_the_app_s_own_hits_the_place(crowd: Crowd) -> None:
+    """From 5 cm beside the grip, straight ahead of it: 60 degrees from WebXR's."""
+    ray = DeviceRay(np.array([0.0, 0.05, 0.0]), np.array([1.0, 0.0, 0.0]))
+    place, zero = np.array([3.0, 0.6, 1.6]), np.zeros(1, dtype=np.int64)
+    rows = Rows(zero, zero.astype(bool), place[None], np.full(1, 0.001), ray)
+    found = crowd.solve(rows)
+    assert found.reached.all()
+    site = posed(crowd, found.angles[0, 0]).site("controller_right")
+    turn = site.xmat.reshape(3, 3)
+    gap = place - site.xpos - turn @ ray.origin_m
+    np.testing.assert_allclose(turn @ ray.direction, gap / np.linalg.norm(gap), atol=2e-3)
 
 
 def test_the_other_hand_is_the_mirror_image(crowd: Crowd) -> None:
@@ -82,7 +149,7 @@ BAD = [
 
 @pytest.mark.parametrize(("bad", "why", "axis", "sign"), BAD, ids=lambda each: str(each)[:20])
 def test_a_bad_place_is_named_with_its_remedy(
-    crowd: Crowd, bad: AuditTarget, why: str, axis: int, sign: float
+    crowd: Crowd, bad: Target, why: str, axis: int, sign: float
 ) -> None:
     judged = judge(crowd, [bad], NONE)
     assert {cause(judged, bad, i, 0) for i in range(len(crowd.subjects))} == {why}
@@ -226,6 +293,32 @@ def test_bad_files_name_the_field(tmp_path: Path, text: str, message: str) -> No
     file.write_text(text)
     with pytest.raises(InputError, match=message):
         read_targets(file)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({}, "--game, --page, --targets or --session: got none"),
+        ({"game": "sample", "remote": {"page": "x"}}, "--page or --openxr: got it together"),
+        ({"remote": {"game": "x"}}, "--openxr: got a program without --targets"),
+        ({"targets": ["0,1,0"], "overrides": ["a=1"]}, "--set: got it without an app"),
+        ({"targets": ["0,1,0"], "objects": "a"}, "--condition or --objects: got it without"),
+        ({"game": "sample", "how": "grab"}, "--how: got 'grab', expected touch or point"),
+        ({"game": "sample", "stance": "lying"}, "--stance: got 'lying'"),
+        ({"game": "sample", "people": 0}, "--people: got 0, expected 1 to 10,000"),
+        ({"game": "sample", "people": 3, "operate": 4}, "--operate: got 4, expected 0 to the 3"),
+        ({"game": "sample", "seconds": 0.0}, "--seconds: got 0"),
+        ({"game": "sample", "tool": "Tip"}, "--tool: got it without --user"),
+        ({"user": "x", "tool": "Tip"}, "--tool: got it without --game"),
+        ({"user": "x", "stance": "standing"}, "--stance: got it together with --user"),
+        ({"user": "x", "cell": 0.5}, "--cell: got 0.5, expected 0.01 to 0.2 m"),
+        ({"user": "x", "pose": "a=1", "game": "sample"}, "--game: got it together with --pose"),
+        ({"user": "x", "load": 1.0}, "--load: got it without --pose"),
+    ],
+)
+def test_options_that_do_not_go_together_are_named(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=f"^{re.escape(message)}"):
+        AuditRequest(**options).check()
 
 
 def test_an_object_needs_a_page(tmp_path: Path) -> None:

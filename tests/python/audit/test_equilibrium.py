@@ -11,7 +11,7 @@ from sim2vr_harness.audit.judging import judge
 from sim2vr_harness.audit.population import NONE, Subject, draw
 from sim2vr_harness.audit.reaching import Crowd
 from sim2vr_harness.audit.report import too_weak
-from sim2vr_harness.audit.targets import AuditTarget
+from sim2vr_harness.audit.targets import Target
 
 FRONT = np.array([0.4, -0.15, 1.1])
 
@@ -72,8 +72,8 @@ def test_weak_muscles_and_heavy_loads_fail(
 
 def test_verdicts_name_what_the_model_is_too_weak_for() -> None:
     crowd = Crowd(draw(2, 3), "seated", NONE)
-    front = AuditTarget("front", np.array([0.15, 1.1, 0.4]))
-    heavy = AuditTarget("heavy", front.place_m, how="grab", load_kg=30.0)
+    front = Target("front", np.array([0.15, 1.1, 0.4]))
+    heavy = Target("heavy", front.place_m, how="grab", load_kg=30.0)
     judged = judge(crowd, [front, heavy], NONE, muscles=True)
     assert judged.reached.all()
     assert judged.feasible.tolist() == [[True, False]] * 2
@@ -83,7 +83,7 @@ def test_verdicts_name_what_the_model_is_too_weak_for() -> None:
 def test_a_feasible_posture_takes_no_more_than_all_of_the_muscles() -> None:
     """It replaces one for which the muscles are too weak."""
     crowd = Crowd(draw(2, 3), "seated", NONE)
-    high = [AuditTarget("high", np.array([0.15, 1.45, 0.3]))]
+    high = [Target("high", np.array([0.15, 1.45, 0.3]))]
     without, with_it = judge(crowd, high, NONE), judge(crowd, high, NONE, muscles=True)
     assert (with_it.share <= without.share).all()
     assert (with_it.share[with_it.feasible] < 1.05).all()

@@ -9,16 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim2vr_harness.audit.causes import cause
 from sim2vr_harness.audit.grip import can_grip, grip_share, grip_time
 from sim2vr_harness.audit.judging import judge
-from sim2vr_harness.audit.operating import Way
-from sim2vr_harness.audit.pages import FoundThing, things_as_targets
+from sim2vr_harness.audit.pages import FoundThing, Way, things_as_targets
 from sim2vr_harness.audit.population import LIMITATIONS, NONE, Limitation, Subject, draw
 from sim2vr_harness.audit.reaching import Crowd
 from sim2vr_harness.audit.remedies import GOAL, remedy
 from sim2vr_harness.audit.report import unanswered
-from sim2vr_harness.audit.targets import AuditTarget, read_targets
+from sim2vr_harness.audit.summary import cause
+from sim2vr_harness.audit.targets import Target, read_targets
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.users.exertion import Strength
 
@@ -28,8 +27,8 @@ def subjects() -> list[Subject]:
     return draw(6, 1)
 
 
-def lever(**more: Any) -> AuditTarget:
-    return AuditTarget("lever", np.array([0.2, 1.0, 0.4]), how="grab", **more)
+def lever(**more: Any) -> Target:
+    return Target("lever", np.array([0.2, 1.0, 0.4]), how="grab", **more)
 
 
 def test_a_load_takes_grip_by_friction(subjects: list[Subject]) -> None:

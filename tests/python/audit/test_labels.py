@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim2vr_harness.audit.labels import VIEWS, labels_of, screen
+from sim2vr_harness.audit.report import VIEWS, labels_of, screen
 
 
 def test_places_apart_have_their_names() -> None:

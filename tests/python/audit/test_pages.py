@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import time
 
+import numpy as np
 import pytest
 
 from sim2vr_harness.audit import pages
-from sim2vr_harness.audit.pages import find_things, located
-from sim2vr_harness.audit.targets import TargetSettings
+from sim2vr_harness.audit.pages import find_things, things_as_targets
+from sim2vr_harness.audit.targets import TargetSettings, located
 from sim2vr_harness.client.answers import BadReply
 from sim2vr_harness.client.webxr.replies import things_reply
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.users.kinematics.posture_controller import AIM_RAY
 from webxr_pages import CDN, ENGINES, NEEDS_BROWSER, NEEDS_ENGINES, ROOT
 
 # Listed by hand from the pages' sources: name and what is done with it.
@@ -42,9 +44,16 @@ def test_things_of_pages_are_found_and_react(name: str) -> None:
 
 @NEEDS_BROWSER
 @NEEDS_ENGINES
-def test_an_object_is_located() -> None:
+def test_an_object_is_located_and_pointed_at_with_the_pages_own_ray() -> None:
+    """A-Frame's laser of laser.html lies along the grip's axis, 60 degrees above WebXR's ray."""
     (target,) = located([TargetSettings(name="top", object="high")], page("buttons"))
     assert target.place_m.tolist() == pytest.approx([0.12, 1.25, 0.42])
+    assert target.ray is AIM_RAY
+    file = ROOT / "tests" / "data" / "webxr" / "laser.html"
+    env = EnvConfig(app=AppConfig(transport="webxr", page=str(file), map={CDN: str(ENGINES)}))
+    settings = TargetSettings(name="key", object="target", how="point")
+    for each in (*located([settings], env), *things_as_targets(find_things(env, 2.0))):
+        np.testing.assert_allclose(each.ray.direction, [1.0, 0.0, 0.0], atol=0.02)
 
 
 @NEEDS_BROWSER

@@ -38,9 +38,7 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> None:
     import sim2vr_harness.envs.simulation as module
 
     monkeypatch.setattr(module, "Simulation", FakeSimulation)
-    monkeypatch.setattr(
-        "sim2vr_harness.policies.scripted.baselines.doing_nothing_pays", lambda env: None
-    )
+    monkeypatch.setattr("sim2vr_harness.play.users.doing_nothing_pays", lambda env: None)
     monkeypatch.setattr("sim2vr_harness.evaluation.evaluate.doing_nothing_pays", lambda env: None)
 
 

@@ -10,7 +10,8 @@ import pytest
 
 from openxr_programs import manifest, program
 from python.cli.calls import call
-from sim2vr_harness.cli.app_options import AppOptions, as_overrides
+from sim2vr_harness.cli.app_options import AppOptions
+from sim2vr_harness.play.environment import as_overrides
 from sim2vr_harness.runs.config import load_config
 
 

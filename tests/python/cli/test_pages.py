@@ -18,11 +18,12 @@ from PIL import Image
 
 from processes import emptied, gone
 from python.cli.calls import call
-from sim2vr_harness.audit import pages
+from sim2vr_harness.audit import auditing
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.cli.app_options import AppOptions, as_overrides
+from sim2vr_harness.cli.app_options import AppOptions
 from sim2vr_harness.envs import AppConfig, EnvConfig
 from sim2vr_harness.envs.config import page_name
+from sim2vr_harness.play.environment import as_overrides
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.runs.trust import require_trust
 from webxr_pages import NEEDS_BROWSER, PAGES
@@ -78,8 +79,7 @@ def test_what_the_user_sees_of_a_page(capsys: Any, tmp_path: Path) -> None:
         (("evaluate", "--page", TOUCH, "--map", "x"), "--map: got 'x', expected URL=FOLDER"),
         (("evaluate", "--page", TOUCH), "RUN: got nothing, expected a run's folder, or --user"),
         (("evaluate", "run", "--user", "still"), "--user: got it together with 'run'"),
-        (("evaluate", "--user", "still", "--log"), "--log: got it together with --user"),
-        (("evaluate", "--user", "still", "--people", "2"), "--people: got it together with --u"),
+        (("evaluate", "--user", "still", "--log"), "--log: got it without --out, expected a fol"),
         (("evaluate", "--user", "stil", "--page", TOUCH), "did you mean 'still'"),
         (("render", "snapshot", "--page", "nowhere.html"), "app.page: got '"),
         (("evaluate", "--user", "still", "--page", TOUCH, "--task", "x.py:Y"), "no file '"),
@@ -225,7 +225,7 @@ def test_an_audit_takes_options_of_its_page(
         asked.append(env)
         return []
 
-    monkeypatch.setattr(pages, "find_things", find)
+    monkeypatch.setattr(auditing, "find_things", find)
     call(capsys, "audit", "--page", TOUCH + more[0], *more[1:], "--out", str(tmp_path / "audit"))
     assert (asked[0].app.page, asked[0].app.options) == (TOUCH, {"size": 0.03})
 

@@ -134,7 +134,18 @@ def test_the_next_start_is_made_ahead(tmp_path: Path) -> None:
         (
             "say(1, protocol=7); time.sleep(9)",
             ProtocolError,
-            r"protocol: got 7, expected 1; re",
+            r"protocol: got 7, expected 2; re",
+        ),
+        (
+            "hello(); say(3, graphics='egl', depth_layers=True, image_bytes=0); time.sleep(9)",
+            ProtocolError,
+            r"it sent no memory that its images fit into",
+        ),
+        (
+            "hello(); say(3, [os.memfd_create('small')] * 3, graphics='egl', depth_layers=True, "
+            "image_bytes=0); time.sleep(9)",
+            ProtocolError,
+            r"it sent no memory that its images fit into",
         ),
         ("send(77); time.sleep(9)", ProtocolError, r"a message of kind 77 with 1 bytes"),
         (
@@ -345,7 +356,8 @@ def test_depth_is_in_the_unit_of_the_engine(
     """10 m in the units of the program."""
     told = (
         "plain = say\n"
-        f"say = lambda kind, **what: plain(kind, **(what | {{'engine': {engine!r}}}))\n"
+        "say = lambda kind, *files, **what: plain(\n"
+        f"    kind, *files, **(what | {{'engine': {engine!r}}}))\n"
         "config = hello()\n"
         "print('far:', config['farthest_m'], flush=True)\n"
     )

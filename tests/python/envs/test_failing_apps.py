@@ -133,12 +133,12 @@ def test_an_app_that_dies_between_rounds_or_while_it_is_saved(simulation: Simula
     assert len(simulation.app_failures) == 1
     simulation.step(actions(0))
     os.kill(process_of(simulation.apps[2]).pid, signal.SIGKILL)
-    saved = simulation.save_state()
+    saved = simulation.state_dict()
     batch = simulation.step(actions(1))
     assert batch.infos[2]["termination"] == "app_failed"
     simulation.reset(ids=[2])
     other = Simulation(config(), N)
-    assert other.load_state(saved) == [2]  # its round could not be saved
+    assert other.load_state_dict(saved) == [2]  # its round could not be saved
     other.step(actions(1))
     other.close()
 

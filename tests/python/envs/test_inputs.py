@@ -89,7 +89,7 @@ def test_a_pressed_button_is_saved_and_let_go_by_a_reset() -> None:
     one, other = (simulation_of(1)[0] for _ in range(2))
     one.reset(seeds=[1])
     one.step(acted(-1.0, 0.0, 1.0))
-    other.load_state(one.save_state())
+    other.load_state_dict(one.state_dict())
     other.step(acted(-1.0, 0.0, 0.0))
     assert other.apps[0].got[-1].right_inputs[0, input_named("right.a").column] == 1.0
     other.reset()

@@ -46,9 +46,9 @@ def test_a_saved_state_holds_the_hands_past() -> None:
     one.reset(seeds=[3])
     for _ in range(5):
         one.step(np.full((1, one.action_space.shape[0]), 0.4))
-    state = one.save_state()
+    state = one.state_dict()
     other.reset(seeds=[9])
-    other.load_state(state)
+    other.load_state_dict(state)
     assert _tips(one)[:6].tolist() == _tips(other)[:6].tolist()
 
 

@@ -11,8 +11,9 @@ import pytest
 
 from sim2vr_harness.envs import EnvConfig
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.evaluation.replay.recordings import read_recordings
-from sim2vr_harness.evaluation.replay.replayer import replay
+from sim2vr_harness.sessions import read_sessions
+from sim2vr_harness.sessions.logs import target_events
+from sim2vr_harness.sessions.replay import replay_session
 
 LEFT = {"person": {"handedness": "left"}}
 
@@ -44,10 +45,10 @@ def test_a_left_handers_round_is_the_mirror_image(tmp_path: Path) -> None:
 
 def test_a_left_handers_log_replays(tmp_path: Path) -> None:
     log = play(LEFT, [5, 4, 7, 8], tmp_path)
-    (recording,) = read_recordings([tmp_path])
-    assert recording.options["hand"] == "left"
-    events = replay(recording).events
-    assert events == recording.events
+    (recording,) = read_sessions(tmp_path)
+    assert recording.app.options["hand"] == "left"
+    events = target_events(replay_session(recording).session)
+    assert events == target_events(recording)
     assert sum(event.kind == "hit" for event in events) == log["Points"] > 0
 
 

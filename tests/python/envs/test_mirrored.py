@@ -13,9 +13,11 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import DevicePoses, HapticPulse
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation
 from sim2vr_harness.envs.mirrored import MirroredGroup, mirrored_poses
-from sim2vr_harness.evaluation.replay.recordings import read_recordings
-from sim2vr_harness.evaluation.replay.replayer import replay
 from sim2vr_harness.runs.config import load_config
+from sim2vr_harness.sessions import read_sessions
+from sim2vr_harness.sessions.logs import target_events
+from sim2vr_harness.sessions.replay import replay_session
+from sim2vr_harness.sessions.whacamole import with_clock
 from sim2vr_harness.training.run import trainer
 from sim2vr_harness.users import PeopleSettings, Population
 
@@ -105,10 +107,10 @@ def test_a_crowd_of_both_hands(tmp_path: Path) -> None:
         for i, number in enumerate((left, right, left)):
             for key, value in alone[number].items():
                 np.testing.assert_array_equal(told[key][i], value[0], err_msg=f"{key} of {i}")
-        state = users.save_state()
+        state = users.state_dict()
         users.step(np.full((3, users.action_space.shape[0]), 0.2))
         later = users.observation()
-        users.load_state(state)
+        users.load_state_dict(state)
         np.testing.assert_array_equal(users.observation()["vision"], told["vision"])
         users.step(np.full((3, users.action_space.shape[0]), 0.2))
         for key, value in users.observation().items():
@@ -120,14 +122,15 @@ def test_a_crowd_of_both_hands(tmp_path: Path) -> None:
             users.step(
                 np.zeros((3, users.action_space.shape[0])), resting=np.flatnonzero(users.over)
             )
-    recordings = read_recordings([tmp_path])
-    played = [recording.options.get("hand", "right") for recording in recordings]
+    recordings = read_sessions(tmp_path)
+    played = [recording.app.options.get("hand", "right") for recording in recordings]
     assert sorted(played)[:2] == ["left", "left"]
     for recording in recordings:
-        if recording.options.get("hand") == "left":
+        if recording.app.options.get("hand") == "left":
             assert recording.left is not None
-        if len(recording.times_s) > 40:  # the others were given up for new ones
-            assert replay(recording).events == recording.events
+        if len(recording) > 40:  # the others were given up for new ones
+            again = replay_session(with_clock(recording, closed_loop=False)).session
+            assert target_events(again) == target_events(recording)
 
 
 def test_poses_and_vibrations_change_sides() -> None:

@@ -183,11 +183,11 @@ def test_all_senses_at_once_depend_on_the_seed_only_and_are_saved() -> None:
     assert trace(alone, 12) != expected
     together.reset(seeds=[1, 2, 5])
     trace(together, 5)
-    state = together.save_state()
+    state = together.state_dict()
     rest = trace(together, 7, start=5)
     assert rest == expected[5:]
     other = Simulation(config(**EVERYTHING), 3)
-    other.load_state(state)
+    other.load_state_dict(state)
     assert trace(other, 7, start=5) == rest
     for simulation in (alone, together, other):
         simulation.close()
@@ -206,7 +206,7 @@ def test_delayed_events_are_saved_with_the_state() -> None:
     for step in range(3):
         one.step(actions(1, step))
     assert not one.observation()["haptics"].any()  # begun, but not felt yet
-    two.load_state(one.save_state())
+    two.load_state_dict(one.state_dict())
     for simulation in (one, two):
         simulation.step(actions(1, 3))
         assert simulation.observation()["haptics"][0].tolist() == [0.0, 1.0]
@@ -352,10 +352,10 @@ def test_an_efference_copy_has_the_actions_of_the_last_steps() -> None:
         np.testing.assert_array_equal(
             simulation.observation()["actions"], expected.astype(np.float32)
         )
-        state = simulation.save_state()
+        state = simulation.state_dict()
         simulation.reset([1])
         assert not simulation.observation()["actions"][1].any()
-        simulation.load_state(state)
+        simulation.load_state_dict(state)
         np.testing.assert_array_equal(
             simulation.observation()["actions"], expected.astype(np.float32)
         )

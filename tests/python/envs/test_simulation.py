@@ -73,19 +73,19 @@ def test_save_and_load_mid_episode() -> None:
     one, two = Simulation(CONFIG, 2), Simulation(CONFIG, 2)
     one.reset(seeds=[1, 2])
     trace(one, 10)
-    saved, logs = one.save_state(), [one.logs[i] for i in range(2)]
+    saved, logs = one.state_dict(), [one.logs[i] for i in range(2)]
     rest = trace(one, 15, start=10)
-    two.load_state(saved)
+    two.load_state_dict(saved)
     assert logs[0] != logs[1]
     assert [two.logs[i] for i in range(2)] == logs
     assert trace(two, 15, start=10) == rest
     one.reset()
     with pytest.raises(ValueError, match="2 users, expected 1"):
-        Simulation(CONFIG, 1).load_state(saved)
+        Simulation(CONFIG, 1).load_state_dict(saved)
     with pytest.raises(ValueError, match=r"plain data|other bytes"):
         import pickle
 
-        two.load_state(pickle.dumps(print))
+        two.load_state_dict({"simulation": np.frombuffer(pickle.dumps(print), np.uint8)})
     one.close()
     two.close()
 

@@ -135,7 +135,7 @@ def test_save_and_load_mid_episode() -> None:
     one, two = Simulation(CONFIG, 2), Simulation(CONFIG, 2)
     one.reset(seeds=[1, 2])
     trace(one, 10)
-    two.load_state(one.save_state())
+    two.load_state_dict(one.state_dict())
     assert trace(two, 15, start=10) == trace(one, 15, start=10)
     one.close()
     two.close()

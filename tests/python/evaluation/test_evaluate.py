@@ -14,12 +14,11 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import Condition, GameFacts, describe_game, facts_of_outside
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.evaluation import evaluate as module
-from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
-from sim2vr_harness.evaluation.metrics import RoundResult, round_result, summarise
-from sim2vr_harness.evaluation.rollouts import Job, jobs_for, play
 from sim2vr_harness.evaluation.tables import results_table
 from sim2vr_harness.evaluation.training_distribution import met, unpractised
+from sim2vr_harness.play.environment import evaluation_env
+from sim2vr_harness.play.round import Round, round_result, summarise
 from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import TrainingConfig
@@ -39,7 +38,7 @@ def play_with(trained: Path, request: Request, **how: Any) -> module.Evaluation:
     return evaluate(trained, request, simulation=FakeSimulation, **how)
 
 
-def result(hits: float, misses: float, **log: float) -> RoundResult:
+def result(hits: float, misses: float, **log: float) -> Round:
     return round_result(
         WHACAMOLE,
         condition="medium",
@@ -77,20 +76,6 @@ def test_the_return_s_terms_add_up_and_cells_are_pooled() -> None:
     assert terms == {"rest": 140.0, "DistanceReward": -40.0, "effort": -20.0}
     assert sum(terms.values()) == summary["return"]
     assert summary["cell_hit_rates"] == [0.5, None, 1.0, *[None] * 6]
-
-
-@pytest.mark.parametrize(("low", "expected"), [(-1.0, 1.5), (0.5, 0.0)])
-def test_the_change_of_actions(low: float, expected: float) -> None:
-    """A user who swings between two actions, and one who holds still."""
-    turn = iter(range(10_000))
-    results = play(
-        lambda n: FakeSimulation(n=n),
-        lambda _: lambda observation, rng: np.full(3, (low, 0.5)[next(turn) % 2], np.float32),
-        [Job("easy", 0, 0)],
-        WHACAMOLE,
-        deterministic=True,
-    )
-    assert results[0].values["action_change"] == pytest.approx(expected)
 
 
 def test_summary_by_hand() -> None:
@@ -372,44 +357,14 @@ def test_player_is_the_mean_plus_its_own_noise(trained: Path) -> None:
     simulation.reset(seeds=[1, 2])
     spaces = simulation.observation_space, simulation.action_space
     player, _ = load_policy(find_user(trained), *spaces)
-    own = {key: value[1] for key, value in simulation.observation().items()}
-    mean = player.act(own, None, None)
+    own = {key: value[1:] for key, value in simulation.observation().items()}
+    mean = player.act(own, None, [None])
     assert mean.dtype == np.float32
-    draws = np.array([player.act(own, None, np.random.default_rng(k)) for k in range(300)])
+    draws = np.array([player.act(own, None, [np.random.default_rng(k)]) for k in range(300)])
     assert np.abs(draws).max() == 1.0
     # Standard deviation 1, clipped at +-1: 0.52 in all (numerically) around a mean near 0.
     assert draws.std() == pytest.approx(0.72, abs=0.05)
-    assert np.array_equal(draws[0], player.act(own, None, np.random.default_rng(0)))
-
-
-def test_users_who_finish_early_do_not_disturb_the_others() -> None:
-    resets: list[Any] = []
-
-    class Watched(FakeSimulation):
-        def reset(self, ids=None, seeds=None, options=None):
-            resets.append((ids, options))
-            return super().reset(ids, seeds, options)
-
-    jobs = [Job("easy", k, k) for k in range(4)]
-    results = play(
-        lambda n: Watched(n=n),
-        lambda simulation: lambda observation, rng: rng.uniform(-1, 1, 3).astype(np.float32),
-        jobs,
-        WHACAMOLE,
-        deterministic=False,
-    )
-    assert [r.seed for r in results] == [0, 1, 2, 3]
-    idle = [ids for ids, options in resets if options is None]
-    longest = max(r.steps for r in results)
-    assert sum(len(ids) for ids in idle) == sum(r.steps < longest for r in results)
-
-
-def test_jobs() -> None:
-    a, b = Condition("a", options={"x": 1}), Condition("b", options={"x": 2})
-    assert jobs_for([a, b], 2, 7) == [
-        Job("a", 0, 7, {"x": 1}), Job("a", 1, 8, {"x": 1}),
-        Job("b", 0, 7, {"x": 2}), Job("b", 1, 8, {"x": 2}),
-    ]  # fmt: skip
+    assert np.array_equal(draws[0], player.act(own, None, [np.random.default_rng(0)]))
 
 
 def test_a_game_s_own_score_is_beside_the_name_of_its_score() -> None:

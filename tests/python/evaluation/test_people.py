@@ -16,15 +16,15 @@ from sim2vr_harness.client import Condition, describe_game
 from sim2vr_harness.envs.config import EnvConfig, NoiseConfig, UserConfig
 from sim2vr_harness.envs.people_preset import as_population, with_people
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
-from sim2vr_harness.evaluation.metrics import RoundResult, round_result, summarise
-from sim2vr_harness.evaluation.rollouts import jobs_for
 from sim2vr_harness.evaluation.tables import results_table
+from sim2vr_harness.play.player import jobs_for
+from sim2vr_harness.play.round import Round, round_result, summarise
 from sim2vr_harness.users import PeopleSettings, Population
 
 WHACAMOLE = describe_game("whacamole")
 
 
-def result(points: float, person: int | None, episode: int = 0) -> RoundResult:
+def result(points: float, person: int | None, episode: int = 0) -> Round:
     fields = None if person is None else Population(PeopleSettings()).number(person).as_dict()
     return round_result(
         WHACAMOLE,

@@ -307,7 +307,7 @@ def test_rounds_go_on_from_their_state() -> None:
     begun(game, places[0], 1.2)
     for place in places[:5]:
         game.play(place.expand(6, -1, -1, -1), SOFT)
-    other.load_state_dict({name: value.clone() for name, value in game.state_dict().items()})
+    other.load_state_dict(game.state_dict())
     for place in places[5:]:
         everyone = place.expand(6, -1, -1, -1)
         torch.testing.assert_close(game.play(everyone, SOFT), other.play(everyone, SOFT))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.client import DevicePoses, InProcessApp, describe_game
-from sim2vr_harness.evaluation.metrics import round_result, summarise
+from sim2vr_harness.play.round import round_result, summarise
 
 pytest.importorskip("sim2vr_harness._app_runtime")
 

@@ -45,7 +45,7 @@ def test_published_users_are_found_by_their_settings() -> None:
 
 def test_published_measures_are_measures_of_the_game() -> None:
     from sim2vr_harness.client import describe_game
-    from sim2vr_harness.evaluation.metrics import measures_of
+    from sim2vr_harness.play.round import measures_of
 
     for game in ("whacamole", "beats"):
         facts, known = describe_game(game), published_of(game)

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sim2vr_harness.human_comparison.rounds import PlayedRound
-from sim2vr_harness.human_comparison.targets import Targets
+from sim2vr_harness.human_comparison.rounds import PlayedRound, Targets
 
 REST = np.array([0.0, 0.0, -0.15])
 ONSET_S, HIT_S, BACK_S, EVERY_S = 0.2, 0.4, 0.6, 0.8

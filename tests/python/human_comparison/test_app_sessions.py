@@ -13,17 +13,17 @@ import pytest
 from typer.testing import CliRunner
 
 from sim2vr_harness.cli.main import app
-from sim2vr_harness.human_comparison import session_sources
-from sim2vr_harness.human_comparison.app_sessions import behaviour_of_sessions, measure_session
+from sim2vr_harness.human_comparison import sources
 from sim2vr_harness.human_comparison.comparing import compare
 from sim2vr_harness.human_comparison.measures import plain
-from sim2vr_harness.human_comparison.persons import persons_of
-from sim2vr_harness.human_comparison.session_sources import find_sessions
+from sim2vr_harness.human_comparison.persons import RoundMeasures, measure_session, persons_of
+from sim2vr_harness.human_comparison.rounds import behaviour_of_sessions
 from sim2vr_harness.sessions import (
     AppIdentity,
     Controller,
     Session,
     SessionEvent,
+    find_sessions,
     write_session,
 )
 
@@ -57,9 +57,14 @@ def swinging(amplitude_m: float = AMPLITUDE_M, still_s: float = 1.0, hits: int =
     )
 
 
+def measured(session: Session, person: str = "p") -> RoundMeasures:
+    found = measure_session(session, behaviour_of_sessions("game.html", [session]), person)
+    assert found is not None
+    return found
+
+
 def values(session: Session) -> dict[str, float]:
-    behaviour = behaviour_of_sessions("game.html", [session])
-    return dict(measure_session(session, behaviour, "p", Path("round.jsonl")).values)
+    return dict(measured(session).values)
 
 
 def test_a_swinging_hand_has_the_numbers_of_its_sine() -> None:
@@ -103,9 +108,7 @@ def test_numbers_of_targets_tell_them_apart() -> None:
         SessionEvent(6_000_000_000, "target_hit", {"target_id": 1}),
         SessionEvent(7_000_000_000, "target_hit", {"target_id": 0}),
     )
-    session = replace(swinging(), events=events)
-    behaviour = behaviour_of_sessions("game", [session])
-    found = measure_session(session, behaviour, "p", Path("x"))
+    found = measured(replace(swinging(), events=events))
     assert sorted(found.samples["tth"]) == pytest.approx([1.0, 3.0])
 
 
@@ -158,9 +161,9 @@ def test_what_is_no_session_is_named(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     assert find_sessions(tmp_path / "empty") == []
     (tmp_path / "packed").mkdir()
-    (tmp_path / "packed" / "manifest.json").write_text("{}")
+    (tmp_path / "packed" / "manifest.json").write_text('{"trials": []}')
     write_session(swinging(), tmp_path / "packed" / "a.jsonl")
-    assert find_sessions(tmp_path / "packed") == []
+    assert find_sessions(tmp_path / "packed") == []  # a manifest lists all of its folder
 
 
 def _must_not_play(*_: Any, **__: Any) -> None:
@@ -200,8 +203,7 @@ def test_recordings_are_refused_before_anything_is_played(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(session_sources, "evaluate", _must_not_play)
-    monkeypatch.setattr(session_sources, "evaluate_baseline", _must_not_play)
+    monkeypatch.setattr(sources, "evaluate", _must_not_play)
     write_session(replace(swinging(), **change), tmp_path / "round.jsonl")
     arguments = ["compare", user, "--recordings", str(tmp_path / "round.jsonl"), *options]
     ran = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "out")])
@@ -227,8 +229,7 @@ def test_rounding_errors_are_no_differences_and_numbers_are_plain() -> None:
     ]  # fmt: skip
     sessions = [swinging(), swinging(AMPLITUDE_M + 3e-9), swinging(AMPLITUDE_M - 3e-9)]
     behaviour = behaviour_of_sessions("page", sessions)
-    user, *people = (measure_session(s, behaviour, str(k), Path("x")) for k, s in
-                     enumerate(sessions))  # fmt: skip
+    user, *people = (measured(each, str(k)) for k, each in enumerate(sessions))
     found = compare("user", persons_of([user], behaviour), persons_of(people, behaviour), behaviour)
     assert {row.distance for row in found.rows if row.measure.name == "range_x"} == {0.0}
     assert {row.inside for row in found.rows if row.measure.name == "range_x"} == {1.0}

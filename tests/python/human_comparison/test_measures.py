@@ -9,11 +9,10 @@ import pytest
 from made_rounds import strikes
 
 from sim2vr_harness.games.registry import behaviour_of
-from sim2vr_harness.human_comparison import motion, outcomes
+from sim2vr_harness.human_comparison import persons
 from sim2vr_harness.human_comparison.grid import Track
 from sim2vr_harness.human_comparison.measures import FAMILIES, MEASURES, measures_in
-from sim2vr_harness.human_comparison.persons import measure_round, persons_of
-from sim2vr_harness.human_comparison.strikes import sparc
+from sim2vr_harness.human_comparison.persons import measure_round, persons_of, sparc
 
 WHACAMOLE = behaviour_of("whacamole")
 
@@ -24,9 +23,9 @@ def values_of(*rounds):
     return person.values
 
 
-def test_there_are_64_measures_in_ten_families() -> None:
+def test_there_are_64_measures_in_ten_families_beside_aimed_movements() -> None:
     assert len({measure.name for measure in MEASURES}) == 64
-    assert len(FAMILIES) == 10
+    assert len(FAMILIES) == 11
     counts = {
         (group, condition): len(measures_in(WHACAMOLE, group, condition))
         for group in ("constrained", "unconstrained")
@@ -122,12 +121,12 @@ def moving(velocity, rate_hz: float = 100.0, seconds: float = 30.0) -> Track:
 
 
 def test_speed_and_smoothness_of_known_movements() -> None:
-    steady, _ = motion.speeds(moving(lambda t: np.outer(np.ones_like(t), [0.3, 0.0, 0.4])))
+    steady, _ = persons.speeds(moving(lambda t: np.outer(np.ones_like(t), [0.3, 0.0, 0.4])))
     assert steady["mean_speed"] == pytest.approx(0.5)
     assert steady["slow_share"] == 0.0
     for hertz, share in ((1.0, 0.0), (6.0, 1.0)):
         shaking = moving(lambda t, f=hertz: np.outer(np.sin(2 * np.pi * f * t), [1.0, 0.0, 0.0]))
-        assert motion.smoothness(shaking)[0]["hf_share"] == pytest.approx(share, abs=0.02)
+        assert persons.smoothness(shaking)[0]["hf_share"] == pytest.approx(share, abs=0.02)
 
 
 def test_arc_length_tells_smooth_from_broken_movements() -> None:
@@ -145,7 +144,7 @@ def test_turning_of_the_head() -> None:
     head = played.head.copy()
     head[:, 4], head[:, 6] = np.sin(angle / 2), np.cos(angle / 2)
     head[::2, 3:] *= -1.0  # the same rotations
-    values, _ = motion.head(Track(replace(played, head=head)))
+    values, _ = persons.head(Track(replace(played, head=head)))
     assert values["head_rot_p95"] == pytest.approx(20.0, abs=1.5)
     assert values["head_rot_speed"] == pytest.approx(20.0 * 2 / np.pi, abs=0.4)
     assert values["head_range"] == 0.0
@@ -157,10 +156,10 @@ def test_which_of_two_targets_is_taken() -> None:
     targets = played.targets
     hit = np.ones(targets.n, dtype=np.bool_)
     lasting = replace(targets, end_s=targets.spawn_s + 1.1, hit=hit, missed=~hit)
-    values, _ = outcomes.choices(Track(replace(played, targets=lasting)), alive_after_s=0.1)
+    values, _ = persons.choices(Track(replace(played, targets=lasting)), alive_after_s=0.1)
     assert values["oldest_first"] == pytest.approx(1.0)
     assert values["choices_share"] == pytest.approx(
         (targets.n - 3) / targets.n, abs=1.5 / targets.n
     )
-    single, _ = outcomes.choices(Track(played), alive_after_s=0.1)
+    single, _ = persons.choices(Track(played), alive_after_s=0.1)
     assert "oldest_first" not in single

@@ -10,7 +10,14 @@ import pytest
 
 from sim2vr_harness.games.registry import behaviour_of
 from sim2vr_harness.human_comparison.comparing import left_out, total
-from sim2vr_harness.human_comparison.sources import Source, read_people
+from sim2vr_harness.human_comparison.report import ComparisonReport
+from sim2vr_harness.human_comparison.sources import (
+    Source,
+    measured_people,
+    measured_user,
+    read_people,
+    read_user,
+)
 
 SHARED = Path(os.environ.get("SIM2VR_SHARED", Path(__file__).parents[4] / "shared"))
 ROUNDS = SHARED / "data" / "human_rounds"
@@ -65,7 +72,7 @@ CONSTRAINED = {
 
 @pytest.fixture(scope="module")
 def people() -> Source:
-    return read_people([ROUNDS], WHACAMOLE)
+    return measured_people(read_people(ROUNDS), WHACAMOLE)
 
 
 def test_people_s_numbers(people: Source) -> None:
@@ -100,10 +107,8 @@ def test_one_of_the_people_is_inside_the_others_range_as_published(people: Sourc
 
 
 def test_published_simulated_users_do_not_wait_for_the_target() -> None:
-    from sim2vr_harness.human_comparison.sources import Plays, read_user
-
     folder = SHARED / "data" / "simulated_rounds"
-    source = read_user(str(folder), WHACAMOLE, Plays(out=Path("unused")))
+    source = measured_user("simulated", read_user(folder), WHACAMOLE)
     (user,) = source.persons["constrained", "easy"]
     assert user.values["vm_latency"] < 0.1
     assert user.values["strike_early"] == 1.0
@@ -111,11 +116,9 @@ def test_published_simulated_users_do_not_wait_for_the_target() -> None:
 
 def test_the_published_simulated_users_move_unlike_people(people: Source) -> None:
     """Values as published, and whether they lie in people's range."""
-    from sim2vr_harness.human_comparison.report import ComparisonReport
-    from sim2vr_harness.human_comparison.sources import Plays, read_user
 
     folder = SHARED / "data" / "simulated_rounds"
-    source = read_user(str(folder), WHACAMOLE, Plays(out=Path("unused")))
+    source = measured_user("simulated", read_user(folder), WHACAMOLE)
     report = ComparisonReport(WHACAMOLE, people, [source])
     rows = {(row.measure.name, row.condition): row for row in report.rows()}
     for measure, condition, value in (

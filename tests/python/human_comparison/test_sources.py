@@ -18,7 +18,17 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.games.registry import behaviour_of
 from sim2vr_harness.human_comparison import sources
-from sim2vr_harness.human_comparison.sources import Plays, read_folders, read_people, read_user
+from sim2vr_harness.human_comparison.sources import (
+    Plays,
+    Source,
+    Sources,
+    measured_people,
+    measured_user,
+    read_folders,
+    read_people,
+    read_sources,
+    read_user,
+)
 from sim2vr_harness.studies.config import parse_study
 from sim2vr_harness.studies.data import StudyData
 from sim2vr_harness.studies.players import players_of
@@ -63,12 +73,16 @@ def people(tmp_path: Path) -> Path:
     return tmp_path / "people"
 
 
-def plays(tmp_path: Path) -> Plays:
-    return Plays(out=tmp_path / "rounds", episodes=2, seed=5)
+def measured(folder: Path) -> Source:
+    return measured_user(folder.name, read_user(folder), WHACAMOLE)
+
+
+def play(user: str, people: Path, out: Path, **how: Any) -> Sources:
+    return read_sources([user], [people], Plays(**{"out": out, "seed": 5, "episodes": 2, **how}))
 
 
 def test_people_with_logs_of_ours_are_the_folders_above_the_rounds(people: Path) -> None:
-    source = read_people([people], WHACAMOLE)
+    source = measured_people(read_people(people), WHACAMOLE)
     assert [person.name for person in source.persons[HARD]] == ["a", "b", "c"]
     times = [person.values["tth_median"] for person in source.persons[HARD]]
     assert times[0] - times[2] == pytest.approx(0.02, abs=1e-4)
@@ -77,25 +91,25 @@ def test_people_with_logs_of_ours_are_the_folders_above_the_rounds(people: Path)
 
 def test_rounds_of_an_evaluation_belong_to_its_persons(tmp_path: Path) -> None:
     folder = evaluation(tmp_path / "step_1", {0: 0.0, 1: 0.05})
-    source = read_user(str(folder), WHACAMOLE, plays(tmp_path))
+    source = measured(folder)
     assert [(person.name, person.rounds) for person in source.persons[HARD]] == [("0", 1), ("1", 1)]
     assert source.fatigue[HARD] == pytest.approx({"0": 0.1, "1": 0.2})
-    alone = read_user(str(evaluation(tmp_path / "one", {None: 0.0})), WHACAMOLE, plays(tmp_path))
+    alone = measured(evaluation(tmp_path / "one", {None: 0.0}))
     assert [person.name for person in alone.persons[HARD]] == ["one"]
 
 
 def test_rounds_without_results_are_of_one(tmp_path: Path) -> None:
     logged(tmp_path / "user" / "x")
     logged(tmp_path / "user" / "y")
-    source = read_user(str(tmp_path / "user"), WHACAMOLE, plays(tmp_path))
+    source = measured(tmp_path / "user")
     ((person,),) = source.persons.values()
     assert (person.name, person.rounds) == ("user", 2)
     (tmp_path / "user" / "y" / "person.json").write_text('{"index": 3}')
-    source = read_user(str(tmp_path / "user"), WHACAMOLE, plays(tmp_path))
+    source = measured(tmp_path / "user")
     assert [person.name for person in source.persons[HARD]] == ["3", "user"]
 
 
-def test_a_user_plays_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_user_plays_once(tmp_path: Path, people: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     played = []
 
     def evaluate(user: str, request: Any, on_progress: Any) -> None:
@@ -104,27 +118,27 @@ def test_a_user_plays_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         evaluation(request.out, {None: 0.0})
 
     monkeypatch.setattr(sources, "evaluate", evaluate)
-    how = plays(tmp_path)
     for _ in range(2):
-        source = read_user("whacamole_unconstrained", WHACAMOLE, how)
-        assert source.name == "whacamole_unconstrained"
+        found = play("whacamole_constrained", people, tmp_path / "rounds")
+        assert [each.name for each in found.users.values()] == ["whacamole_constrained"]
     assert len(played) == 1
-    endings = {name.rpartition("-")[2] for name in played[0].conditions}
-    assert (endings, len(played[0].conditions)) == ({"unconstrained"}, 5)
+    assert played[0].conditions == ["easy", "medium", "hard", "low", "high"]
     assert (played[0].episodes, played[0].seed, played[0].log) == (2, 5, True)
-    again = Plays(out=how.out, episodes=3, seed=5, persons=4)
-    read_user("whacamole_unconstrained", WHACAMOLE, again)
+    play("whacamole_constrained", people, tmp_path / "rounds", episodes=3, persons=4)
     assert (played[-1].episodes, played[-1].people) == (3, 4)
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda path: path / "none", r"--recordings: got '.*none', expected a folder that exists"),
-        (lambda path: path, r"--recordings: got '.*', expected a folder with states.csv"),
+        (
+            lambda path: path / "none",
+            r"--recordings: got '.*none', expected a file or folder that exists",
+        ),
+        (lambda path: path, r"--recordings: got '.*', expected a session, a folder with states"),
         (
             lambda path: logged(path / "a" / "r", title="condition expert").parents[1],
-            r"PATH: got '.*' with conditions \['expert'\], expected rounds of whacamole: easy,",
+            r"--recordings: got '.*' with conditions \['expert'\], expected rounds of whacamole: e",
         ),
         (
             lambda path: logged(path / "a" / "r").parents[1],
@@ -134,7 +148,7 @@ def test_a_user_plays_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 )
 def test_people_that_cannot_be_used(tmp_path: Path, make: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        read_people([make(tmp_path)], WHACAMOLE)
+        measured_people(read_people(make(tmp_path)), WHACAMOLE)
 
 
 def test_logs_that_lack_what_is_measured(tmp_path: Path) -> None:
@@ -144,29 +158,29 @@ def test_logs_that_lack_what_is_measured(tmp_path: Path) -> None:
         "\n".join(line for line in events.splitlines() if "plane" not in line)
     )
     with pytest.raises(InputError, match="got none, expected the pose of the targets' plane"):
-        read_user(str(tmp_path / "a"), WHACAMOLE, plays(tmp_path))
+        measured(tmp_path / "a")
     (place / "events.csv").write_text(
         "\n".join(line for line in events.splitlines() if "target_" not in line)
     )
     with pytest.raises(InputError, match="no target, expected targets that come up"):
-        read_user(str(tmp_path / "a"), WHACAMOLE, plays(tmp_path))
+        measured(tmp_path / "a")
     states = (place / "states.csv").read_text()
     (place / "states.csv").write_text(states.replace("marker", "pointer"))
     with pytest.raises(InputError, match=r"poses of \['pointer'\], expected columns marker_pos_x"):
-        read_user(str(tmp_path / "a"), WHACAMOLE, plays(tmp_path))
+        measured(tmp_path / "a")
 
 
 def test_an_evaluation_without_logs(tmp_path: Path) -> None:
     folder = evaluation(tmp_path / "e", {None: 0.0})
     shutil.rmtree(folder / "logs")
     with pytest.raises(InputError, match="which has rounds without, expected logs of every round"):
-        read_user(str(folder), WHACAMOLE, plays(tmp_path))
+        read_user(folder)
 
 
-def test_a_user_of_another_game_is_refused(tmp_path: Path) -> None:
+def test_a_user_of_another_game_is_refused(tmp_path: Path, people: Path) -> None:
     message = "'beats_first_lazy', who plays beats, expected a user of whacamole"
     with pytest.raises(InputError, match=message):
-        read_user("beats_first_lazy", WHACAMOLE, plays(tmp_path))
+        play("beats_first_lazy", people, tmp_path)
 
 
 def test_the_command(tmp_path: Path, people: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -198,14 +212,13 @@ def test_a_user_may_play_by_the_rules_of_any_group(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Whatever it was trained with: the conditions that the group's people are compared in."""
-    asked: list[Plays] = []
+    asked: list[Any] = []
 
-    def read(user: str, behaviour: Any, how: Plays, **also: Any) -> Any:
-        asked.append(how)
+    def evaluate(user: str, request: Any, **also: Any) -> None:
+        asked.append(request)
         raise InputError("USER", "a user who is asked for nothing more", "none")
 
-    monkeypatch.setattr("sim2vr_harness.human_comparison.sources.read_user", read)
-    monkeypatch.setattr("sim2vr_harness.human_comparison.sources.check_user", lambda *_: None)
+    monkeypatch.setattr(sources, "evaluate", evaluate)
 
     def compare(*options: str) -> str:
         user = ["compare", "whacamole_people", "--recordings", str(people), "--out", str(tmp_path)]
@@ -214,6 +227,9 @@ def test_a_user_may_play_by_the_rules_of_any_group(
         assert ended.value.code
         return " ".join(capsys.readouterr().err.split())
 
+    title = "condition hard-unconstrained"
+    logged(people / "d" / "round", title=title)
+    logged(people / "e" / "round", title=title)
     compare("--group", "unconstrained")
     names = ("easy", "medium", "hard", "low", "high")
     assert asked[-1].conditions == [f"{name}-unconstrained" for name in names]
@@ -319,7 +335,7 @@ def test_users_are_called_as_they_are_told_to_be(
 def test_people_are_needed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["compare", str(evaluation(tmp_path / "e", {None: 0.0})), "--out", str(tmp_path)])
-    assert "--recordings: got none, expected a folder of people's" in " ".join(
+    assert "--recordings: got none, expected people's recorded rounds" in " ".join(
         capsys.readouterr().err.split()
     )
 
@@ -329,8 +345,9 @@ def test_users_and_people_must_have_met(
 ) -> None:
     logged(tmp_path / "user" / "r", title="condition easy")
     with pytest.raises(SystemExit) as ended:
-        where = ["--recordings", str(people), "--out", str(tmp_path)]
-        main(["compare", str(tmp_path / "user"), *where])
+        main(
+            ["compare", str(tmp_path / "user"), "--recordings", str(people), "--out", str(tmp_path)]
+        )
     assert ended.value.code
     message = "'user', who played constrained easy, expected a condition of people's: constrained"
     assert message in " ".join(capsys.readouterr().err.split())

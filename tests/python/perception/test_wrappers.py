@@ -100,9 +100,9 @@ def test_users_perceive_as_late_as_each_of_them_is() -> None:
     delays_s[1] = 0.1
     world.reset([1])
     np.testing.assert_allclose(world.step()["clock"][:, 0], [350, 0, 300, 268, 230], atol=1e-4)
-    saved = world.perception.get_state(3)
+    saved = world.perception.state_dict(3)
     delays_s[4] = delays_s[3]
-    world.perception.set_state(4, saved)
+    world.perception.load_state_dict(4, saved)
     np.testing.assert_allclose(world.step()["clock"][3:, 0], [318, 318], atol=1e-4)
 
 
@@ -203,7 +203,7 @@ def test_saved_states_go_on_to_the_bit(wrap: str) -> None:
     for _ in range(4):
         one.step()
     # Into the other place of another batch.
-    two.perception.set_state(0, one.perception.get_state(1))
+    two.perception.load_state_dict(0, one.perception.state_dict(1))
     two.users.substep[:] = one.users.substep[:]
     for _ in range(5):
         np.testing.assert_array_equal(one.step()["clock"][1], two.step()["clock"][0])
@@ -222,10 +222,10 @@ def test_wrong_settings() -> None:
     with pytest.raises(ValueError, match="noise: got -1"):
         Noisy(clock(), -1)
     one, other = (World(1, History(clock(), t, step_seconds=0.05)) for t in (0.1, 0.2))
-    with pytest.raises(ValueError, match=r"state of the sense 'clock': got shape \(3, 1\)"):
-        other.perception.set_state(0, one.perception.get_state(0))
+    with pytest.raises(ValueError, match=r"state of 'clock', values: got shape \(3, 1\)"):
+        other.perception.load_state_dict(0, one.perception.state_dict(0))
     with pytest.raises(ValueError, match=r"state: got the senses \['clock'\], expected"):
-        World(1, picture()).perception.set_state(0, one.perception.get_state(0))
+        World(1, picture()).perception.load_state_dict(0, one.perception.state_dict(0))
 
 
 def test_a_stack_has_every_step_the_newest_first() -> None:

@@ -31,12 +31,16 @@ class Counting:
     def __init__(self, observation_space, action_space):
         self.size = action_space.shape[0]
 
-    def reset(self):
-        return []
+    def begin(self, n):
+        return [0] * n
 
-    def act(self, observation, memory, rng):
-        memory.append(len(memory))
-        return np.full(self.size, len(memory) / 100, np.float32)
+    def restart(self, memory, users):
+        for user in users:
+            memory[user] = 0
+
+    def act(self, observations, memory, rngs):
+        memory[:] = [count + 1 for count in memory]
+        return np.tile(np.array(memory, np.float32)[:, None] / 100, self.size)
 
     def state_dict(self):
         return {}
@@ -44,7 +48,7 @@ class Counting:
 class Bare:
     config = Counting.config
     def __init__(self, observation_space, action_space): ...
-    def act(self, observation, memory, rng): ...
+    def act(self, observations, memory, rngs): ...
 
 class Placeless(Counting):
     config = 3
@@ -74,12 +78,16 @@ def test_a_class_of_a_file_is_evaluated_with_a_memory_per_episode(
     env.close()
     assert action[0] == np.float32(0.01)
     assert later[0] == np.float32(0.02)  # the second act of the same episode
+    both = {key: np.stack([value, value]) for key, value in observation.items()}
+    _, memory = policy.predict(both)
+    actions, _ = policy.predict(both, memory, episode_start=np.array([False, True]))
+    assert actions[:, 0].tolist() == [np.float32(0.02), np.float32(0.01)]
 
 
 @pytest.mark.parametrize(
     ("name", "problem"),
     [
-        ("Bare", "without reset, state_dict"),
+        ("Bare", "without begin, restart, state_dict"),
         ("Placeless", "with config 3, expected config"),
         ("Countin", "did you mean 'Counting'"),
     ],

@@ -15,9 +15,9 @@ from sim2vr_harness.cli.main import main
 from sim2vr_harness.envs import AppConfig, EnvConfig
 from sim2vr_harness.envs.games import with_task
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.evaluation.scripted_baseline import BaselineRun, evaluate_baseline
+from sim2vr_harness.evaluation.evaluate import Evaluation, Request, evaluate
+from sim2vr_harness.play.users import baseline_reward, doing_nothing_pays
 from sim2vr_harness.policies.scripted import is_script, parse_step, read_steps, with_inputs
-from sim2vr_harness.policies.scripted.baselines import baseline_reward, doing_nothing_pays
 from webxr_pages import CDN, ENGINES, NEEDS_BROWSER, NEEDS_ENGINES, PAGES, ROOT
 
 KEYPAD = str(PAGES / "keypad.html")
@@ -111,16 +111,19 @@ def test_a_script_adds_the_inputs_that_it_works(
     assert found.user.inputs == inputs
 
 
-def played(user: str, **task: Any) -> BaselineRun:
-    app = AppConfig(transport="webxr", page=KEYPAD, task={**TASK, **task})
-    return evaluate_baseline(with_task(EnvConfig(app=app)), user, episodes=1)
+def play(user: str, episodes: int = 1, **app: Any) -> Evaluation:
+    return evaluate(user, Request(app=app, episodes=episodes))
+
+
+def played(user: str, **task: Any) -> Evaluation:
+    return play(user, transport="webxr", page=KEYPAD, task={**TASK, **task})
 
 
 @NEEDS_BROWSER
 def test_lit_keys_are_pressed_by_ray(tmp_path: Path) -> None:
     """Of 16 cm at 1.5 m: half a key is 3 degrees."""
     found = played(script(tmp_path, "- {do: press lit, repeats: 3}\n"))
-    (steps,) = found.steps
+    (steps,) = (one.script for one in found.rounds)
     assert [step.by for step in steps] == ["ray"] * 3, "1.5 m are out of reach"
     assert all(step.done and step.angle_deg is not None and step.angle_deg < 1.0 for step in steps)
     assert [step.changed for step in steps] == [{"right": (k, k + 1.0)} for k in range(3)]
@@ -134,7 +137,7 @@ def test_a_block_is_taken_along_and_the_rest_does_not_react(tmp_path: Path) -> N
     """From (0.25, 0.95, 0.4) to (0.1, 1.1, 0.35): 15, 15 and 5 cm make 21.8 cm."""
     text = "- {do: press block, input: trigger}\n- {do: grab block to 0.1 1.1 0.35}\n"
     found = played(script(tmp_path, text), inputs=["right.squeeze"])
-    ((pressed, grabbed),) = found.steps
+    pressed, grabbed = found.rounds[0].script
     assert (pressed.by, pressed.inputs, dict(pressed.changed)) == (
         "touch", ("right.trigger",), {"air": (0.0, 1.0)},
     )  # fmt: skip
@@ -159,7 +162,7 @@ def test_an_idle_user_presses_nothing() -> None:
 @NEEDS_BROWSER
 def test_what_cannot_be_done_is_said() -> None:
     found = played("touch key1", seconds=3.0)
-    ((step,),) = found.steps
+    (step,) = found.rounds[0].script
     assert (step.done, step.problem) == (False, "the round ended before it was done")
     with pytest.raises(InputError, match=r"no object 'kye1', expected .*did you mean 'key1'"):
         played("touch kye1")
@@ -185,14 +188,14 @@ def test_a_smoke_test_on_the_command_line(capsys: Any, tmp_path: Path) -> None:
 def test_a_ball_that_jumps_counts_as_touched(tmp_path: Path) -> None:
     """The sample's ball goes elsewhere at a touch and counts a point."""
     user = script(tmp_path, "- {do: touch Ball, repeats: 3}\n- point Ball\n")
-    app = AppConfig(game="sample", renderer="null", options={"round_seconds": 6.0})
-    found = evaluate_baseline(EnvConfig(app=app), user, episodes=1)
-    (steps,) = found.steps
+    app: dict[str, Any] = {"game": "sample", "renderer": "null", "options": {"round_seconds": 6.0}}
+    found = play(user, **app)
+    (steps,) = (one.script for one in found.rounds)
     assert [step.done for step in steps] == [True] * 4
     points = [step.changed["Points"] for step in steps[:3]]
     assert points == [(0.0, 1.0), (1.0, 2.0), (2.0, 3.0)]
     with pytest.raises(InputError, match=r"no object 'Bal', expected .*did you mean 'Ball'"):
-        evaluate_baseline(EnvConfig(app=app), "touch Bal", episodes=1)
+        play("touch Bal", **app)
 
 
 @NEEDS_BROWSER
@@ -200,12 +203,14 @@ def test_a_ball_that_jumps_counts_as_touched(tmp_path: Path) -> None:
 def test_the_drawer_of_the_example_is_opened() -> None:
     """It counts once it is pulled out by 15 cm."""
     page = ROOT / "docs" / "examples" / "webxr" / "drawer"
-    app = AppConfig(
-        transport="webxr", page=str(page), map={CDN: str(ENGINES)}, task=str(page / "task.yaml")
+    app = {"transport": "webxr", "page": str(page), "map": {CDN: str(ENGINES)}}
+    request = Request(
+        app={**app, "task": str(page / "task.yaml")},
+        overrides=["env.max_episode_seconds=4.0"],
+        episodes=1,
     )
-    env = with_task(EnvConfig(app=app, max_episode_seconds=4.0))
-    found = evaluate_baseline(env, "grab handle to 0.12 1 0.2", episodes=1)
-    ((step,),) = found.steps
+    found = evaluate("grab handle to 0.12 1 0.2", request)
+    (step,) = found.rounds[0].script
     assert step.object_moved_m == pytest.approx(0.15, abs=0.001)
     summary = found.summaries["standard"]
     assert summary["opened"] == 1.0
@@ -220,7 +225,8 @@ def test_a_ray_is_the_pages_own() -> None:
 
     WebXR's target ray is 60 degrees below that.
     """
-    app = AppConfig(
+    found = play(
+        "press target by ray",
         transport="webxr",
         page=str(PAGES / "laser.html"),
         map={CDN: str(ENGINES)},
@@ -230,8 +236,7 @@ def test_a_ray_is_the_pages_own() -> None:
             "values": {"clicks": "app.clicks"},
         },
     )
-    found = evaluate_baseline(with_task(EnvConfig(app=app)), "press target by ray", episodes=1)
-    ((step,),) = found.steps
+    (step,) = found.rounds[0].script
     assert step.done
     assert step.ray_off_deg == pytest.approx(60.0, abs=1.0)
     assert "the page's own ray, 60 degrees from WebXR's" in step.words
@@ -267,7 +272,7 @@ def test_train_and_evaluate_note_that_doing_nothing_pays(
         raise RuntimeError("begun")
 
     monkeypatch.setattr("sim2vr_harness.training.run.trainer.train", begin)
-    monkeypatch.setattr("sim2vr_harness.evaluation.evaluate._recorded", begin)
+    monkeypatch.setattr("sim2vr_harness.evaluation.evaluate._play", begin)
     env = ["--set", "env.app.game=pointing", "--set", "env.app.options={}"]
     for command in (
         ["train", "whacamole_constrained", *env],

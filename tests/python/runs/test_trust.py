@@ -43,7 +43,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     monkeypatch.setattr(module, "Simulation", Simulation)
     # It plays idle users, which the stand-in has none of.
-    idle = "sim2vr_harness.policies.scripted.baselines.doing_nothing_pays"
+    idle = "sim2vr_harness.play.users.doing_nothing_pays"
     monkeypatch.setattr(idle, lambda _: None)
     monkeypatch.setattr("sim2vr_harness.evaluation.evaluate.doing_nothing_pays", lambda _: None)
     return programs

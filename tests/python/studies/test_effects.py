@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.studies import effects
 from sim2vr_harness.studies.effects import EffectConfig, EffectResult, EffectsConfig, load_effects
-from sim2vr_harness.training.motor_control.human_benchmark import AimedMovements, HumanMeasures
+from sim2vr_harness.training.motor_control.aimed_movements import AimedMovements
 
 SHIPPED = Path(__file__).parents[3] / "studies" / "effects"
 
@@ -68,19 +68,15 @@ def test_a_ratio_is_that_of_each_person() -> None:
     assert (found.n, found.sign_found) == (2, "unclear")
 
 
-def _movements(distance_m: float, width_m: float, slope: float) -> AimedMovements:
-    """Of two persons, two movements each; the second one is .1 s slower."""
-    late = np.array([0.0, 0.0, 0.1, 0.1])
-    time_s = 0.2 + slope * np.log2(distance_m / width_m + 1.0) + late
-    end, way = np.zeros((4, 3)), np.tile([distance_m, 0.0, 0.0], (4, 1))
-    profile = np.tile([1.8, 0.4, 0.9, 1.0], (4, 1))
-    peak = np.full(4, 2.0 * distance_m)
-    return AimedMovements(distance_m, width_m, time_s, 0 * late, end, way, profile, peak)
-
-
 def test_reaches_of_drawn_persons_are_theirs() -> None:
-    cells = [_movements(d, w, 0.25) for d in (0.1, 0.2, 0.4) for w in (0.02, 0.04)]
-    measures = HumanMeasures(tuple(cells))
+    """Two persons, two movements each to each target; the second one is .1 s slower."""
+    distance, width = np.array([(d, w) for d in (0.1, 0.2, 0.4) for w in (0.02, 0.04)]).T
+    bits = np.log2(distance / width + 1.0)
+    time_s = 0.2 + 0.25 * bits[:, None] + np.array([0.0, 0.0, 0.1, 0.1])
+    way = distance[:, None, None] * np.ones((4, 1)) * [1.0, 0.0, 0.0]
+    profile = np.tile([1.8, 0.4, 0.9, 1.0], (6, 4, 1))
+    peak = np.tile(2.0 * distance[:, None], 4)
+    measures = AimedMovements(distance, width, time_s, 0 * time_s, 0 * way, way, profile, peak)
     first, second = (measures.of(np.array(rows)).summary() for rows in ((0, 1), (2, 3)))
     assert first["fitts_slope_s_per_bit"] == pytest.approx(0.25)
     assert second["fitts_intercept_s"] - first["fitts_intercept_s"] == pytest.approx(0.1)

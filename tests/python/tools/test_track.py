@@ -17,10 +17,10 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.envs.config import body_of
 from sim2vr_harness.evaluation.data import read_data
-from sim2vr_harness.evaluation.replay.recordings import Event
 from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
+from sim2vr_harness.sessions.logs import TargetEvent as Event
 from sim2vr_harness.tools.track.files import write
 from sim2vr_harness.tools.track.outcomes import outcome_of
 from sim2vr_harness.tools.track.paths import RecordedPath, first_of_play, read_paths
@@ -31,7 +31,7 @@ from sim2vr_harness.tools.track.tracking import Tracked, TrackingSettings, track
 from sim2vr_harness.tools.track.tracking_controller import WARM_UP_S, Followed, wanted_of
 from sim2vr_harness.tools.users import environment_of
 from sim2vr_harness.users import Body, UserBatch
-from sim2vr_harness.users.kinematics.reach_controller import ReachController
+from sim2vr_harness.users.kinematics.posture_controller import PostureController
 
 HEADER = (
     "time_s,headset_x,headset_y,headset_z,controller_right_x,controller_right_y,controller_right_z"
@@ -41,15 +41,19 @@ UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
 class StandIn(MotorPolicy):
-    """A layer that needs no training: the hand is pulled to its goal by the body's mechanics."""
+    """A layer that needs no training: inverse kinematics and muscles bring the hand to its goal."""
 
     def __init__(self, body: Body, step_s: float) -> None:
         super().__init__(body, step_s, width=8)
-        self._reacher = ReachController(body)
+        self._reacher = PostureController(body)
 
     def act(self, users: UserBatch, goals: MotorGoals) -> NDArray[np.float32]:
         goal = goals.place[0, 0].double().numpy() + np.array([0.0, 0.0, 0.01])
-        action = self._reacher.action(users.qpos[0], users.qvel[0], users.act[0], goal)
+        state = users.qpos[0], users.qvel[0], users.act[0]
+        start = self._reacher.angles(users.qpos[0])
+        action = self._reacher.towards(
+            *state, self._reacher.find(start, place=goal, nearby=True).angles
+        )
         return np.asarray(action[None], dtype=np.float32)
 
 

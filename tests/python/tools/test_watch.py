@@ -241,16 +241,31 @@ def test_a_person_plays_a_round() -> None:
 
 @NEEDS_BROWSER
 def test_a_page_is_watched_with_nobody_trained() -> None:
-    page = ["env.app.transport=webxr", f"env.app.page={PAGES / 'touch.html'}"]
-    show = choosing.choose(None, page=page, untrained="still")
+    page = {"transport": "webxr", "page": str(PAGES / "touch.html")}
+    show = choosing.choose(None, app=page, untrained="still")
     moments = show.moments()
     first, second = next(moments), next(moments)
     moments.close()  # type: ignore[attr-defined]
     assert (second.time_s, first.scene.objects) == (2 / show.frequency_hz, ())
     assert first.headset.shape == (160, 240, 3)
     assert int(np.ptp(first.headset)) > 0
-    with pytest.raises(InputError, match=r"--user: got 'still', expected --page or --openxr"):
-        choosing.choose("mobl_arms_wrist", untrained="still")
+
+
+def test_any_user_is_watched() -> None:
+    """An idle one in a game, and the body of a configuration that no one trained."""
+    for chosen in (
+        {"run": None, "untrained": "still", "game": "sample", "condition": "big"},
+        {"run": "mobl_arms_wrist", "game": "sample"},
+    ):
+        show = choosing.choose(**chosen)  # type: ignore[arg-type]
+        moments = show.moments()
+        first, second = next(moments), next(moments)
+        moments.close()  # type: ignore[attr-defined]
+        assert (first.time_s, second.time_s) == (0.05, 0.1)
+        idle = chosen["run"] is None
+        assert show.title == ("still: sample big" if idle else "no particular person: sample usual")
+        assert second.activations is not None and first.activations is not None
+        assert (second.activations < first.activations).all() == idle, "muscles relax"
 
 
 def test_the_camera_looks_to_where_people_are() -> None:

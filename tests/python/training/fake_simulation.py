@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -111,7 +112,7 @@ class FakeSimulation:
             "stateful_information": (self.steps[:, None] / 8).astype(np.float32),
         }
 
-    def step(self, actions):
+    def step(self, actions, resting=()):
         actions = np.asarray(actions)
         assert actions.shape == (self.n, 3)
         assert np.abs(actions).max() <= 1.0
@@ -138,13 +139,13 @@ class FakeSimulation:
 
     _ARRAYS = ("place", "goal", "steps", "length", "hits", "images")
 
-    def save_state(self) -> bytes:
+    def state_dict(self) -> dict[str, Any]:
         state = {name: getattr(self, name).tolist() for name in self._ARRAYS}
         state["rngs"] = [rng.bit_generator.state for rng in self.rngs]
-        return json.dumps(state).encode()
+        return {"simulation": np.frombuffer(json.dumps(state).encode(), np.uint8)}
 
-    def load_state(self, data: bytes) -> list[int]:
-        state = json.loads(data)
+    def load_state_dict(self, saved: Mapping[str, Any]) -> list[int]:
+        state = json.loads(np.asarray(saved["simulation"]).tobytes())
         for name in self._ARRAYS:
             getattr(self, name)[...] = state[name]
         for rng, saved in zip(self.rngs, state["rngs"], strict=True):

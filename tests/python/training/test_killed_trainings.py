@@ -36,7 +36,7 @@ def change_environment(file: Path) -> None:
     with np.load(place) as loaded:
         arrays = dict(loaded)
     place.unlink()
-    arrays["environment"][-1] ^= 1
+    arrays["environment.simulation"][-1] ^= 1
     with zipfile.ZipFile(file, "w") as archive:
         for name, content in parts.items():
             if name != "resume.npz":
@@ -68,7 +68,7 @@ def test_what_differs_is_found(tool: ModuleType, trained: Path, tmp_path: Path) 
     shutil.copy(trained / "metrics.jsonl", log)
     (checkpoint,) = (run / "checkpoints").iterdir()
     change_environment(checkpoint)
-    name = f"checkpoints/{checkpoint.name}:{checkpoint.name}/environment"
+    name = f"checkpoints/{checkpoint.name}:{checkpoint.name}/environment.simulation"
     assert tool.differences(expected, tool.traces(run)) == [name]
     checkpoint.unlink()
     assert len(tool.differences(expected, tool.traces(run))) > 10

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import errno
 import os
 from pathlib import Path
@@ -48,10 +49,10 @@ def test_a_stopped_store_goes_on_with_the_frames_of_its_state(tmp_path: Path, la
     """What was written after the state was taken, in the slack, is not missed."""
     store = ReplayStore(tmp_path / "frames.*.bin", 4, SHAPES, slack=2)
     append(store, 14)
-    state = {key: value.clone() for key, value in store.state_dict().items()}
+    state = copy.deepcopy(store.state_dict())
     append(store, later)
     again = ReplayStore(tmp_path / "frames.*.bin", 4, SHAPES, slack=2)
-    again.load_state_dict(14, state)
+    again.load_state_dict(state)
     assert (again.first, again.count) == (10, 14)
     rows = again.rows(np.arange(10, 14))
     assert rows["vision"][:, 0, 1, 1].tolist() == [10, 11, 12, 13]
@@ -70,7 +71,7 @@ def test_frames_of_several_users_are_read_by_user_and_amended(tmp_path: Path) ->
     assert store.read("vision", *at)[:, 0, 1, 2].tolist() == [21, 0, 11]
     assert store.read("reward", *at).tolist() == [-2.0, 0.0, -1.0]
     assert (tmp_path / "pictures.bin").stat().st_size == 3 * 2 * 6
-    assert set(store.state_dict()) == {"reward"}
+    assert set(store.state_dict()) == {"count", "reward"}
 
 
 def test_room_for_all_pictures_is_reserved_at_the_start(tmp_path: Path) -> None:

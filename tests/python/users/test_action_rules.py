@@ -84,7 +84,7 @@ def test_motors_are_part_of_the_state() -> None:
     batch, other = _batch(), _batch(1)
     for _ in range(3):
         batch.step(rng.uniform(-1, 1, (2, 6)))
-    other.set_state(0, batch.get_state(1))
+    other.load_state_dict(0, batch.state_dict(1))
     np.testing.assert_array_equal(other.motor[0], batch.motor[1])
     action = rng.uniform(-1, 1, (2, 6))
     batch.step(action)
@@ -114,7 +114,7 @@ def test_effort_of_a_mixed_body() -> None:
         other.step(np.full((2, 6), 0.3))
         assert np.isfinite(other.effort_cost).all(), name
     fatigue = UserBatch(BODY, 1, threads=1)
-    assert fatigue.effort.state()["MA"].shape == (1, 4)
+    assert fatigue.effort.state_dict()["MA"].shape == (1, 4)
     # Half of a motor's 40 Nm: E = 1236.5 / 35^0.618 - 72.5; ln 35 = 3.5553481, x 0.618 = 2.1972051,
     # e^ = 8.999824; 1236.5 / 8.999824 = 137.39158; E = 64.89158 s; cost = 0.05 / 64.89158.
     endurance = make_effort("consumed_endurance", 1, BODY)

@@ -190,10 +190,10 @@ def test_warnings_are_counted_per_user(tmp_path: Path, monkeypatch: pytest.Monke
     assert set(warned) <= {"contactfull", "cnstrfull"}
     assert all(counts[0] > 0 == counts[1] for counts in warned.values())
     assert batch.diverged.tolist() == [False, False]
-    saved = batch.get_state(0)
+    saved = batch.state_dict(0)
     batch.reset([0], [np.random.default_rng(1)])
     assert not any(counts.any() for counts in batch.warnings.values())
-    batch.set_state(1, saved)
+    batch.load_state_dict(1, saved)
     assert {n: c[1] for n, c in batch.warnings.items() if c.any()} == {
         name: counts[0] for name, counts in warned.items()
     }

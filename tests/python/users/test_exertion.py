@@ -121,7 +121,7 @@ def test_closed_form_of_3ccr_is_what_its_simulation_does(
 ) -> None:
     model = CumulativeFatigue3CCr(1, 1, fatigue=rates[0], recovery=rates[1])
     load, steps = np.full((1, 1), share), 0
-    while steps < 40 or model.state()["MA"][0, 0] > 0.99 * share:
+    while steps < 40 or model.state_dict()["MA"][0, 0] > 0.99 * share:
         model.update(load, load)
         steps += 1
     assert 0.05 * steps == pytest.approx(float(fatigue_endurance_time(share, *rates)), rel=0.03)
@@ -142,7 +142,7 @@ def _held_s(share: float, **settings: float | str) -> float:
     config = EffortConfig.model_validate(settings)
     model = make_effort(config.model, 1, BODY, **config.options())
     load, steps = np.full((1, 32), share), 0
-    while steps < 40 or model.state()["MA"][0, 0] > 0.99 * share:
+    while steps < 40 or model.state_dict()["MA"][0, 0] > 0.99 * share:
         model.update(load, load)
         steps += 1
     return 0.05 * steps

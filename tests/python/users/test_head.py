@@ -63,7 +63,7 @@ def test_the_arm_does_not_notice() -> None:
     np.testing.assert_array_equal(fixed.effort_cost, moving.effort_cost)
     still, moved = (batch.device_poses("headset")[0] for batch in (fixed, moving))
     assert 1e-3 < np.linalg.norm(moved - still) < 0.05
-    assert not any(key.startswith("head/") for key in fixed.get_state(0))
+    assert not any(key.startswith("head/") for key in fixed.state_dict(0))
 
 
 def test_frames_and_others_change_no_bit() -> None:
@@ -93,7 +93,7 @@ def test_a_restored_head_goes_on() -> None:
     one, other = users(2), users(1)
     for step in range(3):
         one.step(actions(step, 2))
-    other.set_state(0, one.get_state(1))
+    other.load_state_dict(0, one.state_dict(1))
     for step in range(3):
         np.testing.assert_array_equal(
             one.device_poses("headset")[0][1], other.device_poses("headset")[0][0]

@@ -71,7 +71,7 @@ def test_state_round_trip() -> None:
     noise.reset([0], [1])
     ctrl = np.full((1, 4), 0.5)
     noise.apply(ctrl, [0])
-    other.set_state(0, noise.get_state(0))
+    other.load_state_dict(0, noise.state_dict(0))
     np.testing.assert_array_equal(noise.apply(ctrl, [0]), other.apply(ctrl, [0]))
 
 

@@ -170,7 +170,7 @@ def test_a_restored_user_is_the_same_person() -> None:
     one, other = users(2, people), users(1, people)
     start(one, [people.number(2), people.number(3)])
     one.step(np.full((2, 32), 0.1))
-    other.set_state(0, one.get_state(1))
+    other.load_state_dict(0, one.state_dict(1))
     assert other.persons[0] == people.number(3)
     np.testing.assert_array_equal(other.person_features[0], people.number(3).features)
     one.step(np.full((2, 32), -0.1))
@@ -186,7 +186,7 @@ def test_average_people_are_today_s_users_to_the_bit() -> None:
     same = users(1, people, noise=MotorNoiseSettings())
     today.reset([0], [np.random.default_rng(3)])
     start(same, [people.number(0)])
-    assert "person" not in today.get_state(0) and today.persons == (AVERAGE,)
+    assert "person" not in today.state_dict(0) and today.persons == (AVERAGE,)
     for _ in range(4):
         today.step(np.full((1, 32), 0.1))
         same.step(np.full((1, 32), 0.1))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import closing
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -72,6 +73,30 @@ def test_a_tool_comes_to_the_place_instead_of_the_hand() -> None:
     # Without the tool the same posture has the device 10 cm from there.
     _, device, *_ = controller._reached(found.angles, (0.0, 0.0, 0.0), AIM_RAY)
     assert np.linalg.norm(device - place) == pytest.approx(0.1, abs=0.006)
+
+
+def test_a_hand_without_a_controller_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"device: got 'controller_left', expected one of headset"):
+        PostureController(load_body("mobl_arms_wrist"), "controller_left")
+
+
+def test_the_least_activations_hold_a_posture() -> None:
+    """With them what stood still hardly accelerates; without, the arm falls."""
+    body = load_body("mobl_arms_wrist")
+    data = mujoco.MjData(body.physics_model)
+    posture = np.zeros(len(body.independent_joints))
+    posture[body.independent_joints.index("elbow_flexion")] = np.pi / 2.0
+    data.qpos[:] = body.coupled_qpos(posture)
+    held = PostureController(body).holding(data.qpos)
+    assert held.min() >= 0.0 and held.max() <= 1.0
+    fastest = []
+    for activations in (np.zeros_like(held), held):
+        data.act[:] = activations
+        mujoco.mj_forward(body.physics_model, data)
+        fastest.append(np.abs(data.qacc[body.qvel_independent]).max())
+    assert fastest[0] > 10.0
+    assert fastest[1] < 0.1 * fastest[0]
+    assert np.square(held).mean() < 0.1
 
 
 def test_bounded_least_squares_meet_the_conditions_of_the_optimum() -> None:

@@ -221,7 +221,7 @@ def test_a_neck_answers_the_apps_wish() -> None:
     _push(batch, "neck_flexion_motor", -1.0, 20)
     assert (np.degrees(np.arcsin(_forward(batch)[:, 2])) > 35.0).all()
     other = UserBatch(_body(), 1, threads=1, effort="neural")
-    other.set_state(0, batch.get_state(1))
+    other.load_state_dict(0, batch.state_dict(1))
     np.testing.assert_array_equal(other.qpos[0], batch.qpos[1])
 
 
@@ -247,7 +247,7 @@ def test_effort_counts_the_torso() -> None:
     neural = UserBatch(body, 2, threads=1, effort="neural")
     state = UserBatch(body, 2, threads=1, effort="muscle_state")
     fatigue = UserBatch(body, 2, threads=1, effort="cumulative_fatigue_3ccr")
-    assert fatigue.effort.state()["MA"].shape == (2, 70)
+    assert fatigue.effort.state_dict()["MA"].shape == (2, 70)
     for action in actions:
         for batch in (neural, state, fatigue):
             batch.step(action)

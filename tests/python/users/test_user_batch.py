@@ -37,7 +37,7 @@ def _snapshot(batch: UserBatch) -> dict[str, np.ndarray]:
     fields = {name: getattr(batch, name) for name in FIELDS}
     for device in BODY.devices:
         fields[f"{device} pos"], fields[f"{device} quat"] = batch.device_poses(device)
-    fields |= {f"effort {k}": v for k, v in batch.effort.state().items()}
+    fields |= {f"effort {k}": v for k, v in batch.effort.state_dict().items()}
     return fields
 
 
@@ -68,7 +68,7 @@ def test_reset_follows_the_reference() -> None:
     assert not batch.qvel[:, BODY.qvel_dependent].any()
     assert not batch.time.any()
     # The effort model has already been updated once: rested units have followed half the load.
-    np.testing.assert_allclose(batch.effort.state()["MA"], 0.5 * batch.act, atol=1e-15)
+    np.testing.assert_allclose(batch.effort.state_dict()["MA"], 0.5 * batch.act, atol=1e-15)
     expected = 0.1 * np.linalg.norm(0.5 * batch.act, axis=1)
     np.testing.assert_allclose(batch.effort_cost, expected, atol=1e-15)
 
@@ -204,11 +204,11 @@ def test_pose_samples_follow_shorter_steps() -> None:
 def test_save_and_restore(noise: MotorNoiseSettings | None) -> None:
     actions = _actions(6, 2)
     batch = _play(actions, [1, 2], noise=noise)
-    saved = batch.get_state(1)
+    saved = batch.state_dict(1)
     assert all(isinstance(v, (np.ndarray, np.generic, bytes)) for v in saved.values())
     at_save = _snapshot(batch)
     other = _play(_actions(2, 3, seed=9), [7, 8, 9], noise=noise)
-    other.set_state(0, saved)
+    other.load_state_dict(0, saved)
     restored = _snapshot(other)
     for name, values in at_save.items():
         np.testing.assert_array_equal(values[1], restored[name][0], err_msg=name)
@@ -222,15 +222,15 @@ def test_save_and_restore(noise: MotorNoiseSettings | None) -> None:
 
 def test_restore_errors() -> None:
     batch = UserBatch(BODY, 1, threads=1)
-    state = batch.get_state(0)
+    state = batch.state_dict(0)
     with pytest.raises(ValueError, match=r"state: got keys .*, expected"):
-        batch.set_state(0, {"simulation": state["simulation"]})
+        batch.load_state_dict(0, {"simulation": state["simulation"]})
     with pytest.raises(ValueError, match=r"state simulation: got shape \(3,\), expected"):
-        batch.set_state(0, {**state, "simulation": np.zeros(3)})
+        batch.load_state_dict(0, {**state, "simulation": np.zeros(3)})
     with pytest.raises(ValueError, match="state simulation: got NaN"):
-        batch.set_state(0, {**state, "simulation": state["simulation"] * np.nan})
+        batch.load_state_dict(0, {**state, "simulation": state["simulation"] * np.nan})
     with pytest.raises(ValueError, match="ids: got 1, expected 0 to 0"):
-        batch.get_state(1)
+        batch.state_dict(1)
 
 
 def test_a_motion_goes_on_from_where_it_is_put() -> None:
@@ -415,7 +415,7 @@ def test_a_head_that_is_asked_to_look() -> None:
     for sample in range(5):
         np.testing.assert_array_equal(batch.device_poses("headset", sample)[1][:3], rotation[:3])
     other = UserBatch(BODY, 1, threads=1)
-    other.set_state(0, batch.get_state(2))
+    other.load_state_dict(0, batch.state_dict(2))
     np.testing.assert_array_equal(other.device_poses("headset")[1][0], rotation[2])
     batch.turn_head([1], None)
     assert (batch.device_poses("headset")[1][1] != rotation[1]).any()

@@ -18,7 +18,7 @@ def _load(level: float, n: int = 1, muscles: int = 1) -> np.ndarray:
 
 
 def _compartments(model: CumulativeFatigue3CCr) -> list[float]:
-    return [float(model.state()[key][0, 0]) for key in ("MA", "MR", "MF")]
+    return [float(model.state_dict()[key][0, 0]) for key in ("MA", "MR", "MF")]
 
 
 def test_build_up_and_development_rate() -> None:
@@ -43,7 +43,9 @@ def test_release_recovers_faster() -> None:
     # MR = .3 + (4 + .0165*.2)*.05 = .3 + .2 + .000165 = .500165
     # MF = .2 + (.0073 - .0033)*.05 = .2002
     model = _fatigue()
-    model.set_state({k: _load(v) for k, v in zip(model.state(), (0.5, 0.3, 0.2, 0.0), strict=True)})
+    model.load_state_dict(
+        {k: _load(v) for k, v in zip(model.state_dict(), (0.5, 0.3, 0.2, 0.0), strict=True)}
+    )
     model.update(_load(0.1), _load(0))
     assert _compartments(model) == pytest.approx([0.299635, 0.500165, 0.2002], abs=1e-15)
 
@@ -53,7 +55,9 @@ def test_load_beyond_the_rested_units() -> None:
     # rR = R = .0022, since MA < TL. MA = .6 + (1 - .00876)*.05 = .649562;
     # MR = .1 + (-1 + .00066)*.05 = .050033; MF = .3 + (.00876 - .00066)*.05 = .300405.
     model = _fatigue()
-    model.set_state({k: _load(v) for k, v in zip(model.state(), (0.6, 0.1, 0.3, 0.0), strict=True)})
+    model.load_state_dict(
+        {k: _load(v) for k, v in zip(model.state_dict(), (0.6, 0.1, 0.3, 0.0), strict=True)}
+    )
     model.update(_load(1.0), _load(0))
     assert _compartments(model) == pytest.approx([0.649562, 0.050033, 0.300405], abs=1e-15)
 
@@ -76,7 +80,7 @@ def test_conservation_and_fatigue_metric() -> None:
     history = []
     for _ in range(1200):
         model.update(rng.uniform(0, 1, (4, 32)), np.zeros((4, 32)))
-        state = model.state()
+        state = model.state_dict()
         total = state["MA"] + state["MR"] + state["MF"]
         np.testing.assert_allclose(total, 1.0, atol=1e-12)
         for key in ("MA", "MR", "MF"):
@@ -93,10 +97,10 @@ def test_reset_and_update_of_some_users() -> None:
     model = _fatigue(3, 2)
     model.update(_load(1.0, 3, 2), _load(0, 3, 2))
     model.reset([1])
-    assert model.state()["MA"][:, 0].tolist() == [0.5, 0.0, 0.5]
+    assert model.state_dict()["MA"][:, 0].tolist() == [0.5, 0.0, 0.5]
     assert model.update(_load(0.5, 1, 2), _load(0, 1, 2), ids=np.array([2])).shape == (1,)
-    assert model.state()["MA"][0, 0] == 0.5
-    assert model.state()["MA"][2, 0] != 0.5
+    assert model.state_dict()["MA"][0, 0] == 0.5
+    assert model.state_dict()["MA"][2, 0] != 0.5
     assert model.max_fatigued()[1] == 0.0
 
 
@@ -104,15 +108,15 @@ def test_state_round_trip() -> None:
     model, other = _fatigue(2, 3), _fatigue(2, 3)
     for level in (0.9, 0.1, 0.7):
         model.update(_load(level, 2, 3), _load(0, 2, 3))
-    state = model.state()
-    other.set_state(state)
+    state = model.state_dict()
+    other.load_state_dict(state)
     state["MA"][:] = 7  # a copy: writing to it changes nobody
     a = model.update(_load(0.3, 2, 3), _load(0, 2, 3))
     np.testing.assert_array_equal(a, other.update(_load(0.3, 2, 3), _load(0, 2, 3)))
     with pytest.raises(ValueError, match=r"effort state: got .*'MA'.*, expected"):
-        model.set_state({"MA": np.zeros((2, 3))})
+        model.load_state_dict({"MA": np.zeros((2, 3))})
     with pytest.raises(ValueError, match=r"effort state MA: got shape \(3, 3\), expected \(2, 3\)"):
-        model.set_state({**model.state(), "MA": np.zeros((3, 3))})
+        model.load_state_dict({**model.state_dict(), "MA": np.zeros((3, 3))})
 
 
 def test_squares() -> None:
@@ -122,7 +126,7 @@ def test_squares() -> None:
     assert neural.update(act, ctrl) == pytest.approx([8e-4, 8e-4])
     assert state.update(act, ctrl) == pytest.approx([4.0, 4.0])
     assert np.isnan(neural.max_fatigued()).all()
-    assert neural.state() == {}
+    assert neural.state_dict() == {}
     assert make_effort("zero", 2, BODY).update(act, ctrl).tolist() == [0.0, 0.0]
 
 

@@ -19,7 +19,7 @@ from sim2vr_harness.client.openxr.wire import Kind, StepAnswer, answer_in, step_
 from sim2vr_harness.client.poses import checked_rows, later_times, one_frame
 from sim2vr_harness.client.process import end_words
 from sim2vr_harness.client.runtime import checked_seed
-from sim2vr_harness.client.shared_images import map_images
+from sim2vr_harness.client.shared_images import map_file
 from sim2vr_harness.client.transport import AppsWanted
 from sim2vr_harness.client.unsaved import FARTHEST_M, UnsavedApp
 
@@ -285,12 +285,10 @@ class OpenXRApp(UnsavedApp):
         self._shared = None
         if program.session.graphics != "headless" and self._wanted.renderer != "null":
             shape = (self._wanted.eyes, self._wanted.height, self._wanted.width, 4)
-            self._shared = map_images(*program.session.memory, shape)
+            if program.link.file is not None:
+                self._shared = map_file(program.link.file, shape)
             if self._shared is None:
-                raise program.malformed(
-                    "its images are in memory that cannot be read here (is it in another "
-                    "container?)"
-                )
+                raise program.malformed("it sent no memory that its images fit into")
 
     def _end_program(self) -> None:
         self._playing = False

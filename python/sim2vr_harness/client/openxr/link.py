@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import select
 import socket
+import struct
 import time
 
 from sim2vr_harness.client.answers import BadReply
@@ -16,6 +17,9 @@ from sim2vr_harness.client.errors import AppDied, AppTimeout, ProtocolError
 from sim2vr_harness.client.openxr.wire import HEADER, MOST_BYTES, Kind, ended_in
 from sim2vr_harness.client.process import AppProcess
 
+_FILE = struct.Struct("i")
+_ROOM = socket.CMSG_LEN(_FILE.size)
+"""For one descriptor with each message; the kernel closes those that find none."""
 _ORDERLY = ("xrEndSession", "xrDestroySession", "xrDestroyInstance", "xrRequestExitSession")
 """Calls by which a program ends its session itself."""
 
@@ -38,6 +42,8 @@ class Link:
         end.settimeout(None)
         self._ended = process.open_pidfd()
         self._buffer = bytearray()
+        self.file: int | None = None
+        """Descriptor that came with the latest message that had one; closed with this object."""
         self._poll = select.poll()
         self._poll.register(end, select.POLLIN)
         if self._ended is not None:
@@ -95,7 +101,7 @@ class Link:
         self._require_open()
         while (message := self._taken()) is None:
             try:
-                got = self._socket.recv(1 << 16, socket.MSG_DONTWAIT)
+                got = self._read()
             except BlockingIOError:
                 if self.process.running:
                     return None
@@ -114,9 +120,24 @@ class Link:
     def _rest(self) -> bytes:
         """What an ended process had still sent."""
         try:
-            return self._socket.recv(1 << 16, socket.MSG_DONTWAIT)
+            return self._read()
         except OSError:
             return b""
+
+    def _read(self) -> bytes:
+        # Not socket.recv_fds: Python 3.11 ignores its flags, and it would wait.
+        flags = socket.MSG_DONTWAIT | socket.MSG_CMSG_CLOEXEC
+        got, control, *_ = self._socket.recvmsg(1 << 16, _ROOM, flags)
+        for level, kind, data in control:
+            if (level, kind) == (socket.SOL_SOCKET, socket.SCM_RIGHTS):
+                self._close_file()
+                (self.file,) = _FILE.unpack_from(data)
+        return got
+
+    def _close_file(self) -> None:
+        if self.file is not None:
+            os.close(self.file)
+            self.file = None
 
     def _taken(self) -> tuple[Kind, bytes] | None:
         """The first message of the buffer, once it is whole."""
@@ -166,6 +187,7 @@ class Link:
         if self._failure is None:
             self._failure = "it is closed; make a new one"
         self._socket.close()
+        self._close_file()
         if self._ended is not None:
             os.close(self._ended)
             self._ended = None

@@ -25,7 +25,7 @@ from sim2vr_harness.client.answers import (
 from sim2vr_harness.client.base import Float64Array, Int64Array
 from sim2vr_harness.client.devices import INPUT_COUNT, HapticPulse
 
-PROTOCOL = 1
+PROTOCOL = 2
 MOST_BYTES = 1 << 20
 """Of a message, its kind included."""
 MOST_EVENTS = 10_000
@@ -67,17 +67,15 @@ class About:
 
 @dataclass(frozen=True)
 class SessionFacts:
-    """What a program draws with, and where its images are.
+    """What a program draws with; the memory of its images comes with the message.
 
     Attributes:
         graphics: ``egl``, ``opengl``, ``vulkan``, ``vulkan2`` or ``headless``.
         depth_layers: whether it enabled layers with depth.
-        memory: path of the images' memory, and where that leads.
     """
 
     graphics: str
     depth_layers: bool
-    memory: tuple[str, str]
 
 
 @dataclass(frozen=True)
@@ -144,10 +142,6 @@ def session_in(body: bytes) -> SessionFacts:
     return SessionFacts(
         graphics=text_in("session, graphics", told.get("graphics")),
         depth_layers=truth_in("session, depth_layers", told.get("depth_layers")),
-        memory=(
-            text_in("session, image_memory", told.get("image_memory", "")),
-            text_in("session, image_link", told.get("image_link", "")),
-        ),
     )
 
 

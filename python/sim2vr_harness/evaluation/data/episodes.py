@@ -9,8 +9,8 @@ from typing import Any
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.evaluation.data.columns import Column, column_name, columns_of, merged
-from sim2vr_harness.evaluation.fatigue import fatigue_measures
-from sim2vr_harness.evaluation.metrics import RoundResult, measures_of
+from sim2vr_harness.play.fatigue import fatigue_measures
+from sim2vr_harness.play.round import Round, measures_of
 
 EPISODE_COLUMNS = (
     Column("episode", "text", "", "Key: condition, person and seed; name of its files and logs"),
@@ -36,7 +36,7 @@ _PERSON_UNITS = {"stature_m": "m", "visual_delay_s": "s", "proprioceptive_delay_
 
 
 def episode_rows(
-    results: Sequence[RoundResult],
+    results: Sequence[Round],
     settings: Mapping[str, Any],
     facts: GameFacts,
     env: EnvConfig,
@@ -91,7 +91,7 @@ def _plain(value: Any) -> Any:
     return json.dumps(value) if isinstance(value, (list, tuple, dict)) else value
 
 
-def _grids(result: RoundResult, facts: GameFacts) -> dict[str, float | None]:
+def _grids(result: Round, facts: GameFacts) -> dict[str, float | None]:
     found: dict[str, float | None] = {}
     for measure in facts.grids:
         if result.ended != "app_failed" and any(k.startswith(measure.log_key) for k in result.log):

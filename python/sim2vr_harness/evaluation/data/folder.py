@@ -271,6 +271,18 @@ class EvaluationData:
         """
         return self._moments("frames", ("episode", "frame", "step", "time_s"), episodes, columns)
 
+    def episode_keys(self, wanted: Sequence[str] = ()) -> list[str]:
+        """Return keys of the table ``episodes``: those that are wanted, or all.
+
+        Raises:
+            InputError: There is no such episode.
+        """
+        known = list(self.episodes["episode"])
+        for key in wanted:
+            if key not in known:
+                raise unknown_name("episode", key, known)
+        return list(wanted) or known
+
     @cached_property
     def dictionary(self) -> Any:
         """A row per column of every table: type, unit, description."""
@@ -300,10 +312,7 @@ class EvaluationData:
         Raises:
             InputError: There is no such episode, or a table cannot be read.
         """
-        known = list(self.episodes["episode"])
-        for key in episodes:
-            if key not in known:
-                raise unknown_name("episode", key, known)
+        self.episode_keys(episodes)
         files = [out / _DICTIONARY]
         write_atomically(files[0], read_bytes(self.root / _DICTIONARY, _EXPECTED))
         for file in sorted(self.root.rglob("*.parquet")):

@@ -31,10 +31,9 @@ def export_opensim(data: EvaluationData, out: Path, episodes: Sequence[str] = ()
     Raises:
         InputError: There is no such episode, or there are no steps.
     """
-    chosen = list(episodes) or list(data.episodes["episode"])
     units = data.dictionary[data.dictionary["table"] == "steps"].set_index("column")["unit"]
     files = []
-    for episode in chosen:
+    for episode in data.episode_keys(episodes):
         steps = data.steps(episode)
         joints = [name for name in steps.columns if name.startswith("q_")]
         if not joints:

@@ -14,8 +14,8 @@ from sim2vr_harness.evaluation.data.folder import FOLDER, DataFolder
 from sim2vr_harness.evaluation.data.frames import frame_table
 from sim2vr_harness.evaluation.data.items import events_of_episode, item_columns
 from sim2vr_harness.evaluation.data.steps import StepRecorder
-from sim2vr_harness.evaluation.metrics import RoundResult
-from sim2vr_harness.evaluation.rollouts import Watcher
+from sim2vr_harness.play.player import Watcher
+from sim2vr_harness.play.round import Round
 
 
 class DataRecorder:
@@ -45,10 +45,10 @@ class DataRecorder:
         """Remove the tables of earlier evaluations."""
         self._folder.clear()
 
-    def _write_steps(self, result: RoundResult, table: Callable[[str], Any]) -> None:
+    def _write_steps(self, result: Round, table: Callable[[str], Any]) -> None:
         self._folder.write_moments("steps", result.key, table(result.key))
 
-    def take_logs(self, rounds: Sequence[RoundResult]) -> None:
+    def take_logs(self, rounds: Sequence[Round]) -> None:
         """Read the app's logs of the rounds, before they go.
 
         What cannot be read is left out: rounds were played, and other apps log as they like.
@@ -62,13 +62,13 @@ class DataRecorder:
                 if self._keep:
                     self._take_frames(result, self._out / result.log_folder)
 
-    def _take_events(self, result: RoundResult, folder: Path) -> None:
+    def _take_events(self, result: Round, folder: Path) -> None:
         try:
             self._events += events_of_episode(result.key, folder, self._facts)
         except InputError as error:
             self.unread.append(str(error))
 
-    def _take_frames(self, result: RoundResult, folder: Path) -> None:
+    def _take_frames(self, result: Round, folder: Path) -> None:
         try:
             frames = frame_table(result.key, folder, 1.0 / self._env.action_frequency_hz)
         except InputError as error:
@@ -78,7 +78,7 @@ class DataRecorder:
             self._folder.write_moments("frames", result.key, frames)
 
     def finish(
-        self, rounds: Sequence[RoundResult], settings: Mapping[str, Any], effort_weight: float
+        self, rounds: Sequence[Round], settings: Mapping[str, Any], effort_weight: float
     ) -> None:
         """Write the tables of episodes and events, and the data dictionary.
 

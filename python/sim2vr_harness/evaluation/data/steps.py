@@ -13,8 +13,8 @@ from sim2vr_harness.client import GameFacts
 from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.evaluation.data.columns import Column, column_name, number_table
-from sim2vr_harness.evaluation.metrics import RoundResult
-from sim2vr_harness.evaluation.rollouts import Job
+from sim2vr_harness.play.player import Job, Watcher
+from sim2vr_harness.play.round import Round
 from sim2vr_harness.users.batch import UserBatch
 
 _PARTS = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
@@ -47,7 +47,7 @@ def pose_columns(name: str, whose: str) -> list[Column]:
     return [*places, *turns]
 
 
-class StepRecorder:
+class StepRecorder(Watcher):
     """A watcher that keeps what each user did in every step until the round is over.
 
     Args:
@@ -58,7 +58,7 @@ class StepRecorder:
     """
 
     def __init__(
-        self, facts: GameFacts, write: Callable[[RoundResult, Callable[[str], Any]], None]
+        self, facts: GameFacts, write: Callable[[Round, Callable[[str], Any]], None]
     ) -> None:
         self._facts, self._write = facts, write
         self._source: _Source | None = None
@@ -75,7 +75,7 @@ class StepRecorder:
         if self._source is not None:
             self._blocks.append(self._source.numbers(reward, infos))
 
-    def ended(self, index: int, result: RoundResult) -> None:
+    def ended(self, index: int, result: Round) -> None:
         """Hand over what the user did."""
         if self._source is None:
             return
@@ -154,12 +154,12 @@ class BodySource:
             )
         self._takes.append(lambda: self._users.actuator_force)
         loads = (*body.muscles, *body.effort_inputs.loads)
-        for key in self._users.effort.state():
+        for key in self._users.effort.state_dict():
             prefix, what = _FATIGUE.get(key, (key.lower(), f"{key} of the effort model"))
             self.columns += [Column(f"{prefix}_{n}", "single", "", f"{n}: {what}") for n in loads]
 
             def take(key: str = key) -> NDArray[Any]:
-                return self._users.effort.state()[key]
+                return self._users.effort.state_dict()[key]
 
             self._takes.append(take)
 

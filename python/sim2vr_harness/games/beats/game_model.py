@@ -8,10 +8,12 @@ happen if blade and box met a little elsewhere, a little faster or at a little o
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import torch
 from torch import Tensor
 
+from sim2vr_harness.base.state import State
 from sim2vr_harness.games.app_axes import head_of
 from sim2vr_harness.games.beats.cuts import (
     CONTACT_MARGIN_M,
@@ -60,7 +62,7 @@ _STROKE_S, _STROKE_OFF_M = 0.5, 0.5
 _WALL_SOFT_M, _CLEAR_M, _GONE_M = 0.03, 0.06, 10.0
 
 
-class ImaginedBeats:
+class ImaginedBeats(State):
     """B rounds without an end; see :class:`~sim2vr_harness.games.imagined.ImaginedRounds`.
 
     A level that is over is followed by another one; a missed box ends nothing.
@@ -153,24 +155,21 @@ class ImaginedBeats:
     def adapt(self) -> None:
         """See the protocol: levels come as they are."""
 
-    _STATE = ("_origin", "_tip_velocity", "_box_left", "_mine_left", "_wall_left")
+    _state = (
+        "_origin",
+        "_tip_velocity",
+        "_box_left",
+        "_mine_left",
+        "_wall_left",
+        "lane",
+        "_before",
+        "sabers.fixed",
+    )
 
-    def state_dict(self) -> dict[str, Tensor]:
-        """See the protocol."""
-        own = {name: getattr(self, name).clone() for name in self._STATE}
-        before = self._before or Blades(torch.zeros(0), torch.zeros(0))
-        own |= {f"lane.{name}": value for name, value in self.lane.state_dict().items()}
-        own |= {"root": before.root.clone(), "axis": before.axis.clone()}
-        return own | {"sabers": self.sabers.fixed.clone()}
-
-    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """See the protocol."""
-        for name in self._STATE:
-            setattr(self, name, state[name].clone())
-        lane = {k.removeprefix("lane."): v for k, v in state.items() if k.startswith("lane.")}
-        self.lane.load_state_dict(lane)
-        self._before = Blades(state["root"].clone(), state["axis"].clone())
-        self.sabers.fixed = state["sabers"].clone()
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on from :meth:`state_dict`."""
+        self._before = self._before or Blades(torch.zeros(0), torch.zeros(0))
+        super().load_state_dict(state)
 
     # --- what is observed --------------------------------------------------------------------
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
+from sim2vr_harness.base.state import State
 from sim2vr_harness.games.beats.levels import NEVER_S, Levels
 from sim2vr_harness.games.beats.rules import (
     CUT_PLANE_M,
@@ -37,7 +37,7 @@ class Coming:
     until_s: Tensor
 
 
-class Lane:
+class Lane(State):
     """B rounds' levels and how far they are.
 
     Args:
@@ -147,15 +147,4 @@ class Lane:
         """(B, K, ...) the levels' ``values`` (P, N, ...) of what comes."""
         return values[self.level[:, None], coming.which]
 
-    _STATE = ("level", "time_s", "box_gone", "mine_gone", "wall_gone")
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """Everything that the future depends on."""
-        own = {name: getattr(self, name).clone() for name in self._STATE}
-        return own | {"generator": self.generator.get_state()}
-
-    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """Go on from :meth:`state_dict`."""
-        for name in self._STATE:
-            setattr(self, name, state[name].clone())
-        self.generator.set_state(state["generator"])
+    _state = ("level", "time_s", "box_gone", "mine_gone", "wall_gone", "generator")

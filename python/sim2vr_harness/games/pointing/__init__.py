@@ -5,4 +5,5 @@
 - :mod:`.stylus`: where the tip is
 - :mod:`.game_model`: the differentiable game model, B imagined rounds
 - :mod:`.game`: the game's entry in the registry
+- :mod:`.behaviour`: what `compare` has to know of it
 """

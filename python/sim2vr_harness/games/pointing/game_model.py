@@ -8,11 +8,12 @@ it is paid ahead, by the probability that it would happen if the tip came a litt
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
 
+from sim2vr_harness.base.state import State
 from sim2vr_harness.games.app_axes import head_of
 from sim2vr_harness.games.imagined import ImaginedCondition
 from sim2vr_harness.games.pointing.rules import (
@@ -34,7 +35,7 @@ _DEPTH_MARGIN_M, _NEAR_M, _BEHIND_MARGIN_M, _BEHIND_M = 0.002, 0.04, 0.005, 0.02
 _OLDEST_START_S = 0.5
 
 
-class ImaginedPointing:
+class ImaginedPointing(State):
     """B rounds without an end; see :class:`~sim2vr_harness.games.imagined.ImaginedRounds`.
 
     A block that is over is followed by any other one.
@@ -158,23 +159,11 @@ class ImaginedPointing:
         weights = (1.0 - share) / fails.shape[1] + share * fails / fails.sum(1, keepdim=True)
         self.block_weights.lerp_(weights, 0.5)
 
-    _STATE = (
+    _state = (
         *("condition", "block", "trial", "_age_s", "_hope", "_armed", "_tip", "_origin"),
         *("block_weights", "score"),
+        *("stylus.fixed", "generator"),
     )
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """See the protocol."""
-        own = {name: getattr(self, name).detach().clone() for name in self._STATE}
-        more = {"stylus": self.stylus.fixed.clone(), "generator": self.generator.get_state()}
-        return own | more
-
-    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """See the protocol."""
-        for name in self._STATE:
-            setattr(self, name, state[name].clone())
-        self.stylus.fixed = state["stylus"].clone()
-        self.generator.set_state(state["generator"])
 
     # --- what is observed --------------------------------------------------------------------
 

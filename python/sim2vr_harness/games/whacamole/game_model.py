@@ -11,10 +11,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
+from typing import Any
 
 import torch
 from torch import Tensor
 
+from sim2vr_harness.base.state import State
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.games.whacamole.areas import areas_of
 from sim2vr_harness.games.whacamole.hammer import POSE_FIELDS, Hammer, depths, points
@@ -57,7 +59,7 @@ FIELDS = (*_ROUND, *POSE_FIELDS, *_ROOT_VELOCITY)
 _SPEED_MARGIN_MPS, _OVERLAP_MARGIN_M, _NEAR_M = 0.05, 0.002, 0.04
 
 
-class ImaginedWhacAMole:
+class ImaginedWhacAMole(State):
     """B rounds without an end; see :class:`~sim2vr_harness.games.imagined.ImaginedRounds`.
 
     Args:
@@ -228,24 +230,15 @@ class ImaginedWhacAMole:
         sure = self._earned / self.counts.sum((0, 2)).clamp(min=1.0)
         return sure[:, None] * torch.cat([best, torch.zeros(1)])
 
-    _STATE = (
+    _state = (
         *("_velocity", "_root", "_face", "_age", "_fading", "_ban_s", "_inside", "_hit", "_left"),
         *("condition", "spawn_weights", "hit_values", "_foregone"),
+        *("hammer.fixed", "generator"),
     )
 
-    def state_dict(self) -> dict[str, Tensor]:
-        """See the protocol."""
-        own = {name: getattr(self, name).clone() for name in self._STATE}
-        own["hammer"] = self.hammer.fixed.clone()
-        return own if self.generator is None else own | {"generator": self.generator.get_state()}
-
-    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """See the protocol."""
-        for name in self._STATE:
-            setattr(self, name, state[name].clone())
-        self.hammer.fixed = state["hammer"].clone()
-        if self.generator is not None and "generator" in state:
-            self.generator.set_state(state["generator"])
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on from :meth:`state_dict`, also on a device of the other kind."""
+        super().load_state_dict(state if self.generator else {**state, "generator": None})
 
     # --- what is observed --------------------------------------------------------------------
 

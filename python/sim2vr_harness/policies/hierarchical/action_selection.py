@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
-from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid, rotation
-from sim2vr_harness.policies.hierarchical.frame_history import FrameHistory
+from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
 from sim2vr_harness.policies.hierarchical.options import PLAIN, OptionSet
 from sim2vr_harness.policies.hierarchical.primitives import (
     OptionChoice,
@@ -47,132 +46,44 @@ class OptionScene:
     """What N users see and where they are, at a decision.
 
     Attributes:
+        sight: geometry of the pictures.
         pictures: (N, 8, H, W) uint8, red, green, blue and depth now, and 0.2 s before.
         head: (N, 3) where the heads were when that was drawn, m.
-        turned: (N, 9) their rotations.
+        turned: (N, 3, 3) their rotations.
         tips: (N, H, 3) m.
         velocities: (N, H, 3) theirs, m/s.
     """
 
-    pictures: NDArray[np.uint8]
-    head: NDArray[np.float32]
-    turned: NDArray[np.float32]
-    tips: NDArray[np.float32]
-    velocities: NDArray[np.float32]
+    sight: DepthGrid
+    pictures: Tensor
+    head: Tensor
+    turned: Tensor
+    tips: Tensor
+    velocities: Tensor
 
-
-class ActionSelector:
-    """N users who see places and do something with them.
-
-    Args:
-        simulation: the users.
-        primitives: of their hands.
-        past: what they see.
-    """
-
-    def __init__(
-        self, simulation: Any, primitives: PrimitiveController, past: FrameHistory
-    ) -> None:
-        self._simulation, self.primitives, self._past = simulation, primitives, past
-        vision = simulation.config.vision
-        self.sight = DepthGrid(vision.height, vision.width)
-
-    def _head(self) -> NDArray[np.float32]:
-        head: NDArray[np.float32] = self._simulation.users.device_poses("headset")[0].astype("f4")
-        return head
-
-    def scene(self) -> OptionScene:
-        """Return what the users see now."""
-        head, quaternion = self._past.heads()
-        layer = self.primitives.layer
-        with torch.inference_mode():
-            angles, speeds, _ = layer.motion(self._simulation.users)
-            moving = [each.numpy() for each in self.primitives.tips(*layer.places(angles, speeds))]
-        turned = rotation(quaternion).flatten(1).numpy()
-        return OptionScene(self._past.observe(), head.astype("f4"), turned, *moving)
-
-    def places(self, scene: OptionScene) -> Tensor:
+    @cached_property
+    def places(self) -> Tensor:
         """(N, 3, rows, columns) of what is seen, world, m."""
-        depth = torch.from_numpy(scene.pictures[:, 3])
-        head, turned = torch.from_numpy(scene.head), torch.from_numpy(scene.turned)
-        return self.sight.places(depth, head, turned.reshape(-1, 3, 3))
+        return self.sight.places(self.pictures[:, 3], self.head, self.turned)
 
-    def values(self, net: ActionValueMap, scene: OptionScene, places: Tensor) -> Tensor:
-        """(N, H, choices) what a network says that choices are worth."""
-        return net.values(*self.inputs(net, scene, places))
-
-    def inputs(
-        self, net: ActionValueMap, scene: OptionScene, places: Tensor
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        """Return what a network's layers take, the same for all networks."""
-        known = (scene.pictures, scene.head, scene.tips, scene.velocities)
-        pictures, *parts = (torch.from_numpy(part) for part in known)
-        return net.inputs(pictures, places, *parts)
-
-    def choose_best(self, net: ActionValueMap, choice: OptionChoice, hold: int = 0) -> None:
-        """Put into effect what a network says is worth most now, for every user.
-
-        Args:
-            net: the network.
-            choice: changed in place.
-            hold: user steps for which a choice is kept, of users who leave a place where waiting
-                earned nothing; 0: users without memory.
-        """
-        scene = self.scene()
-        places = self.places(scene)
-        with torch.inference_mode():
-            values, something = self.values(net, scene, places), self.something(scene)
-            if hold:
-                something = mask_unreached(
-                    choice, torch.from_numpy(scene.tips), something, places, hold, self.primitives
-                )
-            chosen = committed(values, something, choice, places, self.primitives).numpy()
-        self.choose(choice, chosen, scene, places)
-
-    def something(self, scene: OptionScene) -> Tensor:
+    @cached_property
+    def something(self) -> Tensor:
         """(N, cells) whether anything is seen in a cell."""
-        return self.sight.something(torch.from_numpy(scene.pictures[:, 3]))
+        return self.sight.something(self.pictures[:, 3])
 
-    def best(self, values: Tensor, scene: OptionScene) -> Tensor:
-        """(N, H) choices that are worth most, see :func:`best_choices`."""
-        return best_choices(values, self.something(scene), self.primitives.options)
+    def inputs(self, net: ActionValueMap) -> tuple[Tensor, Tensor, Tensor]:
+        """Return what the layers of a network take, the same for all networks."""
+        return net.inputs(self.pictures, self.places, self.head, self.tips, self.velocities)
 
-    def committed(
-        self, values: Tensor, scene: OptionScene, choice: OptionChoice, places: Tensor
-    ) -> Tensor:
-        """(N, H) choices, see :func:`committed`."""
-        return committed(values, self.something(scene), choice, places, self.primitives)
+    def aims(self, choice: OptionChoice, chosen: NDArray[np.int64]) -> Aims:
+        """Return where the things are that are seen in the cells of choices, and how wide.
 
-    def choose(
-        self,
-        choice: OptionChoice,
-        chosen: NDArray[np.int64],
-        scene: OptionScene,
-        places: Tensor,
-        changed: NDArray[np.bool_] | None = None,
-    ) -> None:
-        """Put choices into effect, see :func:`choose`."""
-        aims = aims_of(
-            self.sight,
-            chosen,
-            torch.from_numpy(scene.pictures),
-            torch.from_numpy(scene.head),
-            torch.from_numpy(scene.turned).reshape(-1, 3, 3),
-        )
-        head, tips = torch.from_numpy(scene.head), torch.from_numpy(scene.tips)
-        aims = remembered(choice, aims, head, tips)
-        choose(choice, chosen, places, self.primitives, changed, aims)
-
-    def actions(self, choice: OptionChoice) -> NDArray[np.float32]:
-        """(N, A) what the bodies do now for a choice."""
-        layer = self.primitives.layer
-        with torch.inference_mode():
-            motion = layer.motion(self._simulation.users)
-            placed = layer.places(*motion[:2])
-        goals = self.primitives.goals(choice, torch.from_numpy(self._head()), *placed)
-        body = layer.decide(motion, placed, goals)
-        fingers = self.primitives.inputs(choice, placed[0])
-        return np.concatenate([body, fingers], 1) if fingers.size else body
+        A cell is larger than many a thing: 4 cm wide at arm's length. What the user's own tool
+        hides is where it was before.
+        """
+        cells = torch.from_numpy(chosen) % self.sight.cells
+        aims = self.sight.things(self.pictures, cells, self.head, self.turned)
+        return remembered(choice, aims, self.head, self.tips)
 
 
 def best_choices(values: Tensor, something: Tensor, options: OptionSet = PLAIN) -> Tensor:
@@ -272,20 +183,6 @@ def mask_unreached(
     return something[:, None] & ~(near & (choice.leaving > 0)[..., None])
 
 
-def aims_of(
-    sight: DepthGrid,
-    chosen: NDArray[np.int64],
-    pictures: Tensor,
-    head: Tensor,
-    turned: Tensor,
-) -> Aims:
-    """Return where the things are that are seen in the cells of choices, and how wide.
-
-    A cell is larger than many a thing: 4 cm wide at arm's length.
-    """
-    return sight.things(pictures, torch.from_numpy(chosen) % sight.cells, head, turned)
-
-
 def remembered(choice: OptionChoice, aims: Aims, head: Tensor, tips: Tensor) -> Aims:
     """Return aims, and of things that the user's own tool hides what was seen of them before.
 
@@ -327,7 +224,7 @@ def choose(
         places: (N, 3, rows, columns) of the cells, world, m.
         primitives: knows what is within reach.
         changed: (N, H) whose choice is a new one; None: every user's.
-        aims: of :func:`aims_of`; None: the places of the cells, whatever is there.
+        aims: of :meth:`OptionScene.aims`; None: the places of the cells, whatever is there.
     """
     flat = places.flatten(2).transpose(1, 2)
     cells = flat.shape[1]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -29,6 +31,12 @@ class HumanGoals(MotorGoals):
         plain = MotorGoals.none(users, hands)
         return HumanGoals(**plain.tensors(), stops=torch.ones(users, hands))
 
+    @staticmethod
+    def of(goals: MotorGoals) -> HumanGoals:
+        """Return goals without their durations; those without a velocity are to stop at."""
+        stops = (goals.velocity.abs().sum(-1) == 0.0).float()
+        return HumanGoals(**goals.tensors(), stops=stops)
+
 
 class GoalPerception:
     """Where users believe that goals are: misjudged in proportion to the distance last seen.
@@ -40,7 +48,7 @@ class GoalPerception:
         weber: standard deviation of the error along each axis, of the distance from the hand.
         least_m: standard deviation of the error of a goal at the hand.
         late_steps: user steps by which the distance is seen late.
-        generator: of the errors; None: torch's global one.
+        generators: of each user's errors; None: torch's global one.
     """
 
     def __init__(
@@ -52,42 +60,44 @@ class GoalPerception:
         weber: float,
         least_m: float,
         late_steps: int,
-        generator: torch.Generator | None = None,
+        generators: Sequence[torch.Generator] | None = None,
     ) -> None:
-        self._weber, self._least_m, self._generator = weber, least_m, generator
+        self._weber, self._least_m, self.generators = weber, least_m, generators
         self._keep = float(torch.exp(torch.tensor(-step_s / _FIXATION_S)))
         self._error = torch.zeros(n, hands, 3)
         """In standard deviations."""
         self._seen_m = torch.zeros(late_steps + 1, n, hands)
 
-    def _drawn(self, count: int) -> Tensor:
-        shape = (count, *self._error.shape[1:])
-        return torch.randn(*shape, generator=self._generator)
+    def _drawn(self, users: Sequence[int]) -> Tensor:
+        shape = self._error.shape[1:]
+        if self.generators is None:
+            return torch.randn(len(users), *shape)
+        return torch.stack([torch.randn(shape, generator=self.generators[i]) for i in users])
 
     def forget(self, ids: Tensor, far: Tensor) -> None:
         """Let goals of users (K,) be new ones, at distances (K, H) from their hands."""
         self._error = self._error.clone()
-        self._error[ids] = self._drawn(len(ids))
+        self._error[ids] = self._drawn(ids.tolist())
         self._seen_m = self._seen_m.clone()
         self._seen_m[:, ids] = far
 
     def look(self, far: Tensor) -> None:
         """Take in a user step, at whose end the goals are (B, H) from the hands."""
         fresh = (1.0 - self._keep**2) ** 0.5
-        self._error = self._keep * self._error + fresh * self._drawn(len(self._error))
+        self._error = self._keep * self._error + fresh * self._drawn(range(len(self._error)))
         self._seen_m = torch.cat([self._seen_m[1:], far[None]])
 
     def error(self) -> Tensor:
         """(B, H, 3) how far from their places goals seem to be, m."""
         return (self._least_m + self._weber * self._seen_m[0])[..., None] * self._error
 
-    def state_dict(self) -> dict[str, Tensor]:
+    def state_dict(self) -> dict[str, Any]:
         """Everything that its future depends on, but for torch's global generator."""
         own = {"error": self._error.clone(), "seen_m": self._seen_m.clone()}
-        return own | ({} if self._generator is None else {"drawn": self._generator.get_state()})
+        return own | {"drawn": [each.get_state() for each in self.generators or ()]}
 
-    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from :meth:`state_dict`."""
         self._error, self._seen_m = state["error"].clone(), state["seen_m"].clone()
-        if self._generator is not None:
-            self._generator.set_state(state["drawn"])
+        for each, drawn in zip(self.generators or (), state["drawn"], strict=True):
+            each.set_state(drawn)

@@ -9,7 +9,7 @@ over; an inverse model finds the muscle commands.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -88,8 +88,10 @@ class HumanMotorPolicy(nn.Module):
         now, soon = both.chunk(2)
         return now, soon
 
-    def perception(self, n: int, generator: torch.Generator | None = None) -> GoalPerception:
-        """Return where N users believe that goals are; errors are drawn from the generator."""
+    def perception(
+        self, n: int, generators: Sequence[torch.Generator] | None = None
+    ) -> GoalPerception:
+        """Return where N users believe that goals are; errors are drawn from the generators."""
         known = self._misjudged
         return GoalPerception(
             n,
@@ -98,7 +100,7 @@ class HumanMotorPolicy(nn.Module):
             weber=known.get("weber", 0.0),
             least_m=known.get("least_m", 0.0),
             late_steps=int(known.get("late_steps", 0)),
-            generator=generator,
+            generators=generators,
         )
 
     def predicted(self, felt: Motion, actions: Tensor) -> Motion:
@@ -166,7 +168,7 @@ class HumanHands:
     def __init__(
         self, policy: HumanMotorPolicy, n: int, perception: GoalPerception | None = None
     ) -> None:
-        self.policy, self._perception = policy, perception
+        self.policy, self.perception = policy, perception
         self.vigour = 1.0
         """What their weights of effort are divided by."""
         self._felt: Motion | None = None
@@ -191,31 +193,31 @@ class HumanHands:
                 setattr(new, name, copy.deepcopy(value, memo))
         return new
 
-    def forget(self, ids: NDArray[np.int64]) -> None:
+    def forget(self, ids: Sequence[int] | NDArray[np.int64]) -> None:
         """Let users (K,) be in new episodes: they know their first posture."""
-        self._new[torch.from_numpy(ids)] = True
+        self._new[torch.as_tensor(ids, dtype=torch.long)] = True
 
-    def memory(self) -> dict[str, Any]:
-        """Return what the users have felt and done, for :meth:`recall`."""
+    def state_dict(self) -> dict[str, Any]:
+        """Return what the users have felt and done."""
         kept: dict[str, Any] = {name: getattr(self, name).clone() for name in _REMEMBERED}
         for name in ("_felt", "_predicted"):
             motion = getattr(self, name)
             kept |= {} if motion is None else {name: dict(vars(motion))}
-        return kept | {"goals": {} if self._perception is None else self._perception.state_dict()}
+        return kept | {"goals": {} if self.perception is None else self.perception.state_dict()}
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Continue from :meth:`memory`."""
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from :meth:`state_dict`."""
         for name in _REMEMBERED:
-            setattr(self, name, memory[name].clone())
+            setattr(self, name, state[name].clone())
         for name in ("_felt", "_predicted"):
-            setattr(self, name, Motion(**memory[name]) if name in memory else None)
-        if self._perception is not None:
-            self._perception.load_state_dict(memory["goals"])
+            setattr(self, name, Motion(**state[name]) if name in state else None)
+        if self.perception is not None:
+            self.perception.load_state_dict(state["goals"])
 
     def aim_anew(self, ids: Tensor, far: Tensor) -> None:
         """Let goals of users (K,) be new ones, at distances (K, H) from their hands."""
-        if self._perception is not None and len(ids):
-            self._perception.forget(ids, far)
+        if self.perception is not None and len(ids):
+            self.perception.forget(ids, far)
 
     def motion(self, users: UserBatch, persons: NDArray[np.float64]) -> Motion:
         """Return the true motion of simulated users who are persons (N, P)."""
@@ -248,9 +250,9 @@ class HumanHands:
                 turning = Turning(goals, at[..., :3, 3], place)
                 way, velocity, goals = turning.seen(way, velocity, goals)
             self.velocity = velocity
-            if self._perception is not None:
-                self._perception.look(way.norm(dim=-1))
-                error = self._perception.error()
+            if self.perception is not None:
+                self.perception.look(way.norm(dim=-1))
+                error = self.perception.error()
                 way = way + (error if turning is None else turning.across(error))
             noise = policy.persons.motor_noise(now.persons)
             effort = policy.persons.effort(now.persons)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -22,32 +22,6 @@ from sim2vr_harness.world_models.actuator_state import ActuatorState
 from sim2vr_harness.world_models.body_dynamics import mlp
 
 _CLIP = 8.0
-
-
-class MotorLayer(Protocol):
-    """What moves hands to goals: a :class:`MotorPolicy`, or persons in its place."""
-
-    body: Body
-    hands: tuple[str, ...]
-    step_s: float
-    width: int
-
-    def places(self, angles: Tensor, speeds: Tensor) -> tuple[Tensor, Tensor]:
-        """See :class:`MotorPolicy`."""
-
-    def motion(self, users: UserBatch) -> tuple[Tensor, Tensor, Tensor]:
-        """See :class:`MotorPolicy`."""
-
-    def act(self, users: UserBatch, goals: MotorGoals) -> NDArray[np.float32]:
-        """See :class:`MotorPolicy`."""
-
-    def decide(
-        self,
-        motion: tuple[Tensor, Tensor, Tensor],
-        placed: tuple[Tensor, Tensor],
-        goals: MotorGoals,
-    ) -> NDArray[np.float32]:
-        """See :class:`MotorPolicy`."""
 
 
 class MotorPolicy(nn.Module):

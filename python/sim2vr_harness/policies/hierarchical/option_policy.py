@@ -1,14 +1,15 @@
 """Users who decide what to do with what they see, and leave the doing to their motor layer.
 
-Such a user is the network of ``looking`` itself: no student learns to do the same. It remembers
-what it has decided, and sees it through; a policy from senses to muscles has nothing to remember
-that with, and loses what takes longer than a user step (docs/concepts/training.md).
+Training and evaluation act by the same three steps, on the users' senses alone: :meth:`sense
+<HierarchicalPolicy.sense>`, :meth:`decide <HierarchicalPolicy.decide>` and :meth:`move
+<HierarchicalPolicy.move>`. Training puts tries in the place of decisions.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -19,15 +20,14 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.policies.hierarchical.action_selection import (
-    aims_of,
+    OptionScene,
     choose,
     committed,
     mask_unreached,
-    remembered,
 )
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid, rotation
-from sim2vr_harness.policies.hierarchical.frame_history import BEFORE_S
+from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.options import option_set
 from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS
@@ -39,31 +39,83 @@ from sim2vr_harness.policies.hierarchical.primitives import (
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.policies.protocol import (
     Observation,
-    Shapes,
     require_observation,
     shapes_in_words,
 )
 from sim2vr_harness.users import Body, held
 from sim2vr_harness.users.kinematics.forward_torch import Chains
+from sim2vr_harness.world_models.transitions import Motion
 
 if TYPE_CHECKING:
     from sim2vr_harness.runs.config import TrainingConfig
 
+BEFORE_S = 0.2
+"""How far apart the two pictures are that are looked at, s."""
 _QUIET = -20.0
 """Logarithm of the deviation of actions: what is decided is done."""
 
 
 @dataclass
-class Intention:
-    """What a user has decided.
+class Moment:
+    """What N users sense in a user step.
 
     Attributes:
-        choice: of one user.
-        left: user steps for which it is seen through still.
+        motion: of the bodies, and who they are.
+        placed: (N, H, 4, 4) each, where the hands' devices are, and ``MOMENT_S`` later.
+        head: (N, 4, 4) the headsets.
+        follows: (N,) how many user steps ago known targets were seen that are followed now.
+        decides: (N,) the same of what new decisions are made by.
     """
 
-    choice: OptionChoice
-    left: int = 0
+    motion: Motion
+    placed: tuple[Tensor, Tensor]
+    head: Tensor
+    follows: NDArray[np.int64]
+    decides: NDArray[np.int64]
+
+
+class Memory:
+    """What N users have decided and seen in their episodes.
+
+    Attributes:
+        choice: what they do.
+        left: (N,) user steps for which that is seen through still.
+        age: (N,) user steps since the first one.
+        seen: pictures (N, 8, H, W) of the last user steps and headsets (N, 4, 4) that they were
+            drawn for, the newest last.
+
+    Args:
+        n: number of users N.
+        hands: H of each.
+    """
+
+    def __init__(self, n: int, hands: int) -> None:
+        self.n, self.choice = n, OptionChoice(n, hands)
+        self.left = np.zeros(n, np.int64)
+        self.age = np.full(n, -1)
+        self.seen: list[tuple[Tensor, Tensor]] = []
+
+    def forget(self, users: list[int]) -> None:
+        """Let episodes of users begin anew."""
+        self.choice.forget(users)
+        self.left[users], self.age[users] = 0, -1
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return a copy of all of it as tensors."""
+        pictures, heads = zip(*self.seen, strict=True) if self.seen else ((), ())
+        return {
+            "choice": {name: value.clone() for name, value in vars(self.choice).items()},
+            "left": torch.tensor(self.left),
+            "age": torch.tensor(self.age),
+            "pictures": list(pictures),
+            "heads": list(heads),
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from :meth:`state_dict`."""
+        vars(self.choice).update({name: v.clone() for name, v in state["choice"].items()})
+        self.left, self.age = state["left"].numpy().copy(), state["age"].numpy().copy()
+        self.seen = list(zip(state["pictures"], state["heads"], strict=True))
 
 
 def require_senses(env: EnvConfig) -> None:
@@ -94,16 +146,16 @@ def require_senses(env: EnvConfig) -> None:
         raise InputError("env.senses", "another proprioception", wanted)
 
 
-def as_reported(head: Tensor, observation: Observation) -> Tensor:
-    """(1, 4, 4) a headset (1, 4, 4) by the body's joints, or where it says that it is.
+def as_reported(head: Tensor, observations: Observation) -> Tensor:
+    """(N, 4, 4) headsets (N, 4, 4) by the bodies' joints, or where they say that they are.
 
     Apps may ask for a pitch of their own, and reflexes move heads.
     """
-    if "headset" not in observation:
+    if "headset" not in observations:
         return head
-    said, head = observation["headset"], head.clone()
-    head[:, :3, :3] = rotation(said[None, 3:])
-    head[:, :3, 3] = torch.from_numpy(said[:3])
+    said, head = observations["headset"], head.clone()
+    head[:, :3, :3] = rotation(said[:, 3:])
+    head[:, :3, 3] = torch.from_numpy(said[:, :3])
     return head
 
 
@@ -116,6 +168,10 @@ class HierarchicalPolicy(nn.Module):
 
     manner = Manner()
     """How hands do what is chosen."""
+    late_steps = 0
+    """User steps by which users see late what they decide by."""
+    together = 1
+    """Users whose matrices are multiplied together, by whose number the last bits differ."""
     layer: MotorPolicy
     tool: Tensor
     hold: Tensor
@@ -148,7 +204,7 @@ class HierarchicalPolicy(nn.Module):
         self.register_buffer("lifts", torch.ones(1, 1, 1))
         self.register_buffer("log_std", torch.full((1,), _QUIET), persistent=False)
         object.__setattr__(self, "_head", Chains(body, ("headset",)))
-        self._poses = reachable_poses(layer, config.seed)
+        self.poses = reachable_poses(layer, config.seed)
         self._primitives: PrimitiveController | None = None
         self._read = _Read(body, layer)
         self._wanted = {
@@ -162,100 +218,132 @@ class HierarchicalPolicy(nn.Module):
         sizes = f"{shapes_in_words(self._wanted)}; {actions} actions"
         return f"HierarchicalPolicy({self.layer.body.name}: {sizes})"
 
-    def learned(
-        self,
-        layer: MotorPolicy,
-        values: ActionValueMap,
-        tool: Tensor,
-        hold: int,
-        *,
-        lifts: bool = True,
-        rays: Tensor = AIM_RAYS,
-    ) -> None:
-        """Take over what was learned."""
-        self.layer.take(layer.weights())
-        self.values.load_state_dict(values.state_dict())
-        self.tool.copy_(tool)
-        self.rays.copy_(rays)
-        self.hold.fill_(hold)
-        self.lifts.fill_(lifts)
-        self._primitives = None
-
-    def reset(self) -> Intention:
-        """Return the memory of an episode that begins: no option is chosen yet."""
-        return Intention(OptionChoice(1, len(self.layer.hands)))
-
     @property
     def primitives(self) -> PrimitiveController:
         """Turns decisions into goals; made of the weights when it is first needed."""
         if self._primitives is None:
             self._primitives = PrimitiveController(
-                self.layer, self.tool, self._poses, self.values.options, self.manner, self.rays
+                self.layer, self.tool, self.poses, self.values.options, self.manner, self.rays
             )
             self._primitives.lifts = self.lifts
         return self._primitives
 
+    def begin(self, n: int) -> list[Memory]:
+        """Return the memory of users whose episodes begin: no option is chosen yet."""
+        return [self._begun(min(self.together, n - k)) for k in range(0, n, self.together)]
+
+    def _begun(self, n: int) -> Memory:
+        return Memory(n, len(self.layer.hands))
+
+    def restart(self, memory: list[Memory], users: Sequence[int]) -> None:
+        """Let the episodes of these users begin anew."""
+        for number, part in enumerate(memory):
+            own = [user - number * self.together for user in users]
+            self._forget(part, [user for user in own if 0 <= user < part.n])
+
+    def _forget(self, memory: Memory, users: list[int]) -> None:
+        memory.forget(users)
+
     def act(
-        self, observation: Observation, memory: Intention, rng: np.random.Generator | None
+        self,
+        observations: Observation,
+        memory: list[Memory],
+        rngs: Sequence[np.random.Generator | None],
     ) -> NDArray[np.float32]:
-        """Return the action of one user, (A,) in [-1, 1]; it is deterministic.
+        """Return the actions, (N, A) in [-1, 1]; they are deterministic."""
+        actions, first = [], 0
+        for part in memory:
+            rows = slice(first, first + part.n)
+            moment = self.sense({key: each[rows] for key, each in observations.items()}, part)
+            self.decide(moment, part)
+            actions.append(self.move(moment, part))
+            first += part.n
+        return np.concatenate(actions)
+
+    def sense(self, observations: Observation, memory: Memory) -> Moment:
+        """Take in what users sense, once in a user step.
 
         Args:
-            observation: of this user.
-            memory: of :meth:`reset`; changed where another option is chosen.
-            rng: not used.
+            observations: key -> (N, ...).
+            memory: of these users.
         """
-        require_observation(self._shapes(observation), observation)
-        intention = memory
-        with torch.inference_mode():
-            motion = self._read(observation["proprioception"])
-            placed = self.layer.places(*motion[:2])
-            head = as_reported(self._head(motion[0])[:, 0], observation)
-            if intention.left == 0:
-                self._decide(observation["vision"], intention.choice, head, placed)
-                intention.left = int(self.hold)
-            intention.left -= 1
-            goals = self.primitives.goals(intention.choice, head[:, :3, 3], *placed)
-            body = self.layer.decide(motion, placed, goals)[0]
-            return self._with_fingers(body, intention.choice, placed[0])
+        self._require({key: value[0] for key, value in observations.items()})
+        with torch.no_grad():
+            moment = self._feel(observations)
+        memory.age += 1
+        pictures = torch.from_numpy(np.array(observations["vision"]))
+        memory.seen = [*memory.seen, (pictures, moment.head)][-1 - int(moment.decides.max()) :]
+        return moment
 
-    def _with_fingers(
-        self, body: NDArray[np.float32], choice: OptionChoice, place: Tensor
-    ) -> NDArray[np.float32]:
-        """(A + F,) action of a body (A,) and of its fingers, of devices at (1, H, 4, 4)."""
-        return np.concatenate([body, self.primitives.inputs(choice, place)[0]])
-
-    def _shapes(self, observation: Observation) -> Shapes:
-        """What it takes; of frames that an image holds besides the newest any number."""
+    def _require(self, observation: Observation) -> None:
+        """Check one user's observation; of frames an image may hold more than the newest."""
         vision = observation.get("vision")
         image = () if vision is None else vision.shape
         newest = self._wanted["vision"]
         channels = max(newest[0], image[0] if len(image) == 3 else 0)
-        return {**self._wanted, "vision": (channels, *newest[1:])}
+        require_observation({**self._wanted, "vision": (channels, *newest[1:])}, observation)
 
-    def _decide(
-        self,
-        picture: NDArray[np.uint8],
-        choice: OptionChoice,
-        head: Tensor,
-        placed: tuple[Tensor, Tensor],
-    ) -> None:
-        pictures = torch.from_numpy(np.ascontiguousarray(picture)[None])
-        places = self.values.sight.places(pictures[:, 3], head[:, :3, 3], head[:, :3, :3])
-        moving = self.primitives.tips(*placed)
-        values = self.values(pictures, places, head[:, :3, 3], *moving)
-        something = self.values.sight.something(pictures[:, 3])
-        something = mask_unreached(
-            choice, moving[0], something, places, int(self.hold), self.primitives
+    def _feel(self, observations: Observation) -> Moment:
+        angles, speeds, drives = self._read(observations["proprioception"])
+        unknown, late = torch.zeros(len(angles), 0), np.full(len(angles), self.late_steps)
+        head = as_reported(self._head(angles)[:, 0], observations)
+        motion = Motion(angles, speeds, drives, unknown)
+        return Moment(motion, self.layer.places(angles, speeds), head, late, late)
+
+    def scene(self, moment: Moment, memory: Memory, late: NDArray[np.int64]) -> OptionScene:
+        """Return what users see who see (N,) user steps late; at first they see what is there."""
+        ago = np.minimum(late, memory.age)
+        pictures, head = memory.seen[-1 - int(ago[0])]
+        if (ago != ago[0]).any():
+            each = [(memory.seen[-1 - int(k)], i) for i, k in enumerate(ago)]
+            pictures = torch.stack([seen[0][i] for seen, i in each])
+            head = torch.stack([seen[1][i] for seen, i in each])
+        at, turned = head[:, :3, 3], head[:, :3, :3]
+        moving = self.primitives.tips(*moment.placed)
+        return OptionScene(self.values.sight, pictures, at, turned, *moving)
+
+    def decide(self, moment: Moment, memory: Memory) -> None:
+        """Let users decide whose last decision has been seen through."""
+        due = memory.left <= 0
+        if due.any():
+            with torch.no_grad():
+                self._reconsider(moment, memory, due)
+            memory.left[due] = int(self.hold)
+
+    def _reconsider(self, moment: Moment, memory: Memory, due: NDArray[np.bool_]) -> None:
+        memory.choice.put(
+            due, self._best(self.scene(moment, memory, moment.decides), memory.choice)
         )
-        chosen = committed(values, something, choice, places, self.primitives).numpy()
-        aims = aims_of(self.values.sight, chosen, pictures, head[:, :3, 3], head[:, :3, :3])
-        aims = remembered(choice, aims, head[:, :3, 3], moving[0])
-        choose(choice, chosen, places, self.primitives, aims=aims)
+
+    def _best(self, scene: OptionScene, before: OptionChoice) -> OptionChoice:
+        """Return what is worth most to users who do something."""
+        choice = before.copy()
+        hold, primitives = int(self.hold), self.primitives
+        values = self.values.values(*scene.inputs(self.values))
+        something = mask_unreached(
+            choice, scene.tips, scene.something, scene.places, hold, primitives
+        )
+        chosen = committed(values, something, choice, scene.places, primitives).numpy()
+        choose(choice, chosen, scene.places, primitives, aims=scene.aims(choice, chosen))
+        return choice
+
+    def move(self, moment: Moment, memory: Memory) -> NDArray[np.float32]:
+        """Return the actions, (N, A), for what users have decided."""
+        memory.left -= 1
+        with torch.no_grad():
+            goals = self.primitives.goals(memory.choice, moment.head[:, :3, 3], *moment.placed)
+            body = self._drive(moment, goals, memory)
+            fingers = self.primitives.inputs(memory.choice, moment.placed[0])
+        return np.concatenate([body, fingers], 1)
+
+    def _drive(self, moment: Moment, goals: MotorGoals, memory: Memory) -> NDArray[np.float32]:
+        """(N, A) actions of the bodies."""
+        motion = (moment.motion.angles, moment.motion.speeds, moment.motion.drives)
+        return self.layer.decide(motion, moment.placed, goals)
 
 
 class _Read:
-    """Angles, speeds and drives of a body, from its proprioception.
+    """Angles, speeds and drives of bodies, from their proprioception.
 
     Args:
         body: whose.
@@ -282,11 +370,11 @@ class _Read:
         self._drives = [where[name] for name in drives.names]
 
     def __call__(self, felt: NDArray[np.float32]) -> tuple[Tensor, Tensor, Tensor]:
-        """(1, J) rad, (1, J) rad/s and (1, A), of one user's proprioception."""
+        """(N, J) rad, (N, J) rad/s and (N, A), of proprioception (N, P)."""
         numbers = felt.astype(np.float64)
-        angles = self._low + 0.5 * (numbers[self._angles] + 1.0) * self._span
-        drives = np.zeros(self._count)
-        drives[self._known] = 0.5 * (numbers[self._drives] + 1.0)
-        parts = (angles, numbers[self._speeds], drives)
-        one, two, three = (torch.from_numpy(part[None]).float() for part in parts)
+        angles = self._low + 0.5 * (numbers[:, self._angles] + 1.0) * self._span
+        drives = np.zeros((len(felt), self._count))
+        drives[:, self._known] = 0.5 * (numbers[:, self._drives] + 1.0)
+        parts = (angles, numbers[:, self._speeds], drives)
+        one, two, three = (torch.from_numpy(part).float() for part in parts)
         return one, two, three

@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
+from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
 from sim2vr_harness.policies.hierarchical.human_motor import (
     HumanHands,
     HumanMotorPolicy,
     people_policy,
 )
+from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
 from sim2vr_harness.policies.hierarchical.option_policy import (
     HierarchicalPolicy,
-    Intention,
+    Memory,
+    Moment,
     as_reported,
 )
-from sim2vr_harness.policies.hierarchical.person_layer import human_goals
-from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS
 from sim2vr_harness.policies.hierarchical.primitives import PERSONS, OptionChoice
 from sim2vr_harness.policies.hierarchical.ray_turning import far_off
-from sim2vr_harness.policies.protocol import Observation, require_observation
+from sim2vr_harness.policies.protocol import Observation
 from sim2vr_harness.runs.option_config import PeopleTraining
 from sim2vr_harness.users import FEATURES
 from sim2vr_harness.users.kinematics.forward_torch import Chains
@@ -41,6 +41,7 @@ REFRACTORY_S = 0.15
 _TRAINING = PeopleTraining()
 _SAME_M = 0.06
 """A target that has moved less is followed without a new decision."""
+_LONG_AGO = 1000
 
 
 def seen_late_steps(visual_delay_s: float, step_s: float) -> int:
@@ -48,29 +49,37 @@ def seen_late_steps(visual_delay_s: float, step_s: float) -> int:
     return round((visual_delay_s + RECOGNITION_S) / step_s)
 
 
-Seen = tuple[NDArray[np.uint8], Tensor]
-"""A picture, and the (1, 4, 4) headset that it was drawn for."""
-
-
-@dataclass
-class PersonMemory(Intention):
-    """What a person has decided, seen and felt.
+class PersonMemory(Memory):
+    """What N persons have decided, seen and felt.
 
     Attributes:
-        hands: what it feels and does.
-        pictures: the last pictures and the heads that saw them, the newest last.
-        seen: the picture that is seen now, and the head.
-        recognised: the picture that decisions are made by now, and the head.
-        decided: user steps since the last new decision.
-        goal: (1, H, 3) of the last user step.
+        bodies: what they feel and do.
+        decided: (N,) user steps since the last new decision.
+        goal: (N, H, 3) of the last user step.
     """
 
-    hands: HumanHands | None = None
-    pictures: list[Seen] = field(default_factory=list)
-    seen: Seen | None = None
-    recognised: Seen | None = None
-    decided: int = 1000
-    goal: Tensor | None = None
+    def __init__(self, n: int, bodies: HumanHands) -> None:
+        super().__init__(n, len(bodies.policy.hands))
+        self.bodies = bodies
+        self.decided = np.full(n, _LONG_AGO)
+        self.goal = torch.full_like(self.choice.place, torch.inf)
+
+    def forget(self, users: list[int]) -> None:
+        """Let episodes of users begin anew."""
+        super().forget(users)
+        self.bodies.forget(users)
+        self.decided[users], self.goal[users] = _LONG_AGO, torch.inf
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return a copy of all of it as tensors."""
+        own = {"decided": torch.tensor(self.decided), "goal": self.goal.clone()}
+        return super().state_dict() | own | {"bodies": self.bodies.state_dict()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from :meth:`state_dict`."""
+        super().load_state_dict(state)
+        self.decided, self.goal = state["decided"].numpy().copy(), state["goal"].clone()
+        self.bodies.load_state_dict(state["bodies"])
 
 
 class PersonPolicy(HierarchicalPolicy):
@@ -83,6 +92,8 @@ class PersonPolicy(HierarchicalPolicy):
     manner = PERSONS
     vigour: Tensor
     """(1,) what weights of effort are divided by: what earned most (docs/concepts/people.md)."""
+    draws: np.random.Generator | None = None
+    """Draws the seeds of what users misjudge in each episode; None: all of them are the run's."""
 
     def __init__(self, config: TrainingConfig) -> None:
         super().__init__(config)
@@ -104,89 +115,69 @@ class PersonPolicy(HierarchicalPolicy):
         self.register_buffer("vigour", torch.ones(1))
         self._wanted["person"] = (len(FEATURES),)
 
-    def learned_by(
-        self,
-        human: HumanMotorPolicy,
-        values: ActionValueMap,
-        tool: Tensor,
-        hold: int,
-        *,
-        lifts: bool = True,
-        vigour: float = 1.0,
-        rays: Tensor = AIM_RAYS,
-    ) -> None:
-        """Take over what was learned."""
-        self.vigour.fill_(vigour)
-        self.lifts.fill_(lifts)
-        self.human.take(human.weights())
-        self.values.load_state_dict(values.state_dict())
-        self.tool.copy_(tool)
-        self.rays.copy_(rays)
-        self.hold.fill_(hold)
-        self._primitives = None
+    def _begun(self, n: int) -> PersonMemory:
+        generators = [torch.Generator() for _ in range(n)]
+        bodies = HumanHands(self.human, n, self.human.perception(n, generators))
+        bodies.vigour = float(self.vigour)
+        memory = PersonMemory(n, bodies)
+        self._forget(memory, list(range(n)))
+        return memory
 
-    def reset(self) -> PersonMemory:
-        """Return the memory of an episode that begins."""
-        generator = torch.Generator().manual_seed(self._seed)
-        hands = HumanHands(self.human, 1, self.human.perception(1, generator))
-        hands.vigour = float(self.vigour)
-        return PersonMemory(OptionChoice(1, len(self.layer.hands)), hands=hands)
+    def _forget(self, memory: Memory, users: list[int]) -> None:
+        super()._forget(memory, users)
+        assert isinstance(memory, PersonMemory)
+        generators = getattr(memory.bodies.perception, "generators", None) or ()
+        for user in users:
+            seed = self._seed if self.draws is None else int(self.draws.integers(2**31))
+            generators[user].manual_seed(seed)
 
-    def act(
-        self, observation: Observation, memory: Intention, rng: np.random.Generator | None
-    ) -> NDArray[np.float32]:
-        """Return the action of one user, (A,) in [-1, 1]; see :class:`HierarchicalPolicy`."""
-        require_observation(self._shapes(observation), observation)
-        assert isinstance(memory, PersonMemory) and memory.hands is not None
-        with torch.no_grad():
-            who = self.human.persons.told(observation["person"])
-            motion = self._read(observation["proprioception"])
-            now = Motion(*motion, torch.from_numpy(who[None]).float())
-            placed = self.human.places(now)
-            head = self._head(motion[0], self.human.persons.sizes(now.persons))[:, 0]
-            head = as_reported(head, observation)
-            self._look((np.array(observation["vision"]), head), memory, who)
-            if memory.left == 0:
-                self._reconsider(memory, placed)
-                memory.left = int(self.hold)
-            memory.left -= 1
-            memory.decided += 1
-            goals = self.primitives.goals(memory.choice, head[:, :3, 3], *placed)
-            wanted = human_goals(goals)
-            if memory.goal is None or float((goals.place - memory.goal).norm()) > _SAME_M:
-                memory.hands.aim_anew(torch.arange(1), far_off(wanted, placed[0]))
-            memory.goal = goals.place.clone()
-            body = memory.hands.act(now, wanted)[0][0]
-            return self._with_fingers(body, memory.choice, placed[0])
+    def _feel(self, observations: Observation) -> Moment:
+        persons, step_s = self.human.persons, self.layer.step_s
+        who = [persons.told(each) for each in observations["person"]]
+        delays_s = [persons.visual_delay_s(each) for each in who]
+        felt = self._read(observations["proprioception"])
+        motion = Motion(*felt, torch.from_numpy(np.stack(who)).float())
+        head = self._head(motion.angles, persons.sizes(motion.persons))[:, 0]
+        return Moment(
+            motion,
+            self.human.places(motion),
+            as_reported(head, observations),
+            np.array([round(delay_s / step_s) for delay_s in delays_s]),
+            np.array([seen_late_steps(delay_s, step_s) for delay_s in delays_s]),
+        )
 
-    def _look(self, now: Seen, memory: PersonMemory, who: NDArray[np.float64]) -> None:
-        delay_s, step_s = self.human.persons.visual_delay_s(who), self.layer.step_s
-        late = seen_late_steps(delay_s, step_s)
-        memory.pictures = [*memory.pictures, now][-1 - late :]
-        seen = min(len(memory.pictures), 1 + round(delay_s / step_s))
-        memory.seen, memory.recognised = memory.pictures[-seen], memory.pictures[0]
-
-    def _reconsider(self, memory: PersonMemory, placed: tuple[Tensor, Tensor]) -> None:
+    def _reconsider(self, moment: Moment, memory: Memory, due: NDArray[np.bool_]) -> None:
         """Follow the target by what is seen, or decide anew by what is recognised.
 
         A decision that follows the last one too soon is not made.
         """
-        before, followed = memory.choice, memory.choice.copy()
-        assert memory.seen is not None and memory.recognised is not None
-        self._decide(memory.seen[0], followed, memory.seen[1], placed)
-        if not _differs(followed, before):
-            memory.choice = followed
-            return
-        if memory.decided * self.layer.step_s < REFRACTORY_S - 1e-9:
-            return
-        anew = before.copy()
-        self._decide(memory.recognised[0], anew, memory.recognised[1], placed)
-        memory.choice = anew
-        if _differs(anew, before):
-            memory.decided = 0
+        assert isinstance(memory, PersonMemory)
+        before = memory.choice.copy()
+        followed = self._best(self.scene(moment, memory, moment.follows), before)
+        other = _differs(followed, before)
+        memory.choice.put(due & ~other, followed)
+        ready = memory.decided * self.layer.step_s >= REFRACTORY_S - 1e-9
+        due = due & other & ready
+        if due.any():
+            anew = self._best(self.scene(moment, memory, moment.decides), before)
+            memory.choice.put(due, anew)
+            memory.decided[due & _differs(anew, before)] = 0
+
+    def _drive(self, moment: Moment, goals: MotorGoals, memory: Memory) -> NDArray[np.float32]:
+        assert isinstance(memory, PersonMemory)
+        memory.decided += 1
+        wanted = HumanGoals.of(goals)
+        moved = (goals.place - memory.goal).flatten(1).norm(dim=1) > _SAME_M
+        users = torch.nonzero(moved).flatten()
+        memory.bodies.aim_anew(users, far_off(wanted, moment.placed[0])[users])
+        memory.goal = goals.place.clone()
+        return memory.bodies.act(moment.motion, wanted)[0]
 
 
-def _differs(after: OptionChoice, before: OptionChoice) -> bool:
-    """Whether a choice is another decision: another move, or another target."""
+def _differs(after: OptionChoice, before: OptionChoice) -> NDArray[np.bool_]:
+    """(N,) whose choice is another decision: another move, or another target."""
     moved = (after.place - before.place).norm(dim=-1) > _SAME_M
-    return bool(((after.move != before.move) | (moved & (after.move >= 0))).any())
+    found: NDArray[np.bool_] = (
+        ((after.move != before.move) | (moved & (after.move >= 0))).any(1).numpy()
+    )
+    return found

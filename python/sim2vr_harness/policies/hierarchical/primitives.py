@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -18,7 +20,7 @@ from sim2vr_harness.policies.hierarchical.motor_goals import (
     MotorGoals,
     tips,
 )
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.options import (
     FREE,
     MOVES,
@@ -198,11 +200,6 @@ class OptionChoice:
         free_left: (N, H) user steps for which it works its input still.
     """
 
-    KEPT = ("move", "place", "seen", "width")
-    """What a hand remembers from one decision to the next."""
-    KEPT_INPUTS = ("correction", "pulled", "pulled_at", "closed", "closed_at")
-    """The same of its inputs, if it has any."""
-
     def __init__(self, n: int, hands: int) -> None:
         self.move = torch.full((n, hands), -1, dtype=torch.long)
         self.seen = torch.zeros(n, hands, 3)
@@ -227,13 +224,14 @@ class OptionChoice:
         vars(new).update({name: value.clone() for name, value in vars(self).items()})
         return new
 
-    def forget(self, users: NDArray[np.int64]) -> None:
+    def put(self, users: NDArray[Any], other: OptionChoice) -> None:
+        """Take over from another choice of N users what some of them do."""
+        for name, value in vars(self).items():
+            value[users] = vars(other)[name][users]
+
+    def forget(self, users: Sequence[int]) -> None:
         """Let users rest, whose rounds begin."""
-        self.move[users] = -1
-        self.rested[users] = self.leaving[users] = self.vain[users] = 0
-        self.left[users] = self.at[users] = self.pulled_at[users] = torch.inf
-        self.correction[users] = self.place[users] = 0.0
-        self.closed[users] = self.pulled[users] = self.free_left[users] = 0
+        self.put(np.asarray(users, np.int64), OptionChoice(*self.move.shape))
 
 
 class PrimitiveController:
@@ -251,7 +249,7 @@ class PrimitiveController:
 
     def __init__(
         self,
-        layer: MotorLayer,
+        layer: MotorPolicy,
         tool: Tensor,
         poses: Tensor,
         options: OptionSet = PLAIN,

@@ -20,7 +20,7 @@ from torch import Tensor
 from sim2vr_harness.policies.hierarchical.controller_inputs import with_inputs_at_rest
 from sim2vr_harness.policies.hierarchical.depth_grid import FAR_M, rotation
 from sim2vr_harness.policies.hierarchical.goal_sampler import GoalSampler
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS
 
 _EVERY, _LOOKS, _PICTURES = 3, 30, 960
@@ -115,7 +115,7 @@ def straight_tool(length_m: float) -> Tool:
 
 
 def find_tools(
-    simulation: Any, layer: MotorLayer, poses: Tensor, *, seed: int, rays: Tensor = AIM_RAYS
+    simulation: Any, layer: MotorPolicy, poses: Tensor, *, seed: int, rays: Tensor = AIM_RAYS
 ) -> list[Tool]:
     """Return what each hand holds, of users who move their hands about for some seconds.
 
@@ -207,7 +207,7 @@ def _look(simulation: Any, places: Tensor) -> ToolView:
     return ToolView(far, cameras, places.numpy().astype(np.float64))
 
 
-def _placed(simulation: Any, layer: MotorLayer) -> tuple[Tensor, Tensor]:
+def _placed(simulation: Any, layer: MotorPolicy) -> tuple[Tensor, Tensor]:
     angles, speeds, _ = layer.motion(simulation.users)
     with torch.inference_mode():
         return layer.places(angles, speeds)

@@ -31,23 +31,19 @@ class Hand:
     """A hand, and what it does.
 
     Args:
-        simulation: Of one user.
+        simulation: Of the users.
         side: ``right`` or ``left``.
+        user: Whose hand it is.
 
     Raises:
         ValueError: The body has no muscles, or wears no controller there.
     """
 
-    def __init__(self, simulation: Any, side: str) -> None:
-        self._users, self._device = simulation.users, f"controller_{side}"
-        self._controller = PostureController(simulation.body, self._device)
+    def __init__(self, simulation: Any, side: str, user: int) -> None:
+        self._users, self._device, self._user = simulation.users, f"controller_{side}", user
+        self._controller = PostureController(self._users.who.body(user), self._device)
         self.ray: DeviceRay = AIM_RAY
         """With which it points."""
-        self.begin()
-
-    def begin(self) -> None:
-        """Let go of everything, as an episode begins."""
-        self._controller.begin()
         self.place: FloatArray | None = None
         """(3,) what it follows, MuJoCo's world, m."""
         self._by: By = "touch"
@@ -57,24 +53,29 @@ class Hand:
     @property
     def position(self) -> FloatArray:
         """(3,) of the controller, MuJoCo's world, m."""
-        position: FloatArray = self._users.device_poses(self._device)[0][0]
-        return position
+        return self._pose[0]
+
+    @property
+    def _pose(self) -> tuple[FloatArray, FloatArray]:
+        """Position (3,), m, and rotation (4,) w x y z of the controller."""
+        positions, quats = self._users.device_poses(self._device)
+        return positions[self._user], quats[self._user]
 
     def hold_tool(self, place: FloatArray | None) -> None:
         """Touch with what is at that place, (3,), instead of the controller; None: the latter."""
         self._tip_m = np.zeros(3)
         if place is not None:
-            positions, quats = self._users.device_poses(self._device)
-            self._tip_m = _turned(quats[0] * [1.0, -1.0, -1.0, -1.0], place - positions[0])
+            position, quat = self._pose
+            self._tip_m = _turned(quat * [1.0, -1.0, -1.0, -1.0], place - position)
 
     def error(self, place: FloatArray, by: By) -> float:
         """Return how far hand or tool are from a place, m; of the ray the angle, degrees."""
-        positions, quats = self._users.device_poses(self._device)
-        gap = place - positions[0]
+        position, quat = self._pose
+        gap = place - position
         if by == "touch":
-            return float(np.linalg.norm(gap - _turned(quats[0], self._tip_m)))
-        gap = gap - _turned(quats[0], self.ray.origin_m)
-        along = _turned(quats[0], self.ray.direction) @ gap / max(float(np.linalg.norm(gap)), 1e-9)
+            return float(np.linalg.norm(gap - _turned(quat, self._tip_m)))
+        gap = gap - _turned(quat, self.ray.origin_m)
+        along = _turned(quat, self.ray.direction) @ gap / max(float(np.linalg.norm(gap)), 1e-9)
         return float(np.degrees(np.arccos(np.clip(along, -1.0, 1.0))))
 
     def follow(self, place: FloatArray, by: By) -> None:
@@ -92,7 +93,7 @@ class Hand:
         return 0.0 if gap_m < REACH_M else gap_m
 
     def _search(self, place: FloatArray, by: By, *, nearby: bool = False) -> FoundPosture:
-        start = self._controller.angles(self._users.qpos[0])
+        start = self._controller.angles(self._users.qpos[self._user])
         if by == "ray":
             goal: dict[str, Any] = {"aim_at": place, "ray": self.ray}
         else:
@@ -107,9 +108,9 @@ class Hand:
         """Return the body's action, (B,); None: the hand follows nothing."""
         if self._found is None:
             return None
-        users = self._users
+        users, i = self._users, self._user
         return self._controller.towards(
-            users.qpos[0], users.qvel[0], users.act[0], self._found.angles
+            users.qpos[i], users.qvel[i], users.act[i], self._found.angles
         )
 
 

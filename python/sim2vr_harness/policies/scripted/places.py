@@ -12,34 +12,27 @@ from sim2vr_harness.client import AppRefused, WebXRApp
 from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.client.scene import PLAYER_LAYER, SceneObject
 from sim2vr_harness.policies.scripted.steps import Place
-from sim2vr_harness.users.kinematics.posture_controller import AIM_RAY, DeviceRay
+from sim2vr_harness.users.kinematics.posture_controller import DeviceRay, page_ray
 
 FloatArray = NDArray[np.float64]
 
 _SHOWN = 20
 """Names that an error lists at most."""
-_SAME, _SAME_M = 0.01, 0.01
-"""A ray of a page whose direction and origin differ less is WebXR's."""
 
 
-def _app_of(simulation: Any) -> Any:
-    """The app, which a replacement may have become, below its task if there is one."""
-    app = simulation.apps[0]
+def _app_of(simulation: Any, user: int) -> Any:
+    """A user's app, which a replacement may have become, below its task if there is one."""
+    app = simulation.apps[user]
     return getattr(app, "app", app)
 
 
-def own_ray(simulation: Any, side: str) -> DeviceRay:
-    """Return the ray with which the app of users points for a hand: a page's own, else WebXR's.
+def own_ray(simulation: Any, side: str, user: int = 0) -> DeviceRay:
+    """Return the ray with which a user's app points for a hand: a page's own, else WebXR's.
 
     A page of which this was not asked yet is loaded once more.
     """
-    app = _app_of(simulation)
-    found = app.pointing_rays().get(side) if isinstance(app, WebXRApp) else None
-    if found is None:
-        return AIM_RAY
-    ray = DeviceRay(*map(position_to_mujoco, found))
-    same = np.allclose(ray.direction, AIM_RAY.direction, atol=_SAME)
-    return AIM_RAY if same and np.linalg.norm(ray.origin_m) < _SAME_M else ray
+    app = _app_of(simulation, user)
+    return page_ray(app.pointing_rays().get(side) if isinstance(app, WebXRApp) else None)
 
 
 class Places:
@@ -48,16 +41,17 @@ class Places:
     Of several objects that a name fits, the nearest to the hand counts, for as long as it exists.
 
     Args:
-        simulation: Of one user.
+        simulation: Of the users.
+        user: In whose app.
     """
 
-    def __init__(self, simulation: Any) -> None:
-        self._simulation = simulation
+    def __init__(self, simulation: Any, user: int) -> None:
+        self._simulation, self._user = simulation, user
         self._kept: dict[str, int] = {}
 
     @property
     def _app(self) -> Any:
-        return _app_of(self._simulation)
+        return _app_of(self._simulation, self._user)
 
     def check(self, place: Place) -> None:
         """Refuse a name where the app names no objects.

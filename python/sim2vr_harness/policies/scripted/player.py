@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -58,44 +58,45 @@ class ScriptedPolicy:
     """Follows steps in every episode, then stays with the last one.
 
     Args:
-        simulation: Of one user; its ``env.user.inputs`` hold what the steps work.
+        simulation: Of the users; its ``env.user.inputs`` hold what the steps work.
         steps: At least one.
+        watched: Numbers of the app whose changes count as what a step did.
 
     Raises:
         InputError: The app names no objects.
         ValueError: The body has no muscles, or wears no such controller.
     """
 
-    def __init__(self, simulation: Any, steps: Sequence[Step]) -> None:
-        self._simulation, self._steps = simulation, tuple(steps)
-        self._places = Places(simulation)
-        app = simulation.apps[0]
-        self._task: Task | None = app.task if isinstance(app, TaskedApp) else None
-        self._hands: dict[str, Hand] = {}
+    def __init__(
+        self, simulation: Any, steps: Sequence[Step], watched: Collection[str] = ()
+    ) -> None:
+        self._simulation, self._steps, self._watched = simulation, tuple(steps), watched
+        places = Places(simulation, 0)
         for step in steps:
             for place in (step.place, step.to):
                 if place is not None:
-                    self._places.check(place)
-            side = hand_of(step, self._task, simulation.body.devices)
-            if side not in self._hands:
-                self._hands[side] = Hand(simulation, side)
-        self.episodes: list[Episode] = []
-        """Those that were begun, the last one last."""
+                    places.check(place)
+        self.episodes: list[Episode] = self.begin(simulation.n)
+        """Of the users, those that were begun last."""
 
-    def reset(self) -> Episode:
-        """Begin an episode."""
-        for hand in self._hands.values():
-            hand.begin()
-        episode = Episode(self._simulation, self._steps, self._task, self._places, self._hands)
-        self.episodes.append(episode)
-        return episode
+    def begin(self, n: int) -> list[Episode]:
+        """Begin an episode of every user."""
+        self.episodes = [Episode(self._simulation, self._steps, self._watched, i) for i in range(n)]
+        return self.episodes
+
+    def restart(self, memory: list[Episode], users: Sequence[int]) -> None:
+        """Begin the script anew."""
+        for i in users:
+            memory[i] = Episode(self._simulation, self._steps, self._watched, i)
 
     def act(
-        self, observation: Observation, memory: Any, rng: np.random.Generator | None
+        self,
+        observations: Observation,
+        memory: list[Episode],
+        rngs: Sequence[np.random.Generator | None],
     ) -> NDArray[np.float32]:
-        """Return the action, (A,) in [-1, 1]; observation and random numbers are not used."""
-        action: NDArray[np.float32] = memory.act()
-        return action
+        """Return the actions, (N, A) in [-1, 1]; observation and random numbers are not used."""
+        return np.stack([episode.act() for episode in memory])
 
     def state_dict(self) -> Mapping[str, Any]:
         """Return no weights."""
@@ -103,49 +104,53 @@ class ScriptedPolicy:
 
 
 class Episode:
-    """A script in one episode.
+    """A script in one episode of a user.
 
     Args:
-        simulation: Of one user.
+        simulation: Of the users.
         steps: What to do.
-        task: The app's.
-        places: Finds objects.
-        hands: Side -> hand.
+        watched: As of :class:`ScriptedPolicy`.
+        user: Whose episode it is.
 
     Attributes:
         outcomes: Of the steps that were begun.
-        finished: Whether all steps are over.
     """
 
     def __init__(
-        self,
-        simulation: Any,
-        steps: Sequence[Step],
-        task: Task | None,
-        places: Places,
-        hands: Mapping[str, Hand],
+        self, simulation: Any, steps: Sequence[Step], watched: Collection[str], user: int
     ) -> None:
-        self._simulation, self._steps, self._task = simulation, steps, task
-        self._places, self._hands = places, hands
+        self._simulation, self._steps = simulation, steps
+        self._watched, self._user = watched, user
+        app = simulation.apps[user]
+        self._task: Task | None = app.task if isinstance(app, TaskedApp) else None
+        self._places = Places(simulation, user)
+        sides = [hand_of(step, self._task, simulation.body.devices) for step in steps]
+        self._hands = {side: Hand(simulation, side, user) for side in dict.fromkeys(sides)}
         self._hz = simulation.config.action_frequency_hz
         self._known: set[str] = set()
         self._values: dict[str, float] = {}
         self._before: dict[str, float] = {}
         self._pressed: tuple[str, ...] = ()
-        self._hand = next(iter(hands.values()))
+        self._hand = self._hands[sides[0]]
         self._run = self._all()
+        self._begun = self._over = self._finished = False
         self.outcomes: list[StepOutcome] = []
-        self.finished = False
 
-    def take(self, values: Mapping[str, float]) -> None:
-        """Receive the values that steps may change, after a user step."""
-        self._values = dict(values)
+    def _look(self) -> None:
+        """Note the app's numbers after a user step."""
+        log = self._simulation.logs[self._user]
+        self._values = {name: log[name] for name in log if name in self._watched}
         self._before = self._before or self._values
 
     def act(self) -> NDArray[np.float32]:
         """Return the action of the next user step, (A,)."""
+        action: NDArray[np.float32] = self._simulation.resting_action
+        if self._over:
+            return action
+        if self._begun:
+            self._look()
+        self._begun = True
         next(self._run)
-        action = self._simulation.resting_action
         body = self._hand.action()
         if body is not None:
             action[: len(body)] = body
@@ -154,8 +159,10 @@ class Episode:
         return action
 
     def ended(self) -> list[StepOutcome]:
-        """Return the outcomes of all steps, as the round is over."""
-        if not self.finished and self.outcomes:
+        """Return the outcomes of all steps, as the round is over; the user rests from now on."""
+        self._look()
+        self._over = True
+        if not self._finished and self.outcomes:
             self._compare(self.outcomes[-1])
         missing = self._steps[len(self.outcomes) :]
         return self.outcomes + [
@@ -176,7 +183,7 @@ class Episode:
             outcome.done = not outcome.problem
             self._pressed = ()
             self._compare(outcome)
-        self.finished = True
+        self._finished = True
         last, by = self._steps[-1], self.outcomes[-1].by
         while True:
             where = self._located(last.place if last.to is None else last.to)
@@ -212,7 +219,7 @@ class Episode:
                 if step.by is None:
                     outcome.by = "ray" if self._hand.beyond_m(where) else "touch"
                 if outcome.by == "ray":
-                    self._hand.ray = own_ray(self._simulation, outcome.hand)
+                    self._hand.ray = own_ray(self._simulation, outcome.hand, self._user)
                     outcome.ray_off_deg = _angle_deg(self._hand.ray.direction, AIM_RAY.direction)
                 return ""
             yield

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import body_of
-from sim2vr_harness.evaluation.evaluate import name_of
-from sim2vr_harness.evaluation.fatigue import full_name
-from sim2vr_harness.evaluation.muscle_groups import muscles_by_part
 from sim2vr_harness.figures.figure import COLOURS, Bars, Figure, Heat, Layer, Line, Panel, colour_of
+from sim2vr_harness.play.exertion import muscles_by_part
+from sim2vr_harness.play.fatigue import full_name
+from sim2vr_harness.play.users import name_of
 from sim2vr_harness.policies.store import TrainedUser, find_user
 from sim2vr_harness.studies.report.source import Group, ReportSource
 from sim2vr_harness.users import Body

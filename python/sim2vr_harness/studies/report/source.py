@@ -15,7 +15,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import file_name
 from sim2vr_harness.client import GameFacts, Measure, facts_of_outside
 from sim2vr_harness.evaluation.data import EvaluationData, read_data
-from sim2vr_harness.evaluation.metrics import PLAYER_MEASURES
+from sim2vr_harness.play.round import PLAYER_MEASURES
 from sim2vr_harness.studies.data import (
     STUDY_FILE,
     StudyData,

@@ -171,7 +171,7 @@ def film(one: Tracked, file: Path) -> Path:
         one: the recording.
         file: the MP4 file.
     """
-    from sim2vr_harness.evaluation.video import Film
+    from sim2vr_harness.play.film import Film
     from sim2vr_harness.users.rendering import UserRenderer
 
     followed = one.followed

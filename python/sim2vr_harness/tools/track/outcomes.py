@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from sim2vr_harness.evaluation.replay.recordings import Event, Recording
-from sim2vr_harness.evaluation.replay.replayer import replay
+from sim2vr_harness.sessions import Controller, Session
+from sim2vr_harness.sessions.logs import TargetEvent, target_events
+from sim2vr_harness.sessions.replay import replay_session
+from sim2vr_harness.sessions.whacamole import with_clock
 from sim2vr_harness.tools.track.paths import first_of_play
 from sim2vr_harness.tools.track.registration import Placement
 from sim2vr_harness.tools.track.tracking_controller import Followed
@@ -42,7 +45,7 @@ class TrackingOutcome:
 
 
 def outcomes(
-    recording: Recording, placement: Placement, followed: Followed
+    recording: Session, placement: Placement, followed: Followed
 ) -> dict[str, TrackingOutcome]:
     """Return how the round went by who held the hammer.
 
@@ -56,22 +59,23 @@ def outcomes(
         placement: of its world in the body's.
         followed: what the body did.
     """
-    found = {"person": outcome_of(recording.events)}
+    found = {"person": outcome_of(target_events(recording))}
     for name, turned in (("tracked", False), ("tracked pose", True)):
-        played = replay(played_by_body(recording, placement, followed, turned=turned))
-        found[name] = outcome_of(played.events)
+        played = played_by_body(recording, placement, followed, turned=turned)
+        done = replay_session(with_clock(played, closed_loop=False))
+        found[name] = outcome_of(target_events(done.session))
     return found
 
 
-def outcome_of(events: Iterable[Event]) -> TrackingOutcome:
+def outcome_of(events: Iterable[TargetEvent]) -> TrackingOutcome:
     """Count what happened to the targets."""
     kinds = [event.kind for event in events]
     return TrackingOutcome(*(kinds.count(kind) for kind in ("spawn", "hit", "miss", "contact")))
 
 
 def played_by_body(
-    recording: Recording, placement: Placement, followed: Followed, *, turned: bool
-) -> Recording:
+    recording: Session, placement: Placement, followed: Followed, *, turned: bool
+) -> Session:
     """Return the recording with the body's hand in the place of the person's.
 
     Frames before and after what was followed stay as they were.
@@ -82,19 +86,19 @@ def played_by_body(
         followed: what the body did.
         turned: whether rotations are the body's, too.
     """
-    device = "controller_right" if recording.left is None else "controller_left"
-    own = recording.right if recording.left is None else recording.left
-    clock = recording.times_s - recording.times_s[first_of_play(recording.times_s)]
+    side: Literal["left", "right"] = "right" if recording.left is None else "left"
+    hand = recording.controllers[side]
+    times_s = recording.time_ns / 1e9
+    clock = times_s - times_s[first_of_play(times_s)]
     inside = (clock >= followed.sampled_s[0]) & (clock <= followed.sampled_s[-1])
-    times_s = clock[inside]
-    poses = own.copy()
-    positions, quats = followed.sampled[device]
-    at = np.stack([np.interp(times_s, followed.sampled_s, p) for p in positions.T], axis=1)
-    turns = Slerp(followed.sampled_s, Rotation.from_quat(quats[:, [1, 2, 3, 0]]))(times_s)
+    now_s = clock[inside]
+    poses = hand.grip.copy()
+    positions, quats = followed.sampled[f"controller_{side}"]
+    at = np.stack([np.interp(now_s, followed.sampled_s, p) for p in positions.T], axis=1)
+    turns = Slerp(followed.sampled_s, Rotation.from_quat(quats[:, [1, 2, 3, 0]]))(now_s)
     body = placement.recorded(at, turns.as_quat()[:, [3, 0, 1, 2]])
     poses[inside, :3] = body[:, :3]
     if turned:
         poses[inside, 3:] = body[:, 3:]
-    if recording.left is None:
-        return replace(recording, right=poses)
-    return replace(recording, left=poses)
+    moved = Controller(poses)
+    return replace(recording, left=moved) if side == "left" else replace(recording, right=moved)

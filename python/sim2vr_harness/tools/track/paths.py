@@ -1,9 +1,7 @@
 """Paths of a person's head and hands, read from whatever recorded them.
 
-- Rounds of Whac-A-Mole (``evaluation/replay/recordings.py``): logs and packed rounds.
-- ``states.csv`` of any game, the original's logger's or ours.
-- Sessions of any app (``sessions/``), a file each.
-- A plain CSV file with a header (:func:`read_table_of_poses`).
+- Sessions of any format (``sessions/``), logs and packed rounds among them.
+- A plain CSV file with a header (:func:`read_table_of_poses`), which needs no head.
 
 All end as poses in the app's frame (Unity: left-handed, x right, y up, z forward): position x y z
 in metres, rotation x y z w.
@@ -22,10 +20,9 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name, read_text
-from sim2vr_harness.evaluation.replay.recordings import Recording, read_recordings
-from sim2vr_harness.sessions import Session, read_session
+from sim2vr_harness.sessions import Session, read_sessions
 from sim2vr_harness.sessions.checks import check_duration
-from sim2vr_harness.sessions.state_log import StateLog, read_state_log
+from sim2vr_harness.sessions.whacamole import RECORDED, is_recorded_round
 
 FloatArray = NDArray[np.float64]
 Frame = Literal["app", "openxr"]
@@ -61,7 +58,7 @@ class RecordedPath:
         hands: device, such as ``controller_right`` -> (N, 7) poses in the app's frame.
         headset: (N, 7), or None where it was not recorded.
         turned: whether rotations were recorded; without, those here are none.
-        recording: the round of Whac-A-Mole that it is, with its events.
+        session: the recorded round; None of a plain CSV file.
     """
 
     name: str
@@ -70,7 +67,7 @@ class RecordedPath:
     hands: Mapping[str, FloatArray]
     headset: FloatArray | None
     turned: bool = True
-    recording: Recording | None = None
+    session: Session | None = None
 
     @property
     def duration_s(self) -> float:
@@ -88,69 +85,35 @@ def read_paths(path: Path, *, frame: Frame = "app") -> list[RecordedPath]:
     Raises:
         InputError: it cannot be read; names file and line.
     """
-    if not path.exists():
-        raise InputError("RECORDING", repr(str(path)), "a file or folder that exists")
-    if path.is_file() and path.suffix.lower() not in (".csv", ".npz"):
-        return [_of_session(path, read_session(path))]
-    if path.is_file() and path.suffix.lower() == ".csv":
-        if not path.name.endswith("states.csv"):
-            return [read_table_of_poses(path, frame)]
-        if not _is_round(path):
-            return [_of_log(path, read_state_log(path))]
-    if path.is_dir() and (path / "states.csv").is_file() and not _is_round(path / "states.csv"):
-        return [_of_log(path / "states.csv", read_state_log(path / "states.csv"))]
-    return [_of_round(recording) for recording in read_recordings([path])]
+    table = path.is_file() and path.suffix.lower() == ".csv"
+    if table and not path.name.endswith("states.csv"):
+        return [read_table_of_poses(path, frame)]
+    return [_of_session(session) for session in read_sessions(path, "RECORDING")]
 
 
-def _is_round(states: Path) -> bool:
-    """Whether a log is one of Whac-A-Mole, with its targets beside it."""
-    events = states.with_name(states.name.removesuffix("states.csv") + "events.csv")
-    return events.is_file() and "target_" in read_text(events, "the events of a round")
-
-
-def _of_round(recording: Recording) -> RecordedPath:
-    first = first_of_play(recording.times_s)
-    hands = {"controller_right": recording.right[first:]}
-    if recording.left is not None:
-        hands = {"controller_left": recording.left[first:]}
-    times_s, rows = _rising(recording.times_s[first:])
-    return RecordedPath(
-        name=recording.name.replace("/", "-"),
-        source=recording.source,
-        times_s=times_s,
-        hands={name: poses[rows] for name, poses in hands.items()},
-        headset=recording.head[first:][rows],
-        recording=recording,
-    )
-
-
-def _of_log(file: Path, log: StateLog) -> RecordedPath:
-    first = first_of_play(log.times_s)
-    times_s, rows = _rising(log.times_s[first:])
+def _of_session(session: Session) -> RecordedPath:
+    times_s = session.time_ns / 1e9
+    first = first_of_play(times_s) if session.source in RECORDED else 0
+    times_s, rows = np.unique(times_s[first:], return_index=True)
+    path = session.path or Path()
     if len(times_s) < _LEAST_ROWS:
-        raise InputError(file_name(file), f"{len(times_s)} moments", f"at least {_LEAST_ROWS}")
-    poses = {"controller_right": log.right, "controller_left": log.left}
-    hands = {name: rows_[first:][rows] for name, rows_ in poses.items() if _moves(rows_)}
-    if not hands:
-        raise InputError(file_name(file), "controllers that never move", "one that does")
-    plain = file.name == "states.csv"
-    name = file.parent.resolve().name if plain else file.stem
-    return RecordedPath(name, file, times_s, hands, log.head[first:][rows])
-
-
-def _of_session(file: Path, session: Session) -> RecordedPath:
-    times_s, rows = _rising(np.asarray(session.time_ns * 1e-9, dtype=np.float64))
-    if len(times_s) < _LEAST_ROWS:
-        raise InputError(file_name(file), f"{len(times_s)} moments", f"at least {_LEAST_ROWS}")
+        raise InputError(file_name(path), f"{len(times_s)} moments", f"at least {_LEAST_ROWS}")
     devices = session.devices()
     poses = {
         "controller_right": devices.right_controller,
         "controller_left": devices.left_controller,
     }
-    hands = {name: each[rows] for name, each in poses.items() if each is not None and _moves(each)}
+    if is_recorded_round(session) and session.left is not None:
+        poses["controller_right"] = None  # the left hand holds the hammer
+    hands = {
+        name: each[first:][rows]
+        for name, each in poses.items()
+        if each is not None and _moves(each)
+    }
     if not hands:
-        raise InputError(file_name(file), "controllers that never move", "one that does")
-    return RecordedPath(file.name.split(".")[0], file, times_s, hands, session.head[rows])
+        raise InputError(file_name(path), "controllers that never move", "one that does")
+    head = session.head[first:][rows]
+    return RecordedPath(session.name.replace("/", "-"), path, times_s, hands, head, session=session)
 
 
 def _moves(poses: FloatArray) -> bool:
@@ -161,12 +124,6 @@ def _moves(poses: FloatArray) -> bool:
 def first_of_play(times_s: FloatArray) -> int:
     """The first row that is movement: 1 where a game's countdown comes after row 0."""
     return int(len(times_s) > _LEAST_ROWS and times_s[1] - times_s[0] > _PAUSE_S)
-
-
-def _rising(times_s: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Moments without repetitions (times are logged with seven digits), and their rows."""
-    kept, rows = np.unique(times_s, return_index=True)
-    return kept, rows
 
 
 # --- plain CSV -----------------------------------------------------------------------------------

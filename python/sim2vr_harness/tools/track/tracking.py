@@ -14,6 +14,7 @@ from sim2vr_harness.base.cores import budget
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.sessions.whacamole import is_recorded_round
 from sim2vr_harness.tools.track.outcomes import TrackingOutcome, outcomes
 from sim2vr_harness.tools.track.paths import RecordedPath
 from sim2vr_harness.tools.track.postures import REACHED_M, beyond_reach_m
@@ -207,7 +208,8 @@ def track(
         on_progress=on_progress,
     )
     beyond = _beyond_m(body, followed, settings.seed)
-    game = path.recording if settings.play else None
+    known = path.session is not None and is_recorded_round(path.session)
+    game = path.session if settings.play and known else None
     return Tracked(
         *(path, body, stature_m, estimated, placement, followed, beyond),
         *(_hands(followed, beyond), _muscles(body, followed)),

@@ -306,7 +306,7 @@ class _Record:
         self._kept["effort"].append(users.effort_cost[0])
         self._kept["qpos"].append(users.qpos[0])
         self._kept["act"].append(users.act[0])
-        if "MF" in (state := users.effort.state()):
+        if "MF" in (state := users.effort.state_dict()):
             self._kept["fatigued"].append(state["MF"][0, : users.muscle_count])
         for name, (positions, turns) in self._samples.items():
             for sample in range(POSE_SAMPLES):

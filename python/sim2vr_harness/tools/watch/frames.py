@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -20,16 +21,15 @@ from sim2vr_harness.client import (
 )
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
-from sim2vr_harness.policies.protocol import episode_of
-from sim2vr_harness.policies.registry import load_policy
-from sim2vr_harness.policies.scripted import scripted_policy, with_inputs
-from sim2vr_harness.policies.store import TrainedUser
+from sim2vr_harness.play.environment import make_simulation
+from sim2vr_harness.play.player import Job, Player
+from sim2vr_harness.play.users import SimulatedUser
+from sim2vr_harness.policies.protocol import Act, Policy
+from sim2vr_harness.sessions.replay import drive
 from sim2vr_harness.users import Body
 
 HEADSET_SIZE = (240, 160)
 """Of the headset's picture, pixels."""
-_RECORDED_HZ = 20.0
-"""Moments per second that are kept of a recording."""
 
 
 @dataclass(frozen=True)
@@ -135,102 +135,89 @@ def look(app: AppClient) -> tuple[AppScene, NDArray[np.uint8]]:
 
 
 def user_show(
-    user: TrainedUser | None,
+    user: SimulatedUser | None,
     env: EnvConfig,
     *,
     seed: int = 1,
-    deterministic: bool = False,
-    untrained: str | None = None,
-    simulation: Callable[..., Any] | None = None,
+    deterministic: bool | None = None,
+    simulation: Callable[..., Any] = make_simulation,
 ) -> Playlist:
     """Return a round of a user.
 
     Args:
-        user: who plays; None: the body of ``env``.
+        user: who plays; None: the body of ``env``, which moves at random, gently.
         env: the environment.
         seed: of body, policy and game.
-        deterministic: whether actions are the policy's mean.
-        untrained: how a body moves that no one trained: one of :data:`scripted.USERS`; None:
-            at random, gently.
+        deterministic: whether actions are the policy's mean; None: as the user's configuration.
         simulation: how to make the user: (EnvConfig, n) -> simulation.
     """
-    from sim2vr_harness.envs.simulation import Simulation
-
-    make = simulation or Simulation
     facts = game_facts(env.app)
-    name = untrained or "no particular person"
-    if user is not None:
-        name = str(user.card.get("name") or user.source)
-    if user is None and untrained is not None:
-        env = with_inputs(env, untrained)
+    mean = deterministic
+    if mean is None:
+        mean = user is not None and user.config.evaluation.deterministic
     # The body of a running simulation, drawn shapes included.
-    first = make(env, 1)
-    body: Body = first.body
+    waiting = [simulation(env, 1)]
 
     def moments() -> Iterator[ViewerFrame]:
-        with closing(first if not used else make(env, 1)) as users:
-            used.append(True)
-            act = _gentle(users.action_space.shape[0])
+        with closing(waiting.pop() if waiting else simulation(env, 1)) as users:
+            policy: Policy | Act = _gentle(users.action_space.shape[0])
             if user is not None:
-                policy, _ = load_policy(user, users.observation_space, users.action_space)
-                act = episode_of(policy)
-            elif untrained is not None:
-                act = episode_of(scripted_policy(untrained, users))
-            mean = deterministic and user is not None
-            yield from _played(users, act, facts, seed, mean)
+                policy, _ = user.policy(users, facts)
+            player = Player(users, policy, facts, deterministic=mean and user is not None)
+            player.begin([Job("", 0, seed)])
+            counters, most = Counters(facts), 1e-9
+            for outcome in player.steps():
+                info = outcome.infos[0]
+                if info.get("termination") == "app_failed":
+                    return
+                most = max(most, info["effort_cost"])
+                yield _frame(player, outcome.reward[0], info, counters, most)
 
-    used: list[bool] = []
     condition = facts.condition_of(env.app.options)
+    name = "no particular person" if user is None else user.name
+    body: Body = waiting[0].body
     return Playlist(f"{name}: {facts.name} {condition}", env.action_frequency_hz, moments, body)
 
 
-def _played(
-    users: Any, act: Callable[..., Any], facts: GameFacts, seed: int, deterministic: bool
-) -> Iterator[ViewerFrame]:
-    rng = np.random.default_rng([seed, 1])
-    counters, steps, total, most = Counters(facts), 0, 0.0, 1e-9
-    users.reset(seeds=[seed])
-    while True:
-        observation = {key: value[0] for key, value in users.observation().items()}
-        actions = act(observation, None if deterministic else rng)
-        outcome = users.step(np.asarray(actions)[None])
-        steps += 1
-        time_s = steps / users.config.action_frequency_hz
-        info = outcome.infos[0]
-        if info.get("termination") == "app_failed":
-            return
-        total += float(outcome.reward[0])
-        most = max(most, info["effort_cost"])
-        log = info.get("log", {})
-        text, events = counters.told(log, time_s)
-        scene, headset = look(users.apps[0])
-        act_now = np.array(users.users.act[0])
-        bars = {
-            "Effort of this step, of the greatest so far": info["effort_cost"] / most,
-            "Mean activation of the muscles": float(act_now.mean()) if act_now.size else 0.0,
-        }
-        fatigued = float(users.users.effort.max_fatigued()[0])
-        if np.isfinite(fatigued):
-            bars["Fatigued motor units"] = fatigued
-        numbers = {"reward": float(outcome.reward[0]), "effort": info["effort_cost"], **log}
-        yield ViewerFrame(
-            time_s,
-            scene,
-            headset,
-            f"{text}   return {total:.1f}",
-            events,
-            np.array(users.users.qpos[0]),
-            act_now,
-            bars,
-            numbers,
-        )
-        if outcome.terminated[0] or outcome.truncated[0]:
-            return
+def _frame(
+    player: Player, reward: float, info: Mapping[str, Any], counters: Counters, most: float
+) -> ViewerFrame:
+    """Return what there is to see of a player's one user after a step.
+
+    Args:
+        player: after the step.
+        reward: of the step.
+        info: of the step.
+        counters: of the game.
+        most: largest effort of a step so far.
+    """
+    users, log = player.simulation.users, info.get("log", {})
+    text, events = counters.told(log, player.seconds)
+    scene, headset = look(player.simulation.apps[0])
+    act_now = np.array(users.act[0])
+    bars = {
+        "Effort of this step, of the greatest so far": info["effort_cost"] / most,
+        "Mean activation of the muscles": float(act_now.mean()) if act_now.size else 0.0,
+    }
+    fatigued = float(users.effort.max_fatigued()[0])
+    if np.isfinite(fatigued):
+        bars["Fatigued motor units"] = fatigued
+    return ViewerFrame(
+        player.seconds,
+        scene,
+        headset,
+        f"{text}   return {player.returns[0]:.1f}",
+        events,
+        np.array(users.qpos[0]),
+        act_now,
+        bars,
+        {"reward": float(reward), "effort": info["effort_cost"], **log},
+    )
 
 
-def _gentle(actions: int) -> Callable[..., Any]:
-    def act(_observation: Any, rng: np.random.Generator) -> Any:
-        return 0.2 * rng.standard_normal(actions).clip(-1.0, 1.0)
+def _gentle(actions: int) -> Act:
+    def act(_observation: Any, rng: np.random.Generator | None) -> Any:
+        return 0.2 * (rng or np.random.default_rng()).standard_normal(actions).clip(-1.0, 1.0)
 
     return act
 
@@ -255,12 +242,12 @@ def person_show(env: EnvConfig, *, seed: int = 1) -> Playlist:
     rate = env.action_frequency_hz
 
     def moments() -> Iterator[ViewerFrame]:
-        counters, frame = Counters(facts), 0
+        counters = Counters(facts)
+        times = ((frame_time_ns(frame, rate), hands.devices()) for frame in count())
         with InProcessApp(env.app.game, env.app.options) as app:
-            reply = app.reset(seed, hands.devices())
-            while not reply.finished:
-                frame += 1
-                reply = app.step(frame_time_ns(frame, rate), hands.devices())
+            for frame, reply in enumerate(drive(app, seed, times)):
+                if frame == 0:
+                    continue
                 text, events = counters.told(reply.log, frame / rate)
                 scene, headset = look(app)
                 yield ViewerFrame(

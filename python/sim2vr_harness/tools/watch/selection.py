@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.games import without_training
-from sim2vr_harness.evaluation.replay.recordings import read_recordings
-from sim2vr_harness.evaluation.replay.replayer import session_of
-from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
-from sim2vr_harness.runs.config import load_config
+from sim2vr_harness.envs.games import with_condition
+from sim2vr_harness.play.users import SimulatedUser
+from sim2vr_harness.sessions import read_sessions
+from sim2vr_harness.sessions.whacamole import is_recorded_round, with_clock
 from sim2vr_harness.tools.users import environment_of
 from sim2vr_harness.tools.watch.frames import Playlist, person_show, user_show
 from sim2vr_harness.tools.watch.sessions import session_show
@@ -26,7 +26,7 @@ def choose(
     seed: int = 1,
     deterministic: bool | None = None,
     trust_app: bool = False,
-    page: Sequence[str] = (),
+    app: Mapping[str, Any] | None = None,
     untrained: str | None = None,
     overrides: Sequence[str] = (),
 ) -> Playlist:
@@ -40,20 +40,19 @@ def choose(
         seed: of the round.
         deterministic: whether actions are the policy's mean; None: as the user's configuration.
         trust_app: whether the app that it names may be started, though you never have.
-        page: instead of a user, overrides of the configuration that name a page.
-        untrained: the page's user, see :func:`user_show`.
+        app: settings of ``env.app``, which name a page or program; no user is needed then.
+        untrained: instead of ``run``, a user without training.
         overrides: ``env.KEY=VALUE``, what else is different.
 
     Raises:
         InputError: It is none of them, or options exclude each other.
     """
-    if page:
-        if run is not None or person or game is not None or condition is not None:
-            raise InputError("--page", "it with a user, a game or --try", "the page alone")
-        env = without_training(load_config("webxr", [*overrides, *page]).env, overrides)
-        return user_show(None, env, seed=seed, untrained=untrained or "random")
-    if untrained is not None:
-        raise InputError("--user", repr(untrained), "--page or --openxr with it")
+    if app and (run is not None or person or game is not None or condition is not None):
+        raise InputError("--page", "it with a user, a game or --try", "the page alone")
+    if app or untrained is not None:
+        player = SimulatedUser.find(untrained or "random")
+        env = player.env(app, overrides, game=game, trust_app=trust_app)
+        return user_show(player, with_condition(env, condition), seed=seed)
     if run is not None and _recorded(Path(run)):
         _refuse_with_recording(person, game, condition)
         return recorded_show(Path(run))
@@ -61,11 +60,12 @@ def choose(
     env = _environment(who, game, condition, overrides, trust_app=trust_app)
     if person:
         return person_show(env, seed=seed)
-    if (user := _trained(who)) is not None:
-        require_contract(user, env)
-        if deterministic is None:
-            deterministic = user.config.evaluation.deterministic
-    return user_show(user, env, seed=seed, deterministic=bool(deterministic))
+    try:
+        user = SimulatedUser.find(who)
+    except InputError:  # a configuration or a body
+        return user_show(None, env, seed=seed)
+    user.require_contract(env)
+    return user_show(user, env, seed=seed, deterministic=deterministic)
 
 
 def recorded_show(path: Path) -> Playlist:
@@ -74,11 +74,14 @@ def recorded_show(path: Path) -> Playlist:
     Raises:
         InputError: there is no such recording, or several.
     """
-    recordings = read_recordings([path])
-    if len(recordings) != 1:
-        names = ", ".join(recording.name for recording in recordings[:5])
-        raise InputError("RUN", f"{len(recordings)} recordings ({names})", "the folder of one")
-    return session_show(session_of(recordings[0], closed_loop=False), recordings[0].name)
+    found = read_sessions(path)
+    if len(found) != 1:
+        names = ", ".join(each.name for each in found[:5])
+        raise InputError("RUN", f"{len(found)} recordings ({names})", "the folder of one")
+    session, name = found[0], found[0].name
+    if is_recorded_round(session):
+        session = with_clock(session, closed_loop=False)
+    return session_show(session, name)
 
 
 def _refuse_with_recording(person: bool, game: str | None, condition: str | None) -> None:
@@ -114,11 +117,3 @@ def _recorded(path: Path) -> bool:
     if not path.is_dir() or (path / "config.yaml").exists() or (path / "card.json").exists():
         return False
     return any(path.rglob("states.csv")) or any(path.rglob("manifest.json"))
-
-
-def _trained(who: str) -> TrainedUser | None:
-    """The trained user of that name; None for a configuration or a body."""
-    try:
-        return find_user(who, code=True)
-    except InputError:
-        return None

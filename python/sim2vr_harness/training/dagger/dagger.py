@@ -9,7 +9,6 @@ Structured Prediction to No-Regret Online Learning".
 
 from __future__ import annotations
 
-import copy
 import math
 import time
 from collections import deque
@@ -25,17 +24,16 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.state import State
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.policies.attention_crops import AttentionCrops
 from sim2vr_harness.policies.sharding import in_shards
 from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
-from sim2vr_harness.runs.checkpoint import read_header, state_header
 from sim2vr_harness.runs.dagger_config import StudentConfig
 from sim2vr_harness.training.replay import ReplayStore
 from sim2vr_harness.training.run.episode_stats import episode_means
 
-STATE_FORMAT = 4
 PICTURE_FILES = "frames.*.bin"
 """Files of what the student has seen, the star being the sense's key."""
 _IMITATION_WEIGHT, _FACTS_WEIGHT, _CROPS_WEIGHT = 4.0, 0.2, 0.2
@@ -117,7 +115,7 @@ class StudentProgress:
     learn_seconds: float
 
 
-class Student:
+class Student(State):
     """DAgger on N users.
 
     Args:
@@ -436,49 +434,16 @@ class Student:
 
     # --- exact resume ------------------------------------------------------------------------
 
+    _state = (
+        *("policy", "_heads", "_tell", "_read", "_optimizer", "_rng", "simulation", "store"),
+        *("round", "_ended", "_episodes", "_cut", "_acted"),
+    )
+
     def state_dict(self) -> dict[str, Any]:
         """Copy everything that the next round depends on; images stay in the store's file."""
-        header = state_header(
-            STATE_FORMAT,
-            round=self.round,
-            count=self.store.count,
-            ended=self._ended,
-            episodes=list(self._episodes),
-            rng=self._rng.bit_generator.state,
-        )
-        simulation = torch.frombuffer(bytearray(self.simulation.save_state()), dtype=torch.uint8)
-        return {
-            "policy": copy.deepcopy(self.policy.state_dict()),
-            **dict.fromkeys(("heads", "tell", "read")),
-            **{name: copy.deepcopy(head.state_dict()) for name, head in self._dropped.items()},
-            "optimizer": copy.deepcopy(self._optimizer.state_dict()),
-            "torch_rng": torch.get_rng_state(),
-            "arrays": {
-                "simulation": simulation,
-                "cut": torch.from_numpy(self._cut.copy()),
-                "acted": torch.from_numpy(self._acted.copy()),
-                **{f"store.{key}": value for key, value in self.store.state_dict().items()},
-            },
-            "header": header,
-        }
+        return super().state_dict() | {"torch": torch.get_rng_state()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from :meth:`state_dict`.
-
-        Raises:
-            ValueError: it is of another format.
-        """
-        header, arrays = read_header(state, STATE_FORMAT), state["arrays"]
-        self.policy.load_state_dict(state["policy"])
-        for name, head in self._dropped.items():
-            head.load_state_dict(state[name])
-        self._optimizer.load_state_dict(state["optimizer"])
-        torch.set_rng_state(state["torch_rng"].cpu())
-        self.simulation.load_state(arrays["simulation"].cpu().numpy().tobytes())
-        self._cut = arrays["cut"].cpu().numpy().copy()
-        self._acted = arrays["acted"].cpu().numpy().copy()
-        kept = {k.removeprefix("store."): v for k, v in arrays.items() if k.startswith("store.")}
-        self.store.load_state_dict(header["count"], kept)
-        self.round, self._ended = header["round"], header["ended"]
-        self._episodes.extend(header["episodes"])
-        self._rng.bit_generator.state = header["rng"]
+        """Continue from :meth:`state_dict`."""
+        super().load_state_dict(state)
+        torch.set_rng_state(state["torch"].cpu())

@@ -305,20 +305,11 @@ class GameTask(Task):
 
     # --- exact resume ------------------------------------------------------------------------
 
-    def state_dict(self) -> dict[str, Any]:
-        """See :class:`Task`."""
-        simulation = bytearray(self.simulation.save_state())
-        return {
-            "game": self.game.state_dict(),
-            "senses": self.senses.state_dict(),
-            "simulation": torch.frombuffer(simulation, dtype=torch.uint8),
-        }
+    _state = ("game", "senses", "simulation")
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """See :class:`Task`."""
-        self.game.load_state_dict(state["game"])
-        self.senses.load_state_dict(state["senses"])
-        self.simulation.load_state(state["simulation"].cpu().numpy().tobytes())
+        """Continue from a state, whose tensors are on the device but for the simulation's."""
+        super().load_state_dict(state)
         self._started = True
 
 

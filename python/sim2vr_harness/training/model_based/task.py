@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from sim2vr_harness.base.state import State
 from sim2vr_harness.users import UserBatch
 from sim2vr_harness.world_models.body_dynamics import BodyModel
 from sim2vr_harness.world_models.learning_device import Part
@@ -18,7 +19,7 @@ from sim2vr_harness.world_models.rollout_env import ImaginedUsers
 from sim2vr_harness.world_models.transitions import TransitionStore
 
 
-class Task(ABC):
+class Task(State, ABC):
     """A game model's rounds, or goals of hands.
 
     N simulated users in MuJoCo take the user steps that the body model is fitted to. B imagined
@@ -55,7 +56,7 @@ class Task(ABC):
     def begin_collecting(self, *, randomly: bool) -> None:
         """Start episodes, or continue those that were; those of random actions are short."""
 
-    def stagger(self) -> None:  # noqa: B027
+    def stagger(self) -> None:
         """Spread the episodes' ends over time."""
 
     def motion(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
@@ -83,18 +84,18 @@ class Task(ABC):
     def restart(self, ids: NDArray[np.int64]) -> None:
         """Start new episodes of simulated users (K,)."""
 
-    def end_collecting(self) -> None:  # noqa: B027
+    def end_collecting(self) -> None:
         """Measure what was done since :meth:`begin_collecting`."""
 
     # --- a cycle -----------------------------------------------------------------------------
 
-    def begin_cycle(self, cycle: int) -> None:  # noqa: B027
+    def begin_cycle(self, cycle: int) -> None:
         """Set how difficult this cycle is, the first being 0."""
 
-    def calibrate(self, steps: TransitionStore) -> None:  # noqa: B027
+    def calibrate(self, steps: TransitionStore) -> None:
         """Fit what the task has to know of the tools to the user steps of the first cycle."""
 
-    def begin_updates(self, pool: TransitionStore) -> None:  # noqa: B027
+    def begin_updates(self, pool: TransitionStore) -> None:
         """Take note of the states that imagined users start from in this cycle."""
 
     @abstractmethod
@@ -153,13 +154,3 @@ class Task(ABC):
     @abstractmethod
     def cut(self) -> None:
         """Detach the present from what led to it."""
-
-    # --- exact resume ------------------------------------------------------------------------
-
-    @abstractmethod
-    def state_dict(self) -> dict[str, Any]:
-        """Return what the task's future depends on, but for policy, body model and users."""
-
-    @abstractmethod
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from :meth:`state_dict`."""

@@ -8,8 +8,8 @@ from typing import Any, Generic, TypeVar
 import torch
 from torch import Tensor, nn
 
+from sim2vr_harness.base.state import State
 from sim2vr_harness.base.torch_threads import FastestThreads, torch_threads
-from sim2vr_harness.runs.checkpoint import read_header, state_header
 from sim2vr_harness.runs.teacher_config import ImaginedConfig
 from sim2vr_harness.training.model_based.collector import collect
 from sim2vr_harness.training.model_based.task import Task
@@ -20,7 +20,6 @@ from sim2vr_harness.world_models.transitions import KEPT_CYCLES, TransitionStore
 from sim2vr_harness.world_models.value_function import ValueFunction
 from sim2vr_harness.world_models.weight_average import WeightAverage
 
-STATE_FORMAT = 8
 _PLAYED, _FITTED = 0.2, 0.4
 """Proportions of a cycle's time that are over after collecting, and after fitting."""
 _CRITIC_LEARNING_RATE, _LAMBDA = 1e-3, 0.9
@@ -52,7 +51,7 @@ def value_function(
     )
 
 
-class ModelBasedTrainer(Generic[AnyTask]):
+class ModelBasedTrainer(State, Generic[AnyTask]):
     """Trains a policy by gradients through a body model that is fitted to simulated users.
 
     The torch generator's state at construction is where the first cycle continues.
@@ -317,51 +316,28 @@ class ModelBasedTrainer(Generic[AnyTask]):
 
     # --- exact resume ------------------------------------------------------------------------
 
+    _state = (
+        *("cycle", "updates", "task.rng", "task.policy", "body", "_critic", "_optimizer"),
+        *("_average", "_random_state", "users", "task"),
+    )
+
     def state_dict(self) -> dict[str, Any]:
-        """Everything that the next cycle depends on; it shares weights: write it before that."""
-        header = state_header(
-            STATE_FORMAT,
-            cycle=self.cycle,
-            updates=self.updates,
-            rng=self.task.rng.bit_generator.state,
-        )
-        return {
-            "header": header,
-            "policy": self.task.policy.state_dict(),
-            "body": self.body.state_dict(),
-            "critic": self._critic.state_dict(),
-            "optimizer": self._optimizer.state_dict(),
-            "average": self._average.state_dict(),
-            "torch": self._random_state,
-            "users": self.users.state_dict(),
-            "seen": [part.tensors() for part in self._seen],
-            "best": None if self._best is None else list(self._best),
-            **self.task.state_dict(),
-        }
+        """Copy everything that the next cycle depends on."""
+        seen = [part.tensors() for part in self._seen]  # never changed
+        return super().state_dict() | {"seen": seen, "best": self._best and list(self._best)}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from :meth:`state_dict`.
-
-        Raises:
-            ValueError: it is of another format.
-        """
-        header = read_header(state, STATE_FORMAT)
-        self.cycle, self.updates = header["cycle"], header["updates"]
-        self.task.rng.bit_generator.state = header["rng"]
-        self._random_state = state["torch"]
-        self._best = None if state["best"] is None else (state["best"][0], state["best"][1])
+        """Continue from :meth:`state_dict`."""
+        moved = {name: self._device.moved(state[name]) for name in ("users", "task", "seen")}
+        if "simulation" in state["task"]:  # not learned from
+            moved["task"]["simulation"] = state["task"]["simulation"]
         with self._device.active(self.task.policy):
-            self.task.policy.load_state_dict(state["policy"])
-            self.body.load_state_dict(state["body"])
+            super().load_state_dict({**state, **moved})
             for parameter in self.body.parameters():
                 parameter.requires_grad_(False)
-            self._critic.load_state_dict(state["critic"])
-            self._optimizer.load_state_dict(state["optimizer"])
-            self._average.load_state_dict(state["average"])
-            self.users.load_state_dict(self._device.moved(state["users"]))
-            self._seen = [TransitionStore.of(self._device.moved(each)) for each in state["seen"]]
+            self._seen = [TransitionStore.of(each) for each in moved["seen"]]
             self.users.rest_as(self._seen[0].before.drives)
-            self.task.load_state_dict(self._device.moved(state))
+        self._best = state["best"] and (state["best"][0], state["best"][1])
 
 
 def _most_threads() -> int:

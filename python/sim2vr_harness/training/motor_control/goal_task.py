@@ -270,14 +270,11 @@ class GoalTask(Task):
 
     # --- exact resume ------------------------------------------------------------------------
 
-    def state_dict(self) -> dict[str, Any]:
-        """See :class:`Task`; the simulated bodies begin every cycle anew."""
-        return {"exercises": self.goals.state_dict(), "played": self._played.state_dict()}
+    _state = ("goals", "_played")
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """See :class:`Task`."""
-        self.goals.load_state_dict(state["exercises"])
-        self._played.load_state_dict(state["played"])
+        """Continue from a state; the simulated bodies begin every cycle anew."""
+        super().load_state_dict(state)
         self._observed = None
 
 

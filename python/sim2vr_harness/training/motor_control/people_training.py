@@ -15,19 +15,18 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from sim2vr_harness.base.state import State
 from sim2vr_harness.envs.config import UserConfig, body_of, motor_noise, people_of
 from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
 from sim2vr_harness.policies.hierarchical.human_motor import HumanHands, people_policy
 from sim2vr_harness.policies.hierarchical.motor_goals import tips
 from sim2vr_harness.policies.hierarchical.workspace import INSIDE
-from sim2vr_harness.runs.checkpoint import read_header, state_header
 from sim2vr_harness.runs.option_config import PeopleTraining
 from sim2vr_harness.training.motor_control.hand_training import Execution, train_hand_policy
 from sim2vr_harness.users import Body, Physique, UserBatch
 from sim2vr_harness.world_models.body_dynamics import fit_body
 from sim2vr_harness.world_models.transitions import Motion, TransitionStore
 
-STATE_FORMAT = 1
 _KEPT, _RETURN, _SIZES = (0.0, 0.6, 0.9), 0.3, (0.05, 0.7)
 """Of random actions: how much lasts from one user step to the next, return to rest, and their
 standard deviation."""
@@ -104,7 +103,7 @@ class PeopleCycle:
         )
 
 
-class PeopleTrainer:
+class PeopleTrainer(State):
     """Trains a human motor policy, cycle by cycle.
 
     Args:
@@ -192,22 +191,15 @@ class PeopleTrainer:
 
     # --- exact resume ------------------------------------------------------------------------
 
+    _state = ("cycle", "policy")
+
     def state_dict(self) -> dict[str, Any]:
         """Return everything that the next cycle depends on."""
-        return {
-            "header": state_header(STATE_FORMAT, cycle=self.cycle),
-            "policy": self.policy.state_dict(),
-            "transitions": [part.tensors() for part in self._seen],
-        }
+        return super().state_dict() | {"transitions": [part.tensors() for part in self._seen]}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from :meth:`state_dict`.
-
-        Raises:
-            ValueError: it is of another format.
-        """
-        self.cycle = read_header(state, STATE_FORMAT)["cycle"]
-        self.policy.load_state_dict(state["policy"])
+        """Continue from :meth:`state_dict`."""
+        super().load_state_dict(state)
         self._seen = [TransitionStore.of(part) for part in state["transitions"]]
 
 

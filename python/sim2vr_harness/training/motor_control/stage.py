@@ -53,10 +53,10 @@ class MotorStage(CycleStage):
         return self.folder / self.result
 
     def open(self) -> None:
-        """See the protocol."""
+        """Make the trainer."""
         config = self._config
         env = config.env
-        self._trainer = motor_trainer(
+        self._learner = motor_trainer(
             config.skills.motor_training,
             body_of(env.user),
             1.0 / env.action_frequency_hz,

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from torch import Tensor
 
-from sim2vr_harness.policies.hierarchical.action_selection import ActionSelector, OptionScene
+from sim2vr_harness.policies.hierarchical.action_selection import OptionScene
 from sim2vr_harness.policies.hierarchical.depth_grid import CELL_PX
+from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy
 
 _TRY_STEPS = (6, 16)
 """How long a random try is seen through, user steps."""
@@ -23,13 +23,13 @@ class Exploration:
     """Draws what N users try.
 
     Args:
-        selector: what the users see and can choose.
+        policy: of the users.
         rng: of the tries.
     """
 
-    def __init__(self, selector: ActionSelector, rng: np.random.Generator) -> None:
-        self._selector, self.rng = selector, rng
-        self._options = selector.primitives.options
+    def __init__(self, policy: HierarchicalPolicy, rng: np.random.Generator) -> None:
+        self._policy, self._sight, self.rng = policy, policy.values.sight, rng
+        self._options = policy.values.options
         self.colours = np.ones(_COLOURS**3)
         """How often each colour was seen."""
 
@@ -40,7 +40,7 @@ class Exploration:
             near: (cells,) weights of cells to do something at with the hand.
             far: (cells,) the same of cells to point at.
         """
-        options, cells = self._options, self._selector.sight.cells
+        options, cells = self._options, self._sight.cells
         if self.rng.random() < _REST_SHARE:
             free = int(self.rng.integers(1 + len(options.free))) if options.free else 0
             return options.rest(cells) + free
@@ -57,38 +57,39 @@ class Exploration:
 
     def steps(self, chosen: int) -> int:
         """How long a try is seen through, user steps."""
-        placed, option = self._options.placed, chosen // self._selector.sight.cells
+        placed, option = self._options.placed, chosen // self._sight.cells
         if option < len(placed) and placed[option] == "pull":
             return _PULL_STEPS
         return int(self.rng.integers(*_TRY_STEPS))
 
     def curiosity(
-        self, scene: OptionScene, places: Tensor, users: NDArray[np.int64]
+        self, scene: OptionScene, users: NDArray[np.int64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(K, cells) how much K users try: what is within reach, what has a rare colour.
 
         The second weights are those of cells to point at, near and far alike.
         """
         if not len(users):
-            none = np.zeros((0, self._selector.sight.cells))
+            none = np.zeros((0, self._sight.cells))
             return none, none
         rare = self._rarity(scene, users)
-        flat = places[users].flatten(2).transpose(1, 2).reshape(-1, 3)
-        reach = self._selector.primitives.near(flat, _TRIED_M).reshape(len(users), -1)
-        there = np.where(self._selector.something(scene).numpy()[users], 1.0, 1e-9)
+        flat = scene.places[users].flatten(2).transpose(1, 2).reshape(-1, 3)
+        reach = self._policy.primitives.near(flat, _TRIED_M).reshape(len(users), -1)
+        there = np.where(scene.something.numpy()[users], 1.0, 1e-9)
         near = _spread(there * np.where(reach, 1.0, 0.03), rare)
         return near, _spread(there, rare) if "point" in self._options.placed else near
 
     def note_colours(self, scene: OptionScene) -> None:
         """Count what colours there are; what was seen long ago counts less."""
-        seen = np.bincount(_colours(scene.pictures[:, :, ::2, ::2]).ravel(), minlength=_COLOURS**3)
+        pictures = scene.pictures.numpy()[:, :, ::2, ::2]
+        seen = np.bincount(_colours(pictures).ravel(), minlength=_COLOURS**3)
         self.colours = 0.999 * self.colours + seen / seen.sum()
 
     def _rarity(self, scene: OptionScene, users: NDArray[np.int64]) -> NDArray[np.float64]:
         """(K, cells) how rare the rarest colour in each cell is."""
         rare = 1.0 / (0.002 + self.colours / self.colours.sum())
-        rows, columns = self._selector.sight.rows, self._selector.sight.columns
-        own = scene.pictures[users][:, :, : rows * CELL_PX, : columns * CELL_PX]
+        rows, columns = self._sight.rows, self._sight.columns
+        own = scene.pictures.numpy()[users][:, :, : rows * CELL_PX, : columns * CELL_PX]
         each = rare[_colours(own)].reshape(-1, rows, CELL_PX, columns, CELL_PX)
         rarest: NDArray[np.float64] = each.max((2, 4)).reshape(len(users), -1)
         return rarest

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import time
-
-from sim2vr_harness.policies.hierarchical.person_layer import PersonLayer
+from sim2vr_harness.base.progress import View
+from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy
 from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS, OptionQLearning
-from sim2vr_harness.training.run.progress import View
 from sim2vr_harness.training.run.stage import Callbacks
 
 _HOLDS, _HOLD_S = (1, 3, 5), 128.0
@@ -34,7 +32,7 @@ def compared_steps(steps_per_s: float, *, persons: bool) -> int:
 def best_hold(learner: OptionQLearning, callbacks: Callbacks) -> int:
     """Return for how many user steps it pays to see decisions through."""
     callbacks.doing("durations of decisions")
-    began, taken = time.monotonic(), learner.step_count
+    taken = learner.step_count
     steps = hold_steps(learner.n, learner.simulation.config.action_frequency_hz)
     tried = holds()
     earned = {}
@@ -42,14 +40,13 @@ def best_hold(learner: OptionQLearning, callbacks: Callbacks) -> int:
 
         def show(share: float, done: int = number) -> None:
             doing = f"measuring {len(tried)} durations of decisions, {done + 1} of {len(tried)}"
-            _show_end(callbacks, taken, doing, (done + share) / len(tried), began)
+            _show_end(callbacks, taken, doing, (done + share) / len(tried))
 
         earned[hold] = learner.earned(hold, steps, on_progress=show)
     best = max(tried, key=lambda hold: earned[hold])
     found = ", ".join(f"{earned[hold]:.2f} for {hold}" for hold in tried)
     callbacks.say(
-        f"Reward per minute by how many user steps a decision is seen through: {found}. "
-        f"The user's: {best}."
+        f"Reward per minute, less effort, by user steps of a decision: {found}. The user's: {best}."
     )
     return best
 
@@ -61,35 +58,30 @@ def choose_manner(learner: OptionQLearning, callbacks: Callbacks) -> None:
     learning.
     """
     callbacks.doing("manner of hands")
-    primitives, taken = learner.primitives, learner.step_count
+    policy = learner.policy
     steps = round(_MANNER_S * learner.simulation.config.action_frequency_hz)
-
-    def earned() -> float:
-        found = learner.earned(DECIDE_STEPS, steps)
-        learner.step_count = taken
-        return found
-
-    layer, by_lift, by_vigour = primitives.layer, {}, {}
-    if isinstance(layer, PersonLayer):
-        layer.vigour = _VIGOURS[1]
+    hold = 1 if isinstance(policy, PersonPolicy) else DECIDE_STEPS
+    by_lift, by_vigour = {}, {}
+    if isinstance(policy, PersonPolicy):
+        policy.vigour.fill_(_VIGOURS[1])
     for lifts in (1.0, 0.0):
-        primitives.lifts.fill_(lifts)
-        by_lift[lifts] = earned()
-    primitives.lifts.fill_(max(by_lift, key=lambda each: by_lift[each]))
+        policy.lifts.fill_(lifts)
+        by_lift[lifts] = learner.earned(hold, steps)
+    policy.lifts.fill_(max(by_lift, key=lambda each: by_lift[each]))
     said = f"{by_lift[1.0]:.2f} if hands lift off before they touch, {by_lift[0.0]:.2f} if not"
-    if isinstance(layer, PersonLayer):
+    if isinstance(policy, PersonPolicy):
         for vigour in _VIGOURS:
-            layer.vigour = vigour
-            by_vigour[vigour] = earned()
-        layer.vigour = max(by_vigour, key=lambda each: by_vigour[each])
+            policy.vigour.fill_(vigour)
+            by_vigour[vigour] = learner.earned(hold, steps)
+        best = max(by_vigour, key=lambda each: by_vigour[each])
+        policy.vigour.fill_(best)
         found = ", ".join(f"{by_vigour[each]:.2f} for {each:g}" for each in _VIGOURS)
-        said += f"; less effort, by vigour: {found}. The persons': {layer.vigour:g}"
-    callbacks.say(f"Reward per minute: {said}.")
-    learner.begin_rounds(taken, 60)
+        said += f"; by vigour: {found}. The persons': {best:g}"
+    callbacks.say(f"Reward per minute, less effort: {said}.")
+    learner.begin_rounds(learner.step_count, 60)
     learner.manner_chosen = True
 
 
-def _show_end(callbacks: Callbacks, taken: int, doing: str, share: float, began: float) -> None:
+def _show_end(callbacks: Callbacks, taken: int, doing: str, share: float) -> None:
     """Show how far the measurement at the end of the stage is, a line at its beginning."""
-    left = (time.monotonic() - began) * (1.0 - share) / share if share > 0.0 else None
-    callbacks.show(lambda: View(taken, doing, left), force=share == 0.0)
+    callbacks.show(lambda: View(taken, doing), force=share == 0.0)

@@ -8,27 +8,28 @@ rare colours more often than to common ones, and are seen through.
 
 from __future__ import annotations
 
-import copy
+import json
 from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from sim2vr_harness.base.cores import budget
-from sim2vr_harness.policies.hierarchical.action_selection import ActionSelector, OptionScene
+from sim2vr_harness.base.state import State
+from sim2vr_harness.play.player import reward_per_minute
+from sim2vr_harness.policies.hierarchical.action_selection import OptionScene, choose, committed
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
-from sim2vr_harness.policies.hierarchical.frame_history import FrameHistory
-from sim2vr_harness.policies.hierarchical.person_layer import PersonLayer
-from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, PrimitiveController
-from sim2vr_harness.runs.checkpoint import read_header, state_header
+from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, Moment
+from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy
 from sim2vr_harness.runs.option_config import QLearningConfig
 from sim2vr_harness.training.option_q_learning.exploration import Exploration
-from sim2vr_harness.training.option_q_learning.pace import QLearningReport
 from sim2vr_harness.training.option_q_learning.value_learner import (
     LEARNING_RATE,
     PARTS,
@@ -37,9 +38,6 @@ from sim2vr_harness.training.option_q_learning.value_learner import (
 )
 from sim2vr_harness.training.replay import ReplayStore
 
-__all__ = ["OptionQLearning", "OptionScene", "QLearningReport"]
-
-STATE_FORMAT = 6
 DECIDE_STEPS = 3
 """User steps from one decision to the next: 0.15 s at 20 Hz.
 Users see decisions through for longer where it pays."""
@@ -53,16 +51,32 @@ _SETTLED_RATE, _SETTLED_TRIES = 0.05, 0.25
 _NEAR_M, _REACHED_M = 1.2, 0.06
 
 
-class OptionQLearning:
+@dataclass(frozen=True)
+class QLearningReport:
+    """Progress of the Q-learning.
+
+    Attributes:
+        step: user steps of all users so far.
+        reward: mean reward per minute, effort taken off, over the last ones.
+        loss: of the values.
+        explore: proportion of exploratory decisions.
+    """
+
+    step: int
+    reward: float
+    loss: float
+    explore: float
+
+
+class OptionQLearning(State):
     """Learns values of places and moves while N users try.
 
     Args:
         config: of the stage.
         simulation: N users; owned by the caller.
-        primitives: turns moves into goals.
+        policy: theirs; what is learned are its values.
         pictures: the file that what is seen goes to; made or reused.
         seed: of everything drawn here.
-        late_steps: user steps by which pictures are seen late.
         for_persons: whether persons will use what is learned.
     """
 
@@ -70,99 +84,107 @@ class OptionQLearning:
         self,
         config: QLearningConfig,
         simulation: Any,
-        primitives: PrimitiveController,
+        policy: HierarchicalPolicy,
         pictures: Path,
         *,
         seed: int,
-        late_steps: int = 0,
         for_persons: bool = False,
     ) -> None:
-        self.config, self._late_steps, self._seed = config, late_steps, seed
+        self.config, self._seed = config, seed
         self.updates = _UPDATES_FOR_PERSONS if for_persons else _UPDATES
         """Updates of the Q-network per decision of all users."""
-        self.n: int = simulation.n
-        self.hands = len(primitives.tool)
-        vision = simulation.config.vision
+        n = self.n = int(simulation.n)
+        hands = self.hands = len(policy.tool)
         self.rng = np.random.default_rng([seed, 55])
-        self._take_up(simulation, primitives)
-        self.persons = False
-        """Whether the present users are persons, whose effort counts."""
-        self.manner_chosen = False
-        """Whether the manner of hands has been compared (see ``manner.py``)."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.net = ActionValueMap(self._selector.sight, self.hands, primitives.options)
+            self.net = ActionValueMap(policy.values.sight, hands, policy.values.options)
+        self._take_up(simulation, policy)
+        self.persons = False
+        """Whether the present users are persons."""
+        self.manner_chosen = False
+        """Whether the manner of hands has been compared (see ``manner.py``)."""
         self.step_count = 0
-        n, hands = self.n, self.hands
+        sight = self.net.sight
         shapes: dict[str, tuple[tuple[int, ...], Any]] = {
-            "pictures": ((n, vision.height, vision.width, 8), np.uint8),
+            "pictures": ((n, sight.height, sight.width, 8), np.uint8),
             "head": ((n, 3), np.float32),
-            "turned": ((n, 9), np.float32),
+            "turned": ((n, 3, 3), np.float32),
             "tips": ((n, hands, 3), np.float32),
             "velocities": ((n, hands, 3), np.float32),
             "chosen": ((n, hands), np.int64),
             "reward": ((n,), np.float32),
+            "game_reward": ((n,), np.float32),
             "over": ((n,), np.bool_),
             "cut": ((n,), np.bool_),
         }
-        length = -(-config.user_steps // (self.n * DECIDE_STEPS)) + 1
-        self._memory = ReplayStore(pictures, length, shapes)
+        length = -(-config.user_steps // (n * DECIDE_STEPS)) + 1
+        self._decisions = ReplayStore(pictures, length, shapes)
         """Decisions of all users, and what came of them."""
-        inputs = OptionChoice.KEPT_INPUTS if primitives.options.inputs else ()
-        self._kept = (*OptionChoice.KEPT, *inputs)
         self._rewards: deque[float] = deque(maxlen=200)
-        self.learner = ValueLearner(self.net, self._selector, self._memory, self.rng, self.n)
+        self.learner = ValueLearner(self.net, self._decisions, self.rng, n)
 
-    def _take_up(self, simulation: Any, primitives: PrimitiveController) -> None:
+    def _take_up(self, simulation: Any, policy: HierarchicalPolicy) -> None:
         """Let these users play from now on, in rounds that begin."""
-        self.simulation, self.primitives = simulation, primitives
-        past = FrameHistory(simulation, self._late_steps)
-        self._selector = ActionSelector(simulation, primitives, past)
+        self.simulation, self.policy = simulation, policy
+        policy.values, policy.together = self.net, self.n
+        if isinstance(policy, PersonPolicy):
+            policy.draws = np.random.default_rng([self._seed, 57])
         self.begin_rounds(self._seed, 56)
         self._trying = np.zeros((self.n, self.hands), np.int64)
         """User steps for which a random try is still seen through."""
         self._tried = np.zeros((self.n, self.hands), np.int64)
-        self._exploration = Exploration(self._selector, self.rng)
+        self._exploration = Exploration(policy, self.rng)
 
     def begin_rounds(self, *seed: int) -> None:
         """Let every user's rounds begin anew."""
-        seeds = np.random.SeedSequence(seed).generate_state(self.n, np.uint32)
-        self.simulation.reset(seeds=[int(value) for value in seeds])
-        self._choice = OptionChoice(self.n, self.hands)
+        self.simulation.reset(seeds=self._round_seeds(*seed))
+        self._memory = self.policy.begin(self.n)
 
-    def continue_with_persons(self, simulation: Any, primitives: PrimitiveController) -> None:
+    def _round_seeds(self, *seed: int) -> list[int]:
+        """Return seeds of the users' rounds."""
+        return np.random.SeedSequence(seed).generate_state(self.n, np.uint32).tolist()
+
+    def continue_with_persons(self, simulation: Any, policy: PersonPolicy) -> None:
         """Go on learning the same values with persons, from their own decisions.
 
         Args:
             simulation: N persons in the same app; owned by the caller.
-            primitives: of their hands, with the same tool and options.
+            policy: theirs, with the same tool and options.
         """
-        self._take_up(simulation, primitives)
-        self.learner.selector, self.learner.since = self._selector, self._memory.count
+        self._take_up(simulation, policy)
+        self.learner.since = self._decisions.count
         self.persons = True
         self._rewards.clear()
 
     # --- deciding ----------------------------------------------------------------------------
 
+    def _sense(self) -> Moment:
+        return self.policy.sense(self.simulation.observation(), self._memory[0])
+
+    def _scene(self, moment: Moment) -> OptionScene:
+        """Return what users see by which they decide."""
+        return self.policy.scene(moment, self._memory[0], moment.decides)
+
     def _decide(self, scene: OptionScene, explore: float) -> NDArray[np.int64]:
         """(N, H) what every user chooses; cells and moves in one number, the last one rests."""
-        places = self._selector.places(scene)
-        with torch.inference_mode():
-            values = self._selector.values(self.net, scene, places)
-            chosen = self._selector.committed(values, scene, self._choice, places).numpy()
+        primitives, choice = self.policy.primitives, self._memory[0].choice
+        with torch.no_grad():
+            values = self.net.values(*scene.inputs(self.net))
+            chosen = committed(values, scene.something, choice, scene.places, primitives).numpy()
         still = self._trying > 0  # the place stays the one that was tried
         changed = ~still
         chosen[still] = self._tried[still]
         anew = changed & (self.rng.random((self.n, self.hands)) < explore)
         users = np.flatnonzero(anew.any(1))
         self._exploration.note_colours(scene)
-        weights = self._exploration.curiosity(scene, places, users)
+        weights = self._exploration.curiosity(scene, users)
         for i, near, far in zip(users, *weights, strict=True):
             for hand in np.flatnonzero(anew[i]):
                 chosen[i, hand] = self._tried[i, hand] = self._exploration.draw(near, far)
                 self._trying[i, hand] = self._exploration.steps(int(chosen[i, hand]))
         self._trying -= DECIDE_STEPS
-        self._selector.choose(self._choice, chosen, scene, places, changed)
+        choose(choice, chosen, scene.places, primitives, changed, scene.aims(choice, chosen))
         return chosen
 
     # --- a decision and what comes of it -----------------------------------------------------
@@ -194,25 +216,25 @@ class OptionQLearning:
             doing: told what is done from now on, for a table of times.
         """
         doing("choosing options")
-        explore = self.explore
-        scene = self._selector.scene()
+        explore, moment = self.explore, self._sense()
+        scene = self._scene(moment)
         chosen = self._decide(scene, explore)
-        seen = {name: getattr(scene, name)[None] for name in SCENE}
+        seen = {name: getattr(scene, name).numpy()[None] for name in SCENE}
         seen["pictures"] = seen["pictures"].transpose(0, 1, 3, 4, 2)
-        self._memory.append({**seen, "chosen": chosen[None]})
+        self._decisions.append({**seen, "chosen": chosen[None]})
         updates = 0
         if self.step_count >= self.config.try_steps:
             self.learner.settle_scale()
             updates = self.updates
-        (reward, over, cut), loss = self._play_and_learn(updates, doing)
-        self._memory.amend({"reward": reward[None], "over": over[None], "cut": cut[None]})
+        came, loss = self._play_and_learn(moment, updates, doing)
+        self._decisions.amend({name: values[None] for name, values in came.items()})
         step_s = 1.0 / self.simulation.config.action_frequency_hz
-        self._rewards.append(float(reward.mean()) * 60.0 / (DECIDE_STEPS * step_s))
+        self._rewards.append(float(came["reward"].mean()) * 60.0 / (DECIDE_STEPS * step_s))
         return QLearningReport(self.step_count, float(np.mean(self._rewards)), loss, explore)
 
     def _play_and_learn(
-        self, updates: int, doing: Callable[[str], None]
-    ) -> tuple[tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_]], float]:
+        self, moment: Moment, updates: int, doing: Callable[[str], None]
+    ) -> tuple[dict[str, NDArray[Any]], float]:
         """See the present choice through, and learn from the ones before it meanwhile.
 
         What is learned from ends where the present decision was made, so that it makes no
@@ -224,38 +246,36 @@ class OptionQLearning:
             doing("learning")
             loss = self.learner.learn(updates, rate, map)
             doing("playing")
-            return self.play(DECIDE_STEPS), loss
+            return self._play(moment), loss
         doing("playing and learning")
         with ThreadPoolExecutor(PARTS) as parts, ThreadPoolExecutor(1) as beside:
             learning = beside.submit(self.learner.learn, updates, rate, parts.map)
-            played = self.play(DECIDE_STEPS)
+            played = self._play(moment)
             return played, learning.result()
 
-    def update_seconds(self) -> float:
-        """How long a step of learning takes; see :meth:`ValueLearner.update_seconds`."""
-        alone = budget(self.simulation.config.cores) == 1
-        return self.learner.update_seconds(1 if alone else PARTS)
-
-    def play(self, steps: int) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_]]:
+    def _play(self, moment: Moment) -> dict[str, NDArray[Any]]:
         """See the present choice through.
 
         Returns:
-            (N,) rewards, whose episodes ended, and whose of these were only cut off.
+            (N,) rewards, of which effort is taken off, and those of the app; whose episodes ended,
+            and whose of these were only cut off.
         """
-        reward = np.zeros(self.n, np.float32)
+        (memory,) = self._memory
+        reward, game_reward = np.zeros((2, self.n), np.float32)
         over, cut = np.zeros((2, self.n), bool)
-        for _ in range(steps):
-            actions = self._selector.actions(self._choice)
-            result = self.simulation.step(actions)
+        for step in range(DECIDE_STEPS):
+            if step:
+                moment = self._sense()
+            result = self.simulation.step(self.policy.move(moment, memory))
             self.step_count += self.n
-            worth = result.reward if self.persons else result.game_reward
-            reward += np.where(over, 0.0, worth).astype(np.float32)
+            reward += np.where(over, 0.0, result.reward).astype(np.float32)
+            game_reward += np.where(over, 0.0, result.game_reward).astype(np.float32)
             again = self.simulation.renew(result)
-            self._choice.forget(again)
+            self.policy.restart(self._memory, again)
             self._trying[again] = 0
             cut |= result.truncated & ~result.terminated & ~over
             over |= result.over
-        return reward, over, cut
+        return {"reward": reward, "game_reward": game_reward, "over": over, "cut": cut}
 
     def earned(
         self,
@@ -264,7 +284,7 @@ class OptionQLearning:
         *,
         on_progress: Callable[[float], None] = lambda share: None,
     ) -> float:
-        """Mean reward per minute, without tries.
+        """Mean reward per minute, effort taken off, without tries.
 
         Every user's rounds begin anew, which ends the learning.
 
@@ -273,87 +293,53 @@ class OptionQLearning:
             steps: user steps to play, of each.
             on_progress: called with the share of the steps done, before each of them.
         """
-        self.begin_rounds(self.step_count, 59)
         self._trying[:] = 0
-        total = 0.0
-        for step in range(steps):
-            on_progress(step / steps)
-            if step % hold == 0:
-                self._selector.choose_best(self.net, self._choice, hold)
-            total += float(self.play(1)[0].mean())
-        return total * 60.0 * self.simulation.config.action_frequency_hz / steps
+        self.policy.hold.fill_(hold)
+        seeds = self._round_seeds(self.step_count, 59)
+        reward, effort = reward_per_minute(
+            self.simulation, self.policy, seeds, steps, deterministic=True, on_progress=on_progress
+        )
+        return reward - effort
 
     def diagnosis(self) -> tuple[float, float]:
         """Share of the decisions that were rewarded, and of what is near that is within reach."""
-        scene = self._selector.scene()
-        places = self._selector.places(scene)
-        flat = places.flatten(2).transpose(1, 2).reshape(-1, 3)
-        head = torch.from_numpy(scene.head).repeat_interleave(self._selector.sight.cells, 0)
+        scene = self._scene(self._sense())
+        flat = scene.places.flatten(2).transpose(1, 2).reshape(-1, 3)
+        head = scene.head.repeat_interleave(scene.sight.cells, 0)
         near = flat[(flat - head).norm(dim=1) < _NEAR_M]
-        within = float(self.primitives.near(near, _REACHED_M).mean()) if len(near) else 0.0
-        known = self._memory.read("reward", np.arange(self._memory.count))
+        primitives = self.policy.primitives
+        within = float(primitives.near(near, _REACHED_M).mean()) if len(near) else 0.0
+        known = self._decisions.read("game_reward", np.arange(self._decisions.count))
         return float((known > 0.0).mean()), within
 
     # --- exact resume ------------------------------------------------------------------------
 
+    _state = (
+        *("step_count", "persons", "manner_chosen", "_rewards", "rng", "net", "learner"),
+        *("_decisions", "_trying", "_tried", "_exploration.colours", "simulation"),
+    )
+
     def state_dict(self) -> dict[str, Any]:
         """Copy everything that the next decision depends on; pictures stay in their file."""
-        header = state_header(
-            STATE_FORMAT,
-            step=self.step_count,
-            scale=self.learner.scale,
-            since=self.learner.since,
-            persons=self.persons,
-            manner_chosen=self.manner_chosen,
-            rewards=list(self._rewards),
-            rng=self.rng.bit_generator.state,
-        )
-        layer = self.primitives.layer
-        arrays: dict[str, NDArray[Any]] = {
-            "trying": self._trying,
-            "tried": self._tried,
-            "colours": self._exploration.colours,
-            "lifts": self.primitives.lifts.numpy(),
-            "simulation": np.frombuffer(self.simulation.save_state(), np.uint8),
-        }
-        return {
-            "header": header,
-            "net": copy.deepcopy(self.net.state_dict()),
-            "slow": copy.deepcopy(self.learner.slow.state_dict()),
-            "optimizer": copy.deepcopy(self.learner.optimizer.state_dict()),
-            "memory": {key: value.clone() for key, value in self._memory.state_dict().items()},
-            "choice": {name: getattr(self._choice, name).clone() for name in self._kept},
-            "arrays": {name: torch.from_numpy(values.copy()) for name, values in arrays.items()},
-            "layer": layer.memory() if isinstance(layer, PersonLayer) else {},
+        draws = getattr(self.policy, "draws", None)
+        return super().state_dict() | {
+            "manner": {name: value.clone() for name, value in self._manner().items()},
+            "memory": self._memory[0].state_dict(),
+            "draws": json.dumps(draws and draws.bit_generator.state),
         }
 
-    @staticmethod
-    def of_persons(state: Mapping[str, Any]) -> bool:
-        """Whether persons play in a state."""
-        return bool(read_header(state, STATE_FORMAT)["persons"])
+    def _manner(self) -> dict[str, Tensor]:
+        """Return how hands move: what :func:`choose_manner` compares."""
+        policy = self.policy
+        own = {"vigour": policy.vigour} if isinstance(policy, PersonPolicy) else {}
+        return {"lifts": policy.lifts} | own
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from :meth:`state_dict`.
-
-        Raises:
-            ValueError: it is of another format.
-        """
-        header = read_header(state, STATE_FORMAT)
-        self.step_count, self.learner.scale = header["step"], header["scale"]
-        self.learner.since = header["since"]
-        self.persons, self.manner_chosen = header["persons"], header["manner_chosen"]
-        self._rewards.extend(header["rewards"])
-        self.rng.bit_generator.state = header["rng"]
-        self.net.load_state_dict(state["net"])
-        self.learner.slow.load_state_dict(state["slow"])
-        self.learner.optimizer.load_state_dict(state["optimizer"])
-        self._memory.load_state_dict(len(state["memory"]["over"]), state["memory"])
-        for name in self._kept:
-            setattr(self._choice, name, state["choice"][name].clone())
-        arrays = {name: values.numpy() for name, values in state["arrays"].items()}
-        self._trying, self._tried = arrays["trying"].copy(), arrays["tried"].copy()
-        self._exploration.colours = arrays["colours"].copy()
-        self.primitives.lifts = state["arrays"]["lifts"].clone()
-        self.simulation.load_state(arrays["simulation"].tobytes())
-        if isinstance(self.primitives.layer, PersonLayer):
-            self.primitives.layer.recall(state["layer"])
+        """Continue from :meth:`state_dict`."""
+        super().load_state_dict(state)
+        for name, value in self._manner().items():
+            value.copy_(state["manner"][name])
+        self._memory = self.policy.begin(self.n)
+        self._memory[0].load_state_dict(state["memory"])
+        if isinstance(self.policy, PersonPolicy) and self.policy.draws is not None:
+            self.policy.draws.bit_generator.state = json.loads(state["draws"])

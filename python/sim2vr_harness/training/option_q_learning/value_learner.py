@@ -7,9 +7,7 @@ network chooses what is best next, a slow copy says what that is worth (van Hass
 from __future__ import annotations
 
 import copy
-import time
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -18,7 +16,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from sim2vr_harness.policies.hierarchical.action_selection import ActionSelector, OptionScene
+from sim2vr_harness.base.state import State
+from sim2vr_harness.policies.hierarchical.action_selection import OptionScene, best_choices
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.training.option_q_learning.minibatch import N_STEP, draw_decisions
 from sim2vr_harness.training.replay import ReplayStore
@@ -42,26 +41,26 @@ _TRUSTED_PERCENTILE = 99.0
 _TIMED = 3
 
 
-class ValueLearner:
+class ValueLearner(State):
     """Learns the values of options from what N users decided, and what came of it.
 
     Args:
         net: the network; changed.
-        selector: reads scenes for it.
-        memory: decisions of all users, in order.
+        decisions: decisions of all users, in order.
         rng: draws minibatches.
         users: N.
     """
 
+    _state = ("slow", "optimizer", "scale", "since")
+
     def __init__(
         self,
         net: ActionValueMap,
-        selector: ActionSelector,
-        memory: ReplayStore,
+        decisions: ReplayStore,
         rng: np.random.Generator,
         users: int,
     ) -> None:
-        self.net, self.selector, self.memory, self._rng = net, selector, memory, rng
+        self.net, self.decisions, self._rng = net, decisions, rng
         self._n = users
         self.slow = copy.deepcopy(net).requires_grad_(False)
         """The target network."""
@@ -77,7 +76,7 @@ class ValueLearner:
         """Let a good decision be worth about 1."""
         if self.scale != 1.0:
             return
-        known = np.abs(self.memory.read("reward", np.arange(self.memory.count)))
+        known = np.abs(self.decisions.read("game_reward", np.arange(self.decisions.count)))
         known = known[known > 0.0]
         self.scale = float(np.percentile(known, _TRUSTED_PERCENTILE)) if len(known) else 1.0
 
@@ -92,16 +91,16 @@ class ValueLearner:
         for group in self.optimizer.param_groups:
             group["lr"] = rate
         loss = float("nan")
-        for _ in range(updates if self.memory.count - self.since > N_STEP else 0):
+        for _ in range(updates if self.decisions.count - self.since > N_STEP else 0):
             loss = self._update(each)
         return loss
 
     def _update(self, each: Map) -> float:
         """One step of learning, from a batch that is always parted alike."""
-        memory = self.memory
+        memory = self.decisions
         have = min(memory.count - self.since, max(N_STEP + 1, _KEPT_DECISIONS // self._n))
         first = memory.count - have
-        rewarded = memory.read("reward", np.arange(first, memory.count - 1)) > 0.0
+        rewarded = memory.read("game_reward", np.arange(first, memory.count - 1)) > 0.0
         rows, users, odds = draw_decisions(rewarded, _BATCH_SIZE, self._rng)
         found = self._shares(first + rows, users, odds**self.corrected, each)
         self.optimizer.zero_grad()
@@ -137,18 +136,17 @@ class ValueLearner:
             users: (K,) whose.
             weights: (K,) of their losses.
         """
-        memory = self.memory
+        memory = self.decisions
         total, weight, last, known = self.returns(rows, users)
         then = self._scene(last, users)
         with torch.no_grad():
-            seen = self.selector.inputs(self.net, then, self.selector.places(then))
-            best = self.selector.best(self.net.values(*seen), then)
+            seen = then.inputs(self.net)
+            best = best_choices(self.net.values(*seen), then.something, self.net.options)
             worth = self._worth(self.slow.values(*seen), best)
             wanted = torch.from_numpy(total) + torch.from_numpy(weight) * worth
         scene = self._scene(rows, users)
         chosen = torch.from_numpy(memory.read("chosen", rows, users))
-        values = self.selector.values(self.net, scene, self.selector.places(scene))
-        guessed = self._worth(values, chosen)
+        guessed = self._worth(self.net.values(*scene.inputs(self.net)), chosen)
         losses = functional.smooth_l1_loss(guessed, wanted, reduction="none")
         loss = (losses * torch.from_numpy(weights * known).float()).sum() / _BATCH_SIZE
         return float(loss.detach()), torch.autograd.grad(loss, tuple(self.net.parameters()))
@@ -170,41 +168,24 @@ class ValueLearner:
         last, left = rows + N_STEP, np.ones(len(rows), bool)
         for k in range(N_STEP):
             at = (rows + k, users)
-            cut = left & self.memory.read("cut", *at)
+            cut = left & self.decisions.read("cut", *at)
             last[cut] = rows[cut] + k
             left &= ~cut
-            reward = self.memory.read("reward", *at) / self.scale
+            reward = self.decisions.read("reward", *at) / self.scale
             total[left] += (weight * reward)[left]
             weight[left] *= _GAMMA
-            over = left & self.memory.read("over", *at)
+            over = left & self.decisions.read("over", *at)
             weight[over] = 0.0
             left &= ~over
         return total, weight, last, last > rows
 
     def _scene(self, rows: NDArray[np.int64], users: NDArray[np.int64]) -> OptionScene:
         """What was seen in decisions (K,) of users (K,)."""
-        pictures, *others = (self.memory.read(name, rows, users) for name in SCENE)
-        return OptionScene(pictures.transpose(0, 3, 1, 2), *others)
+        pictures, *others = (self.decisions.read(name, rows, users) for name in SCENE)
+        seen = (pictures.transpose(0, 3, 1, 2), *others)
+        return OptionScene(self.net.sight, *(torch.from_numpy(each) for each in seen))
 
     @staticmethod
     def _worth(values: Tensor, chosen: Tensor) -> Tensor:
         """(N,) what choices (N, H) of all hands are worth together."""
         return values.gather(-1, chosen[..., None])[..., 0].sum(1)
-
-    def update_seconds(self, threads: int) -> float:
-        """Return how long a step of learning takes. Nothing is learned, and nothing drawn.
-
-        More than ``N_STEP`` decisions have to be remembered.
-
-        Args:
-            threads: 1, or more: parts of a batch are computed in parallel.
-        """
-        rows = np.zeros(_BATCH_SIZE, np.int64)
-        which = np.arange(_BATCH_SIZE) % self._n
-        weights = np.ones(_BATCH_SIZE)
-        with ThreadPoolExecutor(PARTS) as parts:
-            times = [time.monotonic()]
-            for _ in range(_TIMED + 1):
-                self._shares(rows, which, weights, map if threads == 1 else parts.map)
-                times.append(time.monotonic())
-        return (times[-1] - times[1]) / _TIMED  # the first one warms up

@@ -92,7 +92,7 @@ def take(model: PPO) -> Snapshot:
     env = model.get_env()
     assert isinstance(env, SimulationVecEnv)
     arrays: dict[str, NDArray] = {
-        "environment": np.frombuffer(env.save_state(), dtype=np.uint8),
+        **{f"environment.{key}": value for key, value in env.state_dict().items()},
         "episode_starts": np.array(model._last_episode_starts),
     }
     last_observation = model._last_obs
@@ -149,12 +149,12 @@ def restore(path: Path, model: PPO) -> None:
 
 def load_moment(model: BaseAlgorithm, env: SimulationVecEnv, arrays: dict[str, NDArray]) -> None:
     """Bring the environment and what was last seen of it to a checkpoint's moment."""
-    anew = env.load_state(arrays["environment"].tobytes())
-    observation = {
-        key.removeprefix("observation."): value
-        for key, value in arrays.items()
-        if key.startswith("observation.")
-    }
+    parts: dict[str, dict[str, NDArray]] = {"environment": {}, "observation": {}}
+    for key, value in arrays.items():
+        part, _, name = key.partition(".")
+        if part in parts:
+            parts[part][name] = value
+    anew, observation = env.load_state_dict(parts["environment"]), parts["observation"]
     starts = arrays["episode_starts"]
     if anew:
         starts[anew] = True

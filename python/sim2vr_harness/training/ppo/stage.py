@@ -3,29 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import torch
 from gymnasium import spaces
+from stable_baselines3.common.callbacks import BaseCallback
 from torch import nn
 
 from sim2vr_harness.base.finite import NotFinite
+from sim2vr_harness.base.progress import View
 from sim2vr_harness.envs.protocols import SimulationLike
 from sim2vr_harness.runs.config import TrainingConfig
-from sim2vr_harness.runs.run_folder import RunFolder
+from sim2vr_harness.runs.run_folder import RunFolder, metric_key
 from sim2vr_harness.training.ppo import checkpoint, ppo
+from sim2vr_harness.training.ppo.ppo import PPO
 from sim2vr_harness.training.ppo.rollout_buffer import buffer_bytes
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
-from sim2vr_harness.training.run.callbacks import CheckpointCallback, ProgressCallback
 from sim2vr_harness.training.run.loggers import make_logger
-from sim2vr_harness.training.run.progress import TrainingProgress
-from sim2vr_harness.training.run.stage import Callbacks
+from sim2vr_harness.training.run.stage import Callbacks, Stage
 
 NOT_EXACT = "--resume starts new rounds, since this app cannot save its state."
 
 
-class PPOStage:
-    """See :class:`~sim2vr_harness.training.run.stage.Stage`.
+class PPOStage(Stage):
+    """PPO from what the user senses.
 
     Its checkpoints are the trained users; it works in the run's own folder.
 
@@ -40,6 +42,9 @@ class PPOStage:
 
     name, unit = "ppo", "user steps"
 
+    _simulation: SimulationVecEnv
+    _learner: ppo.PPO
+
     def __init__(
         self,
         config: TrainingConfig,
@@ -49,60 +54,51 @@ class PPOStage:
         begin: Callable[[nn.Module], object],
         stop: int,
     ) -> None:
-        self.config, self.folder, self.title = config, folder, title
         size = config.ppo.steps_per_iteration
         self.stop = -(-stop // size) * size
-        self.total = float(self.stop)
+        super().__init__(config, folder.path, self.stop)
+        self._run, self.title = folder, title
         self._make_simulation, self._begin = make_simulation, begin
-        self._env: SimulationVecEnv | None = None
-        self._model: ppo.PPO | None = None
         self._checkpoints: CheckpointCallback | None = None
         self.lost_steps = 0
         """User steps of an unfinished iteration, which resuming takes again."""
 
     @property
     def begun(self) -> bool:
-        """See the protocol."""
-        return bool(self.folder.checkpoints())
+        """Whether there is a checkpoint."""
+        return bool(self._run.checkpoints())
 
     @property
     def finished(self) -> bool:
-        """See the protocol."""
-        return self.begun and self.folder.step >= self.stop
+        """Whether a checkpoint has as many user steps."""
+        return self.begun and self._run.step >= self.stop
 
     @property
     def saved(self) -> str:
-        """See the protocol."""
-        return f"step {self.folder.step:,} of {self.stop:,}" if self.begun else ""
+        """How far the newest checkpoint is."""
+        return f"{self._run.step:,} of {self.stop:,} user steps" if self.begun else ""
+
+    @property
+    def done(self) -> float:
+        """User steps of all users."""
+        return self._learner.num_timesteps
 
     def open(self) -> None:
-        """See the protocol."""
-        self._env = SimulationVecEnv(self._make_simulation(self.config))
-        self._model = ppo.build(self.config, self._env)
+        """Make users and learner."""
+        self._simulation = SimulationVecEnv(self._make_simulation(self._config))
+        self._learner = ppo.build(self._config, self._simulation)
 
     def run(self, callbacks: Callbacks) -> None:
-        """See the protocol."""
-        model, env = self._model, self._env
-        assert model is not None
-        assert env is not None
+        """Go through the iterations that are left."""
+        model, kept = self._learner, self._config.checkpoint
         start = self._restore(model)
-        logger = make_logger(self.config, self.folder, start)
+        logger = make_logger(self._config, self._run, start)
         model.set_logger(logger)
-        learner, kept = self.config.ppo, self.config.checkpoint
-        size = learner.steps_per_iteration
-        progress = TrainingProgress(
-            step=start,
-            start_step=start,
-            stop_step=self.stop,
-            iteration_steps=size,
-            minibatches=size // learner.batch_size * learner.n_epochs,
-            game=env.facts,
-        )
+        tracker = ProgressCallback(callbacks, start, self.stop)
         self._checkpoints = CheckpointCallback(
-            self.folder, kept.every_steps, kept.keep, lambda file, step: _note(progress, file)
+            self._run, kept.every_steps, kept.keep, tracker.note_checkpoint
         )
-        tracker = ProgressCallback(progress, callbacks)
-        self._greet(callbacks, progress)
+        self._greet(callbacks, start)
         try:
             model.learn(
                 self.stop - start,
@@ -125,44 +121,40 @@ class PPOStage:
 
     def _restore(self, model: ppo.PPO) -> int:
         if self.begun:
-            checkpoint.restore(self.folder.latest_checkpoint(), model)
-            self.folder.drop_metrics_after(model.num_timesteps)
+            checkpoint.restore(self._run.latest_checkpoint(), model)
+            self._run.drop_metrics_after(model.num_timesteps)
             return model.num_timesteps
-        self.folder.drop_metrics_after(0)
+        self._run.drop_metrics_after(0)
         self._begin(model.policy)
         return 0
 
     def save(self) -> None:
-        """See the protocol."""
+        """Write the checkpoint of the last iteration, unless it is on disk."""
         if self._checkpoints is None or self._checkpoints.write() is None:
             return
-        assert self._model is not None
-        self.lost_steps = max(0, self._model.num_timesteps - self.folder.step)
-        self.folder.note_session(end_step=self.folder.step)
+        self.lost_steps = max(0, self._learner.num_timesteps - self._run.step)
+        self._run.note_session(end_step=self._run.step)
 
     def close(self) -> None:
-        """See the protocol."""
-        if self._env is not None:
-            self._env.close()
-        self._env = self._model = self._checkpoints = None
+        """Free users and learner."""
+        super().close()
+        self._checkpoints = None
 
     def tidy(self) -> None:
-        """See the protocol; checkpoints are kept."""
+        """Nothing: checkpoints are kept."""
 
-    def _greet(self, callbacks: Callbacks, progress: TrainingProgress) -> None:
-        model, env = self._model, self._env
-        assert model is not None
-        assert env is not None
+    def _greet(self, callbacks: Callbacks, start: int) -> None:
+        model, env = self._learner, self._simulation
         space = model.rollout_buffer.observation_space
         assert isinstance(space, spaces.Dict)
-        steps = self.config.ppo.steps_per_iteration
+        steps = self._config.ppo.steps_per_iteration
         memory = buffer_bytes(space, steps) / 2**20
         exact = getattr(env.simulation, "exact_states", True)
         renderer = getattr(env.simulation, "renderer_description", None)
-        verb = "Continuing" if progress.start_step else "Training"
+        verb = "Continuing" if start else "Training"
         callbacks.say(
-            f"{verb} in {self.folder.path}, from step {progress.start_step:,} to "
-            f"{progress.stop_step:,} in iterations of {steps:,} user steps ({model.n_envs} users, "
+            f"{verb} in {self._run.path}, from step {start:,} to "
+            f"{self.stop:,} in iterations of {steps:,} user steps ({model.n_envs} users, "
             f"{model.device})."
         )
         if renderer is not None:
@@ -172,7 +164,7 @@ class PPOStage:
             + ("--resume continues exactly." if exact else NOT_EXACT)
         )
         callbacks.note(
-            start_step=progress.start_step,
+            start_step=start,
             device=str(model.device),
             renderer=renderer,
             torch_threads=torch.get_num_threads(),
@@ -180,5 +172,215 @@ class PPOStage:
         )
 
 
-def _note(progress: TrainingProgress, file: Any) -> None:
-    progress.note = f"Saved {file}"
+class CheckpointCallback(BaseCallback):
+    """Remembers the moment between two iterations and writes it when it is due.
+
+    Args:
+        folder: The run's folder.
+        every_steps: User steps between two checkpoints.
+        keep: How many of the newest checkpoints to keep; None keeps all.
+        on_written: Called with the file and the step of every checkpoint.
+    """
+
+    model: PPO
+
+    def __init__(
+        self,
+        folder: RunFolder,
+        every_steps: int,
+        keep: int | None = None,
+        on_written: Callable[[Path, int], None] = lambda file, step: None,
+    ) -> None:
+        super().__init__()
+        self._folder = folder
+        self._every_steps = every_steps
+        self._keep = keep
+        self._on_written = on_written
+        self._snapshot: checkpoint.Snapshot | None = None
+        self._written_step: int | None = None
+
+    @property
+    def snapshot_step(self) -> int | None:
+        """The step that :meth:`write` would save, None before the first iteration."""
+        return None if self._snapshot is None else self._snapshot.step
+
+    def _on_rollout_start(self) -> None:
+        self.remember()
+
+    def _on_step(self) -> bool:
+        return True
+
+    def remember(self) -> None:
+        """Take a snapshot now, between two iterations, and write it if it is due.
+
+        Raises:
+            NotFinite: The last update has spoilt the learner; the snapshot before it is written.
+        """
+        self.require_finite()
+        self._snapshot = checkpoint.take(self.model)
+        step = self._snapshot.step
+        if self._written_step is None:  # The session starts: on disk already, or step 0.
+            self._written_step = step
+        elif step // self._every_steps > self._written_step // self._every_steps:
+            self.write()
+
+    def require_finite(self) -> None:
+        """Check that the learner may be saved; otherwise write the last snapshot and say so.
+
+        Raises:
+            NotFinite: A weight or a moment of the optimiser is NaN or infinite.
+        """
+        try:
+            checkpoint.require_finite_learner(self.model, None)
+        except NotFinite:
+            checkpoint.require_finite_learner(self.model, self.write())
+            raise
+
+    def write(self) -> Path | None:
+        """Write the last snapshot unless it is on disk, and return its file."""
+        if self._snapshot is None:
+            return None
+        step = self._snapshot.step
+        file = self._folder.checkpoint_file(step)
+        if not file.is_file():
+            self._snapshot.write(file, self.model)
+            self._on_written(file, step)
+            self._remove_old()
+        self._written_step = step
+        return file
+
+    def _remove_old(self) -> None:
+        if self._keep is not None:
+            for file in self._folder.checkpoints()[: -self._keep]:
+                file.unlink(missing_ok=True)
+
+
+class ProgressCallback(BaseCallback):
+    """Shows how far the learner is, during the update as well, and passes rows on.
+
+    Args:
+        callbacks: the stage's.
+        start: user steps taken before this session.
+        stop: where this session stops.
+    """
+
+    model: PPO
+
+    def __init__(self, callbacks: Callbacks, start: int, stop: int) -> None:
+        super().__init__()
+        self._callbacks, self._start, self._stop = callbacks, start, stop
+        self._phase, self._share, self._note = "starting", 0.0, ""
+        self._hook: Any = None
+        self._minibatches = self._played = 0
+        """Minibatches of this update, and user steps of this iteration."""
+        self.failures: list[dict[str, Any]] = []
+        """Every app that failed in this session: step of the training, user, step of its round and
+        error."""
+
+    def note_checkpoint(self, file: Path, step: int) -> None:
+        """Show what was saved last."""
+        self._note = f"Saved {file}"
+
+    def view(self) -> View:
+        """Return what is shown now."""
+        model, size = self.model, self.model.n_envs * self.model.n_steps
+        parts = self._callbacks.watch.parts
+        took = {name: parts[name].seconds for name in ("playing", "learning") if name in parts}
+        steps = model.num_timesteps - self._start
+        rates = {
+            name: f"{steps / seconds:,.0f}" if seconds else "-" for name, seconds in took.items()
+        }
+        whole = f"{steps / sum(took.values()):,.0f}" if len(took) == 2 else "-"
+        playing, learning = (rates.get(name, "-") for name in ("playing", "learning"))
+        details = [f"{whole} steps/s (playing {playing}, learning {learning})"]
+        facts = self._env.facts
+        means = model.episode_means()
+        if means:
+            digits = {metric_key(one): (one.heading.lower(), one.digits) for one in facts.headlines}
+            shown = {"ep_rew_mean": ("return", 1)} | digits | {"ep_effort_cost_mean": ("effort", 1)}
+            numbers = [
+                f"{label} {means[key]:,.{places}f}" if key in means else f"{label} -"
+                for key, (label, places) in shown.items()
+            ]
+            details.append("per round: " + ", ".join(numbers))
+        elif self._env.last_logs is not None and facts.counters:
+            counts = [
+                f"{one.label.lower()} {self._env.last_logs.total(one.log_key):,.0f}"
+                for one in facts.counters[:2]
+            ]
+            details.append("first rounds: " + ", ".join(counts) + " so far")
+        if self.failures:
+            details.append(f"app failures {len(self.failures):,}")
+        if self._note:
+            details.append(self._note)
+        doing = f"step {model.num_timesteps:,}/{self._stop:,}, {self._phase} {self._share:.0%}"
+        half = 0.5 if self._phase == "playing" else -0.5 * (1.0 - self._share)
+        done = model.num_timesteps - (half * self._played if half > 0.0 else -half * size)
+        return View(done, doing, tuple(details))
+
+    @property
+    def _env(self) -> SimulationVecEnv:
+        env = self.model.get_env()
+        assert isinstance(env, SimulationVecEnv)
+        return env
+
+    def _on_training_start(self) -> None:
+        self.model.on_row = self._callbacks.report
+        self._hook = self.model.policy.optimizer.register_step_post_hook(self._count_minibatch)
+
+    def _on_rollout_start(self) -> None:
+        self._phase, self._share, self._played = "playing", 0.0, 0
+        self._show()
+
+    def _on_step(self) -> bool:
+        self._played += self.model.n_envs
+        self._share = self._played / (self.model.n_envs * self.model.n_steps)
+        self._report_failures()
+        self._show()
+        return True
+
+    def _report_failures(self) -> None:
+        """Say which apps failed since the last step; their users go on with new ones."""
+        failed = getattr(self._env.simulation, "app_failures", [])
+        for failure in failed[len(self.failures) :]:
+            self.failures.append(
+                {
+                    "training_step": self.model.num_timesteps,
+                    "user": failure.user,
+                    "round_step": failure.step,
+                    "error": failure.error,
+                }
+            )
+            self._callbacks.say(
+                f"User {failure.user}: {failure.error.splitlines()[0]}\n"
+                "Its round is over; the app is started again and the training goes on."
+            )
+
+    def _on_rollout_end(self) -> None:
+        if self.failures:
+            self.logger.record("rollout/app_failures", len(self.failures))
+        self._phase, self._share, self._minibatches = "learning", 0.0, 0
+        self._show()
+
+    def _on_training_end(self) -> None:
+        self._share = 1.0
+        self.detach()
+        self._callbacks.show(self.view, force=True)
+
+    def detach(self) -> None:
+        """Stop counting minibatches and passing rows on."""
+        if getattr(self, "model", None) is not None:
+            self.model.on_row = None
+        if self._hook is not None:
+            self._hook.remove()
+            self._hook = None
+
+    def _show(self) -> None:
+        self._callbacks.doing(self._phase)
+        self._callbacks.show(self.view)
+
+    def _count_minibatch(self, *_: Any) -> None:
+        self._minibatches += 1
+        size = self.model.n_envs * self.model.n_steps
+        self._share = self._minibatches / (size // self.model.batch_size * self.model.n_epochs)
+        self._show()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -165,33 +164,25 @@ class SimulationVecEnv(VecEnv):
         for sums in self._sums.values():
             sums[which] = 0.0
 
-    def save_state(self) -> bytes:
+    def state_dict(self) -> dict[str, NDArray]:
         """Return the exact state: users, apps and the unfinished episodes' sums."""
-        episodes = {
-            "returns": [float(value).hex() for value in self._returns],
-            "lengths": self._lengths.tolist(),
-            "sums": {key: [float(v).hex() for v in sums] for key, sums in self._sums.items()},
-        }
-        header = json.dumps(episodes).encode()
-        return len(header).to_bytes(8, "little") + header + self.simulation.save_state()
+        sums = {f"sums.{key}": values.copy() for key, values in self._sums.items()}
+        own = {"returns": self._returns.copy(), "lengths": self._lengths.copy()}
+        return own | sums | self.simulation.state_dict()
 
-    def load_state(self, state: bytes) -> list[int]:
-        """Continue from :meth:`save_state` of an environment with the same configuration.
+    def load_state_dict(self, state: Mapping[str, NDArray]) -> list[int]:
+        """Continue from :meth:`state_dict` of an environment with the same configuration.
 
         Returns:
             The users whose rounds had to start anew, their apps cannot be saved.
         """
-        size = int.from_bytes(state[:8], "little")
-        episodes = json.loads(state[8 : 8 + size])
-        if len(episodes["lengths"]) != self.num_envs:
-            raise RuntimeError(
-                f"the saved state is of {len(episodes['lengths'])} users, not of {self.num_envs}"
-            )
-        anew = self.simulation.load_state(state[8 + size :])
-        self._returns[:] = [float.fromhex(text) for text in episodes["returns"]]
-        self._lengths[:] = episodes["lengths"]
+        saved = len(state["lengths"])
+        if saved != self.num_envs:
+            raise RuntimeError(f"the saved state is of {saved} users, not of {self.num_envs}")
+        anew = self.simulation.load_state_dict(state)
+        self._returns[:], self._lengths[:] = state["returns"], state["lengths"]
         for key, sums in self._sums.items():
-            sums[:] = [float.fromhex(text) for text in episodes["sums"][key]]
+            sums[:] = state[f"sums.{key}"]
         self._clear(anew)
         return anew
 

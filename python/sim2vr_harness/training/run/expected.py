@@ -10,9 +10,9 @@ import numpy as np
 from stable_baselines3.common.utils import get_device
 
 from sim2vr_harness.base.cores import budget, free
+from sim2vr_harness.base.progress import duration
 from sim2vr_harness.games.registry import imagined_game
 from sim2vr_harness.runs.config import TrainingConfig
-from sim2vr_harness.training.run.progress import duration
 from sim2vr_harness.training.run.stage import Stage
 
 _SORTING_S = 0.74e-3

@@ -8,16 +8,20 @@ ends, and a resumed run continues to the same bits.
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, Protocol
+from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
+from sim2vr_harness.base.finite import NotFinite, require_finite
+from sim2vr_harness.base.progress import ProgressDisplay, View
 from sim2vr_harness.base.signals import interrupts_ignored, sigterm_interrupts
-from sim2vr_harness.runs.run_folder import RunFolder
-from sim2vr_harness.training.run.progress import StageDisplay, View
-from sim2vr_harness.training.run.stopwatch import Stopwatch
+from sim2vr_harness.runs.checkpoint import take_in, write_tensors
+from sim2vr_harness.runs.config import TrainingConfig
+from sim2vr_harness.runs.run_folder import RunFolder, append_row, keep_rows
 
 
 class StageStopped(Exception):
@@ -47,33 +51,62 @@ class Report:
     values: Mapping[str, Any]
 
 
-class Stage(Protocol):
+class Stage(ABC):
     """A part of a run that learns something and leaves it in the run's folder.
 
-    Attributes:
-        name: of the stage, and of its folder unless it is the last one.
-        title: one sentence for people: who learns what.
+    A subclass makes its learner in :meth:`open` and lets it learn in :meth:`run`; the learner's
+    ``state_dict`` is what a stopped stage goes on from. Subclasses say what they are called.
+
+    Args:
+        config: of the run.
+        folder: of the stage.
         total: where it ends, in ``unit``.
-        unit: what it counts.
     """
 
     name: str
+    """Of the stage, and of its folder unless it is the last one."""
     title: str
-    total: float
+    """One sentence for people: who learns what."""
     unit: str
+    """What it counts."""
+    result: str
+    """Name of the file that holds what is learned, once the stage is over."""
+    state_of = "the state of this stage"
+    """What the file of the learner's state is called in errors."""
+    log_file = "metrics.jsonl"
+    leftovers: tuple[str, ...] = ()
+    """Patterns of further files that no one needs once the stage is over."""
+
+    def __init__(self, config: TrainingConfig, folder: Path, total: float) -> None:
+        self._config, self.folder, self.total = config, folder, float(total)
+        self.state_file = folder / "state.pt"
+        self._learner: Any = None
+        self._simulation: Any = None
+        self._state: dict[str, Any] | None = None
+        """After the last consistent moment, unless it is on disk, and how far that was."""
+        self._remembered = self._saved = 0.0
 
     @property
     def begun(self) -> bool:
         """Whether the folder holds something of it to go on from; stages before it are over."""
+        return self.finished or self.state_file.is_file()
 
     @property
     def finished(self) -> bool:
         """Whether there is nothing left to do."""
+        return (self.folder / self.result).is_file()
 
     @property
     def saved(self) -> str:
-        """What the folder holds of it, for people: ``cycle 3 of 22``."""
+        """What the folder holds of it, for people: ``3 of 22 cycles``."""
+        return f"{self._saved:,.0f} of {self.total:,.0f} {self.unit}" if self._saved else ""
 
+    @property
+    @abstractmethod
+    def done(self) -> float:
+        """How far the learner is, in ``unit``."""
+
+    @abstractmethod
     def open(self) -> None:
         """Make what is expensive, of the settings and of what the stages before it have left.
 
@@ -81,17 +114,117 @@ class Stage(Protocol):
             InputError: a setting cannot be used.
         """
 
+    @abstractmethod
     def run(self, callbacks: Callbacks) -> None:
         """Go on from what the folder holds to the end."""
 
+    def learned(self, state: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the parts of a learner's state that have to be finite, by what they are called."""
+        raise NotImplementedError
+
+    # --- what a subclass calls in run ----------------------------------------------------------
+
+    def resume(self, callbacks: Callbacks) -> None:
+        """Let the learner go on from the folder's state, and drop later rows of the log."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        if self.state_file.is_file():
+            take_in(self.state_file, self.state_of, self.take)
+            callbacks.say(f"Continuing after {self.done:,.0f} {self.unit}.")
+        self._saved = self.done
+        keep_rows(self.folder / self.log_file, lambda row: row[self._log_key] <= self.done)
+
+    def take(self, state: dict[str, Any]) -> None:
+        """Let the learner go on from a state."""
+        self._require_finite(state, None)
+        self._learner.load_state_dict(state)
+
+    def log(self, callbacks: Callbacks, row: Mapping[str, Any]) -> None:
+        """Write a row of the stage's log, and pass it on."""
+        append_row(self.folder / self.log_file, row)
+        callbacks.report(self.done, row)
+
+    def remember(self) -> None:
+        """Take the learner's state, which the stage saves however it ends.
+
+        Raises:
+            NotFinite: the learner is spoilt; the state before it is written.
+        """
+        state = self._learner.state_dict()
+        try:
+            self._require_finite(state, None)
+        except NotFinite:
+            self.save()
+            self._require_finite(state, self.state_file if self.state_file.is_file() else None)
+        self._state, self._remembered = state, self.done
+
+    # --- what the runner calls -----------------------------------------------------------------
+
     def save(self) -> None:
         """Write the last consistent moment, unless it is on disk; called however ``run`` ended."""
+        if self._state is not None:
+            write_tensors(self.state_file, self._state)
+            self._state, self._saved = None, self._remembered
 
     def close(self) -> None:
         """Free what :meth:`open` has made."""
+        if self._simulation is not None:
+            self._simulation.close()
+        self._simulation = self._learner = self._state = None
 
     def tidy(self) -> None:
-        """Delete what a finished stage left because it was killed while it deleted it."""
+        """Delete what no one needs of a finished stage; also after a kill while it did so."""
+        self._state = None
+        for file in (self.state_file, *(f for p in self.leftovers for f in self.folder.glob(p))):
+            file.unlink(missing_ok=True)
+
+    @property
+    def _log_key(self) -> str:
+        return "cycle" if self.unit == "cycles" else "step"
+
+    def _require_finite(self, state: Mapping[str, Any], last_good: Path | None) -> None:
+        require_finite(self.learned(state), f"after {self.done:,.0f} {self.unit}", last_good)
+
+
+@dataclass
+class PartTime:
+    """Time of a part of a stage.
+
+    Attributes:
+        seconds: of wall time.
+        cpu_seconds: of all threads of this process.
+    """
+
+    seconds: float = 0.0
+    cpu_seconds: float = 0.0
+
+
+@dataclass
+class Stopwatch:
+    """Adds up the time of parts that alternate.
+
+    Attributes:
+        parts: their times, in the order of their first turns.
+    """
+
+    parts: dict[str, PartTime] = field(default_factory=dict)
+    _now: str = "preparing"
+    _began: float = field(default_factory=time.monotonic)
+    _cpu_began: float = field(default_factory=time.process_time)
+
+    def begin(self, part: str) -> None:
+        """Count what follows as this part's; to be called as often as one likes."""
+        if part == self._now:
+            return
+        self.stop()
+        self._now = part
+
+    def stop(self) -> None:
+        """Count what has been."""
+        now, cpu = time.monotonic(), time.process_time()
+        part = self.parts.setdefault(self._now, PartTime())
+        part.seconds += now - self._began
+        part.cpu_seconds += cpu - self._cpu_began
+        self._began, self._cpu_began = now, cpu
 
 
 class Callbacks:
@@ -113,7 +246,7 @@ class Callbacks:
         number: int,
         stages: int,
         folder: RunFolder,
-        display: StageDisplay,
+        display: ProgressDisplay,
         report: Callable[[Report], None] | None = None,
         stop: Callable[[], bool] | None = None,
     ) -> None:
@@ -217,7 +350,7 @@ def run_stages(
             if len(stages) > 1:
                 say_line(console, f"Stage {number} of {len(stages)}: {stage.title}")
             began = time.monotonic()
-            display = StageDisplay(stage.name, stage.total, console)
+            display = ProgressDisplay(stage.name, stage.total, console)
             callbacks = Callbacks(stage, number, len(stages), folder, display, report, stop)
             outcome.status = "failed"
             try:
@@ -236,7 +369,7 @@ def run_stages(
     return outcome
 
 
-def _run(stage: Stage, callbacks: Callbacks, display: StageDisplay, *, opened: bool) -> str:
+def _run(stage: Stage, callbacks: Callbacks, display: ProgressDisplay, *, opened: bool) -> str:
     """Run a stage and return its status."""
     try:
         if not opened:

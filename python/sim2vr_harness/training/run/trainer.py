@@ -42,7 +42,7 @@ CHANGEABLE = (
     *(
         f"env.app.{key}"
         for key in (
-            *("transport", "executable", "arguments", "connect", "processes"),
+            *("transport", "executable", "arguments", "game_library", "connect", "processes"),
             *("timeout_s", "start_timeout_s", "time_scale"),
         )
     ),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.state import State
 from sim2vr_harness.client import GameFacts, OptionValue
 from sim2vr_harness.envs.config import EnvConfig, SenseConfig, body_of
 from sim2vr_harness.envs.games import game_facts, with_hand
@@ -84,7 +84,7 @@ def blind_env(env: EnvConfig) -> EnvConfig:
     return env.model_copy(update={"app": app, "vision": vision, "senses": senses})
 
 
-class TeacherSimulation:
+class TeacherSimulation(State):
     """N users as a teacher's vector environment wants them (``SimulationLike``).
 
     Rules and rewards are the true ones. Which targets come up and where rounds start is the
@@ -229,30 +229,10 @@ class TeacherSimulation:
 
     # --- saved states --------------------------------------------------------------------------
 
-    _SAVED = ("_condition", "_length", "_limit", "fail_rates")
-
-    def save_state(self) -> bytes:
-        """Return the exact state, the episodes' and the curriculum's included."""
-        header = {
-            "step_count": self.step_count,
-            "next_condition": self._next_condition,
-            "rng": self._rng.bit_generator.state,
-            "arrays": {name: getattr(self, name).tolist() for name in self._SAVED},
-        }
-        text = json.dumps(header).encode()
-        return len(text).to_bytes(8, "little") + text + self.simulation.save_state()
-
-    def load_state(self, state: bytes) -> list[int]:
-        """Continue from :meth:`save_state`; returns the users whose rounds had to start anew."""
-        size = int.from_bytes(state[:8], "little")
-        header = json.loads(state[8 : 8 + size])
-        anew = self.simulation.load_state(state[8 + size :])
-        self.step_count = int(header["step_count"])
-        self._next_condition = int(header["next_condition"])
-        self._rng.bit_generator.state = header["rng"]
-        for name in self._SAVED:
-            getattr(self, name)[...] = header["arrays"][name]
-        return anew
+    _state = (
+        *("step_count", "_next_condition", "_rng", "_condition", "_length", "_limit"),
+        *("fail_rates", "simulation"),
+    )
 
     def close(self) -> None:
         """Free everything."""

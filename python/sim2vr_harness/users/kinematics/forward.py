@@ -1,23 +1,33 @@
-"""Forward kinematics: positions of a body's points from joint angles, for many postures."""
+"""Forward kinematics: where parts of bodies are, from joint angles, for many postures at once.
+
+:class:`Chain` describes what moves a part, as read from the model. :class:`Linkage` evaluates it in
+NumPy for one point, with slopes; :class:`.Chains` evaluates it in PyTorch for devices, with
+gradients.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
-from functools import cached_property
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from numpy.polynomial import Polynomial
+from numpy.typing import ArrayLike, NDArray
 
 from sim2vr_harness.users import Body
-from sim2vr_harness.users.bodies.spec_body import polynomial
 from sim2vr_harness.users.name_errors import unknown_name
 
 FloatArray = NDArray[np.float64]
 
-_EYE = np.eye(3)
+RAY = "ray"
+_RAY_M = (0.0, 100.0)
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+_ROWS = 512
+"""Postures that are computed at once, so that their numbers stay in the processor's cache."""
+_POWERS = 5
+"""Coefficients of MuJoCo's couplings of joints."""
 
 
 @dataclass(frozen=True)
@@ -33,181 +43,233 @@ class Point:
     offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True)
-class _Link:
-    """A part of the chain: where it hangs on the part above, and how its joints move it."""
+class Chain:
+    """The K joints between the world and a part of a body, a transform each.
 
-    position: FloatArray
-    rotation: FloatArray
-    joints: tuple[_Joint, ...]
+    The transform of a joint against the one before it is linear in 1, the sine and the cosine of
+    its angle (Rodrigues), that of a slide in its length. Dependent joints are polynomials of
+    independent ones. Joints with more than one degree of freedom stay where the model has them.
 
-    @cached_property
-    def straight(self) -> bool:
-        """Whether it is not turned against the part above."""
-        return bool((self.rotation == _EYE).all())
-
-
-@dataclass(frozen=True)
-class _Joint:
-    """One degree of freedom of a link.
+    Args:
+        body: whose they are.
+        point: on the part.
 
     Attributes:
-        name: of the joint.
-        hinge: or else a slide.
-        axis: (3,) in the link.
-        anchor: (3,) in the link, m.
-        start: angle or length at which the model was drawn.
+        parts: (4, K, 4, 4) transforms: constant, by sine, by cosine and by length.
+        drivers: (K,) number of the independent joint that each joint follows, itself included; -1:
+            none.
+        polynomials: (K, P) how; lowest power first, from the angle at which the model was drawn.
+        tail: (4, 4) from the last joint to the point.
+
+    Raises:
+        ValueError: the model has no such part; names the nearest.
     """
 
-    name: str
-    hinge: bool
-    axis: FloatArray
-    anchor: FloatArray
-    start: float
+    def __init__(self, body: Body, point: Point) -> None:
+        model = body.physics_model
+        part, tail = _part(model, point.part)
+        tail[:3, 3] += tail[:3, :3] @ np.asarray(point.offset_m)
+        bodies: list[int] = []
+        while part:
+            bodies.insert(0, part)
+            part = int(model.body_parentid[part])
+        couplings = {coupling.dependent: coupling for coupling in body.couplings}
+        independent = {name: k for k, name in enumerate(body.independent_joints)}
 
-    @cached_property
-    def centred(self) -> bool:
-        """Whether the anchor is the link's origin."""
-        return not self.anchor.any()
+        def follows(name: str) -> tuple[int, FloatArray]:
+            """Which independent joint a joint follows, and how."""
+            if name in independent:
+                return independent[name], np.array([0.0, 1.0])
+            if name not in couplings:
+                return -1, np.zeros(1)
+            curve = np.asarray(couplings[name].coefficients, dtype=np.float64)
+            if not couplings[name].driver:
+                return -1, curve[:1]
+            driver, inner = follows(couplings[name].driver)
+            direct = couplings[name].driver in independent
+            return driver, curve if direct else Polynomial(curve)(Polynomial(inner)).coef
 
-    @cached_property
-    def cross(self) -> FloatArray:
-        """(3, 3) matrix of the cross product with the axis."""
-        x, y, z = self.axis
-        return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        before, parts, drivers, curves = np.eye(4), [], [], []
+        for number in bodies:
+            before = before @ _placed(model.body_pos[number], model.body_quat[number])
+            first, count = int(model.body_jntadr[number]), int(model.body_jntnum[number])
+            for joint in range(first, first + count):
+                if int(model.jnt_type[joint]) not in (_HINGE, _SLIDE):
+                    continue
+                parts.append(before @ _moved(model, joint))
+                before = np.eye(4)
+                driver, curve = follows(model.joint(joint).name)
+                curve = np.array(curve)
+                curve[0] -= model.qpos0[model.jnt_qposadr[joint]]
+                drivers.append(driver)
+                curves.append(curve)
+        self.tail: FloatArray = before @ tail
+        self.parts: FloatArray = np.reshape(parts, (-1, 4, 4, 4)).swapaxes(0, 1)
+        self.drivers = np.array(drivers, dtype=np.int64)
+        width = max([_POWERS, *map(len, curves)])
+        self.polynomials: FloatArray = np.zeros((len(curves), width))
+        for row, curve in zip(self.polynomials, curves, strict=True):
+            row[: len(curve)] = curve
 
-    @cached_property
-    def cross_twice(self) -> FloatArray:
-        """(3, 3) the same, applied twice."""
-        return np.asarray(self.cross @ self.cross)
-
-    def taken(self, rows: NDArray[np.integer]) -> _Joint:
-        """Return the joint with the anchors of some bodies."""
-        if self.anchor.ndim == 1:
-            return self
-        part = _Joint(self.name, self.hinge, self.axis, self.anchor[rows], self.start)
-        for name in ("centred", "cross", "cross_twice"):
-            part.__dict__[name] = getattr(self, name)
-        return part
+    def translations(self) -> FloatArray:
+        """(3 K + 1, 3) of the parts constant, by sine and by cosine, and of the tail, m."""
+        moved: FloatArray = np.concatenate(
+            [self.parts[:3, :, :3, 3].reshape(-1, 3), self.tail[None, :3, 3]]
+        )
+        return moved
 
 
 class Linkage:
-    """The joints between the world and a point, couplings included.
+    """The joints that bring a point of a body to its place.
 
     Args:
-        body: whose they are. Joints with more than one degree of freedom stay where the model has
-            them.
+        body: whose they are.
         point: the point.
 
     Attributes:
-        joints: the K independent joints that move the point, in the body's order.
-        limits: (K, 2) rad (slides m); a joint without counts as one of +-pi rad (+-1 m).
-        rest: (K,) the posture that episodes start near, within the limits.
+        joints: the J independent joints that move the point, in the body's order.
+        limits: (J, 2) rad (slides m), or (B, J, 2) of B bodies; a joint without counts as one of
+            +-pi rad (+-1 m).
+        rest: (J,) the posture that episodes start near, within the limits.
 
     Raises:
         ValueError: the model has no such part; names the nearest. Nothing moves the point.
     """
 
     def __init__(self, body: Body, point: Point) -> None:
-        model = body.physics_model
-        part, tail, turn = _part(model, point.part)
-        self._tail = tail + turn @ np.asarray(point.offset_m)
-        self._links = _links(model, part)
-        self._couplings = {coupling.dependent: coupling for coupling in body.couplings}
-        wanted = {self._driver(joint.name) for link in self._links for joint in link.joints}
-        self.joints: tuple[str, ...] = tuple(j for j in body.independent_joints if j in wanted)
-        if not self.joints:
+        chain = Chain(body, point)
+        columns = sorted({int(driver) for driver in chain.drivers if driver >= 0})
+        if not columns:
             raise ValueError(f"point: got {point.part!r}, expected a part that joints can move")
-        columns = [body.independent_joints.index(joint) for joint in self.joints]
+        self.joints = tuple(body.independent_joints[column] for column in columns)
         self.limits: FloatArray = body.joint_ranges[columns]
         posture = np.array([body.reset_rule.posture.get(joint, 0.0) for joint in self.joints])
         self.rest: FloatArray = np.clip(posture, *self.limits.T)
+        self._columns = np.searchsorted(columns, np.maximum(chain.drivers, columns[0]))
+        self._polynomials = chain.polynomials
+        # (K, 9, 3): the rotations of the three parts below each other.
+        self._turns = chain.parts[:3, :, :3, :3].swapaxes(0, 1).reshape(-1, 9, 3)
+        self._lengths: FloatArray = chain.parts[3, :, :3, 3]
+        self._axes: FloatArray = chain.tail[:3, :3]
+        self._places: FloatArray = chain.translations()
 
-    def take(self, rows: NDArray[np.integer]) -> Linkage:
-        """Return the linkage of these rows of postures: itself, as all rows are of one body."""
-        del rows
+    @classmethod
+    def stacked(cls, linkages: Sequence[Linkage], ray: ArrayLike | None = None) -> Linkage:
+        """Return linkages of B bodies as one, whose postures have a row per body.
+
+        Args:
+            linkages: of bodies that differ in lengths only; their limits may differ.
+            ray: (3,) along which the point slides, in the axes of its part. How far it then is
+                along it, m, is the last joint, ``ray``.
+
+        Raises:
+            ValueError: the linkages differ in more.
+        """
+        stack = copy(linkages[0])
+        if any(each.joints != stack.joints for each in linkages) or any(
+            each._places.shape != stack._places.shape for each in linkages
+        ):
+            raise ValueError("linkages: got bodies with other joints, expected other sizes only")
+        stack.limits = np.stack([each.limits for each in linkages])
+        stack._places = np.stack([each._places for each in linkages])
+        return stack if ray is None else stack._with_ray(stack._axes @ ray)
+
+    def _with_ray(self, axis: FloatArray) -> Linkage:
+        """Let the point slide along an axis (3,) of the last joint."""
+        count = len(self._places)
+        self.joints = (*self.joints, RAY)
+        self.rest = np.append(self.rest, 1.0)
+        limits = np.broadcast_to(_RAY_M, (count, 1, 2))
+        self.limits = np.concatenate([self.limits, limits], axis=1)
+        self._columns = np.append(self._columns, len(self.joints) - 1)
+        self._polynomials = np.concatenate([self._polynomials, np.eye(1, _POWERS, 1)])
+        turn = np.concatenate([np.eye(3), np.zeros((6, 3))])
+        self._turns = np.concatenate([self._turns, turn[None]])
+        self._lengths = np.concatenate([self._lengths, axis[None]])
+        parts = self._places[:, :-1].reshape(count, 3, -1, 3)
+        begin = np.zeros((count, 3, 1, 3))
+        begin[:, 0, 0] = self._places[:, -1]
+        parts = np.concatenate([parts, begin], axis=2).reshape(count, -1, 3)
+        self._places = np.concatenate([parts, np.zeros((count, 1, 3))], axis=1)
         return self
 
-    def _driver(self, joint: str) -> str:
-        """The independent joint that a joint follows, itself included; empty for none."""
-        while joint in self._couplings:
-            joint = self._couplings[joint].driver
-        return joint
+    def take(self, rows: NDArray[np.integer]) -> Linkage:
+        """Return the linkage of some rows, in any order; itself, if all rows are of one body."""
+        if self._places.ndim == 2:
+            return self
+        part = copy(self)
+        part.limits, part._places = self.limits[rows], self._places[rows]
+        return part
 
-    def _angle(self, joint: str, q: FloatArray) -> tuple[FloatArray, FloatArray, int | None]:
-        """Angles (B,) of a joint, their derivative by the joint that it follows, and which."""
-        if joint in self.joints:
-            column = self.joints.index(joint)
-            return q[:, column], np.ones(len(q)), column
-        if joint not in self._couplings:
-            return np.zeros(len(q)), np.zeros(len(q)), None
-        coupling = self._couplings[joint]
-        if not coupling.driver:
-            return np.full(len(q), coupling.coefficients[0]), np.zeros(len(q)), None
-        driver, slope, column_or_none = self._angle(coupling.driver, q)
-        curve = np.asarray(coupling.coefficients, dtype=np.float64)
-        steepness = curve[1:] * np.arange(1, len(curve)) if len(curve) > 1 else np.zeros(1)
-        return polynomial(curve, driver), polynomial(steepness, driver) * slope, column_or_none
+    def with_limits(self, limits: FloatArray) -> Linkage:
+        """Return the same linkage with other limits."""
+        part = copy(self)
+        part.limits = limits
+        return part
 
     def place(self, q: FloatArray) -> FloatArray:
-        """(B, 3) where the point is, MuJoCo's world, m, for angles (B, K)."""
-        return self._walk(np.asarray(q, dtype=np.float64), [])
+        """(B, 3) where the point is, MuJoCo's world, m, for angles (B, J)."""
+        return self._evaluated(np.asarray(q, dtype=np.float64), slopes=False)[:, :, 0]
 
     def place_and_slope(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The same, and its derivative (B, 3, K) by the angles."""
-        q = np.asarray(q, dtype=np.float64)
-        moves: list[tuple[int, FloatArray, FloatArray | None]] = []
-        x = self._walk(q, moves)
-        slope = np.zeros((len(q), 3, len(self.joints)))
-        for column, axis, anchor in moves:
-            slope[:, :, column] += axis if anchor is None else _cross(axis, x - anchor)
-        return x, slope
+        """The same, and its derivative (B, 3, J) by the angles."""
+        found = self._evaluated(np.asarray(q, dtype=np.float64), slopes=True)
+        return found[:, :, 0], found[:, :, 1:]
 
-    def _walk(
-        self, q: FloatArray, moves: list[tuple[int, FloatArray, FloatArray | None]]
-    ) -> FloatArray:
-        """Where the point is; notes of each joint its column, axis and anchor (None: a slide)."""
-        origin, turn = np.zeros((len(q), 3)), np.broadcast_to(np.eye(3), (len(q), 3, 3))
-        for link in self._links:
-            origin = origin + _turned(turn, link.position)
-            turn = turn if link.straight else turn @ link.rotation
-            for joint in link.joints:
-                angle, slope, column = self._angle(joint.name, q)
-                axis = turn @ joint.axis
-                moved = angle - joint.start
-                anchor = origin if joint.centred else origin + _turned(turn, joint.anchor)
-                if joint.hinge:
-                    turn = turn @ _rotations(joint, moved)
-                    origin = anchor if joint.centred else anchor - _turned(turn, joint.anchor)
-                else:
-                    origin = origin + axis * moved[:, None]
-                if column is not None:
-                    weighted = axis * slope[:, None]
-                    moves.append((column, weighted, anchor if joint.hinge else None))
-        return origin + _turned(turn, self._tail)
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(B, 3) cross products of two (B, 3), without the set-up of NumPy's."""
-    found = np.empty_like(b)
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        found[:, i] = a[:, j] * b[:, k] - a[:, k] * b[:, j]
-    return found
-
-
-def _turned(turn: FloatArray, vector: FloatArray) -> FloatArray:
-    """(B, 3) a vector (3,), or one a row (B, 3), turned by (B, 3, 3)."""
-    if vector.ndim == 1:
-        found: FloatArray = turn @ vector
+    def _evaluated(self, q: FloatArray, *, slopes: bool) -> FloatArray:
+        """(B, 3, 1 + J) place and slopes, or (B, 3, 1) without slopes."""
+        found = np.zeros((len(q), 3, 1 + len(self.joints) * slopes))
+        for first in range(0, len(q), _ROWS):
+            rows = slice(first, first + _ROWS)
+            places = self._places if self._places.ndim == 2 else self._places[rows]
+            self._walk(q[rows].T, np.moveaxis(np.atleast_3d(places.T), 1, 0), found[rows], slopes)
         return found
-    return np.einsum("bij,bj->bi", turn, vector)
 
+    def _walk(self, q: FloatArray, places: FloatArray, found: FloatArray, slopes: bool) -> None:
+        """Go from the point to the world, a joint at a time, the postures along the last axis.
 
-def _rotations(joint: _Joint, angle: FloatArray) -> FloatArray:
-    """(B, 3, 3) turns of a joint by angles (B,), after Rodrigues."""
-    sin, cos = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
-    turns: FloatArray = _EYE + sin * joint.cross + (1.0 - cos) * joint.cross_twice
-    return turns
+        Each joint's transform acts on the point and on the slopes of the joints that are behind it.
+
+        Args:
+            q: (J, B) angles.
+            places: (3 K + 1, 3, B or 1) as of :meth:`Chain.translations`.
+            found: (B, 3, 1 + J) receives place and slopes.
+            slopes: whether to compute them.
+        """
+        count, size = len(self._columns), q.shape[1]
+        parts = places[:-1].reshape(3, count, 3, -1)
+        angles, steepness = self._angles(q[self._columns])
+        sines, cosines = np.sin(angles), np.cos(angles)
+        moved = np.zeros((3, 1 + len(self.joints) * slopes, size))
+        moved[:, 0] = places[-1]
+        behind: dict[int, int] = {}
+        for k in range(count - 1, -1, -1):
+            known = 1 + len(behind)
+            turned = self._turns[k] @ moved[:, :known].reshape(3, -1)
+            still, by_sine, by_cosine = turned.reshape(3, 3, known, size)
+            still[:, 0] += parts[0, k]
+            by_sine[:, 0] += parts[1, k]
+            by_cosine[:, 0] += parts[2, k]
+            along = self._lengths[k, :, None]
+            if along.any():
+                still[:, 0] += along * angles[k]
+            moved[:, :known] = still + sines[k] * by_sine + cosines[k] * by_cosine
+            if slopes and self._polynomials[k, 1:].any():
+                slope = along + cosines[k] * by_sine[:, 0] - sines[k] * by_cosine[:, 0]
+                column = behind.setdefault(int(self._columns[k]), known)
+                moved[:, column] += slope * steepness[k]
+        found[:, :, 0] = moved[:, 0].T
+        for joint, column in behind.items():
+            found[:, :, 1 + joint] = moved[:, column].T
+
+    def _angles(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(K, B) angles of all joints from those that they follow, and their derivatives."""
+        angles, steepness = np.zeros_like(x), np.zeros_like(x)
+        degree = int(np.flatnonzero(self._polynomials.any(axis=0)).max())
+        for power in range(degree, -1, -1):
+            steepness = steepness * x + angles
+            angles = angles * x + self._polynomials[:, power, None]
+        return angles, steepness
 
 
 def rotation_matrix(quat: Sequence[float] | FloatArray) -> FloatArray:
@@ -217,35 +279,35 @@ def rotation_matrix(quat: Sequence[float] | FloatArray) -> FloatArray:
     return matrix.reshape(3, 3)
 
 
-def _part(model: mujoco.MjModel, name: str) -> tuple[int, FloatArray, FloatArray]:
-    """The body of a site or body, and where the part is in it: position and axes."""
+def _placed(position: FloatArray, quat: FloatArray) -> FloatArray:
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = rotation_matrix(quat), position
+    return transform
+
+
+def _part(model: mujoco.MjModel, name: str) -> tuple[int, FloatArray]:
+    """The body of a site or body, and the part's transform (4, 4) in it."""
     sites = [model.site(i).name for i in range(model.nsite)]
     bodies = [model.body(i).name for i in range(model.nbody)]
     if name in sites:
         site = model.site(name)
-        return int(site.bodyid[0]), np.array(site.pos), rotation_matrix(site.quat)
+        return int(site.bodyid[0]), _placed(site.pos, site.quat)
     if name in bodies:
-        return int(model.body(name).id), np.zeros(3), np.eye(3)
+        return int(model.body(name).id), np.eye(4)
     raise ValueError(unknown_name("point", name, [part for part in (*sites, *bodies) if part]))
 
 
-def _links(model: mujoco.MjModel, body: int) -> list[_Link]:
-    """The parts from below the world down to a body."""
-    links = []
-    while body:
-        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
-        joints = tuple(
-            _Joint(
-                model.joint(j).name,
-                int(model.jnt_type[j]) == _HINGE,
-                np.array(model.jnt_axis[j]),
-                np.array(model.jnt_pos[j]),
-                float(model.qpos0[model.jnt_qposadr[j]]),
-            )
-            for j in range(first, first + count)
-            if int(model.jnt_type[j]) in (_HINGE, _SLIDE)
-        )
-        axes = rotation_matrix(model.body_quat[body])
-        links.append(_Link(np.array(model.body_pos[body]), axes, joints))
-        body = int(model.body_parentid[body])
-    return links[::-1]
+def _moved(model: mujoco.MjModel, joint: int) -> FloatArray:
+    """(4, 4, 4) transform of a joint, as of :attr:`Chain.parts`: a hinge turns about its anchor."""
+    x, y, z = model.jnt_axis[joint]
+    parts = np.zeros((4, 4, 4))
+    if int(model.jnt_type[joint]) == _SLIDE:
+        parts[0], parts[3, :3, 3] = np.eye(4), (x, y, z)
+        return parts
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    there, back = np.eye(4), np.eye(4)
+    there[:3, 3], back[:3, 3] = model.jnt_pos[joint], -model.jnt_pos[joint]
+    parts[:3, :3, :3] = np.eye(3) + cross @ cross, cross, -cross @ cross
+    parts[0, 3, 3] = 1.0
+    parts[:3] = there @ parts[:3] @ back
+    return parts

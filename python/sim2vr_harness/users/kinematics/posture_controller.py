@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
-from sim2vr_harness.client.frames import AIM_DIRECTION
+from sim2vr_harness.client.frames import AIM_DIRECTION, position_to_mujoco
+from sim2vr_harness.users.actuation import Actuation
 from sim2vr_harness.users.bodies.body import Body
+from sim2vr_harness.users.bodies.moments import moment_arms
 from sim2vr_harness.users.bodies.rules import Motor
 from sim2vr_harness.users.kinematics.bounded import bounded_least_squares
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
-from sim2vr_harness.users.kinematics.reach_controller import ReachController
 
 FloatArray = NDArray[np.float64]
 
@@ -40,6 +41,8 @@ _SERVO_RAD = 0.08
 """By which the target of a motor of trunk or neck moves in a user step."""
 _EASE = 0.1
 """Weight of activations beside accelerations."""
+_HOLDING_EASE = 0.02
+"""Weight of activations beside torques (N m) that hold a posture."""
 _FEEDBACK, _NEAR_RAD, _SLOW_RAD_S, _MOST_RAD = 0.1, 0.4, 0.1, 0.5
 """Part of a joint's error that is added to its correction in every user step, of joints that are
 nearer than the second and slower than the third; corrections stay below the fourth."""
@@ -71,11 +74,27 @@ class DeviceRay(NamedTuple):
     origin_m: FloatArray
     direction: FloatArray
 
+    @property
+    def key(self) -> bytes:
+        """The same for equal rays."""
+        return np.concatenate(self).tobytes()
+
 
 AIM_RAY = DeviceRay(np.zeros(3), AIM_DIRECTION)
+_SAME, _SAME_M = 0.01, 0.01
+"""A ray of a page whose direction and origin differ less is WebXR's."""
 
 
-class PostureController(ReachController):
+def page_ray(found: tuple[FloatArray, FloatArray] | None) -> DeviceRay:
+    """Return the ray with which a page points: its own, in the app's frame, if it has one."""
+    if found is None:
+        return AIM_RAY
+    ray = DeviceRay(*map(position_to_mujoco, found))
+    same = np.allclose(ray.direction, AIM_RAY.direction, atol=_SAME)
+    return AIM_RAY if same and np.linalg.norm(ray.origin_m) < _SAME_M else ray
+
+
+class PostureController:
     """Finds postures for a device and moves the body's muscles towards them.
 
     Args:
@@ -87,8 +106,15 @@ class PostureController(ReachController):
     """
 
     def __init__(self, body: Body, device: str = "controller_right") -> None:
-        super().__init__(body, device)
-        self._body = body
+        if device not in body.devices:
+            raise ValueError(f"device: got {device!r}, expected one of {', '.join(body.devices)}")
+        self._body, self._model = body, body.physics_model
+        self._data = mujoco.MjData(self._model)
+        self._actuation = Actuation(body)
+        if len(self._actuation.muscles) == 0:
+            raise ValueError(f"user: got {body.name!r}, expected a body with muscles")
+        self._site = int(self._model.site(device).id)
+        self._actions = len(body.action_names)
         self._tried = mujoco.MjData(self._model)
         chain = Linkage(body, Point(device)).joints
         self._columns = np.array([body.independent_joints.index(joint) for joint in chain])
@@ -237,6 +263,11 @@ class PostureController(ReachController):
             action[servo.action] = servo.towards(qpos, angles + self._correction)
         return action
 
+    def holding(self, qpos: FloatArray) -> FloatArray:
+        """(M,) the least activations, by the sum of their squares, that hold a posture (nq,)."""
+        free, pulls, slack = self._muscles(qpos, np.zeros(self._model.nv))
+        return _least(pulls, free.T @ (self._holding_torques() - slack), _HOLDING_EASE)
+
     def _driving(self, qpos: FloatArray, qvel: FloatArray, angles: FloatArray) -> FloatArray:
         """(M,) activations whose joint accelerations are the springs', as near as muscles can."""
         free, pulls, slack = self._muscles(qpos, qvel)
@@ -251,9 +282,53 @@ class PostureController(ReachController):
         torques = inertia @ (free.T @ wanted) + free.T @ (self._holding_torques() - slack)
         # In the metric of kinetic energy light joints, such as the wrist, count like heavy ones.
         scale = np.linalg.inv(np.linalg.cholesky(inertia))
-        stacked = np.concatenate([scale @ pulls, _EASE * np.eye(pulls.shape[1])])
-        target = np.concatenate([scale @ torques, np.zeros(pulls.shape[1])])
-        return bounded_least_squares(stacked, target)
+        return _least(scale @ pulls, scale @ torques, _EASE)
+
+    def _muscles(
+        self, qpos: FloatArray, qvel: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Set the posture; return what muscles can do in it.
+
+        Returns:
+            (nv, F) directions in which joints can move; (F, M) forces along them of fully active
+            muscles beyond those of muscles at rest; (nv,) torques of muscles at rest.
+        """
+        model, data = self._model, self._data
+        data.qpos[:], data.qvel[:] = qpos, qvel
+        columns = self._actuation.activations
+        data.act[columns] = 1.0
+        mujoco.mj_forward(model, data)
+        ids = self._actuation.actuators[self._actuation.muscles]
+        full = data.actuator_force[ids].copy()
+        data.act[columns] = 0.0
+        mujoco.mj_forward(model, data)
+        slack = data.actuator_force[ids].copy()
+        moments = moment_arms(self._model, self._data)[ids]
+        free = self._free_directions()
+        pulls = free.T @ (moments * (full - slack)[:, None]).T
+        return free, pulls, moments.T @ slack
+
+    def _holding_torques(self) -> FloatArray:
+        """(nv,) of gravity and of what the joints' springs leave."""
+        torques: FloatArray = self._data.qfrc_bias - self._data.qfrc_passive
+        return torques
+
+    def _free_directions(self) -> FloatArray:
+        """(nv, F) directions in which joints can move that hang together by equalities."""
+        model, data = self._model, self._data
+        if data.ne == 0:
+            return np.eye(model.nv)
+        jacobian = np.zeros((data.nefc, model.nv))
+        if mujoco.mj_isSparse(model):
+            mujoco.mju_sparse2dense(
+                jacobian, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind
+            )
+        else:
+            jacobian[:] = data.efc_J.reshape(data.nefc, model.nv)
+        _, sizes, rows = np.linalg.svd(jacobian[: data.ne])
+        rank = int((sizes > 1e-8 * sizes[0]).sum())
+        free: FloatArray = rows[rank:].T
+        return free
 
 
 class _TrunkServo:
@@ -284,6 +359,15 @@ class _TrunkServo:
         action = shift / (1.0 - Motor.KEPT)
         self._aim += shift
         return action
+
+
+def _least(pulls: FloatArray, torques: FloatArray, ease: float) -> FloatArray:
+    """(M,) activations of muscles (F, M) nearest to torques (F,), as small as will do."""
+    muscles = pulls.shape[1]
+    return bounded_least_squares(
+        np.concatenate([pulls, ease * np.eye(muscles)]),
+        np.concatenate([torques, np.zeros(muscles)]),
+    )
 
 
 def _unit(vector: FloatArray) -> FloatArray:

@@ -92,12 +92,12 @@ class Persons:
         if own_bodies:
             self._batch.set_models(self._models)
 
-    def get_state(self, i: int) -> dict[str, Any]:
+    def state_dict(self, i: int) -> dict[str, Any]:
         """Who user i is, as plain values."""
         return self._now[i].as_dict()
 
-    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
-        """Makes user i the person of `get_state`.
+    def load_state_dict(self, i: int, state: Mapping[str, Any]) -> None:
+        """Makes user i the person of `state_dict`.
 
         Raises:
             ValueError: the state is of something else.

@@ -13,9 +13,9 @@ from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.evaluation.data import EvaluationData
 from sim2vr_harness.evaluation.data.recording import DataRecorder
-from sim2vr_harness.evaluation.metrics import RoundResult
-from sim2vr_harness.evaluation.rollouts import jobs_for, play
-from sim2vr_harness.evaluation.round_logs import RoundLogs
+from sim2vr_harness.play.player import jobs_for, play
+from sim2vr_harness.play.round import Round
+from sim2vr_harness.play.round_logs import RoundLogs
 
 STEPS = 30
 TWO_HANDS = {"model": "mobl_arms_bimanual_motor", "effort": {"model": "neural"}}
@@ -24,7 +24,7 @@ SETTINGS = {"user": "nobody", "deterministic": False, "overrides": []}
 
 def played(
     game: str, out: Path, episodes: int = 2, **options: Any
-) -> tuple[list[RoundResult], EvaluationData, GameFacts]:
+) -> tuple[list[Round], EvaluationData, GameFacts]:
     env = EnvConfig.model_validate(
         {
             "app": {"game": game, "options": options, "renderer": "null"},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,26 +10,22 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from sim2vr_harness.training.run.progress import View
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.packing import pack_measured
 from sim2vr_harness.evaluation.playing import load_user_policy
-from sim2vr_harness.policies.hierarchical.action_selection import ActionSelector
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
-from sim2vr_harness.policies.hierarchical.frame_history import FrameHistory
 from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, require_senses
-from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, PrimitiveController
-from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import TrainingConfig, load_config
 from sim2vr_harness.training.option_q_learning.manner import best_hold
 from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS
 from sim2vr_harness.training.ppo.fine_tune import adapting
-from sim2vr_harness.training.run.progress import View
 from sim2vr_harness.training.run.trainer import train
 
 pytest.importorskip("sim2vr_harness._app_runtime")
@@ -55,44 +52,62 @@ def opinionated(sight: DepthGrid) -> ActionValueMap:
     return net
 
 
-def test_it_does_what_the_stage_does_that_made_it() -> None:
-    """Senses tell it what the stage reads from simulation and app; a decision is seen through."""
+def deciding(together: int = 1) -> HierarchicalPolicy:
     settings = config()
-    simulation = Simulation(settings.env, USERS)
-    layer = motor_layer_for(simulation.body, 0.05)
-    tool = torch.tensor([[[0.083, -0.01, 0.002], [0.06, -0.01, 0.002]]])
-    primitives = PrimitiveController(layer, tool, reachable_poses(layer, settings.seed))
-    selector = ActionSelector(simulation, primitives, FrameHistory(simulation))
-    net = opinionated(selector.sight)
     user = HierarchicalPolicy(settings)
-    user.learned(layer, net, tool, HELD)
+    user.layer.take(motor_layer_for(user.layer.body, 0.05).weights())
+    user.values = opinionated(user.values.sight)
+    user.tool.copy_(torch.tensor([[[0.083, -0.01, 0.002], [0.06, -0.01, 0.002]]]))
+    user.hold.fill_(HELD)
+    user.together = together
+    return user
+
+
+def test_users_do_the_same_alone_and_together() -> None:
+    """To the bit, whatever their number; in one batch but for the last digits."""
+    user, batch, simulation = deciding(), deciding(USERS), Simulation(config().env, USERS)
     simulation.reset(seeds=[5, 6, 7])
-    choice, intended = OptionChoice(USERS, 1), [user.reset() for _ in range(USERS)]
-    moves = []
-    for step in range(3 * HELD):
-        if step % HELD == 0:
-            scene = selector.scene()
-            places = selector.places(scene)
-            with torch.inference_mode():
-                chosen = selector.best(selector.values(net, scene, places), scene).numpy()
-            selector.choose(choice, chosen, scene, places)
-            moves.append(chosen[:, 0].copy())
-        wanted = selector.actions(choice)
-        observation = simulation.observation()
-        for i in range(USERS):
-            own = {key: value[i] for key, value in observation.items()}
-            np.testing.assert_allclose(user.act(own, intended[i], None), wanted[i], atol=2e-3)
-        simulation.step(wanted)
-    assert len({*np.concatenate(moves).tolist()}) > 1  # they did decide different things
+    memory, shared = user.begin(USERS), batch.begin(USERS)
+    apart = [user.begin(1) for _ in range(USERS)]
+    for _ in range(3 * HELD):
+        seen = simulation.observation()
+        actions = user.act(seen, memory, [None] * USERS)
+        for i, own in enumerate(apart):
+            alone = user.act({key: each[i : i + 1] for key, each in seen.items()}, own, [None])
+            np.testing.assert_array_equal(alone[0], actions[i])
+        np.testing.assert_allclose(
+            batch.act(seen, shared, [None] * USERS), actions, rtol=0.0, atol=1e-4
+        )
+        simulation.step(actions)
+    places = torch.cat([own.choice.place for own in memory])
+    assert torch.allclose(shared[0].choice.place, places, atol=1e-4)
+    assert len(places.unique(dim=0)) == USERS  # they did decide different things
+    simulation.close()
+
+
+@pytest.mark.parametrize("together", [1, USERS])
+def test_an_episode_that_begins_anew_is_a_new_one(together: int) -> None:
+    user, simulation = deciding(together), Simulation(config().env, USERS)
+    simulation.reset(seeds=[5, 6, 7])
+    memory = user.begin(USERS)
+    for _ in range(HELD + 1):
+        simulation.step(user.act(simulation.observation(), memory, [None] * USERS))
+    user.restart(memory, [1])
+    fresh, before = user.begin(USERS), copy.deepcopy(memory)
+    seen = simulation.observation()
+    anew = user.act(seen, fresh, [None] * USERS)
+    actions = user.act(seen, memory, [None] * USERS)
+    np.testing.assert_array_equal(actions[1], anew[1])
+    assert [int(n) for part in memory for n in part.age] == [HELD + 1, 0, HELD + 1]
+    np.testing.assert_array_equal(user.act(seen, before, [None] * USERS), actions)
     simulation.close()
 
 
 def test_a_user_goes_straight_to_what_it_touches_if_it_learned_so() -> None:
-    settings = config()
-    user = HierarchicalPolicy(settings)
+    user = HierarchicalPolicy(config())
     assert user.primitives.lifts.item() == 1.0
-    user.learned(user.layer, opinionated(user.values.sight), user.tool.clone(), HELD, lifts=False)
-    again = HierarchicalPolicy(settings)
+    user.lifts.fill_(0.0)
+    again = HierarchicalPolicy(config())
     again.load_state_dict(user.state_dict())
     assert again.primitives.lifts.item() == 0.0
 

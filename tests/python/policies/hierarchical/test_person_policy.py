@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
 from typer.testing import CliRunner
 
 from sim2vr_harness.base.errors import InputError
@@ -15,6 +15,8 @@ from sim2vr_harness.cli.main import app
 from sim2vr_harness.cli.train import _of_people
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.perception.proprioception import Proprioception
+from sim2vr_harness.policies.hierarchical.action_selection import OptionScene
+from sim2vr_harness.policies.hierarchical.option_policy import Memory, Moment
 from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy, seen_late_steps
 from sim2vr_harness.policies.hierarchical.primitives import OptionChoice
 from sim2vr_harness.runs.config import TrainingConfig, load_config
@@ -25,16 +27,12 @@ from sim2vr_harness.users import FEATURES
 class Following(PersonPolicy):
     """Touches at a height that the picture's first pixel says, 10 cm for each unit."""
 
-    def _decide(
-        self,
-        picture: Any,
-        choice: OptionChoice,
-        head: Tensor,
-        placed: tuple[Tensor, Tensor],
-    ) -> None:
+    def _best(self, scene: OptionScene, before: OptionChoice) -> OptionChoice:
+        choice = before.copy()
         choice.move[:] = 0
-        choice.place[..., 2] = 0.1 * float(picture[0, 0, 0]) / 1.0
+        choice.place[..., 2] = 0.1 * scene.pictures[:, 0, 0, :1].float()
         choice.place[..., 0] = 0.4
+        return choice
 
 
 @pytest.fixture(scope="module")
@@ -45,15 +43,15 @@ def policy() -> Following:
 def places(policy: Following, heights: list[float]) -> list[float]:
     """Return where it wants to be, 0.1 m, after pictures with these heights, one per user step."""
     vision = policy._wanted["vision"]
-    memory, found = policy.reset(), []
+    memory, found = policy.begin(1), []
     for height in heights:
         observation = {
-            "vision": np.full((2 * vision[0], *vision[1:]), height, dtype=np.float32),
-            "proprioception": np.zeros(len(Proprioception(policy.layer.body).names), np.float32),
-            "person": np.zeros(len(FEATURES), np.float32),
+            "vision": np.full((1, 2 * vision[0], *vision[1:]), height, dtype=np.float32),
+            "proprioception": np.zeros((1, len(Proprioception(policy.layer.body).names)), "f4"),
+            "person": np.zeros((1, len(FEATURES)), np.float32),
         }
-        policy.act(observation, memory, None)
-        found.append(round(10.0 * float(memory.choice.place[0, 0, 2]), 3))
+        policy.act(observation, memory, [None])
+        found.append(round(10.0 * float(memory[0].choice.place[0, 0, 2]), 3))
     return found
 
 
@@ -87,44 +85,50 @@ def test_people_work_the_inputs_of_a_game(monkeypatch: pytest.MonkeyPatch) -> No
     policy = Following(given[0])
     vision = policy._wanted["vision"]
     observation = {
-        "vision": np.zeros((2 * vision[0], *vision[1:]), np.float32),
-        "proprioception": np.zeros(len(Proprioception(policy.layer.body).names), np.float32),
-        "person": np.zeros(len(FEATURES), np.float32),
+        "vision": np.zeros((1, 2 * vision[0], *vision[1:]), np.float32),
+        "proprioception": np.zeros((1, len(Proprioception(policy.layer.body).names)), "f4"),
+        "person": np.zeros((1, len(FEATURES)), np.float32),
     }
-    action = policy.act(observation, policy.reset(), None)
+    action = policy.act(observation, policy.begin(1), [None])[0]
     assert len(action) == len(policy.layer.body.action_names) + 1
     assert action[-1] == -1.0
 
 
-def test_persons_look_from_where_their_eyes_were() -> None:
+@pytest.mark.parametrize("together", [1, 6])
+def test_persons_look_from_where_their_eyes_were(together: int) -> None:
     """Statures differ by decimetres, heads move, and Pointing asks for a pitch of 14 degrees down.
 
     What is seen was drawn two user steps ago, what is recognised four.
     """
     config = _of_people(load_config("skills", ["env.app.game=pointing"]))
     policy, simulation = Following(config), Simulation(config.env, 6)
+    policy.together = together
     simulation.reset(seeds=list(range(6)), persons=list(range(6)))
-    memories, true = [policy.reset() for _ in range(6)], []
-    for step in range(8):
-        observations = simulation.observation()
-        true.append(simulation.users.device_poses("headset")[0].copy())
-        acts = []
-        for user, memory in enumerate(memories):
-            observation = {name: values[user] for name, values in observations.items()}
-            acts.append(policy.act(observation, memory, None))
+    memory, true, looked = policy.begin(6), [], []
+    scene = policy.scene
+
+    def noted(moment: Moment, part: Memory, late: np.ndarray) -> OptionScene:
+        found = scene(moment, part, late)
+        if late is moment.follows:
+            looked.append(found)
+        return found
+
+    with patch.object(policy, "scene", noted):
+        for step in range(8):
+            true.append(simulation.users.device_poses("headset")[0].copy())
+            looked.clear()
+            simulation.step(policy.act(simulation.observation(), memory, [None] * 6))
+            heads = torch.cat([each.head for each in looked]).numpy()
+            assert heads == pytest.approx(true[max(0, step - 2)], abs=1e-5)
             if step == 0:
-                assert memory.seen is not None
-                ahead = memory.seen[1][0, :3, 0].numpy()
-                down = np.arctan2(0.1, 0.4)
+                ahead, down = looked[0].turned[0, :, 0].numpy(), np.arctan2(0.1, 0.4)
                 assert ahead == pytest.approx([np.cos(down), 0.0, -np.sin(down)], abs=1e-3)
-        simulation.step(np.stack(acts))
+    moment = policy.sense(simulation.observation(), memory[0])
+    late = scene(moment, memory[0], moment.decides).head.numpy()
     simulation.close()
+    assert late == pytest.approx(true[-4][:together], abs=1e-5)
     assert np.ptp(true[0][:, 2]) > 0.05
     assert np.abs(true[-3] - true[-5]).min(0)[1] > 1e-5  # everyone sways
-    for user, memory in enumerate(memories):
-        assert memory.seen is not None and memory.recognised is not None
-        assert memory.seen[1][0, :3, 3].numpy() == pytest.approx(true[-3][user], abs=1e-5)
-        assert memory.recognised[1][0, :3, 3].numpy() == pytest.approx(true[-5][user], abs=1e-5)
 
 
 @pytest.mark.parametrize("recipe", ["skills", "webxr"])
@@ -152,7 +156,8 @@ def test_persons_that_learned_the_same_are_equal_in_every_weight() -> None:
     for seed in (1, 2):
         torch.manual_seed(seed)
         made.append(PersonPolicy(config))
-        made[-1].learned_by(source.human, source.values, source.tool, 1)
+        made[-1].human.take(source.human.weights())
+        made[-1].values = source.values
     first, second = (each.state_dict() for each in made)
     assert [name for name in first if not torch.equal(first[name], second[name])] == []
 
@@ -189,12 +194,12 @@ def test_persons_stay_before_a_thing_until_they_are_inside(
 
 def test_persons_work_controller_inputs() -> None:
     policy = Following(_of_people(load_config("skills", ["env.user.inputs=[right.trigger]"])))
-    vision, memory = policy._wanted["vision"], policy.reset()
+    vision, memory = policy._wanted["vision"], policy.begin(1)
     observation = {
-        "vision": np.full((2 * vision[0], *vision[1:]), 5.0, dtype=np.float32),
-        "proprioception": np.zeros(len(Proprioception(policy.layer.body).names), np.float32),
-        "person": np.zeros(len(FEATURES), np.float32),
+        "vision": np.full((1, 2 * vision[0], *vision[1:]), 5.0, dtype=np.float32),
+        "proprioception": np.zeros((1, len(Proprioception(policy.layer.body).names)), "f4"),
+        "person": np.zeros((1, len(FEATURES)), np.float32),
     }
-    action = policy.act(observation, memory, None)
+    action = policy.act(observation, memory, [None])[0]
     assert action.shape == (policy.layer.drives.count + 1,)
     assert action[-1] == -1.0  # at rest: a touch pulls no trigger

@@ -239,7 +239,7 @@ def test_users_with_motor_noise_are_imagined_with_it() -> None:
     again = new_rollouts(env=env)
     again.load_state_dict(state)
     assert again.step() == after
-    assert float(made.users.state_dict()["constant_red"].abs().max()) > 0.0
+    assert float(made.users.state_dict()["_noise"]["_constant_red"].abs().max()) > 0.0
     for each in (made, again, quiet):
         each.task.simulation.close()
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
+from resuming import assert_goes_on
 
 from sim2vr_harness.envs.config import UserConfig
 from sim2vr_harness.envs.people_preset import as_population
@@ -18,11 +21,6 @@ from sim2vr_harness.training.motor_control.hand_training import (
     Execution,
     ending,
     train_hand_policy,
-)
-from sim2vr_harness.training.motor_control.human_benchmark import (
-    AimedMovements,
-    HumanMeasures,
-    _profile,
 )
 from sim2vr_harness.training.motor_control.people_training import Bodies, PeopleTrainer
 
@@ -77,17 +75,11 @@ def test_two_arms_learn_from_half_as_many_persons() -> None:
     assert [len(part) for part in two._seen] == [24 * 2, 12 * 2]
 
 
-def test_a_training_that_goes_on_ends_in_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_training_that_goes_on_ends_in_the_same_bits(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr(hand_training, "_HANDS", 16)
-    whole, first, second = trainer(), trainer(), trainer()
-    whole.step()
-    last = whole.step()
-    first.step()
-    second.load_state_dict(first.state_dict())
-    second.step()
-    for name, expected in whole.policy.state_dict().items():
-        assert torch.equal(expected, second.policy.state_dict()[name]), name
-    assert whole.finished and last.cycle == 2 and last.velocity_mps > 0.0
+    assert assert_goes_on(lambda folder: trainer(), tmp_path, 1, 1).finished
 
 
 def test_hands_learn_to_reach(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -113,76 +105,3 @@ def test_a_movement_ends_well_in_its_target_and_at_its_speed() -> None:
     assert float(succeeds[3]) < 1e-6 < 0.95 < float(succeeds[4])
     assert off[:3, 0].tolist() == pytest.approx([0.0, 0.02, 0.05], abs=2e-4)
     assert wrong[3:, 0].tolist() == pytest.approx([1.0, 0.0], abs=0.01)
-
-
-def test_a_profile_s_measures_are_those_of_minimum_jerk() -> None:
-    """Above 10 % of its peak, a minimum-jerk reach has peak over mean 1.57, and it is symmetric."""
-    t = np.linspace(0.0, 1.0, 101)
-    s = 10 * t**3 - 15 * t**4 + 6 * t**5
-    way = np.concatenate([np.zeros(20), s, np.ones(20)]) - 1.0
-    path = way[:, None] * [0.3, 0.0, 0.0]
-    onset, profile, peak = _profile(path, len(path) - 1)
-    assert onset == pytest.approx(28, abs=1)
-    assert peak == pytest.approx(1.875 * 0.3, rel=0.01)
-    assert profile.tolist() == pytest.approx([1.57, 0.5, 1.0, 1.0], abs=0.02)
-
-
-@pytest.mark.parametrize("drift_mps", [-0.15, -0.1, 0.1, 0.15])
-def test_a_hand_that_drifts_reacts_when_its_movement_begins(drift_mps: float) -> None:
-    """The hand drifts along and across the way until the reach takes over after 0.2 s.
-
-    A minimum-jerk reach of 30 cm in 0.6 s has 10 % of its peak (0.94 m/s) after 0.09 of its time,
-    so the onset is at 0.2 s + 0.05 s, and its peak at .5 of what is above 10 %. The speed itself,
-    whatever its direction, is above 10 % of the peak from the appearance on.
-    """
-    t = np.arange(0.01, 1.2, 0.01)
-    part = np.clip((t - 0.2) / 0.6, 0.0, 1.0)
-    speed = 30.0 * part**2 * (1.0 - part) ** 2 * 0.3 / 0.6
-    fades = drift_mps * np.clip((0.8 - t) / 0.6, 0.0, 1.0)
-    steps = np.stack([speed + fades, fades, np.zeros_like(t)], 1) * 0.01
-    path = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)]) - [0.3, 0.0, 0.0]
-    onset, profile, _ = _profile(path, len(path) - 1)
-    assert 0.01 * onset == pytest.approx(0.25, abs=0.02)
-    assert profile[1] == pytest.approx(0.5, abs=0.06)
-
-
-def test_a_hand_that_is_already_on_its_way_has_no_onset() -> None:
-    """It slows down from the appearance of the target on, after which it rests."""
-    left = np.concatenate([np.linspace(1.0, 0.0, 60) ** 2, np.zeros(20)])
-    onset, profile, _ = _profile(left[:, None] * [-0.3, 0.0, 0.0], 79)
-    assert np.isnan(onset)
-    assert np.isnan(profile).all()
-
-
-def test_throughput_is_that_of_the_effective_index() -> None:
-    """End points +- .01 / 4.133 m along the way and a mean of .31 m: log2(32) = 5 bits in .5 s.
-
-    The nominal index, of targets 4 cm wide, is log2(8.75) = 3.1 bits.
-    """
-    way, end = np.tile([0.31, 0.0, 0.0], (10, 1)), np.zeros((10, 3))
-    end[:, 0] = 0.01 / 4.133 * np.tile([1.0, -1.0], 5)
-    end[:, 2] = 0.03  # beside the way: no part of the spread along it
-    profile, ones = np.tile([1.9, 0.4, 0.9, 1.0], (10, 1)), np.ones(10)
-    cell = AimedMovements(0.31, 0.04, 0.5 * ones, ones, end, way, profile, ones)
-    assert cell.throughput == pytest.approx(10.0)
-
-
-def test_fitts_law_is_found_in_movements_that_follow_it() -> None:
-    """.1 + .2 s/bit at 1, 2 and 3 bits; a fifth ends 2 cm beside targets of 1 cm."""
-    cells = []
-    for bits in (1.0, 2.0, 3.0):
-        end = np.zeros((10, 3))
-        end[::5, 1] = 0.02
-        way = np.tile([0.01 * (2**bits - 1), 0.0, 0.0], (10, 1))
-        profile, ones = np.tile([1.9, 0.4, 0.9, 1.0], (10, 1)), np.ones(10)
-        times = 0.1 + 0.2 * bits + 0.0 * ones
-        times[0] -= 1e-6
-        cells.append(
-            AimedMovements(0.01 * (2**bits - 1), 0.01, times, ones, end, way, profile, ones)
-        )
-    found = HumanMeasures(tuple(cells)).summary()
-    assert found["fitts_slope_s_per_bit"] == pytest.approx(0.2, abs=1e-4)
-    assert found["fitts_intercept_s"] == pytest.approx(0.1, abs=1e-3)
-    assert found["fitts_r2"] == pytest.approx(1.0)
-    assert found["error_rate"] == pytest.approx(0.2)
-    assert found["peak_over_mean"] == pytest.approx(1.9)

@@ -7,15 +7,17 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 import pytest
 import torch
+from resuming import assert_goes_on
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.envs.config import AppConfig, EnvConfig, UserConfig, VisionConfig
-from sim2vr_harness.envs.people_preset import as_population
+from sim2vr_harness.cli.train import _of_people
+from sim2vr_harness.envs.config import AppConfig, EnvConfig, VisionConfig
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.policies.hierarchical import motor_store as shipped
 from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S
@@ -27,15 +29,16 @@ from sim2vr_harness.policies.hierarchical.motor_store import (
     save_motor_layer,
     shipped_layers,
 )
-from sim2vr_harness.policies.hierarchical.person_layer import PersonLayer
+from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy
+from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy
 from sim2vr_harness.policies.hierarchical.primitives import (
     MOVES,
-    PERSONS,
     OptionChoice,
     PrimitiveController,
 )
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
+from sim2vr_harness.runs.config import TrainingConfig, load_config
 from sim2vr_harness.runs.option_config import MotorTrainingConfig, QLearningConfig
 from sim2vr_harness.training.motor_control import goal_task
 from sim2vr_harness.training.motor_control.goal_task import motor_trainer
@@ -190,100 +193,103 @@ def small_minibatches(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(value_learner, "_BATCH_SIZE", 8)
 
 
-def learner(
-    layer: MotorPolicy, folder: Path, cores: int = 1, for_persons: bool = False
-) -> OptionQLearning:
+def skills(*changes: str) -> TrainingConfig:
+    return load_config("skills", ["env.app.game=sample", "env.cores=1", *changes])
+
+
+def learner(folder: Path, cores: int = 1, for_persons: bool = False) -> OptionQLearning:
     folder.mkdir(exist_ok=True)
-    config = env("sample").model_copy(update={"cores": cores})
-    simulation = Simulation(config, SMALL.users)
-    primitives = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
+    config = skills(f"env.cores={cores}")
+    policy, simulation = HierarchicalPolicy(config), Simulation(config.env, SMALL.users)
+    policy.layer.take(motor_layer_for(policy.layer.body, STEP_S).weights())
     file = folder / "pictures.bin"
-    return OptionQLearning(SMALL, simulation, primitives, file, seed=2, for_persons=for_persons)
+    return OptionQLearning(SMALL, simulation, policy, file, seed=2, for_persons=for_persons)
 
 
-def test_q_learning_goes_on_from_a_state_to_the_bit(layer: MotorPolicy, tmp_path: Path) -> None:
-    whole = learner(layer, tmp_path / "whole")
-    while not whole.finished:
-        last = whole.step()
-    parts = learner(layer, tmp_path / "parts")
-    for _ in range(15):
-        parts.step()
-    state = parts.state_dict()
-    parts.step()  # lost
-    again = learner(layer, tmp_path / "parts")
-    again.load_state_dict(state)
-    while not again.finished:
-        report = again.step()
-    assert report == last
-    for name, values in whole.net.state_dict().items():
-        assert torch.equal(values, again.net.state_dict()[name]), name
-    assert whole.explore == pytest.approx(SMALL.explore_last, abs=0.1) or whole.explore < 0.9
-    for one in (whole, parts, again):
-        one.simulation.close()
+def test_q_learning_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
+    whole = assert_goes_on(learner, tmp_path, 15, 12)
+    assert whole.finished and whole.explore < 0.9
 
 
-def with_persons(layer: MotorPolicy, folder: Path, steps: int, since: int = 5) -> OptionQLearning:
+def with_persons(folder: Path, steps: int, since: int = 5) -> OptionQLearning:
     """Return a learner whose persons have played, after the measured body."""
-    one = learner(layer, folder, for_persons=True)
+    one = learner(folder, for_persons=True)
     for _ in range(since):
         one.step()
-    user = as_population(UserConfig())
-    population = env("sample").model_copy(update={"user": user})
-    human, simulation = human_policy_for(user, STEP_S), Simulation(population, SMALL.users)
-    persons = PersonLayer(human, SMALL.users, lambda: human.persons.of(simulation), 2)
-    poses = reachable_poses(persons, 1)
+    config = _of_people(skills())
+    person = PersonPolicy(config)
+    person.human.take(human_policy_for(config.env.user, STEP_S).weights())
     one.simulation.close()
-    one.continue_with_persons(
-        simulation, PrimitiveController(persons, torch.zeros(1, 2, 3), poses, manner=PERSONS)
-    )
+    one.continue_with_persons(Simulation(config.env, SMALL.users), person)
     for _ in range(steps):
         one.step()
     return one
 
 
-def test_persons_go_on_from_a_state_to_the_bit(layer: MotorPolicy, tmp_path: Path) -> None:
-    whole = with_persons(layer, tmp_path / "whole", 8)
-    state = copy.deepcopy(whole.state_dict())
-    assert OptionQLearning.of_persons(state)
-    last = [whole.step() for _ in range(6)][-1]
-    again = with_persons(layer, tmp_path / "whole", 0, since=0)
-    again.load_state_dict(state)
-    report = [again.step() for _ in range(6)][-1]
-    np.testing.assert_equal(asdict(report), asdict(last))
-    for name, values in whole.net.state_dict().items():
-        assert torch.equal(values, again.net.state_dict()[name]), name
-    for one in (whole, again):
-        one.simulation.close()
+def test_persons_go_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
+    whole = assert_goes_on(lambda folder: with_persons(folder, 8), tmp_path, 0, 6)
+    assert whole.persons
 
 
-def test_hands_move_as_it_pays(layer: MotorPolicy, tmp_path: Path) -> None:
+def test_hands_move_as_it_pays(tmp_path: Path) -> None:
     """Straight hands earn 5 more; vigour 6 earns most; nothing of it counts as learning."""
-    one, said = with_persons(layer, tmp_path / "own", 0), []
-    persons, taken, decisions = one.primitives.layer, one.step_count, one._memory.count
-    assert isinstance(persons, PersonLayer)
+    one, said = with_persons(tmp_path / "own", 0), []
+    person, taken, decisions = one.policy, one.step_count, one._decisions.count
+    assert isinstance(person, PersonPolicy)
     earned = {1.0: 10.0, 6.0: 20.0, 36.0: 5.0}
     callbacks = SimpleNamespace(say=said.append, doing=lambda part: None)
 
     def of_now(*_: object) -> float:
-        return earned[persons.vigour] - 5.0 * float(one.primitives.lifts)
+        return earned[float(person.vigour)] - 5.0 * float(person.primitives.lifts)
 
     with patch.object(one, "earned", side_effect=of_now):
         choose_manner(one, callbacks)  # type: ignore[arg-type]
-    assert (persons.vigour, float(one.primitives.lifts)) == (6.0, 0.0)
+    assert (float(person.vigour), float(person.lifts)) == (6.0, 0.0)
     assert said == [
-        "Reward per minute: 15.00 if hands lift off before they touch, 20.00 if not; less effort, "
+        "Reward per minute, less effort: 15.00 if hands lift off before they touch, 20.00 if not; "
         "by vigour: 10.00 for 1, 20.00 for 6, 5.00 for 36. The persons': 6."
     ]
-    assert (one.step_count, one._memory.count) == (taken, decisions)
-    fresh = PersonLayer(persons.policy, 2, lambda: np.zeros((2, 1)), 1)
-    fresh.recall(persons.memory())
-    assert fresh.vigour == 6.0
+    assert (one.step_count, one._decisions.count) == (taken, decisions)
+    assert one._memory[0].bodies.vigour == 6.0  # type: ignore[attr-defined]
     one.simulation.close()
 
 
-def test_persons_learn_by_their_own_decisions(layer: MotorPolicy, tmp_path: Path) -> None:
+@pytest.mark.parametrize("who", ["plain", "person"])
+def test_effort_is_taken_off_the_reward_of_every_decision(who: str, tmp_path: Path) -> None:
+    one = learner(tmp_path / "own") if who == "plain" else with_persons(tmp_path / "own", 0)
+    step, played = one.simulation.step, []
+
+    def noted(actions: np.ndarray) -> Any:
+        played.append(step(actions))
+        return played[-1]
+
+    with patch.object(one.simulation, "step", noted):
+        one.step()
+    assert len(played) == DECIDE_STEPS
+    infos = [outcome.infos for outcome in played]
+    points = np.sum([[info["game_reward"] for info in each] for each in infos], axis=0)
+    effort = np.sum([[info["effort_cost"] for info in each] for each in infos], axis=0)
+    last = np.array([one._decisions.count - 1])
+    assert (effort > 0.01).all()
+    np.testing.assert_allclose(one._decisions.read("game_reward", last)[0], points, atol=1e-5)
+    np.testing.assert_allclose(one._decisions.read("reward", last)[0], points - effort, atol=1e-5)
+    one.simulation.close()
+
+
+def test_a_decision_counts_as_rewarded_by_what_the_app_pays(tmp_path: Path) -> None:
+    """Every decision costs effort; 99 % of the app's own rewards are up to 2."""
+    one = learner(tmp_path / "own")
+    one.step()
+    one._decisions.amend({"reward": np.full((1, 3), -0.01), "game_reward": np.array([[0, 0, 2]])})
+    one.learner.settle_scale()
+    assert one.learner.scale == 2.0
+    assert one.diagnosis()[0] == pytest.approx(1.0 / 3.0)
+    one.simulation.close()
+
+
+def test_persons_learn_by_their_own_decisions(tmp_path: Path) -> None:
     """Rows of the measured body are not drawn, and what it learned is where persons begin."""
-    one = with_persons(layer, tmp_path / "own", 0)
+    one = with_persons(tmp_path / "own", 0)
     begun = copy.deepcopy(one.net.state_dict())
     with patch.object(one.learner, "_shares", side_effect=AssertionError):
         for _ in range(N_STEP):
@@ -302,9 +308,9 @@ def test_persons_learn_by_their_own_decisions(layer: MotorPolicy, tmp_path: Path
     one.simulation.close()
 
 
-def test_preferred_decisions_count_less_at_the_end(layer: MotorPolicy, tmp_path: Path) -> None:
+def test_preferred_decisions_count_less_at_the_end(tmp_path: Path) -> None:
     """The exponent of the weights is 0 in the first half, then it grows to 1."""
-    one = learner(layer, tmp_path / "weights")
+    one = learner(tmp_path / "weights")
     used = []
 
     def noted(rows: np.ndarray, users: np.ndarray, weights: np.ndarray, each: object) -> object:
@@ -326,39 +332,25 @@ def test_preferred_decisions_count_less_at_the_end(layer: MotorPolicy, tmp_path:
     one.simulation.close()
 
 
-def test_tries_go_to_small_things_of_a_rare_colour(layer: MotorPolicy, tmp_path: Path) -> None:
+def test_tries_go_to_small_things_of_a_rare_colour(tmp_path: Path) -> None:
     """One red pixel beside a cell's middle makes it the most tried of 600 cells."""
-    one = learner(layer, tmp_path / "rare")
-    scene = one._selector.scene()
+    one = learner(tmp_path / "rare")
+    scene = one._scene(one._sense())
     scene.pictures[:, :3] = 90
     scene.pictures[:, 3] = 12
     scene.pictures[:, 0, 41, 63] = 250
     one._exploration.colours[:] = 1.0
     for _ in range(50):
         one._exploration.note_colours(scene)
-    places = one._selector.places(scene)
-    near, _ = one._exploration.curiosity(scene, places, np.arange(SMALL.users))
+    near, _ = one._exploration.curiosity(scene, np.arange(SMALL.users))
     red = 41 // 4 * 30 + 63 // 4
     assert (near.argmax(1) == red).all()
     assert (near[:, red] > 10.0 / 600.0).all()
     one.simulation.close()
 
 
-def test_timing_an_update_changes_nothing(layer: MotorPolicy, tmp_path: Path) -> None:
-    timed, other = learner(layer, tmp_path / "timed"), learner(layer, tmp_path / "other")
-    while not timed.finished:
-        other.step()
-        report = timed.step()
-        if report.step // (SMALL.users * DECIDE_STEPS) > N_STEP:
-            assert timed.update_seconds() > 0.0
-    for name, values in timed.net.state_dict().items():
-        assert torch.equal(values, other.net.state_dict()[name]), name
-    for one in (timed, other):
-        one.simulation.close()
-
-
-def test_learning_beside_playing_is_learning_before_it(layer: MotorPolicy, tmp_path: Path) -> None:
-    alone, beside = (learner(layer, tmp_path / f"{cores}", cores) for cores in (1, 2))
+def test_learning_beside_playing_is_learning_before_it(tmp_path: Path) -> None:
+    alone, beside = (learner(tmp_path / f"{cores}", cores) for cores in (1, 2))
     while not alone.finished:
         one, other = asdict(alone.step()), asdict(beside.step())
         np.testing.assert_equal(one, other)  # losses are not numbers at first
@@ -368,9 +360,9 @@ def test_learning_beside_playing_is_learning_before_it(layer: MotorPolicy, tmp_p
         one.simulation.close()
 
 
-def test_tries_and_steps_grow_smaller_in_the_end(layer: MotorPolicy, tmp_path: Path) -> None:
+def test_tries_and_steps_grow_smaller_in_the_end(tmp_path: Path) -> None:
     """Half-way through the last half: tries fall to 1 - .75 / 2 of .08, and rates alike."""
-    one = learner(layer, tmp_path / "settling")
+    one = learner(tmp_path / "settling")
     one.step_count = 120
     assert one.explore == pytest.approx(0.9 - 0.3 * 0.82)
     one.step_count = 180
@@ -394,17 +386,11 @@ def tiny_practice() -> Iterator[None]:
 @pytest.mark.usefixtures("tiny_practice")
 def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
     body = load_body("mobl_arms_wrist")
-    whole = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
-    reports = [whole.step(), whole.step()]
-    assert reports[0].in_words(2).startswith("Cycle 1/2: moved at random, ")
-    assert reports[1].in_words(2).startswith("Cycle 2/2: arrives ")
-    parts = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
-    assert parts.step() == reports[0]
-    again = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
-    again.load_state_dict(parts.state_dict())
-    assert again.step() == reports[1]
-    for name, values in whole.task.policy.weights().items():
-        assert torch.equal(values, again.task.policy.weights()[name]), name
+
+    def make(folder: Path) -> Any:
+        return motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
+
+    whole = assert_goes_on(make, tmp_path, 1, 1)
     save_motor_layer(tmp_path / "layer.pt", whole.task.policy, body=body.name)
     read = load_motor_layer(tmp_path / "layer.pt", body, STEP_S)
     for name, values in whole.task.policy.weights().items():

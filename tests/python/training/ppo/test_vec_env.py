@@ -64,11 +64,11 @@ def test_saved_state_continues_mid_episode() -> None:
     env = make()
     env.reset()
     play(env, 5)
-    state = env.save_state()
+    state = env.state_dict()
     expected = play(env, 20, seed=3)
     other = make(seed=99)
     other.reset()
-    other.load_state(state)
+    other.load_state_dict(state)
     for (o1, r1, d1, i1), (o2, r2, d2, i2) in zip(expected, play(other, 20, seed=3), strict=True):
         assert np.array_equal(r1, r2)
         assert np.array_equal(d1, d2)
@@ -77,7 +77,7 @@ def test_saved_state_continues_mid_episode() -> None:
             assert one.get("episode", {}).get("r") == two.get("episode", {}).get("r")
             assert one.get("episode", {}).get("l") == two.get("episode", {}).get("l")
     with pytest.raises(RuntimeError, match="of 4 users, not of 2"):
-        make(n=2).load_state(state)
+        make(n=2).load_state_dict(state)
 
 
 def test_questions_to_single_environments() -> None:

@@ -1,3 +1,5 @@
+"""Progress of work in a terminal and in plain lines."""
+
 from __future__ import annotations
 
 import io
@@ -6,14 +8,9 @@ import time
 import pytest
 from rich.console import Console
 
-from sim2vr_harness.client import describe_game
-from sim2vr_harness.training.run.progress import (
-    Phase,
-    StageDisplay,
-    TrainingProgress,
-    View,
-    duration,
-)
+from sim2vr_harness.base import progress
+from sim2vr_harness.base.progress import ProgressDisplay, View, duration
+from sim2vr_harness.training.run.stage import Stopwatch
 
 
 @pytest.mark.parametrize(
@@ -24,85 +21,64 @@ def test_durations(seconds: float | None, text: str) -> None:
     assert duration(seconds) == text
 
 
-def progress() -> TrainingProgress:
-    return TrainingProgress(
-        step=0, start_step=0, stop_step=400, iteration_steps=100, minibatches=10
-    )
-
-
-def test_rates_and_time_left() -> None:
-    p = progress()
-    assert p.seconds_left() is None
-    p.minibatch_seconds = 0.5
-    p.begin(Phase.PLAYING, 100)
-    p.phase_started = time.monotonic() - 2.0
-    p.phase_done = 50
-    assert p.play_rate == pytest.approx(25, rel=0.01)  # 50 steps in 2 s
-    assert p.learn_rate == pytest.approx(20)  # 10 minibatches of 0.5 s
-    assert p.rate == pytest.approx(100 / 9, rel=0.01)
-    assert p.seconds_left() == pytest.approx(4 * 9 - 2, rel=0.01)
-    p.play_seconds, p.played = 4.0, 100
-    p.begin(Phase.LEARNING, 10)
-    p.phase_started = time.monotonic() - 3.0
-    p.phase_done = 5
-    assert p.seconds_left() == pytest.approx(4 * (4 + 6) - 4 - 3, rel=0.01)
-    p.learn_seconds, p.learned = 6.0, 100
-    p.begin(Phase.PLAYING, 100)
-    assert p.seconds_left() == pytest.approx(30, rel=0.01)
-
-
-def test_a_stage_that_plays_and_learns_in_plain_lines() -> None:
-    output = io.StringIO()
-    p = progress()
-    with StageDisplay("ppo", 400, Console(file=output), interval=1000.0) as display:
-        display.update(p.view)  # too soon
-        p.game = describe_game("whacamole")
-        p.means = {"ep_rew_mean": 3.25, "ep_Points_mean": 7.0, "ep_hit_rate": 0.5}
-        p.step = 100
-        display.update(p.view, force=True)
-    (line,) = output.getvalue().splitlines()
-    assert line.startswith("ppo 25% | step 100/400, starting 0% | left - | - steps/s")
-    assert "per round: return 3.2, hits 7.0, misses -, hit rate 0.500" in line
-
-
-def test_a_stage_that_plays_and_learns_in_a_terminal() -> None:
-    output = io.StringIO()
-    console = Console(file=output, force_terminal=True, width=100)
-    p = progress()
-    p.begin(Phase.LEARNING, 10)
-    p.phase_done = 4
-    p.means = {"ep_rew_mean": 3.0, "ep_effort_cost_mean": 120.0}
-    p.note = "Saved x.zip"
-    with StageDisplay("ppo", 400, console) as display:
-        display.update(p.view)
-    text = output.getvalue()
-    for part in ("learning 40%", "effort 120.0", "Saved x.zip", "steps/s"):
-        assert part in text
-
-
 def view() -> View:
-    return View(5, "cycle 6 of 20: playing", 61.0)
+    return View(5, "cycle 6 of 20: playing", ("12 steps/s",))
 
 
-def test_stage_in_plain_lines() -> None:
+def test_plain_lines_come_when_they_are_due_or_forced() -> None:
     output = io.StringIO()
-    with StageDisplay("imagined", 20, Console(file=output), interval=1000.0) as display:
+    with ProgressDisplay("imagined", 20, Console(file=output), interval_s=1000.0) as display:
         display.update(view)  # too soon
         display.say("Cycle done.")
-    with StageDisplay("imagined", 20, Console(file=output), interval=0.0) as display:
+        display.update(view, force=True)
+    with ProgressDisplay("imagined", 20, Console(file=output), interval_s=0.0) as display:
         display.update(view)
-    assert output.getvalue().splitlines() == [
-        "Cycle done.",
-        "imagined 25% | cycle 6 of 20: playing | left 1 min 01 s",
-    ]
+    line = "imagined 25% | cycle 6 of 20: playing | left - | 12 steps/s"
+    assert output.getvalue().splitlines() == ["Cycle done.", line, line]
 
 
-def test_stage_in_a_terminal() -> None:
+def test_what_is_left_follows_from_the_speed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two units a second: the 80 that are left of 100 take 40 s."""
+    now = time.monotonic()
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now)
+    display = ProgressDisplay("ppo", 100, Console(file=io.StringIO()))
+    display._bar.get_time = lambda: now  # type: ignore[method-assign]
+    for done in range(0, 21, 2):
+        display.update(lambda done=done: View(done))
+        now += 1.0
+    assert "left 40 s" in display.line()
+
+
+def test_a_bar_in_a_terminal() -> None:
     output = io.StringIO()
     console = Console(file=output, force_terminal=True, width=100)
-    with StageDisplay("imagined", 20, console) as display:
-        display.update(lambda: View(5, "cycle 6 of 20: playing"))
+    with ProgressDisplay("imagined", 20, console) as display:
+        display.update(view)
         display.say("Cycle done.")
-    text = output.getvalue()
-    for part in ("imagined", "25%", "cycle 6 of 20: playing", "Cycle done.", "left -"):
-        assert part in text
+    for part in (
+        "imagined",
+        "25%",
+        "cycle 6 of 20: playing",
+        "Cycle done.",
+        "left -",
+        "12 steps/s",
+    ):
+        assert part in output.getvalue()
+
+
+def test_times_of_parts_that_alternate_are_added_up() -> None:
+    watch = Stopwatch()
+    for _ in range(2):
+        watch.begin("sleeping")
+        watch.begin("sleeping")
+        time.sleep(0.05)
+        watch.begin("computing")
+        began = time.process_time()
+        while time.process_time() - began < 0.05:
+            pass
+    watch.stop()
+    assert list(watch.parts) == ["preparing", "sleeping", "computing"]
+    sleeping, computing = watch.parts["sleeping"], watch.parts["computing"]
+    assert sleeping.seconds >= 0.1
+    assert sleeping.cpu_seconds < 0.05
+    assert computing.cpu_seconds == pytest.approx(0.1, abs=0.04)

@@ -19,9 +19,9 @@ pytest.importorskip("sim2vr_harness._app_runtime")
 
 # When a stage is stopped, in calls of its callbacks, and what it has saved then.
 CUTS = {
-    "imagined": (70, "cycle 1 of 2"),
+    "imagined": (70, "1 of 2 cycles"),
     "student": (50, "64 of 96 frames"),
-    "ppo": (16, "step 20 of 40"),
+    "ppo": (16, "20 of 40 user steps"),
 }
 
 
@@ -104,7 +104,7 @@ def test_the_command_says_what_is_saved_and_how_to_go_on(
             main(["train", "whacamole_constrained", *settings, "--out", str(run)])
     assert ended.value.code == 130
     assert capsys.readouterr().out.splitlines() == [
-        "Stopped in stage 'imagined'; saved: cycle 1 of 2.",
+        "Stopped in stage 'imagined'; saved: 1 of 2 cycles.",
         f"Go on with: sim2vr-harness train --resume {run}",
     ]
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 import torch
+from resuming import assert_goes_on
 from short_cycles import short_cycles
 
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
@@ -114,12 +115,12 @@ def test_a_teacher_knows_the_past_and_what_it_has_done_since() -> None:
             np.testing.assert_array_equal(known[:, angle], history[max(0, step - 3)][1])
             np.testing.assert_allclose(known[:, done], actions[-1][:, 0], atol=1e-7)
             np.testing.assert_allclose(known[:, done + 32], actions[-2][:, 0], atol=1e-7)
-        state, known = sim.save_state(), sim.observation()[OBSERVATION]
+        state, known = sim.state_dict(), sim.observation()[OBSERVATION]
         sim.reset([0, 1])
         fresh = sim.observation()[OBSERVATION]
         assert not fresh[:2, done:].any()
         assert fresh[2, done:].any()
-        sim.load_state(state)
+        sim.load_state_dict(state)
         np.testing.assert_array_equal(sim.observation()[OBSERVATION], known)
 
 
@@ -149,10 +150,10 @@ def test_who_labels_a_picture_knows_what_it_shows(vision: object, recognition: i
             expected = np.full(4, vision / 1000.0)
         np.testing.assert_allclose(age_s, expected + 0.05 * recognition, atol=1e-5)
         # A saved user goes on with what it knew.
-        state = sim.save_state()
+        state = sim.state_dict()
         sim.step(np.zeros((4, 32)))
         after = senses.observe()
-        sim.load_state(state)
+        sim.load_state_dict(state)
         sim.step(np.zeros((4, 32)))
         np.testing.assert_array_equal(senses.observe(), after)
 
@@ -336,14 +337,8 @@ def test_chains_of_people_place_devices_as_their_own_bodies_do() -> None:
         assert np.ptp(apart) > 0.02  # heads at different heights
 
 
-def test_people_are_told_to_teachers_and_go_on_exactly() -> None:
-    made, other = rollouts(**PEOPLE), rollouts(**PEOPLE)
-    with closing(made.task.simulation), closing(other.task.simulation):
-        names = made.task.simulation.senses.observed_names
-        assert "person stature_m" in names
-        made.step()
-        column = made.task.senses.observe()[:, names.index("person stature_m")]
-        assert len(column.unique()) > 1
-        other.load_state_dict(copy.deepcopy(made.state_dict()))
-        assert made.step() == other.step()
-        assert torch.equal(made.task.senses.observe(), other.task.senses.observe())
+def test_people_are_told_to_teachers_and_go_on_exactly(tmp_path: Path) -> None:
+    whole = assert_goes_on(lambda folder: rollouts(**PEOPLE), tmp_path, 1, 1)
+    names = whole.task.simulation.senses.observed_names
+    column = whole.task.senses.observe()[:, names.index("person stature_m")]
+    assert len(column.unique()) > 1

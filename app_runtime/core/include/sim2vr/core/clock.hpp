@@ -51,16 +51,13 @@ class GameClock {
   void endFixedStep() { in_fixed_step_ = false; }
 
   std::int64_t timeNs() const { return time_ns_; }
-  std::int64_t frameCount() const { return frame_count_; }
 
   // Unity's values, s. Within a fixed step time and deltaTime read fixedTime and fixedDeltaTime.
   float time() const;
   float deltaTime() const;
   float fixedTime() const;
   float fixedDeltaTime() const { return static_cast<float>(settings_.fixed_delta_time_s); }
-  float maximumDeltaTime() const { return static_cast<float>(settings_.maximum_delta_time_s); }
   float timeScale() const { return static_cast<float>(settings_.time_scale); }
-  int targetFrameRate() const { return settings_.target_frame_rate; }
 
   void fields(Archive& archive);
 

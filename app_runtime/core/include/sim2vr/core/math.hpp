@@ -10,7 +10,6 @@ namespace sim2vr {
 using Vec3 = Eigen::Vector3d;
 using Quat = Eigen::Quaterniond;
 
-inline Quat identityRotation() { return Quat::Identity(); }
 
 /// Rotation that turns z (forward) along `direction` and keeps x level; not for straight up or
 /// down.

@@ -1,9 +1,8 @@
 // A game's options as named values with strict reading: a wrong type, a value outside its choices
-// or a name nobody read is an error that says what was expected.
+// or a name that is never read is an error that says what was expected.
 #pragma once
 
-#include <cstdint>
-#include <map>
+#include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <span>
 #include <string>
@@ -12,9 +11,16 @@
 
 namespace sim2vr {
 
+/// The object that a text is. Throws InvalidArgument naming the field for anything else.
+nlohmann::json jsonObject(std::string_view field, std::string_view text);
+
+/// One object's options with another's added, which win. Throws as jsonObject ("options").
+std::string mergedOptions(std::string_view current, std::string_view changes);
+
 class Options {
  public:
-  Options() = default;
+  Options();
+  ~Options();
   /// Parses a JSON object. Throws InvalidArgument ("options") for anything else.
   static Options fromJson(std::string_view json);
 
@@ -29,8 +35,8 @@ class Options {
   /// A list of numbers; empty when the option is not given.
   std::vector<double> getNumbers(const std::string& name, double minimum, double maximum);
   bool has(const std::string& name) const;
-  /// Whether somebody asked for the option: after Game::configure, whether the game knows it.
-  bool wasRead(const std::string& name) const { return read_.contains(name); }
+  /// Whether the option was read: after Game::configure, whether the game knows it.
+  bool wasRead(const std::string& name) const;
 
   /// A JSON array of the options read so far, by name: name, type (text, choice, bool, number or
   /// numbers) and default; of choices `choices`, of numbers `minimum` and `maximum`.
@@ -39,8 +45,14 @@ class Options {
   void expectAllRead() const;
 
  private:
-  std::string json_text_ = "{}";
-  std::map<std::string, std::string> read_;  // name -> its description, a JSON object
+  struct Content;
+
+  explicit Options(nlohmann::json values);
+  /// The option's value, or null; notes what describe() says of it.
+  const nlohmann::json* find(const std::string& name, const char* type,
+                             const nlohmann::json& fallback, const nlohmann::json& more);
+
+  std::unique_ptr<Content> content_;
 };
 
 }  // namespace sim2vr

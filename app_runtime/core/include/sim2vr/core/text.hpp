@@ -1,4 +1,4 @@
-// Texts that somebody else wrote: files that are read whole, and words that are shown.
+// Texts from outside: files that are read whole, and words that are shown.
 #pragma once
 
 #include <filesystem>

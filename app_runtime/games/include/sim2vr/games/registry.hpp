@@ -2,17 +2,24 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <memory>
-#include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "sim2vr/rl/game.hpp"
 
 namespace sim2vr::games {
 
 /// The games in the order in which they are listed to people.
-std::span<const rl::GameEntry> registry();
+std::vector<rl::GameEntry> registry();
+
+/// Opens a shared library (library.hpp) and adds its games to the registry for as long as the
+/// process lives; returns their names. Opening it runs its code. A library that is loaded already
+/// stays as it is. Throws InvalidArgument ("game_library") for one that cannot be opened, was built
+/// against another version, or brings a game of a known name.
+std::vector<std::string> loadGameLibrary(const std::filesystem::path& file);
 
 /// A new game. Throws InvalidArgument ("game") with the known names and the nearest one.
 std::unique_ptr<rl::Game> createGame(std::string_view name);

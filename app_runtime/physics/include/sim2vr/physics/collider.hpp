@@ -45,12 +45,9 @@ class Collider final : public scene::Component {
   int executionOrder() const override { return 10000; }
 
   const Shape& shape() const { return shape_; }
-  void setShape(const Shape& shape);
   /// Centre of the shape in local units.
   const Vec3& center() const { return center_; }
-  void setCenter(const Vec3& center);
   bool isTrigger() const { return is_trigger_; }
-  void setTrigger(bool is_trigger);
 
   /// The Rigidbody of this object or of the nearest ancestor that has one; nullptr for a static
   /// collider.
@@ -60,7 +57,7 @@ class Collider final : public scene::Component {
   /// collider has been seen in two frames.
   const Vec3& velocity_mps() const { return velocity_; }
 
-  /// Grows when shape, centre or trigger flag change.
+  /// Grows when shape, centre or trigger flag are loaded.
   std::uint64_t revision() const { return revision_; }
   /// Grows each time the collider is switched on; an overlap from before counts as new afterwards.
   std::uint64_t enableCount() const { return enable_count_; }

@@ -14,7 +14,6 @@ class Rigidbody final : public scene::Component {
   explicit Rigidbody(bool is_kinematic = true);
 
   std::string_view typeName() const override { return "Rigidbody"; }
-  bool isKinematic() const { return true; }
 };
 
 }  // namespace sim2vr::physics

@@ -17,6 +17,8 @@ enum class Mode : std::uint8_t { serve, play, replay, list_games };
 struct Arguments {
   Mode mode = Mode::serve;
 
+  /// Shared libraries with games of their own.
+  std::vector<std::filesystem::path> game_libraries;
   std::string game = "whacamole";
   std::string condition;
   std::string options = "{}";
@@ -66,7 +68,7 @@ struct Arguments {
   std::vector<std::string> warnings;
 };
 
-/// Help or version text was asked for, or the command line cannot be used.
+/// Help or version text was requested, or the command line cannot be used.
 class Finished : public std::runtime_error {
  public:
   Finished(const std::string& text, int code) : std::runtime_error(text), code_(code) {}

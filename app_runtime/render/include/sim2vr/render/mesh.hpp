@@ -9,7 +9,6 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <memory>
 #include <span>
 #include <string>
@@ -93,11 +92,5 @@ double equalAreaRadius(int segments, int finer);
 /// across `normal` and shows its front to where the normal points.
 MeshPtr strip(std::span<const Vec3> points, double width_m, const Vec3& normal = Vec3::UnitY(),
               const std::string& name = "strip");
-
-/// Reads a Wavefront OBJ file: v, vn, vt and f (polygons become triangle fans; indices may be
-/// negative); other statements are skipped. As in Unity's importer x is negated, from OBJ's
-/// right-handed frame to the app's. Faces without normals are shaded flat. Throws InvalidArgument
-/// that names file and line.
-MeshPtr loadObj(const std::filesystem::path& path);
 
 }  // namespace sim2vr::render

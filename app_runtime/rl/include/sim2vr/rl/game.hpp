@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -37,22 +38,21 @@ class RLEnv : public scene::Component {
   static constexpr int kExecutionOrder = 5;
   int executionOrder() const override { return kExecutionOrder; }
 
-  /// Finds what the environment looks at. Called once, at Start.
-  virtual void InitialiseGame() = 0;
-  /// Sets up what the reward compares with. Called once, after InitialiseGame.
-  virtual void InitialiseReward() = 0;
-  /// Begins the episode. Called once, after InitialiseReward and before the first frame's Update; a
-  /// new episode gets a new scene.
-  virtual void Reset() {}
-  /// Sets reward_ to this frame's reward.
-  virtual void CalculateReward() = 0;
-  /// Sets finished_.
-  virtual void UpdateIsFinished() = 0;
+  /// Begins the episode: called once, before the first frame's Update; a new episode gets a new
+  /// scene.
+  virtual void beginRound() {}
+  /// Names what log() has, with logColumn and logTerm: called once, before the first frame and
+  /// before the first one after a load.
+  virtual void declareLog() {}
+  /// The reward of this frame.
+  virtual double calculateReward() = 0;
+  /// Whether the round is over after this frame.
+  virtual bool isOver() const = 0;
   /// Position in the round as the policy sees it, from -1 (start) to 1 (end).
-  virtual float GetTimeFeature() const = 0;
+  virtual float timeFeature() const = 0;
   /// Writes the numbers named by Game::privilegedNames(), one for each, as they are after the
   /// user step's last frame. Of what the head camera has to find, only what it shows or has shown
-  /// since it came into being may be told.
+  /// since it came into being may be written.
   virtual void fillPrivileged(std::span<float> values) const;
 
   float reward() const { return reward_; }
@@ -61,7 +61,6 @@ class RLEnv : public scene::Component {
   /// and evaluation; the same names for every round. One that a round has not is NaN, and is left
   /// out of what clients get.
   const std::map<std::string, double>& log() const { return log_; }
-  std::map<std::string, double>& log() { return log_; }
 
   /// The runtime says that a user step of so many frames begins: a reward term that flows all the
   /// time, other than one for an event, is divided by it, so that a user step is worth the same
@@ -75,16 +74,26 @@ class RLEnv : public scene::Component {
   void fields(Archive& archive) override;
 
  protected:
-  /// Logs a part of the frame's reward; to be called in every frame. The log has the sum over the
-  /// user step's frames under `name`, and over the round's under `name` + kSumSuffix. NaN: the
-  /// round has no such part.
-  void logTerm(const std::string& name, double value);
+  /// Logs a number under this name after every frame's calculateReward.
+  void logColumn(const std::string& name, std::function<double()> value);
+  /// Logs a part of the reward: the sum over the user step's frames under `name`, and over the
+  /// round's under `name` + kSumSuffix. NaN: the round has no such part.
+  void logTerm(const std::string& name, std::function<double()> value);
+
+ private:
+  /// Where a number of log_ is; of a term also its sum over the round.
+  struct Column {
+    double* value;
+    double* sum;
+    std::function<double()> now;
+  };
+
+  void updateLog();
 
   float reward_ = 0.0F;
   bool finished_ = false;
   std::map<std::string, double> log_;
-
- private:
+  std::vector<Column> columns_;
   int frames_per_step_ = 1;
   /// No frame of the user step has been run.
   bool step_begins_ = true;

@@ -48,7 +48,7 @@ struct GameCondition {
   /// The conditions a round may turn out to be, where that is not this one itself: the members of a
   /// random mix, or the one that this is another name of.
   std::vector<std::string> draws = {};
-  /// Whether evaluations play it when nobody says which.
+  /// Whether evaluations play it by default.
   bool evaluated = false;
 };
 
@@ -62,7 +62,7 @@ struct RewardTerm {
   std::string label;
 };
 
-/// What comes and goes in a round, such as targets, as the episode's log tells of it
+/// What comes and goes in a round, such as targets, as the episode's log has it
 /// (EpisodeLogger): evaluations write a row of data for each. A line of the log is "EVENT, FIELD
 /// VALUE, FIELD VALUE"; the names below are those of events and fields.
 struct LoggedItem {

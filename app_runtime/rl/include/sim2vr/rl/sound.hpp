@@ -1,5 +1,5 @@
 // What the player hears. Nothing is played: a sound is an event with a name, a place and a gain,
-// and whoever listens decides what it is worth.
+// and the listener decides what it is worth.
 #pragma once
 
 #include <string>
@@ -17,7 +17,7 @@ struct SoundEvent {
   float gain = 1.0F;               // 1: as loud as it was recorded
 };
 
-/// The sounds of one round, until somebody takes them. Not part of saved states.
+/// The sounds of one round, until they are taken. Not part of saved states.
 class SoundLog {
  public:
   /// Throws InvalidArgument for an empty name, a place that is not finite and a gain outside 0

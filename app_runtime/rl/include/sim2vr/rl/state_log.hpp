@@ -29,7 +29,7 @@ struct StateLog {
 };
 
 /// Fields are separated by commas, tabs and spaces, so that what a spreadsheet saved is read as
-/// well; a last row that was cut off is left out. evaluation/replay/state_log.py reads the same.
+/// well; a last row that was cut off is left out. sessions/state_log.py reads the same.
 /// Throws InvalidArgument ("states.csv line N") for another format, times that go backwards and a
 /// round without rows.
 StateLog parseStateLog(std::string_view text);

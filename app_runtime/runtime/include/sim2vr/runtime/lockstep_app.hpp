@@ -122,7 +122,7 @@ class Unsupported : public EngineError {
   Capability capability_;
 };
 
-/// A step or reset ended before its next frame because somebody asked for that
+/// A step or reset ended before its next frame because that was requested
 /// (LockstepApp::stopOn).
 class Interrupted : public StateError {
  public:
@@ -132,10 +132,10 @@ class Interrupted : public StateError {
 /// Index of the last frame of a step, whatever their number.
 inline constexpr int kLastFrame = -1;
 
-/// An app that moves only when it is told to. Not thread-safe; different apps may run on different
+/// An app that moves only when it is stepped. Not thread-safe; different apps may run on different
 /// threads, also when they share a renderer.
 ///
-/// A step has two halves, so that somebody who plays many apps can draw their pictures together and
+/// A step has two halves, so that a batch of apps can draw their pictures together and
 /// a user with a delay can see an earlier frame than the last one: startStep runs the frames up to
 /// the one to be drawn, finishStep the rest.
 class LockstepApp {
@@ -167,7 +167,7 @@ class LockstepApp {
   /// round ends before the last one, the rest are not run. Throws StateError without startStep.
   virtual Outcome finishStep() = 0;
 
-  /// As soon as `stop` is true, whoever set it, begin, startStep and finishStep throw Interrupted
+  /// As soon as `stop` is true, begin, startStep and finishStep throw Interrupted
   /// instead of running their next frame: thousands of frames may be under way when a process is
   /// asked to end. What the app is worth then is no user step's. Null: never. Outlives the app.
   void stopOn(const std::atomic<bool>* stop) { stop_ = stop; }
@@ -184,7 +184,7 @@ class LockstepApp {
   /// Draws image() anew with the app's own renderer. Throws StateError before the first reset.
   virtual void draw() {}
 
-  // --- All of it at once, for who plays one app.
+  // --- Whole steps, for a single app.
 
   /// begin and draw.
   StepResult reset(const RoundStart& start, const xr::DeviceState& devices);

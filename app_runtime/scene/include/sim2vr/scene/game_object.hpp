@@ -29,7 +29,6 @@ class GameObject {
   Transform& transform() { return transform_; }
   const Transform& transform() const { return transform_; }
 
-  bool activeSelf() const { return active_; }
   bool activeInHierarchy() const;
   void setActive(bool active);
   bool destroyed() const { return destroyed_; }

@@ -167,7 +167,7 @@ Reply encodeResults(const Header& request, const std::vector<Result>& results, N
 Reply encodeReply(const Header& request);
 Reply encodeReply(const Header& request, std::string frame);
 Reply encodeError(const Header& request, Status status, std::string_view message);
-/// What a client of another version is told.
+/// The reply to a client of another version.
 Reply encodeOtherVersion(const Header& request);
 /// JSON object {"pitch_deg": number or null}.
 std::string encodeHeadRequest(std::optional<double> pitch_deg);

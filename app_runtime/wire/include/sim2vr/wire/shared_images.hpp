@@ -10,7 +10,7 @@
 namespace sim2vr::wire {
 
 /// Memory without a name in any file system (memfd_create): the kernel takes it back with the last
-/// process that has it, whoever is killed when.
+/// process that has it, also after kills.
 class SharedImages {
  public:
   /// Memory for `count` images of `image_bytes` each. Null, with a line in the log, where the
@@ -20,6 +20,8 @@ class SharedImages {
   SharedImages(const SharedImages&) = delete;
   SharedImages& operator=(const SharedImages&) = delete;
 
+  /// For processes that get a descriptor over a socket.
+  int file() const { return file_; }
   /// Where processes of the same user can open it: this process's descriptor below /proc.
   std::string path() const;
   /// What that link reads as if it is this memory and not that of a process with the same number in

@@ -1,82 +1,74 @@
-// Actions: what the app wants to know ("grab"), apart from the button that tells it.
+// Actions: what an app wants to know ("grab"), apart from the button that says it.
 #pragma once
 
 #include <openxr/openxr.h>
 
 #include <array>
-#include <memory>
-#include <optional>
+#include <cstdint>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "sim2vr/core/archive.hpp"
 #include "sim2vr/xr/device.hpp"
+#include "sim2vr/xr/profiles.hpp"
 
 namespace sim2vr::xr {
 
-class Session;
-struct InputPath;
+/// A named group of actions that get input together.
+struct ActionSet {
+  std::string name;
+  std::uint32_t priority = 0;
+  bool attached = false;  // to a session: it cannot change any more
+};
 
-/// One action's value for one hand, or for all its hands, as of the latest sync.
+/// An action's value as of the latest sync. An inactive one is 0.
 struct ActionState {
   XrVector2f value{0.0F, 0.0F};  // boolean and float: x
   bool changed = false;
   bool active = false;
   XrTime last_change = 0;
 
+  bool pressed() const { return value.x > 0.0F; }
   void fields(Archive& archive);
 };
 
-/// Made by ActionSet::createAction; read through the Session.
-class Action {
- public:
-  const std::string& name() const { return name_; }
-  XrActionType type() const { return type_; }
-  /// The hands it was created with; empty: it is not told apart by hand.
-  const std::vector<Hand>& subactionHands() const { return hands_; }
-  bool hasHand(Hand hand) const;
+/// Indices into Action::states after the two hands'.
+inline constexpr std::size_t kBothHands = 2;
+inline constexpr std::size_t kOtherDevice = 3;
 
- private:
-  friend class ActionSet;
-  friend class Session;
+struct Action {
+  std::string name;
+  XrActionType type = XR_ACTION_TYPE_BOOLEAN_INPUT;
+  const ActionSet* set = nullptr;
+  std::array<bool, 2> hands{true, true};  // whose inputs and outputs it can be bound to
+  std::vector<const Component*> bindings;
+  /// By hand; of both together (boolean: or; float and vector: the value furthest from 0); of
+  /// another device, never active.
+  std::array<ActionState, 4> states;
 
-  Action(std::string name, XrActionType type, std::vector<Hand> hands);
-  void sync(const DeviceState* state, XrTime time);
-  ActionState& perHand(Hand hand) { return per_hand_[static_cast<std::size_t>(hand)]; }
-  const ActionState& perHand(Hand hand) const { return per_hand_[static_cast<std::size_t>(hand)]; }
+  /// Binds it, once. False: an input of another kind or hand, or none of the simulated controllers.
+  bool bind(const Component& component);
+  const ActionState& state(Hand hand) const { return states[static_cast<std::size_t>(hand)]; }
   void fields(Archive& archive);
-
-  std::string name_;
-  XrActionType type_;
-  std::vector<Hand> hands_;
-  std::vector<const InputPath*> bindings_;
-  std::array<ActionState, 2> per_hand_;
-  ActionState combined_;
 };
 
-/// A named group of actions, made by Session::createActionSet.
-class ActionSet {
- public:
-  const std::string& name() const { return name_; }
-  /// `subactions`: the hands to tell apart. Types: boolean, float and vector2f input, pose input,
-  /// vibration output. Throws StateError once the set is attached, InvalidArgument for a name used
-  /// before or not of the characters a-z 0-9 - _ . or for another type.
-  Action& createAction(const std::string& name, XrActionType type,
-                       std::vector<Hand> subactions = {});
-  Action* findAction(std::string_view name) const;
-  const std::vector<std::unique_ptr<Action>>& actions() const { return actions_; }
-
- private:
-  friend class Session;
-  explicit ActionSet(std::string name) : name_(std::move(name)) {}
-
-  std::string name_;
-  std::vector<std::unique_ptr<Action>> actions_;
-  bool attached_ = false;
+/// An action set that gets input in a sync, of one hand or of both.
+struct ActiveSet {
+  const ActionSet* set;
+  std::array<bool, 2> hands{true, true};
 };
 
-/// The input and output paths that suggestBinding knows, both hands.
-const std::vector<std::string>& knownBindingPaths();
+/// Updates the states of the attached actions. Of active sets that are bound to the same input
+/// those with the highest priority get it. `devices`: null while nothing is tracked.
+void syncActions(std::span<Action* const> actions, std::span<const ActiveSet> active,
+                 const DeviceState* devices, XrTime time);
+
+/// Whether actions and action sets may be called so: characters a-z 0-9 - _ . and not only dots.
+bool isName(std::string_view text);
+/// Such as "float"; null: no type of action.
+const char* typeName(XrActionType type);
+bool isVibration(const XrHapticVibration& vibration);
 
 }  // namespace sim2vr::xr

@@ -1,4 +1,4 @@
-// What a session reads: a head-mounted display and two hand controllers.
+// The devices: a head-mounted display and two hand controllers.
 #pragma once
 
 #include <openxr/openxr.h>
@@ -74,19 +74,5 @@ XrPosef inverse(const XrPosef& pose);
 /// by more than 1e-3, or an analogue input is outside its range. Of an inactive controller nothing
 /// is checked and nothing kept.
 DeviceState validated(const DeviceState& state);
-
-/// A source of tracking and input.
-class Device {
- public:
-  virtual ~Device() = default;
-
-  virtual std::string_view name() const = 0;
-  /// State at `time`, ns on the app's clock. Must not change anything that a later sample can see.
-  virtual DeviceState sample(XrTime time) = 0;
-  /// The app asks for a vibration; an amplitude of 0 stops it.
-  virtual void haptic(Hand, const XrHapticVibration&) {}
-  /// Every value that changes during play.
-  virtual void fields(Archive&) {}
-};
 
 }  // namespace sim2vr::xr

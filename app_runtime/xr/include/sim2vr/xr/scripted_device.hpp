@@ -16,7 +16,7 @@ struct Keyframe {
 /// Between two keyframes positions and analogue inputs move linearly and rotations by slerp (the
 /// short way round); buttons and the active flags keep the earlier keyframe's value. Before the
 /// first and after the last keyframe the nearest one holds.
-class ScriptedDevice final : public Device {
+class ScriptedDevice {
  public:
   /// Throws InvalidArgument ("keyframes" or a value's name) when the list is empty, times do not
   /// grow, or validated() refuses a state.
@@ -36,25 +36,11 @@ class ScriptedDevice final : public Device {
   /// "keyframes[2].head.position".
   static ScriptedDevice fromJson(std::string_view text);
 
-  std::string_view name() const override { return "scripted"; }
-  const std::vector<Keyframe>& keyframes() const { return keyframes_; }
-  /// Duration from the start to the last keyframe, ns.
-  XrTime duration() const { return keyframes_.back().time; }
-
-  /// Session time at which the timeline starts (0 at first).
-  void start(XrTime time) { start_time_ = time; }
-  XrTime startTime() const { return start_time_; }
-  /// Position on the timeline of the latest sample, ns.
-  XrTime position() const { return position_; }
-
-  DeviceState sample(XrTime time) override;
-  /// The timeline's position. The script itself is not saved; another one is refused.
-  void fields(Archive& archive) override;
+  /// The devices at a time, ns after the timeline's start.
+  DeviceState sample(XrTime time) const;
 
  private:
   std::vector<Keyframe> keyframes_;
-  XrTime start_time_ = 0;
-  XrTime position_ = 0;
 };
 
 }  // namespace sim2vr::xr

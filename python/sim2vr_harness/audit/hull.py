@@ -1,0 +1,733 @@
+"""Hull of what a user reaches: by joint limits, with the margins of targets, and as a picture."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+from scipy.sparse import coo_matrix
+from scipy.spatial import cKDTree
+
+from sim2vr_harness.audit.targets import Target, alike
+from sim2vr_harness.base.errors import InputError, unknown_name
+from sim2vr_harness.base.files import naming
+from sim2vr_harness.base.optional import needed
+from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
+from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
+from sim2vr_harness.envs.config import EnvConfig, UserConfig, body_of, people_of
+from sim2vr_harness.envs.people_preset import with_people
+from sim2vr_harness.figures.html import save_page, table
+from sim2vr_harness.users import Body
+from sim2vr_harness.users.kinematics.forward import Linkage, Point
+from sim2vr_harness.users.kinematics.inverse import CLOSE_M, solve
+from sim2vr_harness.users.rendering import OrbitView, UserRenderer
+
+FloatArray = NDArray[np.float64]
+
+FURTHEST_MARGIN_M = 0.3
+"""Margins inside are looked for up to here."""
+
+_SAMPLES = 6000
+_FAR_M = 1000.0
+"""A place so far away in a direction is as good as the direction: 0.1 mm of error."""
+_STARTS = 4
+_MOST_SIDES = 4
+"""Of the six sides of a cell."""
+_DIRECTIONS = 32
+"""All around, in which a margin is looked for first."""
+_ROUNDS = 12
+_SHRINK, _SWELL = 0.5, -0.53
+"""Taubin's two steps of smoothing, which together keep the volume."""
+_PICTURE = (1280, 720)
+_BALL_M = 0.025
+_ROOM_RGBA, _INSIDE_RGBA, _OUTSIDE_RGBA = (
+    (0.16, 0.45, 0.85, 0.20),
+    (0.10, 0.65, 0.20, 1.0),
+    (0.85, 0.10, 0.10, 1.0),
+)
+_INSIDE, _OUTSIDE, _ROOM, _BONES = "#1a9e3f", "#c9211e", "#2a6fd6", "#444b55"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a place can be reached.
+
+    Attributes:
+        margin_m: inside: how far the place can be moved in any direction and still be reached, as
+            far as was looked; outside: minus the distance to the nearest place that can be reached.
+        nearest_m: (3,) the reachable place nearest to it, MuJoCo's world.
+        posture: (K,) angles that bring the point there.
+    """
+
+    margin_m: float
+    nearest_m: FloatArray
+    posture: FloatArray
+
+    @property
+    def inside(self) -> bool:
+        """Whether the place can be reached."""
+        return self.margin_m >= 0.0
+
+
+@dataclass(frozen=True)
+class Volume:
+    """The cells of a grid whose middles can be reached.
+
+    Attributes:
+        cell_m: edge of a cell.
+        low_m: (3,) middle of the first cell, MuJoCo's world.
+        reached: (X, Y, Z) whether.
+    """
+
+    cell_m: float
+    low_m: FloatArray
+    reached: NDArray[np.bool_]
+
+    @property
+    def litres(self) -> float:
+        """How much room it is."""
+        return float(self.reached.sum() * self.cell_m**3 * 1000.0)
+
+    def middles(self, cells: NDArray[np.integer]) -> FloatArray:
+        """(N, 3) middles of cells (N, 3)."""
+        return self.low_m + cells * self.cell_m
+
+    def surface(self) -> FloatArray:
+        """(N, 3) middles of the reached cells with a neighbour that is not."""
+        padded = np.pad(self.reached, 1)
+        inner = padded.copy()
+        for axis, step in product(range(3), (1, -1)):
+            inner &= np.roll(padded, step, axis)
+        rim = padded & ~inner
+        return self.middles(np.argwhere(rim) - 1)
+
+
+@dataclass
+class Reach:
+    """Everywhere that a point can be brought within the joints' limits.
+
+    What the body would collide with, and what its muscles can hold, does not count.
+
+    Args:
+        linkage: moves the point.
+        seed: of the postures that are drawn to begin with.
+    """
+
+    linkage: Linkage
+    seed: int = 1
+    postures: FloatArray = field(init=False)
+    """(N, K) angles, drawn from the limits: half of them evenly, half of them near the limits."""
+    points: FloatArray = field(init=False)
+    """(N, 3) where they bring the point, m."""
+
+    def __post_init__(self) -> None:
+        rng = np.random.default_rng(self.seed)
+        low, high = self.linkage.limits.T
+        shape = (_SAMPLES // 2, len(low))
+        shares = np.concatenate([rng.random(shape), rng.beta(0.3, 0.3, shape)])
+        self.postures = np.concatenate([self.linkage.rest[None], low + shares * (high - low)])
+        self.points = self.linkage.place(self.postures)
+        self._tree = cKDTree(self.points)
+
+    def extent(self) -> FloatArray:
+        """(2, 3) least and greatest coordinates that can be reached, MuJoCo's world, m."""
+        found = np.stack([self.furthest(sign * np.eye(3)) for sign in (-1.0, 1.0)])
+        return np.stack([found[0].diagonal(), found[1].diagonal()])
+
+    def furthest(self, directions: FloatArray) -> FloatArray:
+        """(D, 3) the places reached furthest in directions (D, 3), m."""
+        best = np.argsort(-(directions @ self.points.T), axis=1)[:, :_STARTS]
+        starts = self.postures[best].reshape(-1, self.postures.shape[1])
+        towards = np.repeat(self.points.mean(axis=0) + directions * _FAR_M, _STARTS, axis=0)
+        q, _ = solve(self.linkage, towards, starts, iterations=300, gain_m=1e-9)
+        places = self.linkage.place(q).reshape(len(directions), _STARTS, 3)
+        along = np.einsum("dsx,dx->ds", places, directions)
+        return places[np.arange(len(directions)), along.argmax(axis=1)]
+
+    def nearest(
+        self, places: FloatArray, also: FloatArray | None = None, starts: int = _STARTS
+    ) -> tuple[FloatArray, FloatArray]:
+        """Bring the point as near to places as it gets.
+
+        Args:
+            places: (B, 3) m.
+            also: (B, S, K) postures to start from before those that were drawn.
+            starts: how many of those, the nearest ones.
+
+        Returns:
+            Angles (B, K) and distances (B,) m.
+        """
+        _, near = self._tree.query(places, k=starts)
+        first = self.postures[near]
+        if also is not None:
+            first = np.concatenate([also, first], axis=1)
+        b, s, k = first.shape
+        q, distance = np.empty((b, k)), np.full(b, np.inf)
+        for start in range(s):
+            # A point that is there already needs no other start.
+            rows = np.flatnonzero(distance > CLOSE_M)
+            if not len(rows):
+                break
+            found, off = solve(self.linkage, places[rows], first[rows, start])
+            better = off < distance[rows]
+            q[rows[better]], distance[rows[better]] = found[better], off[better]
+        return q, distance
+
+    def judge(self, places: FloatArray) -> list[Verdict]:
+        """Say of places (T, 3), MuJoCo's world, whether they can be reached, and by how much."""
+        q, distance = self.nearest(places)
+        nearest = self.linkage.place(q)
+        margins = -distance
+        inside = np.flatnonzero(distance <= CLOSE_M)
+        margins[inside] = self._margins(places[inside], q[inside])
+        return [
+            Verdict(float(margin), near, posture)
+            for margin, near, posture in zip(margins, nearest, q, strict=True)
+        ]
+
+    def _margins(self, places: FloatArray, postures: FloatArray) -> FloatArray:
+        """How far from places everything can be reached, (T,) m; see :attr:`Verdict.margin_m`.
+
+        A direction that holds at a radius is taken to hold at every smaller one.
+        """
+        count = len(places)
+        # Directions all around, and last the one that points out where something failed.
+        directions = np.repeat(_directions(_DIRECTIONS + 1)[None], count, axis=0)
+        failing = np.ones((count, _DIRECTIONS + 1), dtype=bool)
+        good, bad = np.zeros(count), np.full(count, FURTHEST_MARGIN_M)
+        radius, open_ = bad.copy(), np.ones(count, dtype=bool)
+        while open_.any():
+            target, direction = np.nonzero(failing & open_[:, None])
+            tested = places[target] + directions[target, direction] * radius[target, None]
+            q, distance = self.nearest(tested, postures[target][:, None], starts=2)
+            off = np.zeros(failing.shape)
+            off[target, direction] = distance
+            outwards = np.zeros(directions.shape)
+            outwards[target, direction] = tested - self.linkage.place(q)
+            fails = off > CLOSE_M
+            any_fails = fails.any(axis=1)
+            good = np.where(open_ & ~any_fails, radius, good)
+            bad = np.where(open_ & any_fails, radius, bad)
+            for i in np.flatnonzero(open_ & any_fails):
+                worst = off[i].argmax()
+                directions[i, -1] = outwards[i, worst] / off[i, worst]
+                failing[i] = fails[i]
+                failing[i, -1] = True
+            open_ &= (bad - good > 1e-3) & (good < FURTHEST_MARGIN_M)
+            radius = 0.5 * (good + bad)
+        return good
+
+    def fill(self, cell_m: float = 0.05) -> Volume:
+        """Find every cell of a grid whose middle can be reached, from those that were drawn on.
+
+        Args:
+            cell_m: edge of a cell, m.
+        """
+        low, high = self.extent()
+        first = np.floor(low / cell_m) * cell_m
+        shape = tuple((np.ceil((high - first) / cell_m).astype(int) + 1).tolist())
+        volume = Volume(cell_m, first, np.zeros(shape, dtype=bool))
+        known = np.zeros(shape, dtype=np.int64)  # how often it was tried
+        postures: dict[int, FloatArray] = {}
+        cells = np.unique(np.rint((self.points - first) / cell_m).astype(int), axis=0)
+        own: FloatArray | None = None
+        while len(cells):
+            known[tuple(cells.T)] += 1
+            places = volume.middles(cells)
+            q, distance = self._once(places, own)
+            ok = distance <= CLOSE_M
+            reached = cells[ok]
+            volume.reached[tuple(reached.T)] = True
+            flat = np.ravel_multi_index(tuple(reached.T), shape)
+            postures.update(zip(flat.tolist(), q[ok], strict=True))
+            cells, own = _neighbours(reached, flat, postures, volume.reached, known)
+        self._mend(volume)
+        return volume
+
+    def _mend(self, volume: Volume) -> None:
+        """Look again at cells that most neighbours of can be reached, from other postures."""
+        padded = np.pad(volume.reached, 1)
+        around = sum(
+            np.roll(padded, step, axis).astype(int) for axis, step in product(range(3), (1, -1))
+        )
+        doubtful = np.argwhere(~padded & (np.asarray(around, dtype=int) >= _MOST_SIDES)) - 1
+        if len(doubtful):
+            _, distance = self.nearest(volume.middles(doubtful))
+            volume.reached[tuple(doubtful[distance <= CLOSE_M].T)] = True
+
+    def _once(self, places: FloatArray, own: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+        if own is None:
+            _, near = self._tree.query(places)
+            own = self.postures[near]
+        return solve(self.linkage, places, own, iterations=25, close_m=0.5 * CLOSE_M)
+
+
+def _neighbours(
+    reached: NDArray[np.int64],
+    flat: NDArray[np.int64],
+    postures: dict[int, FloatArray],
+    done: NDArray[np.bool_],
+    tried: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], FloatArray]:
+    """Cells beside those just reached that are worth a try, and the posture to begin it with."""
+    sides = np.concatenate([np.eye(3, dtype=int), -np.eye(3, dtype=int)])
+    beside = (reached[:, None] + sides).reshape(-1, 3)
+    source = np.repeat(flat, len(sides))
+    within = ((beside >= 0) & (beside < done.shape)).all(axis=1)
+    beside, source = beside[within], source[within]
+    worth = ~done[tuple(beside.T)] & (tried[tuple(beside.T)] < 3)
+    beside, source = beside[worth], source[worth]
+    cells, index = np.unique(beside, axis=0, return_index=True)
+    return cells, np.array([postures[i] for i in source[index].tolist()])
+
+
+def _directions(count: int) -> FloatArray:
+    """(count, 3) unit vectors spread evenly, by Fibonacci's spiral."""
+    i = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * i / count
+    around = np.pi * (1.0 + np.sqrt(5.0)) * i
+    ring = np.sqrt(1.0 - z * z)
+    return np.stack([ring * np.cos(around), ring * np.sin(around), z], axis=1)
+
+
+def shell(volume: Volume) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Return the smoothed faces between cells that can be reached and others.
+
+    Returns:
+        Vertices (V, 3), MuJoCo's world, m, and triangles (T, 3) whose fronts, counter-clockwise,
+        are outside.
+    """
+    padded = np.pad(volume.reached, 1)
+    quads = []
+    for axis, step in product(range(3), (1, -1)):
+        cells = np.argwhere(padded & ~np.roll(padded, -step, axis)) - 1
+        one, other = np.eye(3, dtype=int)[[(axis + 1) % 3, (axis + 2) % 3]]
+        base = cells + (np.eye(3, dtype=int)[axis] if step > 0 else 0)
+        ring = [base, base + one, base + one + other, base + other]
+        quads.append(np.stack(ring if step > 0 else ring[::-1], axis=1))
+    corners, flat = np.unique(np.concatenate(quads).reshape(-1, 3), axis=0, return_inverse=True)
+    faces = flat.reshape(-1, 4)
+    vertices = _smoothed(corners.astype(float), faces)
+    triangles = np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
+    return volume.low_m + (vertices - 0.5) * volume.cell_m, triangles
+
+
+def _smoothed(vertices: FloatArray, faces: NDArray[np.int64]) -> FloatArray:
+    """Pull each vertex towards the middle of its neighbours and push it back, a few times."""
+    rows = np.concatenate([faces, np.roll(faces, 1, axis=1)], axis=1).ravel()
+    columns = np.concatenate([np.roll(faces, 1, axis=1), faces], axis=1).ravel()
+    count = len(vertices)
+    beside = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(count, count)).tocsr()
+    beside.data[:] = 1.0
+    share = 1.0 / np.asarray(beside.sum(axis=1))
+    for step in (_SHRINK, _SWELL) * _ROUNDS:
+        vertices = vertices + step * (beside @ vertices * share - vertices)
+    return vertices
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What came out.
+
+    Attributes:
+        body: whose reach it is.
+        point: of what.
+        reach: everything that the joints' limits allow.
+        extent_m: (2, 3) least and greatest right, up, ahead: the app's frame, m.
+        volume: the cells that can be reached.
+        targets: the places requested, in the world.
+        verdicts: on each of them.
+        people: (N, T) margins of N persons at the targets, m; see :func:`people_margins`.
+    """
+
+    body: Body
+    point: Point
+    reach: Reach
+    extent_m: FloatArray
+    volume: Volume
+    targets: tuple[Target, ...]
+    verdicts: tuple[Verdict, ...]
+    people: FloatArray
+
+    @property
+    def missed(self) -> list[str]:
+        """Names of the targets that cannot be reached."""
+        pairs = zip(self.targets, self.verdicts, strict=True)
+        return [target.name for target, verdict in pairs if not verdict.inside]
+
+
+def chosen_point(body: Body, name: str | None) -> Point:
+    """Return the point of a body that a name stands for: a device, site or part of its model.
+
+    Without a name the first controller that the body wears.
+
+    Raises:
+        InputError: The body has no controller, or nothing of that name.
+    """
+    model = body.physics_model
+    parts = [model.site(i).name for i in range(model.nsite)]
+    parts += [model.body(i).name for i in range(model.nbody)]
+    if name is None:
+        worn = [device for device in body.devices if device.startswith("controller")]
+        if not worn:
+            raise InputError("--point", "none", f"a part of {body.name}, which holds no controller")
+        return Point(worn[0])
+    if name not in parts:
+        raise unknown_name("--point", name, [part for part in parts if part])
+    return Point(name)
+
+
+def measure(
+    body: Body,
+    point: Point,
+    targets: Sequence[Target] = (),
+    people: FloatArray | None = None,
+    *,
+    cell_m: float = 0.05,
+) -> Measured:
+    """Measure how far a point of a body reaches.
+
+    Args:
+        body: The body.
+        point: The point.
+        targets: Places to judge; those that follow the head are where it is at rest.
+        people: As of :class:`Measured`; None: no persons.
+        cell_m: Edge of the cells that the room is divided into.
+
+    Raises:
+        InputError: Nothing moves the point.
+    """
+    try:
+        linkage = Linkage(body, point)
+    except ValueError as error:
+        raise InputError("--point", repr(point.part), "a part that joints can move") from error
+    reach = Reach(linkage)
+    extent = position_to_app(reach.extent())
+    targets = _in_world(body, targets)
+    return Measured(
+        body,
+        point,
+        reach,
+        np.stack([extent.min(axis=0), extent.max(axis=0)]),
+        reach.fill(cell_m),
+        tuple(targets),
+        tuple(reach.judge(_in_mujoco(targets))) if targets else (),
+        np.zeros((0, len(targets))) if people is None else people,
+    )
+
+
+def _in_world(body: Body, targets: Sequence[Target]) -> list[Target]:
+    """Return targets with their places in the world, those of the head from where it rests."""
+    if not any(target.from_head for target in targets):
+        return [*targets]
+    head_m = position_to_app(_resting(body).site("headset").xpos)
+    return [
+        replace(each, place_m=head_m + each.place_m, from_head=False) if each.from_head else each
+        for each in targets
+    ]
+
+
+def _in_mujoco(targets: Sequence[Target]) -> FloatArray:
+    """(T, 3) the targets in MuJoCo's world, m."""
+    return np.array([position_to_mujoco(target.place_m) for target in targets])
+
+
+def _resting(body: Body) -> mujoco.MjData:
+    """The body in the posture that episodes start near."""
+    data = mujoco.MjData(body.physics_model)
+    rest = np.array([body.reset_rule.posture.get(name, 0.0) for name in body.independent_joints])
+    data.qpos[:] = body.coupled_qpos(np.clip(rest, *body.joint_ranges.T))
+    mujoco.mj_kinematics(body.physics_model, data)
+    return data
+
+
+def people_margins(
+    env: EnvConfig,
+    point: Point,
+    places: Sequence[Target],
+    count: int,
+    look: Callable[[EnvConfig, int], Sequence[Target]],
+    seed: int = 1,
+) -> FloatArray:
+    """Measure by how much persons reach places, each with their own body and targets.
+
+    Args:
+        env: User and app.
+        point: What is to get there.
+        places: Of the average user.
+        count: How many persons, as an evaluation with as many has them.
+        look: Finds the targets of a person by its number.
+        seed: Of the population.
+
+    Returns:
+        (N, T) margin of each person at each place, see :class:`Verdict`; NaN where the person's
+        rounds did not have the place.
+
+    Raises:
+        InputError: ``count`` is not positive.
+    """
+    several = with_people(alike(env), count, seed)
+    population = people_of(several.user)
+    assert population is not None
+    margins = np.full((count, len(places)), np.nan)
+    for person in range(count):
+        physique = population.physique(population.number(person))
+        own = several.user.model_dump() | {"person": physique.model_dump(), "people": None}
+        body = body_of(UserConfig(**own))
+        reach = Reach(Linkage(body, point))
+        targets = look(several, person)
+        found = [next((i for i, p in enumerate(places) if p.same_as(t)), None) for t in targets]
+        kept = [(i, t) for i, t in zip(found, targets, strict=True) if i is not None]
+        if kept:
+            verdicts = reach.judge(_in_mujoco(_in_world(body, [target for _, target in kept])))
+            for (i, _), verdict in zip(kept, verdicts, strict=True):
+                margins[person, i] = verdict.margin_m
+    return margins
+
+
+def margin_words(margin_m: float) -> str:
+    """Return a margin for people: ``inside, 3.2 cm to spare``."""
+    if margin_m >= FURTHEST_MARGIN_M:
+        return f"inside, more than {100 * FURTHEST_MARGIN_M:.0f} cm to spare"
+    if margin_m >= 0.0:
+        return f"inside, {100 * margin_m:.1f} cm to spare"
+    return f"outside by {-100 * margin_m:.1f} cm"
+
+
+def told(found: Measured) -> list[str]:
+    """Return lines that say what is within reach: in all, along the axes, and each target.
+
+    Of a target with persons: ``9 of 10 people, at worst outside by 2.5 cm``.
+    """
+    lines = [_caption(found)]
+    for name, low, high in zip(("right", "up", "ahead"), *found.extent_m, strict=True):
+        lines.append(f"  {name:5} {low:7.3f} to {high:6.3f} m")
+    for target, verdict, margins in zip(found.targets, found.verdicts, found.people.T, strict=True):
+        known = margins[~np.isnan(margins)]
+        text = f"  {target.name}: {margin_words(verdict.margin_m)}"
+        if len(known):
+            worst, inside = margin_words(float(known.min())), int((known >= 0.0).sum())
+            text += f"; {inside} of {len(known)} people, at worst {worst}"
+        elif len(margins):
+            text += "; in no round of people"
+        lines.append(text)
+    return lines
+
+
+def _caption(found: Measured) -> str:
+    text = f"{found.body.name}, {found.point.part}: {found.volume.litres:,.0f} litres within reach"
+    if not found.targets:
+        return text
+    inside = len(found.targets) - len(found.missed)
+    return f"{text}, {inside} of {len(found.targets)} targets"
+
+
+def write(found: Measured, out: Path) -> list[Path]:
+    """Write what was found.
+
+    Args:
+        found: It.
+        out: Folder for ``targets.csv`` (verdicts; right, up, ahead in m, angles in degrees),
+            ``hull.csv`` (the cells on the surface of what can be reached), ``hull.html`` and
+            ``hull.png``.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    joints = found.reach.linkage.joints
+    header = ["target", "right_m", "up_m", "ahead_m", "inside", "margin_cm"]
+    header += ["nearest_right_m", "nearest_up_m", "nearest_ahead_m", *(f"{j}_deg" for j in joints)]
+    rows = []
+    for target, verdict in zip(found.targets, found.verdicts, strict=True):
+        nearest = position_to_app(verdict.nearest_m).round(4).tolist()
+        angles = np.degrees(verdict.posture).round(2).tolist()
+        margin = round(100.0 * verdict.margin_m, 2)
+        place = target.place_m.round(4).tolist()
+        rows.append([target.name, *place, int(verdict.inside), margin, *nearest, *angles])
+    surface = position_to_app(found.volume.surface()).round(4).tolist()
+    files = []
+    for name, titles, values in (
+        ("targets.csv", header, rows),
+        ("hull.csv", ["right_m", "up_m", "ahead_m"], surface),
+    ):
+        with naming(out / name), (out / name).open("w", newline="") as stream:
+            csv.writer(stream).writerows([titles, *values])
+        files.append(out / name)
+    return [*files, write_page(found, out / "hull.html"), write_picture(found, out / "hull.png")]
+
+
+def write_picture(found: Measured, file: Path) -> Path:
+    """Write a PNG file: the body from two sides, what it reaches, targets, a line of words."""
+    views, things = [], _things(found)
+    qpos = np.array(_resting(found.body).qpos)
+    x, y, z = found.reach.points.mean(axis=0).tolist()
+    with UserRenderer(found.body, _PICTURE[0] // 2, _PICTURE[1]) as renderer:
+        for azimuth in (150.0, 60.0):
+            view = OrbitView((0.5 * x, 0.5 * y, 0.85 * z), 2.6, azimuth, -14.0)
+            views.append(renderer.render(qpos, view, scene=things))
+    image = Image.fromarray(np.concatenate(views, axis=1))
+    draw = ImageDraw.Draw(image)
+    draw.rectangle((0, 0, _PICTURE[0], 40), fill=(24, 26, 30))
+    draw.text((14, 20), _caption(found), (236, 236, 236), ImageFont.load_default(19), anchor="lm")
+    with naming(file):
+        image.save(file)
+    return file
+
+
+def _things(found: Measured) -> AppScene:
+    """The room within reach and the targets, as objects of an app."""
+    vertices, triangles = shell(found.volume)
+    room = SceneMesh("reach", position_to_app(vertices).astype(np.float32), triangles[:, ::-1])
+    objects = [_object(0, 1, np.zeros(3), 1.0, _ROOM_RGBA)]
+    for target, verdict in zip(found.targets, found.verdicts, strict=True):
+        color = _INSIDE_RGBA if verdict.inside else _OUTSIDE_RGBA
+        objects.append(_object(1, len(objects) + 1, target.place_m, _BALL_M, color))
+    # What is seen through the room has to be drawn before it.
+    return AppScene(tuple(objects[1:] + objects[:1]), (room, _ball()))
+
+
+def _object(
+    mesh: int, number: int, place_m: NDArray[np.float64], size: float, color: tuple[float, ...]
+) -> SceneObject:
+    pose = np.r_[place_m, 0.0, 0.0, 0.0, 1.0]
+    rgba = np.array(color, np.float32)
+    return SceneObject(number, "reach", 0, mesh, pose, np.full(3, size), rgba, mesh == 1)
+
+
+def _ball() -> SceneMesh:
+    """A ball of radius 1 out of twice-divided triangles of an octahedron."""
+    corners = np.concatenate([np.eye(3), -np.eye(3)])
+    signs = [(0, 1, 2), (1, 3, 2), (3, 4, 2), (4, 0, 2), (1, 0, 5), (3, 1, 5), (4, 3, 5), (0, 4, 5)]
+    faces = corners[np.array(signs)]
+    for _ in range(2):
+        a, b, c = faces[:, 0], faces[:, 1], faces[:, 2]
+        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+        parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        faces = np.concatenate([np.stack(part, axis=1) for part in parts])
+    points = faces.reshape(-1, 3)
+    points = points / np.linalg.norm(points, axis=1)[:, None]
+    return SceneMesh("ball", points.astype(np.float32), np.arange(len(points)).reshape(-1, 3))
+
+
+def write_page(found: Measured, file: Path) -> Path:
+    """Write the page.
+
+    Raises:
+        InputError: Plotly is not installed.
+    """
+    names = found.missed
+    low, high = found.extent_m
+    words = (
+        f"<p>Everywhere that <b>{found.point.part}</b> of <b>{found.body.name}</b> can be brought "
+        f"within the limits of {len(found.reach.linkage.joints)} joints: "
+        f"{found.volume.litres:,.0f} litres, from {low[0]:.2f} to {high[0]:.2f} m to the right, "
+        f"{low[1]:.2f} to {high[1]:.2f} m up and {low[2]:.2f} to {high[2]:.2f} m ahead. Origin: "
+        "the floor below the body. Collisions with oneself and strength do not count.</p>"
+    )
+    parts: list[str | Any] = [words]
+    if found.targets:
+        verdict = (
+            f"{len(names)} of {len(found.targets)} targets cannot be reached"
+            if names
+            else f"All {len(found.targets)} targets can be reached"
+        )
+        parts.append(f"<p><b>{verdict}.</b></p>")
+    parts.append(_figure(found))
+    if found.targets:
+        parts += ["<h2>Targets</h2>", _table(found)]
+    title = f"Reach of {found.body.name}, {found.point.part}"
+    return save_page(file, title, parts)
+
+
+def _table(found: Measured) -> str:
+    rows, bad = [], []
+    for i, (target, verdict) in enumerate(zip(found.targets, found.verdicts, strict=True)):
+        place = [f"{value:.3f}" for value in target.place_m]
+        rows.append([target.name, *place, margin_words(verdict.margin_m)])
+        if not verdict.inside:
+            bad.append(i)
+    return table(["Target", "Right (m)", "Up (m)", "Ahead (m)", "Within reach"], rows, bad)
+
+
+def _axes(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Right, ahead, up of points (N, 3) in MuJoCo's world, for a figure whose z is up."""
+    right, up, ahead = position_to_app(points).round(4).T
+    return right, ahead, up
+
+
+def _figure(found: Measured) -> Any:
+    go = needed("plotly.graph_objects", "studies", "audit")
+    vertices, triangles = shell(found.volume)
+    x, y, z = _axes(vertices)
+    i, j, k = triangles.T
+    figure = go.Figure()
+    room = {"color": _ROOM, "opacity": 0.22, "name": "within reach", "showlegend": True}
+    figure.add_trace(go.Mesh3d(x=x, y=y, z=z, i=i, j=j, k=k, hoverinfo="skip", **room))
+    right, ahead, up = _bones(found)
+    line = {"color": _BONES, "width": 6}
+    figure.add_trace(
+        go.Scatter3d(
+            x=right, y=ahead, z=up, mode="lines", line=line, name="the body", hoverinfo="skip"
+        )
+    )
+    for inside, color, label in ((True, _INSIDE, "reached"), (False, _OUTSIDE, "not reached")):
+        _add_targets(go, figure, found, inside, color, label)
+    figure.update_layout(
+        height=640,
+        margin={"l": 0, "r": 0, "t": 0, "b": 0},
+        legend={"orientation": "h", "y": 0.0, "yanchor": "top"},
+        scene={
+            "aspectmode": "data",
+            "xaxis_title": "right (m)",
+            "yaxis_title": "ahead (m)",
+            "zaxis_title": "up (m)",
+            "camera": {"eye": {"x": 1.5, "y": -1.5, "z": 0.8}},
+        },
+    )
+    return figure
+
+
+def _add_targets(
+    go: Any, figure: Any, found: Measured, inside: bool, color: str, label: str
+) -> None:
+    chosen = [
+        (target, verdict)
+        for target, verdict in zip(found.targets, found.verdicts, strict=True)
+        if verdict.inside == inside
+    ]
+    if not chosen:
+        return
+    right, up, ahead = np.array([target.place_m for target, _ in chosen]).T
+    texts = [f"{target.name}: {margin_words(verdict.margin_m)}" for target, verdict in chosen]
+    marker = {"size": 5, "color": color, "line": {"width": 1, "color": "white"}}
+    figure.add_trace(
+        go.Scatter3d(
+            x=right,
+            y=ahead,
+            z=up,
+            mode="markers",
+            marker=marker,
+            name=f"targets {label}",
+            text=texts,
+            hovertemplate="%{text}<extra></extra>",
+        )
+    )
+
+
+def _bones(found: Measured) -> tuple[list[float | None], ...]:
+    """Lines between the body's parts in the posture that episodes start near."""
+    model = found.body.physics_model
+    places = np.stack(_axes(np.array(_resting(found.body).xpos)), axis=1).tolist()
+    lines: list[list[float | None]] = []
+    for part in range(1, model.nbody):
+        above = int(model.body_parentid[part])
+        if above:
+            lines += [places[above], places[part], [None] * 3]
+    x, y, z = (list(column) for column in zip(*lines, strict=True))
+    return x, y, z

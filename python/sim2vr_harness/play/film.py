@@ -1,0 +1,427 @@
+"""Pictures and films of play: body and game in one scene, and the headset view beside it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.client import AppClient, AppReply, GameFacts, Measure, facts_of_outside
+from sim2vr_harness.play.player import Job, Watcher
+from sim2vr_harness.play.round import Round
+from sim2vr_harness.sessions import Session
+
+Picture = NDArray[np.uint8]
+
+PANEL_HEIGHT = 420
+_HEADER = 44
+_GAP = 6
+_BACKGROUND = (24, 26, 30)
+_INK = (236, 236, 236)
+_FAINT = (168, 172, 180)
+_LABELS = {
+    "play": "Simulated user at play",
+    "headset": "Headset view",
+    "game": "Game, third person",
+}
+
+
+class PlainLooks:
+    """A body drawn without shadows and antialiasing: 7 times as fast without a GPU."""
+
+    appearance = True
+
+    def __init__(self, body: Any) -> None:
+        self._body = body
+        self.muscles = body.muscles
+
+    def spec(self) -> Any:
+        """Return the body's specification without them."""
+        spec = self._body.spec()
+        spec.visual.quality.shadowsize = 0
+        spec.visual.quality.offsamples = 0
+        return spec
+
+
+class BodyPainter:
+    """Draws the bodies of a simulation's users, with the game's objects around them.
+
+    Apps that do not tell of their scene (protocol 1) leave the body alone in its room.
+
+    Args:
+        simulation: Whose users to draw.
+        width: Pixels.
+        height: Pixels.
+        fast: Leave out shadows and antialiasing, for films.
+    """
+
+    def __init__(self, simulation: Any, width: int, height: int, fast: bool = False) -> None:
+        from sim2vr_harness.users.rendering import UserRenderer
+
+        self._simulation = simulation
+        body: Any = PlainLooks(simulation.body) if fast else simulation.body
+        self._renderer = UserRenderer(body, width, height)
+
+    def draw(self, index: int) -> Picture:
+        """Return user ``index``, (height, width, 3); colours show the muscles' activation."""
+        users, app = self._simulation.users, self._simulation.apps[index]
+        scene = app.scene() if "scene" in app.capabilities else None
+        picture: Picture = self._renderer.render(
+            users.qpos[index],
+            camera="third_person" if scene is None else "play",
+            activations=users.act[index],
+            scene=scene,
+        )
+        return picture
+
+    def close(self) -> None:
+        """Free the OpenGL context."""
+        self._renderer.close()
+
+
+class Panels:
+    """The two views of one user, each (height, width, 3) uint8.
+
+    Where the app draws no views (a SIM2VR app of others) the headset's picture is enlarged.
+
+    Args:
+        simulation: The simulation.
+        height: Height of every panel, pixels.
+    """
+
+    def __init__(self, simulation: Any, height: int = PANEL_HEIGHT) -> None:
+        self._simulation = simulation
+        vision = simulation.config.vision
+        self.sizes = {
+            "play": (round(height * 4 / 3 / 2) * 2, height),
+            "headset": (round(height * vision.width / vision.height / 2) * 2, height),
+        }
+        self._body = BodyPainter(simulation, *self.sizes["play"], fast=True)
+
+    def draw(self, index: int) -> dict[str, Picture]:
+        """Return the views of user ``index`` by name: ``play``, ``headset``."""
+        app = self._simulation.apps[index]
+        return {"play": self._body.draw(index), "headset": headset_view(app, self.sizes["headset"])}
+
+    def close(self) -> None:
+        """Free the OpenGL context of the body."""
+        self._body.close()
+
+
+def headset_view(app: AppClient, size: tuple[int, int]) -> Picture:
+    """Return the headset's view, (height, width, 3); enlarged where the app draws no others."""
+    if "views" in app.capabilities:
+        drawn: Picture = app.render_headset(*size)[..., :3]
+        return drawn
+    picture = app.image[0] if app.image.ndim == 4 else app.image
+    small = Image.fromarray(np.ascontiguousarray(picture[..., :3]))
+    return np.asarray(small.resize(size, Image.Resampling.NEAREST))
+
+
+class Painter:
+    """Composes frames of panels of known sizes, a header above them.
+
+    Args:
+        sizes: name -> (width, height) of the panels, from left to right.
+    """
+
+    def __init__(self, sizes: Mapping[str, tuple[int, int]]) -> None:
+        self._sizes = dict(sizes)
+        width = sum(size[0] for size in sizes.values()) + _GAP * (len(sizes) - 1)
+        height = max(size[1] for size in sizes.values()) + _HEADER
+        self.width, self.height = width + width % 2, height + height % 2
+        self._blank = Image.new("RGB", (self.width, self.height), _BACKGROUND)
+
+    def frame(self, panels: Mapping[str, Picture], title: str, text: str) -> Picture:
+        """Return a frame, (height, width, 3); both are even, as video codecs want it.
+
+        Args:
+            panels: name -> picture.
+            title: Left part of the header.
+            text: Right part of the header.
+        """
+        image = self._blank.copy()
+        draw = ImageDraw.Draw(image)
+        draw.text((12, _HEADER // 2), title, _INK, _font(20), anchor="lm")
+        draw.text((self.width - 12, _HEADER // 2), text, _INK, _font(20), anchor="rm")
+        left = 0
+        for name, (width, _) in self._sizes.items():
+            image.paste(Image.fromarray(np.ascontiguousarray(panels[name])), (left, _HEADER))
+            _label(draw, _LABELS.get(name, name), left + 8, _HEADER + 8)
+            left += width + _GAP
+        return np.asarray(image)
+
+
+def compose(panels: Mapping[str, Picture], title: str, text: str) -> Picture:
+    """Return one frame of panels of whatever size; see :meth:`Painter.frame`."""
+    sizes = {name: (picture.shape[1], picture.shape[0]) for name, picture in panels.items()}
+    return Painter(sizes).frame(panels, title, text)
+
+
+def score_text(
+    facts: GameFacts,
+    log: Mapping[str, float],
+    seconds: float,
+    total_return: float | None = None,
+) -> str:
+    """Return the header's numbers: ``Hits 3   Misses 1   return 12.3   t  4.5 s``.
+
+    Args:
+        facts: What the game publishes.
+        log: The game's log now.
+        seconds: Since the round's start.
+        total_return: The user's return so far.
+    """
+    parts = [
+        f"{measure.label.partition(' (')[0]} {_short(log[measure.log_key])}{_unit(measure)}"
+        for measure in facts.with_log(log).counters
+        if measure.log_key in log
+    ]
+    if total_return is not None:
+        parts.append(f"return {total_return:.1f}")
+    return "   ".join([*parts, f"t {seconds:4.1f} s"])
+
+
+def _short(value: float) -> str:
+    return f"{value:.0f}" if value == round(value) else f"{value:.2f}"
+
+
+def _unit(measure: Measure) -> str:
+    return f" {measure.unit}" if measure.unit else ""
+
+
+def _label(draw: ImageDraw.ImageDraw, text: str, x: int, y: int) -> None:
+    box: Sequence[float] = draw.textbbox((x, y), text, _font(15))
+    draw.rectangle((box[0] - 5, box[1] - 4, box[2] + 5, box[3] + 4), fill=_BACKGROUND)
+    draw.text((x, y), text, _FAINT, _font(15))
+
+
+@lru_cache
+def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    return ImageFont.load_default(size)
+
+
+class Film:
+    """An MP4 file (H.264, yuv420p) that appears under its name when it is complete.
+
+    Args:
+        path: The file.
+        width: Even number of pixels.
+        height: Even number of pixels.
+        fps: Frames per second.
+
+    Raises:
+        RuntimeError: ffmpeg cannot be started.
+    """
+
+    def __init__(self, path: Path, width: int, height: int, fps: float) -> None:
+        import imageio_ffmpeg
+
+        self.path = path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        for abandoned in path.parent.glob(f".{path.stem}.*.mp4"):
+            abandoned.unlink()
+        self._temporary = path.with_name(f".{path.stem}.{os.getpid()}.mp4")
+        self._writer: Any = imageio_ffmpeg.write_frames(
+            str(self._temporary),
+            (width, height),
+            fps=fps,
+            codec="libx264",
+            pix_fmt_out="yuv420p",
+            macro_block_size=2,
+            quality=None,
+            output_params=["-crf", "20", "-preset", "veryfast", "-movflags", "+faststart"],
+        )
+        self._writer.send(None)
+
+    def add(self, frame: NDArray[np.uint8]) -> None:
+        """Append a frame, (height, width, 3)."""
+        self._writer.send(np.ascontiguousarray(frame))
+
+    def finish(self) -> Path:
+        """Close the file and give it its name."""
+        self._writer.close()
+        self._temporary.replace(self.path)
+        return self.path
+
+    def discard(self) -> None:
+        """Close and delete the file."""
+        self._writer.close()
+        self._temporary.unlink(missing_ok=True)
+
+
+class RoundFilmer(Watcher):
+    """A watcher that films the first rounds of every condition.
+
+    Args:
+        folder: Where ``<condition>_<episode>.mp4`` goes.
+        facts: What the game publishes, for the numbers in the header.
+        rounds: How many rounds per condition.
+        seconds: The longest film, game time; None: the whole round.
+    """
+
+    def __init__(
+        self, folder: Path, facts: GameFacts, rounds: int = 1, seconds: float | None = None
+    ) -> None:
+        self._folder, self._facts = folder, facts
+        self._rounds, self._seconds = rounds, seconds
+        self._films: dict[int, Film] = {}
+        self._panels: Panels | None = None
+        self.files: list[Path] = []
+
+    def started(self, simulation: Any, jobs: Sequence[Job]) -> None:
+        """Open a film for every round to record."""
+        self.close()
+        self._simulation, self._jobs = simulation, jobs
+        self._steps = 0
+        self._returns = np.zeros(len(jobs))
+        chosen = [i for i, job in enumerate(jobs) if job.episode < self._rounds]
+        if not chosen:
+            return
+        self._panels = Panels(simulation)
+        self._painter = Painter(self._panels.sizes)
+        size = (self._painter.width, self._painter.height)
+        for i in chosen:
+            file = self._folder / f"{jobs[i].condition}_{jobs[i].episode}.mp4"
+            self._films[i] = Film(file, *size, simulation.config.action_frequency_hz)
+
+    def stepped(self, reward: NDArray, infos: Sequence[Mapping[str, Any]]) -> None:
+        """Draw a frame of every filmed round."""
+        self._steps += 1
+        self._returns += reward
+        if self._panels is None:
+            return
+        seconds = self._steps / self._simulation.config.action_frequency_hz
+        for i, film in list(self._films.items()):
+            if infos[i].get("termination") == "app_failed":
+                continue  # there is no app to draw the frame
+            text = score_text(
+                self._facts, infos[i].get("log", {}), seconds, float(self._returns[i])
+            )
+            film.add(self._painter.frame(self._panels.draw(i), self._jobs[i].condition, text))
+            if self._seconds is not None and seconds >= self._seconds:
+                self.files.append(self._films.pop(i).finish())
+
+    def ended(self, index: int, result: Round) -> None:
+        """Finish the film of a round; a round whose app failed leaves none."""
+        film = self._films.pop(index, None)
+        if film is None:
+            return
+        if result.ended == "app_failed":
+            film.discard()
+        else:
+            self.files.append(film.finish())
+
+    def close(self) -> None:
+        """Delete what was not finished and free the drawing context."""
+        for film in self._films.values():
+            film.discard()
+        self._films = {}
+        if self._panels is not None:
+            self._panels.close()
+            self._panels = None
+
+
+_COUNTDOWN_NS = 500_000_000
+"""A longer first frame is the time before play; the film begins behind it."""
+
+_HITS = ("hit", "target_hit")
+
+
+class ReplayFilm:
+    """Where the films of replayed rounds go, and what they look like.
+
+    Args:
+        path: The MP4 file; of several rounds, each gets its name between stem and suffix.
+        size: (width, height) of each view, pixels.
+        fps: Pictures per second of game time.
+        on_progress: Told the filmed share of a round, 0 to 1.
+
+    Raises:
+        InputError: The path is no ``.mp4`` file, or a silly frame rate.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        size: tuple[int, int] = (640, 480),
+        fps: float = 30.0,
+        on_progress: Callable[[float], None] = lambda share: None,
+    ) -> None:
+        if path.suffix.lower() != ".mp4":
+            raise InputError("--video", str(path), "a file name that ends in .mp4")
+        if not 1.0 <= fps <= 240.0:
+            raise InputError("--fps", f"{fps:g}", "1 to 240")
+        self.size, self.fps, self.progress = size, fps, on_progress
+        self.files: list[Path] = []
+        self._path = path
+
+    def round(self, session: Session, name: str, game: str, *, only: bool) -> RoundFilm:
+        """Start the film of a round in a game or app; ``only``: there is no other one."""
+        path = self._path
+        if not only:
+            path = path.with_stem(f"{path.stem}-{name.replace('/', '-')}")
+        return RoundFilm(path, session, name, game, self)
+
+
+class RoundFilm:
+    """The film of one round: a context that keeps the file only when the round went through."""
+
+    def __init__(
+        self, path: Path, session: Session, name: str, game: str, films: ReplayFilm
+    ) -> None:
+        self._path, self._facts, self._films = path, facts_of_outside(game), films
+        times_ns = session.time_ns
+        self._first = int(len(times_ns) > 1 and times_ns[1] - times_ns[0] >= _COUNTDOWN_NS)
+        self._times_ns = times_ns - times_ns[self._first]
+        hits_ns = [each.time_ns for each in session.events if each.kind in _HITS]
+        self._hits_ns = np.array(hits_ns, dtype=np.int64) - times_ns[self._first]
+        self._title = ": ".join(part for part in (name, session.app.condition) if part)
+        self._film: Film | None = None
+        self._pictures = 0
+
+    def __enter__(self) -> RoundFilm:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if self._film is None:
+            return
+        if kind is None:
+            self._films.files.append(self._film.finish())
+        else:
+            self._film.discard()
+
+    def watch(self, app: AppClient, i: int, reply: AppReply) -> None:
+        """Show frame i for as long as it was there, from the first frame of play on."""
+        if i < self._first:
+            return
+        last = i + 1 == len(self._times_ns)
+        until_ns = int(self._times_ns[i]) + 1 if last else int(self._times_ns[i + 1])
+        due = int(np.ceil(until_ns / 1e9 * self._films.fps - 1e-9))
+        if due <= self._pictures:
+            return
+        picture = self._picture(app, int(self._times_ns[i]), reply)
+        if self._film is None:
+            height, width = picture.shape[:2]
+            self._film = Film(self._path, width, height, self._films.fps)
+        for _ in range(due - self._pictures):
+            self._film.add(picture)
+        self._pictures = due
+        self._films.progress((i + 1) / len(self._times_ns))
+
+    def _picture(self, app: AppClient, time_ns: int, reply: AppReply) -> np.ndarray:
+        size, title = self._films.size, self._title
+        panels = {"headset": headset_view(app, size)}
+        if "views" in app.capabilities:
+            panels["game"] = app.render_third_person(*size, view="spectator")[..., :3]
+        if len(self._hits_ns):
+            title += f", {np.count_nonzero(self._hits_ns <= time_ns)} hits recorded"
+        text = score_text(self._facts, reply.log, time_ns / 1e9)
+        return Painter(dict.fromkeys(panels, size)).frame(panels, title, text)

@@ -1,0 +1,257 @@
+"""``sim2vr-harness render``: pictures of a game, and films of users who play the same round."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.files import naming
+from sim2vr_harness.client import AppDied
+from sim2vr_harness.envs.config import VisionConfig
+from sim2vr_harness.envs.games import game_facts, with_condition
+from sim2vr_harness.play.environment import make_simulation
+from sim2vr_harness.play.film import BodyPainter, Film, Painter, Picture, compose, score_text
+from sim2vr_harness.play.player import Job, Player
+from sim2vr_harness.play.users import SimulatedUser
+
+_VIEW = (480, 360)
+"""Width and height of each of the two pictures of a user in a comparison."""
+_MOST = 4
+
+
+def parse_size(text: str, largest: tuple[int, int] = (1280, 960)) -> tuple[int, int]:
+    """Return (width, height) of ``WIDTHxHEIGHT``, 16x16 to ``largest``.
+
+    Raises:
+        InputError: It is something else, or out of range.
+    """
+    width, _, height = text.lower().partition("x")
+    if not (width.isdigit() and height.isdigit()):
+        raise InputError("--size", repr(text), "WIDTHxHEIGHT in pixels, for example 640x480")
+    size = int(width), int(height)
+    if not (16 <= size[0] <= largest[0] and 16 <= size[1] <= largest[1]):
+        raise InputError("--size", repr(text), f"16x16 to {largest[0]}x{largest[1]}")
+    return size
+
+
+def snapshot(
+    out: Path,
+    *,
+    user: str | Path = "still",
+    condition: str | None = None,
+    size: tuple[int, int] = (640, 480),
+    seconds: float = 2.0,
+    seed: int = 1,
+    game: str | None = None,
+    app: Mapping[str, Any] | None = None,
+    overrides: Sequence[str] = (),
+    trust_app: bool = False,
+    simulation: Callable[..., Any] = make_simulation,
+) -> list[Path]:
+    """Play a little and write what it looks like.
+
+    Args:
+        out: Folder for ``headset.png``, ``third_person.png``, ``recorder.png``, ``body.png``, the
+            user's own image ``observation.png`` (colour left, depth right) and ``overview.png``.
+        user: Who plays, as of :meth:`SimulatedUser.find`.
+        condition: The game's condition; None leaves it at its default.
+        size: (width, height) of the pictures, pixels.
+        seconds: How long to play first.
+        game: The game; None takes the user's.
+        app: Settings that replace those of ``env.app``, for example a page.
+        overrides: ``env.KEY=VALUE``, what else is different.
+        trust_app: Whether the app that the user names may be started, though you never have.
+
+    Raises:
+        InputError: A number or the user cannot be used.
+        ValueError: The game does not know the condition.
+    """
+    if not 0.0 <= seconds <= 60.0:
+        raise InputError("--seconds", str(seconds), "0 to 60")
+    if out.exists() and not out.is_dir():
+        raise InputError("--out", f"{str(out)!r}, which is a file", "a folder")
+    who = SimulatedUser.find(user)
+    config = who.env(app, overrides, game=game, trust_app=trust_app)
+    who.require_contract(config)
+    facts = game_facts(config.app)
+    title = f"{facts.name} {condition or facts.condition_of(config.app.options)}".strip()
+    config = with_condition(config, condition)
+    jobs, moves = [Job("", 0, seed)], []
+    with closing(simulation(config, 1)) as users:
+        policy, _ = who.policy(users, facts)
+        mean = who.config.evaluation.deterministic
+        player = Player(users, policy, facts, deterministic=mean)
+        player.begin(jobs)
+        for outcome in islice(player.steps(), round(seconds * config.action_frequency_hz)):
+            moves.append(player.actions[0])
+            if "app_error" in outcome.infos[0]:
+                raise AppDied(outcome.infos[0]["app_error"])
+        pictures = _draw(users, size)
+    if "headset" not in pictures:  # an app that draws no views, such as a page, is played again
+        vision = VisionConfig(width=size[0], height=size[1], channels=config.vision.channels)
+        with closing(simulation(config.model_copy(update={"vision": vision}), 1)) as users:
+            replayed = iter(moves)
+            again = Player(users, lambda *_: next(replayed), facts)
+            again.begin(jobs)
+            for _ in islice(again.steps(), len(moves)):
+                pass
+            pictures["headset"] = users.apps[0].image[..., :3].copy()
+    text = score_text(facts, player.logs[0], player.seconds, player.returns[0])
+    panels = {"play": pictures["body"], "headset": pictures["headset"]}
+    out.mkdir(parents=True, exist_ok=True)
+    files = []
+    for name, picture in {**pictures, "overview": compose(panels, title, text)}.items():
+        file = out / f"{name}.png"
+        with naming(file):
+            Image.fromarray(np.ascontiguousarray(picture)).save(file)
+        files.append(file)
+    return files
+
+
+def _draw(users: Any, size: tuple[int, int]) -> dict[str, Any]:
+    app = users.apps[0]
+    with closing(BodyPainter(users, *size)) as painter:
+        body = painter.draw(0)
+    vision = users.config.vision
+    views = "views" in app.capabilities
+    if views:
+        own = app.render_headset(*vision.drawn)
+    else:  # two eyes (2, H, W, 4) beside each other
+        own = app.image if app.image.ndim == 3 else np.concatenate(list(app.image), axis=1)
+    depth = np.repeat(own[..., 3:], 3, axis=2)
+    if not views:
+        return {"body": body, "observation": np.concatenate([own[..., :3], depth], axis=1)}
+    return {
+        "headset": app.render_headset(*size)[..., :3],
+        "third_person": app.render_third_person(*size, view="spectator")[..., :3],
+        "recorder": app.render_third_person(*size, view="recorder")[..., :3],
+        "body": body,
+        "observation": np.concatenate([own[..., :3], depth], axis=1),
+    }
+
+
+class _Seat:
+    """A user at play, and what one sees of it."""
+
+    def __init__(
+        self,
+        run: str | Path,
+        condition: str | None,
+        seed: int,
+        stack: ExitStack,
+        simulation: Callable[..., Any],
+        *,
+        trust_app: bool,
+    ) -> None:
+        user = SimulatedUser.find(run)
+        config = user.env(trust_app=trust_app)
+        user.require_contract(config)
+        self.facts = game_facts(config.app)
+        self.condition = condition or self.facts.condition_of(config.app.options)
+        try:
+            config = with_condition(config, condition)
+        except ValueError as error:
+            got, _, expected = str(error).partition(": got ")[2].partition(", expected ")
+            raise InputError("--condition", got, expected) from error
+        self.name = user.name
+        self.frequency_hz = config.action_frequency_hz
+        self._users = stack.enter_context(closing(simulation(config, 1)))
+        if "views" not in self._users.apps[0].capabilities:
+            got = f"{str(run)!r}, whose app draws no views"
+            raise InputError("RUN", got, "users of an app that does")
+        policy, _ = user.policy(self._users, self.facts)
+        mean = user.config.evaluation.deterministic
+        self._player = Player(self._users, policy, self.facts, deterministic=mean)
+        self._player.begin([Job("", 0, seed)])
+        self.steps: Iterator[Any] = self._player.steps()
+        self._body = stack.enter_context(closing(BodyPainter(self._users, *_VIEW, fast=True)))
+
+    def picture(self) -> Picture:
+        """The body in its game above the headset view; how it stands between them."""
+        headset = self._users.apps[0].render_headset(*_VIEW)[..., :3]
+        player = self._player
+        text = score_text(self.facts, player.logs[0], player.seconds, player.returns[0])
+        line = Image.new("RGB", (_VIEW[0], 28), (24, 26, 30))
+        ImageDraw.Draw(line).text(
+            (8, 14), text, (236, 236, 236), ImageFont.load_default(15), anchor="lm"
+        )
+        return np.concatenate([self._body.draw(0), np.asarray(line), np.ascontiguousarray(headset)])
+
+
+def film_comparison(
+    runs: Sequence[str | Path],
+    out: Path,
+    *,
+    condition: str | None = None,
+    seed: int = 1,
+    seconds: float = 60.0,
+    trust_app: bool = False,
+    simulation: Callable[..., Any] = make_simulation,
+    on_progress: Callable[[float], None] = lambda share: None,
+) -> Path:
+    """Let users play a round of the same condition and seed, and film them in one video.
+
+    Who is done first stands still until the last one is.
+
+    Args:
+        runs: Users, at most four, as of :meth:`SimulatedUser.find`; from left to right.
+        out: The MP4 file.
+        condition: The game's condition; None leaves each user its training's.
+        seed: Of bodies, policies and games.
+        seconds: To film at most.
+        trust_app: Whether apps that the runs name may be started, though these users never have.
+        simulation: How to make a user: (EnvConfig, n) -> simulation.
+        on_progress: Called with the share of the seconds filmed.
+
+    Raises:
+        InputError: A run, a condition, a number or the file cannot be used.
+    """
+    if out.suffix.lower() != ".mp4":
+        raise InputError("--out", repr(str(out)), "a file name that ends in .mp4")
+    if not 1 <= len(runs) <= _MOST:
+        raise InputError("RUN", f"{len(runs)} users", f"1 to {_MOST}")
+    if not 0.0 < seconds <= 3600.0:
+        raise InputError("--seconds", f"{seconds:g}", "more than 0, at most 3600")
+    if not 0 <= seed < 2**31:
+        raise InputError("--seed", str(seed), "0 to 2147483647")
+    with ExitStack() as stack:
+        seats = [
+            _Seat(run, condition, seed, stack, simulation, trust_app=trust_app) for run in runs
+        ]
+        rates = {seat.frequency_hz for seat in seats}
+        if len(rates) > 1:
+            got = f"users of {', '.join(f'{rate:g}' for rate in sorted(rates))} Hz"
+            raise InputError("RUN", got, "users who act equally often")
+        steps = round(seconds * rates.pop())
+        title = f"{seats[0].facts.name} {seats[0].condition}".strip()
+        # The same user may be there twice.
+        names = [f"{place}  {seat.name}" for place, seat in enumerate(seats, start=1)]
+        pictures: dict[str, Picture] = {}
+        painter: Painter | None = None
+        film: Film | None = None
+        try:
+            for step in range(steps):
+                moving = [seat for seat in seats if next(seat.steps, None) is not None]
+                if not moving:
+                    break
+                for name, seat in zip(names, seats, strict=True):
+                    if seat in moving:
+                        pictures[name] = seat.picture()
+                if film is None or painter is None:
+                    painter = Painter({n: (p.shape[1], p.shape[0]) for n, p in pictures.items()})
+                    film = Film(out, painter.width, painter.height, seats[0].frequency_hz)
+                film.add(painter.frame(pictures, title, f"seed {seed}"))
+                on_progress((step + 1) / steps)
+        except BaseException:
+            if film is not None:
+                film.discard()
+            raise
+    assert film is not None
+    return film.finish()

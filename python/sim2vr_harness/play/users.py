@@ -1,0 +1,197 @@
+"""Who plays: a trained user, or one that needs no training."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from sim2vr_harness.client import GameFacts, Measure, TaskedApp
+from sim2vr_harness.client.tasks.events import EVENT_VALUE
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.games import with_game, without_training
+from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.play.environment import as_overrides, evaluation_env
+from sim2vr_harness.play.player import Watcher, reward_per_minute
+from sim2vr_harness.play.round import Round
+from sim2vr_harness.policies.protocol import Policy
+from sim2vr_harness.policies.registry import load_policy
+from sim2vr_harness.policies.scripted import (
+    ScriptedPolicy,
+    is_script,
+    read_steps,
+    scripted_policy,
+    with_inputs,
+)
+from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
+from sim2vr_harness.runs.config import TrainingConfig, load_config
+
+_UNTRAINED = "webxr"
+"""Configuration of users without training."""
+
+STEP_MEASURES = (
+    Measure("steps_done", "Steps done", better="higher", digits=0),
+    Measure("steps_failed", "Steps not done", better="lower", digits=0),
+)
+"""Of a script; steps that were not begun count as not done."""
+
+BASELINE_S = 6.0
+"""How long users are idle, and then move at random, to compare with: a few targets of a game."""
+_COMPARED = 8
+"""Users that are idle and that move at random where doing nothing is judged."""
+
+
+@dataclass(frozen=True)
+class SimulatedUser:
+    """Who plays.
+
+    Attributes:
+        name: Of a run the folder and the checkpoint; of a user without training what it was
+            called by.
+        source: As it was named.
+        config: Of its training; of a user without training the configuration ``webxr``.
+        trained: Its weights; None: it needs no training.
+    """
+
+    name: str
+    source: str | Path
+    config: TrainingConfig
+    trained: TrainedUser | None = None
+
+    @classmethod
+    def find(cls, who: str | Path) -> SimulatedUser:
+        """Return the user of a name: as of :func:`find_user`, ``still``, ``random`` or a script.
+
+        Raises:
+            InputError: There is no such user, or its script has another form.
+        """
+        text = str(who)
+        if is_script(text):
+            read_steps(text)
+        if is_script(text) or text in ("still", "random"):
+            return cls(text, text, load_config(_UNTRAINED, ["evaluation.episodes=2"]))
+        trained = find_user(who, code=True)
+        return cls(name_of(trained), who, trained.config, trained)
+
+    def env(
+        self,
+        app: Mapping[str, Any] | None = None,
+        overrides: Sequence[str] = (),
+        *,
+        game: str | None = None,
+        trust_app: bool = False,
+    ) -> EnvConfig:
+        """Return the environment that it plays in; see :func:`.evaluation_env`.
+
+        Args:
+            app: Settings that replace those of ``env.app``.
+            overrides: ``env.KEY=VALUE``, what else is different.
+            game: Another game than the configuration's.
+            trust_app: Whether the app that the user names may be started, though you never have.
+        """
+        if self.trained is not None:
+            source = self.source
+            env = evaluation_env(self.config, app, overrides, source=source, trust_app=trust_app)
+            return with_game(env, game)
+        # Read as one: what is not set follows from the app and its task.
+        env = load_config(_UNTRAINED, [*overrides, *as_overrides(app or {})]).env
+        return with_inputs(without_training(with_game(env, game), overrides), self.name)
+
+    def require_contract(self, env: EnvConfig) -> None:
+        """Refuse an environment that it cannot play in; without training it plays in any.
+
+        Raises:
+            InputError: It senses or acts otherwise than in its training.
+        """
+        if self.trained is not None:
+            require_contract(self.trained, env)
+
+    def facts(self, facts: GameFacts) -> GameFacts:
+        """Return what a game publishes, with the measures of a script if the user follows one."""
+        if self.trained is not None or not is_script(self.name):
+            return facts
+        return replace(facts, measures=(*facts.measures, *STEP_MEASURES))
+
+    def policy(self, simulation: Any, facts: GameFacts) -> tuple[Policy, int]:
+        """Return what acts for the users of a simulation, and the user steps of its training.
+
+        Args:
+            simulation: In its environment.
+            facts: What the game publishes.
+        """
+        if self.trained is not None:
+            spaces = simulation.observation_space, simulation.action_space
+            return load_policy(self.trained, *spaces)
+        if not is_script(self.name):
+            return scripted_policy(self.name, simulation), 0
+        app = simulation.apps[0]
+        watched = {key for one in facts.scalars for key in (one.log_key, one.rate_with) if key}
+        if isinstance(app, TaskedApp):
+            watched |= {name for name in app.task.values if not name.startswith(EVENT_VALUE)}
+        return _Script(simulation, read_steps(self.name), watched), 0
+
+
+def name_of(user: TrainedUser) -> str:
+    """Return a packed user's name, or the run's and the checkpoint's."""
+    if "name" in user.card:
+        return str(user.card["name"])
+    return f"{Path(os.path.realpath(user.source)).parents[1].name}/{user.source.stem}"
+
+
+class _Script(ScriptedPolicy, Watcher):
+    """A script that adds to each round what its steps did."""
+
+    def measured(self, index: int, result: Round) -> Round:
+        """Add the outcomes of the steps, and how many were done."""
+        steps = self.episodes[index].ended()
+        done = float(sum(step.done for step in steps))
+        counts = {"steps_done": done, "steps_failed": len(steps) - done}
+        return replace(result.with_values(counts), script=tuple(steps))
+
+
+def baseline_reward(simulation: Any, user: str, seed: int) -> tuple[float, float]:
+    """Let all users play for :data:`BASELINE_S` without training.
+
+    Args:
+        simulation: Of the users; it is reset.
+        user: ``still`` or ``random``.
+        seed: Of the first user's round.
+
+    Returns:
+        Mean reward of the app and mean cost of effort, both per minute.
+    """
+    policy, seeds = scripted_policy(user, simulation), range(seed, seed + simulation.n)
+    steps = round(BASELINE_S * simulation.config.action_frequency_hz)
+    return reward_per_minute(simulation, policy, seeds, steps, deterministic=False)
+
+
+def doing_nothing_pays(env: EnvConfig) -> str | None:
+    """Return a sentence if an app pays idle users more than ones that move at random, else None.
+
+    The cost of effort does not decide: random activation of all muscles costs more than any
+    strategy that a user learns. Apps that are not of this package are not started for this: None.
+    """
+    app = env.app
+    if app.connect is not None or app.executable is not None or app.page is not None:
+        return None
+    blind = env.model_copy(update={"app": app.model_copy(update={"renderer": "null"})})
+    with closing(Simulation(blind, _COMPARED)) as simulation:
+        idle, random = (baseline_reward(simulation, user, 1) for user in ("still", "random"))
+    return note_of_baselines(idle, random)
+
+
+def note_of_baselines(idle: tuple[float, float], random: tuple[float, float]) -> str | None:
+    """Return a sentence if idle users earn more than ones that move at random, else None.
+
+    Args:
+        idle, random: Their rewards and efforts, as of :func:`baseline_reward`.
+    """
+    if idle[0] <= random[0]:
+        return None
+    return (
+        f"doing nothing pays: an idle user earns {idle[0]:.2f} per minute (effort {idle[1]:.2f}), "
+        f"a user that moves at random {random[0]:.2f} (effort {random[1]:.2f})"
+    )

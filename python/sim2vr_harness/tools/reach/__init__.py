@@ -1,1 +1,0 @@
-"""Reachable workspace of a user, and the targets within it."""

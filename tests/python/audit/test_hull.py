@@ -1,0 +1,247 @@
+"""How far users reach, against geometry worked out by hand."""
+
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim2vr_harness.audit import hull
+from sim2vr_harness.audit.hull import Measured, Reach, chosen_point, measure, people_margins
+from sim2vr_harness.audit.targets import (
+    Target,
+    _Rest,
+    alike,
+    listed_targets,
+    seen_targets,
+    tool_point,
+)
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.client import AppScene, DevicePoses, InProcessApp
+from sim2vr_harness.client.frames import position_to_app
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.people_preset import with_people
+from sim2vr_harness.tools.users import environment_of
+from sim2vr_harness.users import Body, BodyPlan, PeopleSettings, Population, SpecBody, load_body
+from sim2vr_harness.users.kinematics.forward import Linkage, Point
+
+UPPER, LOWER, BENT = 0.30, 0.25, 2.0 * np.pi / 3.0
+FAR = UPPER + LOWER
+NEAR = np.sqrt(UPPER**2 + LOWER**2 + 2.0 * UPPER * LOWER * np.cos(BENT))
+"""Of an arm that turns about its shoulder every way, with an elbow that bends by 120 degrees."""
+
+
+def ball_arm() -> Body:
+    """Two rods from a shoulder 1 m up; the tip is drawn 5 cm below the site ``grip``."""
+
+    def build(_appearance: bool) -> mujoco.MjSpec:
+        return mujoco.MjSpec.from_string(f"""
+            <mujoco><compiler angle="radian"/><worldbody>
+              <body name="upper" pos="0 0 1">
+                <joint name="yaw" axis="0 0 1" range="-3.15 3.15" limited="true"/>
+                <joint name="pitch" axis="0 1 0" range="-3.15 3.15" limited="true"/>
+                <geom type="capsule" fromto="0 0 0 {UPPER} 0 0" size=".02"/>
+                <body name="lower" pos="{UPPER} 0 0">
+                  <joint name="elbow" axis="0 1 0" range="0 {BENT}" limited="true"/>
+                  <geom type="capsule" fromto="0 0 0 {LOWER} 0 0" size=".02"/>
+                  <site name="grip" pos="{LOWER} 0 0"/>
+                </body>
+              </body>
+            </worldbody></mujoco>""")
+
+    return SpecBody(BodyPlan("ball_arm", (), (), ("grip",), 0.002), build)
+
+
+@pytest.fixture(scope="module")
+def reach() -> Reach:
+    return Reach(Linkage(ball_arm(), Point("grip")))
+
+
+def test_extent_and_volume_are_those_of_a_shell(reach: Reach) -> None:
+    low, high = reach.extent()
+    np.testing.assert_allclose(high, [FAR, FAR, 1.0 + FAR], atol=1e-3)
+    np.testing.assert_allclose(low, [-FAR, -FAR, 1.0 - FAR], atol=1e-3)
+    volume = reach.fill(0.05)
+    litres = 4000.0 / 3.0 * np.pi * (FAR**3 - NEAR**3)
+    assert volume.litres == pytest.approx(litres, rel=0.02)
+    middle = np.rint((np.array([0.0, 0.0, 1.0]) - volume.low_m) / 0.05).astype(int)
+    assert not volume.reached[tuple(middle)], "too near to the shoulder for this elbow"
+    vertices, triangles = hull.shell(volume)
+    radii = np.linalg.norm(vertices - [0.0, 0.0, 1.0], axis=1)
+    assert NEAR - 0.05 < radii.min() < NEAR + 0.02
+    assert FAR - 0.03 < radii.max() < FAR + 0.04
+    a, b, c = vertices[triangles].transpose(1, 0, 2)
+    outwards = np.einsum("tx,tx->t", np.cross(b - a, c - a), a - [0.0, 0.0, 1.0])
+    outer = np.linalg.norm(a - [0.0, 0.0, 1.0], axis=1) > 0.45
+    assert (outwards[outer] > 0.0).mean() > 0.99, "fronts are outside"
+
+
+def test_margins_are_distances_to_the_shell_s_two_sides(reach: Reach) -> None:
+    expected = {
+        0.45: FAR - 0.45,  # nearer to the outer side
+        0.33: 0.33 - NEAR,  # nearer to the inner one
+        0.62: -0.07,
+        0.20: -(NEAR - 0.20),
+    }
+    way = np.array([0.6, 0.64, 0.48])
+    verdicts = reach.judge(np.array([[0.0, 0.0, 1.0] + radius * way for radius in expected]))
+    found = [verdict.margin_m for verdict in verdicts]
+    np.testing.assert_allclose(found, list(expected.values()), atol=2e-3)
+    assert [verdict.inside for verdict in verdicts] == [True, True, False, False]
+    np.testing.assert_allclose(verdicts[2].nearest_m, [0.0, 0.0, 1.0] + FAR * way, atol=1e-3)
+
+
+def test_a_tool_is_part_of_the_arm() -> None:
+    longer = Linkage(ball_arm(), Point("grip", (0.1, 0.0, 0.0)))
+    (verdict,) = Reach(longer).judge(np.array([[0.62, 0.0, 1.0]]))
+    assert verdict.margin_m == pytest.approx(0.03, abs=3e-3)
+    with pytest.raises(InputError, match="--point: got 'world'"):
+        measure(ball_arm(), Point("world"))
+    with pytest.raises(InputError, match="did you mean 'grip'"):
+        chosen_point(ball_arm(), "grp")
+
+
+def test_targets_by_hand_from_files_and_from_logs(tmp_path: Path) -> None:
+    file, log = tmp_path / "t.yaml", tmp_path / "events.csv"
+    file.write_text("targets: [{name: sign, place: [0, 0.1, 4], relative_to: head, how: look}]")
+    cup, sign = listed_targets(["cup=0.2,1.1,0.45", str(file)])
+    assert (cup.name, cup.from_head, sign.from_head, sign.how) == ("cup", False, True, "look")
+    np.testing.assert_array_equal(cup.place_m, [0.2, 1.1, 0.45])
+    for text in ("1,2", "a,b,c", "x=1,2,nan", "nowhere.yaml"):
+        with pytest.raises(InputError, match=r"^--targets: got .*, expected .*RIGHT,UP,AHEAD"):
+            listed_targets([text])
+    grid = listed_targets([str(Path(__file__).parents[2] / "data" / "whacamole_round")])
+    assert len(grid) == 9
+    np.testing.assert_array_equal(grid[0].place_m, [0.025, 1.225, 0.4])
+    half = np.sqrt(0.5)
+    log.write_text(
+        f"0, target plane transform 0.1 1.0 0.5 0 {half} 0 {half}\n"
+        "0, target_spawn, target ID 0, grid ID 3, block 0, trial 0, center 0.2 0.1\n"
+        "1, target_spawn, target ID 1, grid ID 3, block 0, trial 1, center 0.2 0.1\n"
+    )
+    (target,) = listed_targets([str(log)])
+    # A quarter turn about the vertical takes right to backwards (left-handed: z to x, x to -z).
+    np.testing.assert_allclose(target.place_m, [0.1, 1.1, 0.3], atol=1e-12)
+    log.write_text("0, game options {}\n")
+    with pytest.raises(InputError, match=r"^--targets: got .*says of no target where it is"):
+        listed_targets([str(log)])
+
+
+def test_a_game_s_tool_lies_in_the_hand() -> None:
+    head = np.array([0.0, 1.2, 0.0, 0.0, 0.0, 0.0, 1.0])
+    turn = np.array([0.1, 0.2, 0.3, 0.9]) / np.linalg.norm([0.1, 0.2, 0.3, 0.9])
+    offsets = []
+    for pose in (np.array([0.3, 1.0, 0.3, 0, 0, 0, 1.0]), np.array([0.1, 0.9, 0.2, *turn])):
+        with InProcessApp("pointing", renderer="null") as app:
+            app.reset(1, DevicePoses(head, pose))
+            scene: AppScene = app.scene()
+        point = tool_point(scene, "Tip")
+        assert point.part == "controller_right"
+        offsets.append(point.offset_m)
+        (tip,) = scene.named("Tip")
+        if pose[6] == 1.0:  # unturned: the offset is the difference, in the app's frame
+            np.testing.assert_allclose(
+                position_to_app(point.offset_m), tip.pose[:3] - pose[:3], atol=1e-6
+            )
+    np.testing.assert_allclose(offsets[0], offsets[1], atol=1e-6)
+    with pytest.raises(InputError, match=r"^--tool: got 'Hammer', which 0 objects .*/Tip'"):
+        tool_point(scene, "Hammer")
+
+
+@pytest.fixture(scope="module")
+def found(reach: Reach) -> Measured:
+    targets = (
+        Target("near", np.array([0.0, 1.0, 0.45])),
+        Target("<far>", np.array([0.0, 1.0, 0.62])),
+    )
+    point = Point("grip")
+    people = np.array([[0.031, np.nan], [-0.025, np.nan], [0.2, np.nan]])
+    return measure(ball_arm(), point, targets, people, cell_m=0.1)
+
+
+def test_tables_and_page(found: Measured, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("plotly")
+    monkeypatch.setattr(hull, "write_picture", lambda found, file: file)
+    written = [file.name for file in hull.write(found, tmp_path)]
+    assert written == ["targets.csv", "hull.csv", "hull.html", "hull.png"]
+    with (tmp_path / "targets.csv").open() as table:
+        near, far = csv.DictReader(table)
+    assert (near["inside"], far["inside"]) == ("1", "0")
+    assert float(far["margin_cm"]) == pytest.approx(-7.0, abs=0.1)
+    assert float(near["margin_cm"]) == pytest.approx(10.0, abs=0.2)
+    assert float(far["nearest_ahead_m"]) == pytest.approx(FAR, abs=1e-3)
+    text = (tmp_path / "hull.html").read_text()
+    assert "1 of 2 targets cannot be reached" in text
+    assert "&lt;far&gt;" in text
+    assert "outside by 7.0 cm" in text
+    assert not re.search(r"<(script|link)[^>]*\b(src|href)=", text), "opens without a network"
+    lines = hull.told(found)
+    assert lines[4:] == [
+        "  near: inside, 10.1 cm to spare; 2 of 3 people, at worst outside by 2.5 cm",
+        "  <far>: outside by 7.0 cm; in no round of people",
+    ]
+
+
+def test_a_game_s_places_are_the_same_for_everybody() -> None:
+    """Whac-A-Mole has a grid of 3 x 3, placed by the head, which people hold elsewhere."""
+    env = environment_of("pretrained:whacamole_people", condition="low")
+    places = seen_targets(alike(env), None, seconds=8.0, rounds=2)
+    assert [place.name for place in places] == [f"Target {k}" for k in range(1, 10)]
+    several = with_people(alike(env), 2, 1)
+    own = seen_targets(several, None, seconds=8.0, rounds=1, person=1)
+    matched = [[place.same_as(target) for place in places].count(True) for target in own]
+    assert len(own) >= 8 and matched == [1] * len(own)
+    moved = [target.place_m - places[0].place_m for target in own if target.same_as(places[0])]
+    assert np.linalg.norm(moved[0]) > 0.01, "their heads are elsewhere"
+
+
+def test_people_reach_what_their_own_arms_allow() -> None:
+    env = environment_of("mobl_arms_wrist")
+    point = Point("controller_right")
+    body = load_body("mobl_arms_wrist", appearance=False)
+    top_m = position_to_app(Reach(Linkage(body, point)).furthest(np.array([[0.0, 0.0, 1.0]])))[0]
+    places = [Target("below", top_m - np.array([0.0, 0.25, 0.0])), Target("at", top_m)]
+    asked: list[int] = []
+
+    def look(_: EnvConfig, person: int) -> list[Target]:
+        asked.append(person)
+        return places
+
+    margins = people_margins(env, point, places, 5, look)
+    assert asked == [0, 1, 2, 3, 4]
+    people = Population(PeopleSettings(seed=1, count=5))
+    statures = np.array([people.number(k).stature_m for k in range(5)])
+    # The average body is 1.70 m tall; shoulder and arm of taller people end higher.
+    assert (margins[:, 1] > 0.0).tolist() == (statures > 1.70).tolist()
+    assert (margins[:, 0] > margins[:, 1]).all()
+
+
+def test_a_target_of_the_head_is_placed_from_where_it_rests() -> None:
+    body = load_body("mobl_arms_wrist", torso=True, appearance=False)
+    data = mujoco.MjData(body.physics_model)
+    rest = [body.reset_rule.posture.get(joint, 0.0) for joint in body.independent_joints]
+    data.qpos[:] = body.coupled_qpos(np.array(rest))
+    mujoco.mj_kinematics(body.physics_model, data)
+    ahead = Target("ahead", np.array([0.1, -0.2, 0.4]), from_head=True)
+    (placed,) = measure(body, Point("controller_right"), [ahead], cell_m=0.2).targets
+    head = position_to_app(data.site("headset").xpos)
+    np.testing.assert_allclose(placed.place_m, head + ahead.place_m, atol=1e-9)
+
+
+def test_an_object_that_is_put_elsewhere_counts_where_it_rests() -> None:
+    rest = _Rest(np.zeros(3))
+    places = [np.zeros(3)] * 6 + [np.array([0.1, 0.0, 0.0])] * 6 + [np.zeros(3)] * 6
+    came = [rest.add(place) for place in places]
+    assert [number for number, each in enumerate(came) if each] == [10, 16]
+    assert [each.tolist() for each in rest.others(np.zeros(3))] == [[0.1, 0.0, 0.0]]
+
+
+def test_an_object_that_moves_on_rests_nowhere_else() -> None:
+    rest = _Rest(np.zeros(3))
+    path = [np.array([0.0, min(0.02 * step, 0.2), 0.0]) for step in range(30)]
+    assert not any([rest.add(place) for place in path])
+    assert rest.others(path[-1]) == []

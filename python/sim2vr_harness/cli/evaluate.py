@@ -81,7 +81,6 @@ def evaluate(request: EvaluateRequest) -> int:
 
     Examples:
         sim2vr-harness evaluate pretrained:whacamole_constrained --condition easy
-        sim2vr-harness evaluate runs/sample --episodes 20 --record
         sim2vr-harness evaluate --user still --people 3 --set env.app.game=sample
     """
     from sim2vr_harness.base.errors import InputError

@@ -186,7 +186,7 @@ def replayed(out: Path) -> Golden:
 
 
 def compared(out: Path) -> Golden:
-    how = ["--people", RECORDING, "--condition", "medium", "--episodes", "1", "--no-figures"]
+    how = ["--recordings", RECORDING, "--condition", "medium", "--episodes", "1", "--no-figures"]
     short = changes("env.max_episode_seconds=6", "env.cores=1")
     printed = run("compare", "whacamole_constrained", *how, *short, "--out", out, "--json")
     return {"printed": document(json.loads(printed), out)}

@@ -56,7 +56,7 @@ END
 try sim2vr-harness session convert person.csv person.jsonl
 try sim2vr-harness session show person.jsonl
 printf '%s\n' 'seconds: 10' 'reward: [{seconds: true, weight: -0.1}]' > game_task.yaml
-try sim2vr-harness compare 'touch low' --people person.csv --page game.html --map engines/map.json \
+try sim2vr-harness compare 'touch low' --recordings person.csv --page game.html --map engines/map.json \
   --task game_task.yaml --episodes 1 --out people
 
 echo; echo "== Developer of a native program: does it work without a headset?"

@@ -23,7 +23,7 @@ from sim2vr_harness.base.optional import needed
 from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
 from sim2vr_harness.envs.config import EnvConfig, UserConfig, body_of, people_of
-from sim2vr_harness.evaluation.evaluate import with_people
+from sim2vr_harness.envs.people_preset import with_people
 from sim2vr_harness.figures.html import save_page, table
 from sim2vr_harness.users import Body
 from sim2vr_harness.users.kinematics.forward import Linkage, Point

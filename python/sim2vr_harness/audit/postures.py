@@ -16,7 +16,8 @@ from scipy.optimize import linprog
 
 from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.envs.config import UserConfig, body_of
-from sim2vr_harness.users import FATIGUE_PRESETS, Body, PeopleSettings, Population
+from sim2vr_harness.envs.people_preset import as_population
+from sim2vr_harness.users import FATIGUE_PRESETS, Body, Population
 from sim2vr_harness.users.bodies.moments import moment_arms
 from sim2vr_harness.users.exertion import (
     Arm,
@@ -110,7 +111,8 @@ def who_hold(user: UserConfig, people: int | None) -> list[tuple[UserConfig, Str
         return [(user, None)]
     if not 1 <= people <= _MOST_PEOPLE:
         raise InputError("--people", str(people), f"1 to {_MOST_PEOPLE}")
-    settings = (user.people or PeopleSettings()).model_copy(update={"count": people})
+    settings = as_population(user, people).people
+    assert settings is not None
     population = Population(settings, user.person)
     persons = [population.number(i) for i in range(people)]
     return [

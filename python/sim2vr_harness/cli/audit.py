@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from sim2vr_harness.cli.app_options import with_page_options
+from sim2vr_harness.base.requests import option
+from sim2vr_harness.cli.app_options import PageOptions
 from sim2vr_harness.cli.options import (
+    ChangedEnvironment,
     CheckedRun,
-    ConditionsOption,
-    EnvSetOption,
-    ExpectOption,
-    JunitOption,
-    TrustOption,
-    finite,
-    known_games,
-    known_users,
+    Expected,
+    GameConditions,
+    TrustedApp,
     print_written,
-    readable_file,
-    writable_folder,
 )
 from sim2vr_harness.cli.progress import say
 
@@ -30,130 +26,66 @@ if TYPE_CHECKING:
     from sim2vr_harness.audit.auditing import AuditRequest
     from sim2vr_harness.evaluation.expectations import Planned
 
-_Game = Annotated[
-    str | None,
-    typer.Option(
-        autocompletion=known_games, metavar="NAME", help="Targets of a game, found by running it."
-    ),
-]
-_Objects = Annotated[
-    str | None,
-    typer.Option(
+
+@dataclass(frozen=True, kw_only=True)
+class AuditOptions(GameConditions, Expected, ChangedEnvironment, TrustedApp, PageOptions):
+    """The targets of an audit, and its persons."""
+
+    game: str | None = option(
+        "Targets of a game, found by running it.", metavar="NAME", names="games"
+    )
+    objects: str | None = option(
+        "Which of the game's objects are targets, with * and ?, by their names.",
         metavar="NAME",
-        help="Which of the game's objects are targets, with * and ?, by their names.",
-        show_default="those that come, go or move, and small ones",
-    ),
-]
-_Targets = Annotated[
-    list[str] | None,
-    typer.Option(
+        shown="those that come, go or move, and small ones",
+    )
+    targets: tuple[str, ...] = option(
+        "A file of targets (name, place or object, how, hold_s and more), the log of a round, or a "
+        "place, [NAME=]X,Y,Z in m to the right, up and ahead; may be repeated.",
+        (),
         metavar="SOURCE",
-        help="A file of targets (name, place or object, how, hold_s and more), the log of a round, "
-        "or a place, [NAME=]X,Y,Z in m to the right, up and ahead; may be repeated.",
-    ),
-]
-_User = Annotated[
-    str | None,
-    typer.Option(
-        autocompletion=known_users,
-        metavar="USER",
-        help="Audit this user alone: a body or its YAML file, a configuration, or a trained user. "
-        "Draws the hull of what it reaches.",
-    ),
-]
-_Point = Annotated[
-    str | None,
-    typer.Option(
-        metavar="PART",
-        help="With --user: what is to get there, a device or part of the body.",
-        show_default="the first controller",
-    ),
-]
-_Tool = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME", help="With --user: an object that the game puts in the hand, for --point."
-    ),
-]
-_Cell = Annotated[
-    float,
-    typer.Option(help="With --user: edge of the cells of the hull, m.", callback=finite),
-]
-_Pose = Annotated[
-    str | None,
-    typer.Option(
-        metavar="JOINT=DEGREES,...",
-        help="With --user: how long this posture can be held. Other joints stay where episodes "
-        "start; one without _r or _l is that of both arms.",
-    ),
-]
-_Load = Annotated[
-    float,
-    typer.Option(
-        help="With --pose: mass in each hand, kg, beside the controller.", callback=finite
-    ),
-]
-_How = Annotated[
-    str, typer.Option(metavar="HOW", help="What is done with a game's targets: touch or point.")
-]
-_Seconds = Annotated[
-    float,
-    typer.Option(
-        help="How long to look at each round of the game, or at the page.", callback=finite
-    ),
-]
-_People = Annotated[
-    int | None,
-    typer.Option(
-        metavar="N",
-        help="Persons, 1 to 10,000; with --user of its population.",
-        show_default="500; with --user it alone",
-    ),
-]
-_Stance = Annotated[str, typer.Option(metavar="STANCE", help="Of the persons: seated or standing.")]
-_Pace = Annotated[
-    float, typer.Option(metavar="N", help="Uses of a target in a minute.", callback=finite)
-]
-_Operate = Annotated[int, typer.Option(metavar="N", help="How many persons act it out.")]
-_Session = Annotated[
-    Path | None,
-    typer.Option(
+    )
+    session: Path | None = option(
+        "Targets are where a recorded session's hands pressed a trigger or squeeze.",
         metavar="FILE",
-        help="Targets are where a recorded session's hands pressed a trigger or squeeze.",
-        callback=readable_file,
-    ),
-]
-_Seed = Annotated[int, typer.Option(help="Other persons for another seed.")]
-_Out = Annotated[Path, typer.Option(help="Folder for the files.", callback=writable_folder)]
+        place="file to read",
+    )
+    how: str = option("What is done with a game's targets: touch or point.", "touch", metavar="HOW")
+    seconds: float = option("How long to look at each round of the game, or at the page.", 10.0)
+    user: str | None = option(
+        "Audit this user alone: a body or its YAML file, a configuration, or a trained user. Draws "
+        "the hull of what it reaches.",
+        metavar="USER",
+        names="users",
+    )
+    point: str | None = option(
+        "With --user: what is to get there, a device or part of the body.",
+        metavar="PART",
+        shown="the first controller",
+    )
+    tool: str | None = option(
+        "With --user: an object that the game puts in the hand, for --point.", metavar="NAME"
+    )
+    cell: float = option("With --user: edge of the cells of the hull, m.", 0.05)
+    pose: str | None = option(
+        "With --user: how long this posture can be held. Other joints stay where episodes start; "
+        "one without _r or _l is that of both arms.",
+        metavar="JOINT=DEGREES,...",
+    )
+    load: float = option("With --pose: mass in each hand, kg, beside the controller.", 0.0)
+    people: int | None = option(
+        "Persons, 1 to 10,000; with --user of its population.",
+        metavar="N",
+        shown="500; with --user it alone",
+    )
+    stance: str = option("Of the persons: seated or standing.", "seated", metavar="STANCE")
+    pace: float = option("Uses of a target in a minute.", 20.0, metavar="N")
+    operate: int = option("How many persons act it out.", 0, metavar="N")
+    seed: int = option("Other persons for another seed.", 1)
+    out: Path = option("Folder for the files.", Path("audit"), place="folder to write")
 
 
-@with_page_options
-def audit(
-    game: _Game = None,
-    condition: ConditionsOption = None,
-    objects: _Objects = None,
-    targets: _Targets = None,
-    session: _Session = None,
-    how: _How = "touch",
-    seconds: _Seconds = 10.0,
-    user: _User = None,
-    point: _Point = None,
-    tool: _Tool = None,
-    cell: _Cell = 0.05,
-    pose: _Pose = None,
-    load: _Load = 0.0,
-    people: _People = None,
-    stance: _Stance = "seated",
-    pace: _Pace = 20.0,
-    operate: _Operate = 0,
-    seed: _Seed = 1,
-    out: _Out = Path("audit"),
-    expect: ExpectOption = None,
-    junit: JunitOption = None,
-    overrides: EnvSetOption = None,
-    trust_app: TrustOption = False,
-    remote: Mapping[str, Any] | None = None,
-) -> int:
+def audit(options: AuditOptions) -> int:
     """Say who can see, reach and hold an app's targets.
 
     Examples:
@@ -164,25 +96,23 @@ def audit(
     from sim2vr_harness.audit.summary import estimates
     from sim2vr_harness.base.optional import needed
 
-    # fmt: off
+    names = {each.name for each in fields(AuditRequest)} - {"overrides", "remote"}
     request = AuditRequest(
-        game=game, condition=condition or (), objects=objects, targets=targets or (),
-        session=session, how=how, seconds=seconds, user=user, point=point, tool=tool, cell=cell,
-        pose=pose, load=load, people=people, stance=stance, pace=pace, operate=operate, seed=seed,
-        expect=expect or (), overrides=overrides or (), trust_app=trust_app, remote=remote or {},
+        **{name: getattr(options, name) for name in names},
+        overrides=options.set_,
+        remote=options.remote(),
     )
-    # fmt: on
-    if pose is None:
+    if request.pose is None:
         needed("plotly", "studies", "audit")
     request.check()
-    checked = CheckedRun(_with_group(expect), None, junit, "audit")
-    if user is not None:
-        _of_user(request, out)
+    checked = CheckedRun(replace(options, expect=_with_group(options.expect)), "audit")
+    if request.user is not None:
+        _of_user(request, options.out)
         return 0
     if checked.asked:
         checked.prepare(_planned(request))
     done = population_audit(request, say)
-    _tell(done, out)
+    _tell(done, options.out)
     return checked.status(lambda: estimates(done))
 
 
@@ -220,15 +150,14 @@ def _tell(done: Any, out: Path) -> None:
     print_written(write(done, out))
 
 
-def _with_group(expect: list[str] | None) -> list[str] | None:
+def _with_group(expect: Sequence[str]) -> tuple[str, ...]:
     """Expectations without a group are about everyone."""
     from sim2vr_harness.audit.summary import EVERYONE
     from sim2vr_harness.evaluation.expectations import Expectation
 
-    return [
-        text if Expectation.of(text).group is not None else f"{EVERYONE}: {text}"
-        for text in expect or ()
-    ] or None
+    return tuple(
+        text if Expectation.of(text).group is not None else f"{EVERYONE}: {text}" for text in expect
+    )
 
 
 def _planned(request: AuditRequest) -> Planned:

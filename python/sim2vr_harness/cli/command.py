@@ -6,11 +6,14 @@ The docstring of a command ends with the line ``Examples:`` and its examples, on
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable
 from typing import Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
+
+from sim2vr_harness.cli.options import with_options
 
 HEADINGS = PLAY, STUDY, ANALYSE, LOOK, KNOW = (
     "Play and train",
@@ -43,7 +46,15 @@ class _WithExamples:
 
 
 class Command(_WithExamples, TyperCommand):
-    """A command with examples."""
+    """A command with examples, and options whose value may be left out before another word."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Give an option without its number what it then means, which Typer cannot."""
+        for name, meant in getattr(self.callback, "bare", {}).items():
+            for k, word in enumerate(args):
+                if word == name and not re.fullmatch(r"[+-]?\d.*", "".join(args[k + 1 : k + 2])):
+                    args = [*args[:k], f"{name}={meant}", *args[k + 1 :]]
+        return super().parse_args(ctx, args)
 
 
 class Group(_WithExamples, TyperGroup):
@@ -83,6 +94,6 @@ class CommandGroup(typer.Typer):
     def add(
         self, name: str, function: Callable[..., Any], group: str | None = None, **settings: Any
     ) -> None:
-        """Add a command, listed in the group of that heading."""
+        """Add a command of a request, listed in the group of that heading."""
         settings = {"cls": Command, "rich_help_panel": group, **settings}
-        self.command(name, **settings)(function)
+        self.command(name, **settings)(with_options(function))

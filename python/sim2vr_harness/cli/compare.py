@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING
 
-import typer
 from rich.console import Console
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.cli.app_options import with_app_options
+from sim2vr_harness.base.requests import argument, option
+from sim2vr_harness.cli.app_options import AppOptions
 from sim2vr_harness.cli.options import (
-    EnvSetOption,
-    JsonOption,
-    TrustOption,
-    game_option,
-    known_users,
+    ChangedEnvironment,
+    JsonOutput,
+    TrustedApp,
     print_json,
     print_written,
-    writable_folder,
 )
 from sim2vr_harness.cli.progress import Share
 
@@ -28,107 +25,66 @@ if TYPE_CHECKING:
     from sim2vr_harness.games.behaviour import Behaviour
     from sim2vr_harness.human_comparison.sources import Plays, Source
 
-_Users = Annotated[
-    list[str],
-    typer.Argument(
-        autocompletion=known_users,
-        metavar="USER...",
-        help="A shipped user's name, a run's folder or checkpoint: it plays. Or the folder of "
-        "an evaluation with logs, or of any logged rounds. Or a study (STUDY.yaml, or its "
-        "folder): each of its users, trained and played first, if they are not yet. "
-        "NAME=USER is called NAME in tables and figures. Beside sessions of any app: sessions, "
-        "a trained user, or one without training such as 'touch NAME'.",
-    ),
-]
-_People = Annotated[
-    list[Path] | None,
-    typer.Option(
-        "--people",
+
+@dataclass(frozen=True, kw_only=True)
+class CompareRequest(ChangedEnvironment, TrustedApp, JsonOutput, AppOptions):
+    """Users, recorded people, and what is played to compare them."""
+
+    users: tuple[str, ...] = argument(
+        "USER...",
+        "A shipped user's name, a run's folder or checkpoint: it plays. Or the folder of an "
+        "evaluation with logs, or of any logged rounds. Or a study (STUDY.yaml, or its folder): "
+        "each of its users, trained and played first, if they are not yet. NAME=USER is called "
+        "NAME in tables and figures. Beside sessions of any app: sessions, a trained user, or one "
+        "without training such as 'touch NAME'.",
+        names="users",
+    )
+    recordings: tuple[Path, ...] = option(
+        "People's recorded rounds: packed with a manifest.json, or logs in a folder per person, or "
+        "sessions of any app; may be repeated. Pointing needs none: figures are published.",
+        (),
         metavar="PATH",
-        help="People's recorded rounds: packed with a manifest.json, or logs in a folder per "
-        "person, or sessions of any app; may be repeated. Pointing needs none: figures are "
-        "published.",
-    ),
-]
-_Game = Annotated[
-    str | None,
-    game_option("The game.", "that of the first user"),
-]
-_Condition = Annotated[
-    list[str] | None,
-    typer.Option(
+    )
+    game: str | None = option(
+        "The game.", metavar="NAME", shown="that of the first user", names="games"
+    )
+    condition: tuple[str, ...] = option(
+        "A condition to play; may be repeated.",
+        (),
         metavar="NAME",
-        help="A condition to play; may be repeated.",
-        show_default="all compared, by the rules of the user's training",
-    ),
-]
-_Group = Annotated[
-    list[str] | None,
-    typer.Option(
+        shown="all compared, by the rules of the user's training",
+    )
+    group: tuple[str, ...] = option(
+        "Play by the rules of a group of people (constrained, unconstrained), whatever the user "
+        "was trained with; may be repeated.",
+        (),
         metavar="NAME",
-        help="Play by the rules of a group of people (constrained, unconstrained), whatever "
-        "the user was trained with; may be repeated.",
-    ),
-]
-_Episodes = Annotated[
-    int | None,
-    typer.Option(
+    )
+    episodes: int | None = option(
+        "Rounds per condition.", metavar="N", shown="6; beside sessions 2", least=1
+    )
+    seed: int = option("Seed of the first round.", 77, metavar="N")
+    people: int | None = option(
+        "Let N people play who differ, --episodes rounds each, as in evaluate --people.",
         metavar="N",
-        help="Rounds per condition.",
-        show_default="6; beside sessions 2",
-        min=1,
-    ),
-]
-_Persons = Annotated[
-    int | None,
-    typer.Option(
-        metavar="N",
-        help="Let N persons play who differ, --episodes rounds each, as in evaluate --people.",
-    ),
-]
-_Out = Annotated[
-    Path,
-    typer.Option(
-        help="Folder for played rounds, JSON, CSV and figures; rounds that are there are used "
-        "again.",
-        callback=writable_folder,
-    ),
-]
-_Unconstrained = Annotated[
-    bool,
-    typer.Option(
-        "--unconstrained", help="Every touch was a hit for people, though logs do not say."
-    ),
-]
-_Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")]
+    )
+    out: Path = option(
+        "Folder for played rounds, JSON, CSV and figures; rounds that are there are used again.",
+        Path("comparison"),
+        place="folder to write",
+    )
+    unconstrained: bool = option("Every touch was a hit for people, though logs do not say.", False)
+    figures: bool = option("Draw the figures.", True)
+    every: bool = option("Print every measure.", False)
+    batch: int = option("Rounds played in parallel at most.", 10)
 
 
-@with_app_options
-def compare(
-    users: _Users,
-    people: _People = None,
-    game: _Game = None,
-    condition: _Condition = None,
-    group: _Group = None,
-    episodes: _Episodes = None,
-    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the first round.")] = 77,
-    persons: _Persons = None,
-    out: _Out = Path("comparison"),
-    unconstrained: _Unconstrained = False,
-    figures: _Figures = True,
-    every: Annotated[bool, typer.Option("--every", help="Print every measure.")] = False,
-    batch: Annotated[int, typer.Option(help="Rounds played in parallel at most.")] = 10,
-    trust_app: TrustOption = False,
-    overrides: EnvSetOption = None,
-    json: JsonOption = False,
-    *,
-    remote: dict[str, Any],
-) -> None:
+def compare(request: CompareRequest) -> None:
     """Compare users with recorded people: measures, range, distance.
 
     Examples:
-        sim2vr-harness compare whacamole_people --people recordings
-        sim2vr-harness compare 'touch ball' --people round.jsonl --page game.html
+        sim2vr-harness compare whacamole_people --recordings recordings
+        sim2vr-harness compare 'touch ball' --recordings round.jsonl --page game.html
     """
     from sim2vr_harness.human_comparison.figures import draw
     from sim2vr_harness.human_comparison.files import as_json, write_csv, write_json, write_page
@@ -136,42 +92,47 @@ def compare(
     from sim2vr_harness.human_comparison.sources import Plays, read_sources
     from sim2vr_harness.human_comparison.tables import SETTLING, missing_values, report_tables
 
-    users, told = _told_names(users)
-    # fmt: off
+    users, told = _told_names(request.users)
     plays = Plays(
-        out=out / "rounds", episodes=episodes, seed=seed, overrides=overrides or (),
-        conditions=condition, batch=batch, persons=persons, trust_app=trust_app, remote=remote,
+        out=request.out / "rounds",
+        episodes=request.episodes,
+        seed=request.seed,
+        overrides=request.set_,
+        conditions=request.condition or None,
+        batch=request.batch,
+        persons=request.people,
+        trust_app=request.trust_app,
+        remote=request.remote(),
     )
-    # fmt: on
     with Share("Comparing") as share:
         found = read_sources(
             [user for user in users if not _is_study(user)],
-            people or (),
+            request.recordings,
             plays,
-            game=game,
-            groups=group or (),
-            unconstrained=unconstrained,
+            game=request.game,
+            groups=request.group,
+            unconstrained=request.unconstrained,
             on_progress=share.show,
         )
     sources = {user: [source] for user, source in found.users.items()}
     for user in filter(_is_study, users):
-        sources[user] = _players(user, out, found.behaviour, plays)
+        sources[user] = _players(user, request.out, found.behaviour, plays)
     read = [(user, source) for user in users for source in sources[user]]
     names = _names([(user, source.name) for user, source in read], told)
     named = [replace(source, name=name) for (_, source), name in zip(read, names, strict=True)]
     report = ComparisonReport(found.behaviour, found.people, named)
-    files = [write_json(report, out / "comparison.json"), *write_csv(report, out)]
-    drawn = draw(report, out) if figures else []
+    files = [write_json(report, request.out / "comparison.json"), *write_csv(report, request.out)]
+    drawn = draw(report, request.out) if request.figures else []
     notes = (*(() if report.behaviour.aimed else (SETTLING,)), *missing_values(report))
-    files += [*drawn, write_page(report, drawn, out / "comparison.html", notes)]
-    if json:
+    files += [*drawn, write_page(report, drawn, request.out / "comparison.html", notes)]
+    if request.json:
         print_json(as_json(report))
         return
-    Console().print(report_tables(report, every=every))
+    Console().print(report_tables(report, every=request.every))
     print_written(files)
 
 
-def _told_names(users: list[str]) -> tuple[list[str], dict[str, str]]:
+def _told_names(users: Sequence[str]) -> tuple[list[str], dict[str, str]]:
     """Users without the names that stand before them, and those names."""
     told: dict[str, str] = {}
     found = []

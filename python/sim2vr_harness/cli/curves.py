@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from sim2vr_harness.cli.options import writable_file
+from sim2vr_harness.base.requests import argument, option
 
 
-def curves(
-    runs: Annotated[
-        list[str],
-        typer.Argument(metavar="RUN...", help="Folders of runs, or packed users with curves."),
-    ],
-    out: Annotated[
-        Path, typer.Option(help="The PNG or PDF file to write.", callback=writable_file)
-    ] = Path("curves.png"),
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class CurvesRequest:
+    """What to draw."""
+
+    runs: tuple[str, ...] = argument("RUN...", "Folders of runs, or packed users with curves.")
+    out: Path = option("The PNG or PDF file to write.", Path("curves.png"), place="file to write")
+
+
+def curves(request: CurvesRequest) -> None:
     """Draw the learning curves of one or more runs.
 
     Examples:
@@ -27,4 +27,4 @@ def curves(
     """
     from sim2vr_harness.evaluation.curves import plot
 
-    typer.echo(f"Written: {plot(runs, out)}")
+    typer.echo(f"Written: {plot(request.runs, request.out)}")

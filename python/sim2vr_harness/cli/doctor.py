@@ -1,37 +1,38 @@
-"""``sim2vr-harness doctor``: what is installed, what is missing, and how to mend it.
+"""``sim2vr-harness doctor``: what is missing of an installation, and how to mend it; or a trial.
 
-Every check is a small function that returns :class:`Check` rows. Code that could
-take the process down (graphics drivers, compiled modules) is tried in a child
-process with a deadline. With ``--app`` it tries an app instead.
+Code that could take the process down (graphics drivers, compiled modules) is tried in a child
+process with a deadline.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import os
 import platform
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-from PIL import Image, features
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from sim2vr_harness import __version__
 from sim2vr_harness.base import paths
-from sim2vr_harness.base.files import naming
-from sim2vr_harness.cli.options import print_json
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.files import naming, read_json
+from sim2vr_harness.base.requests import option
+from sim2vr_harness.cli.options import JsonOutput, print_json
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from sim2vr_harness.client import AppTrial
 
 Status = Literal["ok", "info", "warning", "missing"]
@@ -39,7 +40,7 @@ Status = Literal["ok", "info", "warning", "missing"]
 _PROBE_DEADLINE_S = 60.0
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Check:
     """One row of the report.
 
@@ -76,55 +77,41 @@ def _probe(code: str, **environment: str) -> tuple[bool, str]:
     return done.returncode == 0, lines[-1] if lines else ""
 
 
-def _install_command(package: str) -> str:
-    if paths.checkout_dir() is not None:
-        return "make setup"
-    return f"{sys.executable} -m pip install '{package}'"
-
-
-def _python_checks() -> Iterator[Check]:
-    yield Check("sim2vr-harness", "ok", __version__)
-    yield Check("Python", "ok", f"{platform.python_version()} ({sys.executable})")
-    for package, requirement in [
-        ("mujoco", "mujoco>=4,<5"),
-        ("gymnasium", "gymnasium>=1.4"),
-        ("stable-baselines3", "stable-baselines3>=2.9"),
-        ("torch", "torch>=2.6"),
-        ("pyzmq", "pyzmq>=25"),
-    ]:
+def _package_checks() -> Iterator[Check]:
+    """Look for packages; pip installs all of them with the harness."""
+    yield Check("sim2vr-harness", "ok", f"{__version__}, Python {platform.python_version()}")
+    for package in ("mujoco", "gymnasium", "stable-baselines3", "torch", "pyzmq"):
         try:
             yield Check(package, "ok", version(package))
         except PackageNotFoundError:
-            yield Check(package, "missing", "not installed", _install_command(requirement))
+            pip = f"{sys.executable} -m pip install {package}"
+            mend = pip if paths.checkout_dir() is None else "make setup"
+            yield Check(package, "missing", "not installed", mend)
 
 
 def _app_checks() -> Iterator[Check]:
-    module = "sim2vr_harness._app_runtime"
+    """Look for the app in its two forms, and for what draws its images."""
+    module, mend = "sim2vr_harness._app_runtime", paths.rebuild_command()
     imported, answer = _probe(
         f"import {module} as m; print(getattr(m, '__version__', 'no version'), m.__file__)"
     )
+    name = "app runtime (in process)"
     if not imported:
-        yield Check("app runtime (in process)", "missing", answer, paths.rebuild_command())
+        yield Check(name, "missing", answer, mend)
     elif answer.split()[0] != __version__:
         found = f"version {answer.split()[0]}, but the Python side is {__version__}"
-        yield Check("app runtime (in process)", "warning", found, paths.rebuild_command())
+        yield Check(name, "warning", found, mend)
     else:
-        yield Check("app runtime (in process)", "ok", answer)
-
+        yield Check(name, "ok", answer)
+    name = "app runtime (executable)"
     try:
-        executable = paths.app_executable()
+        yield Check(name, "ok", str(paths.app_executable()))
     except FileNotFoundError as error:
-        found = str(error).partition(" Run: ")[0]
-        yield Check("app runtime (executable)", "missing", found, paths.rebuild_command())
-    else:
-        yield Check("app runtime (executable)", "ok", str(executable))
-
+        yield Check(name, "missing", str(error).partition(" Run: ")[0], mend)
     if imported:
         drawn, answer = _probe(f"import {module} as m; print(m.gl_renderer())")
-        if drawn:
-            yield Check("headset renderer", "ok", answer)
-        else:
-            yield Check("headset renderer", "missing", answer, _apt("libegl1 libgl1-mesa-dri"))
+        mend = "" if drawn else _apt("libegl1 libgl1-mesa-dri")
+        yield Check("headset renderer", "ok" if drawn else "missing", answer, mend)
 
 
 def _mujoco_gl_check() -> Iterator[Check]:
@@ -172,10 +159,50 @@ def _browser_check() -> Iterator[Check]:
     )
 
 
+_GRAPHICS = {
+    "XR_KHR_opengl_enable": "OpenGL (X11)",
+    "XR_MNDX_egl_enable": "OpenGL (EGL)",
+    "XR_KHR_vulkan_enable2": "Vulkan",
+}
+"""Extension of the OpenXR runtime -> what a program may then draw with."""
+
+
+def runtime_graphics(manifest: Path) -> str:
+    """Return what programs may draw with in an OpenXR runtime, asked as a loader asks.
+
+    Raises:
+        OSError, ValueError: its library cannot be loaded, or is no runtime.
+    """
+    import ctypes
+    import struct
+
+    name = read_json(manifest, "the manifest of a runtime")["runtime"]["library_path"]
+    library = ctypes.CDLL(str((manifest.parent / name).resolve()))
+    # XrNegotiateLoaderInfo and XrNegotiateRuntimeRequest of interface 1, OpenXR 1.0 to 1.x.
+    most = (1 << 48) | (0x3FF << 32) | 0xFFFFFFFF
+    loader = struct.pack("IINIIQQ", 1, 1, 40, 1, 1, 1 << 48, most)
+    request = ctypes.create_string_buffer(struct.pack("IINI4xQP", 3, 1, 40, 0, 0, 0), 40)
+    if library.xrNegotiateLoaderRuntimeInterface(loader, request) != 0:
+        raise ValueError(f"{library._name}: refuses the loader's interface 1")
+    (place,) = struct.unpack_from("P", request, 32)
+    get = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)(place)
+    found = ctypes.c_void_p()
+    get(None, b"xrEnumerateInstanceExtensionProperties", ctypes.addressof(found))
+    enumerate_them = ctypes.CFUNCTYPE(
+        *(ctypes.c_int, ctypes.c_char_p, ctypes.c_uint32, ctypes.c_void_p, ctypes.c_void_p)
+    )(found.value or 0)
+    count = ctypes.c_uint32()
+    enumerate_them(None, 0, ctypes.addressof(count), None)
+    one = struct.Struct("i4xP128sI4x")  # XrExtensionProperties, of type 2
+    properties = ctypes.create_string_buffer(one.pack(2, 0, b"", 0) * count.value)
+    enumerate_them(None, count.value, ctypes.addressof(count), ctypes.addressof(properties))
+    names = [row[2].rstrip(b"\0").decode() for row in one.iter_unpack(properties.raw[:-1])]
+    return ", ".join(words for name, words in _GRAPHICS.items() if name in names) or "nothing"
+
+
 def _openxr_check() -> Iterator[Check]:
     """Look for the OpenXR runtime, what programs may draw with, its layer, and the clock."""
     from sim2vr_harness.client.errors import AppRefused
-    from sim2vr_harness.client.openxr.describe import GRAPHICS
     from sim2vr_harness.client.openxr.runtime_files import (
         CLOCK_LIBRARY,
         LAYER_LIBRARY,
@@ -192,11 +219,11 @@ def _openxr_check() -> Iterator[Check]:
     else:
         works, answer = _probe(
             "from pathlib import Path\n"
-            "from sim2vr_harness.client.openxr.describe import graphics_of\n"
-            f"print(graphics_of(Path({str(manifest)!r})))"
+            "from sim2vr_harness.cli.doctor import runtime_graphics\n"
+            f"print(runtime_graphics(Path({str(manifest)!r})))"
         )
         usable = works and answer != "nothing"
-        without = [words for words in GRAPHICS.values() if words not in answer] if usable else []
+        without = [words for words in _GRAPHICS.values() if words not in answer] if usable else []
         found = f"{manifest}: {answer}" + (f"; without {', '.join(without)}" if without else "")
         packages = "libgl-dev libegl-dev libvulkan-dev libx11-dev libopenxr-dev"
         mend = "" if usable else f"{_apt(packages)}, then {paths.rebuild_command()}"
@@ -215,64 +242,26 @@ def _openxr_check() -> Iterator[Check]:
             yield Check(use, "ok", str(file))
 
 
-def _looking_checks() -> Iterator[Check]:
-    """Look for what people look with: letters in pictures, films, windows, a viewer of bodies."""
-    drawn = bool(features.check("freetype2"))
-    found = "Pillow's own" if drawn else "Pillow without FreeType: letters in pictures are tiny"
-    mend = "" if drawn else f"{sys.executable} -m pip install --force-reinstall pillow"
-    yield Check("font", "ok" if drawn else "warning", found, mend)
+def _gpu_check() -> Iterator[Check]:
+    """Look for a GPU, and whether this torch can use it."""
+    name = "NVIDIA GPU"
     try:
-        import imageio_ffmpeg
-
-        yield Check("ffmpeg", "ok", str(imageio_ffmpeg.get_ffmpeg_exe()))
-    except (ImportError, RuntimeError) as error:
-        yield Check("ffmpeg", "warning", str(error), _install_command("imageio-ffmpeg>=0.5"))
-    absent = [name for name in ("pygame", "moviepy") if importlib.util.find_spec(name) is None]
-    yield Check(
-        "windows and RecordVideo",
-        "info" if absent else "ok",
-        f"no {' and '.join(absent)}; pip install 'sim2vr-harness[video]' brings them"
-        if absent
-        else "pygame and moviepy",
-    )
-    studio = shutil.which("mujoco-studio", path=os.path.dirname(sys.executable))
-    studio = studio or shutil.which("mujoco-studio")
-    yield Check(
-        "viewer of bodies",
-        "ok" if studio else "info",
-        "mujoco-studio FILE.xml, for what `users export` writes (--gfx web without a display)"
-        if studio
-        else "no mujoco-studio; it comes with mujoco 4",
-    )
-
-
-def _machine_checks() -> Iterator[Check]:
-    cores = len(os.sched_getaffinity(0))
-    yield Check("CPU cores", "ok" if cores > 1 else "warning", f"{cores} usable")
-    memory_gib = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**30
-    yield Check("memory", "ok" if memory_gib >= 4 else "warning", f"{memory_gib:.1f} GiB")
-    yield _gpu_check()
-
-
-def _gpu_check() -> Check:
-    if shutil.which("nvidia-smi") is None:
-        return Check("NVIDIA GPU", "info", "none; training runs on the CPU")
-    try:
-        listing = subprocess.run(
+        found = subprocess.run(
             ["nvidia-smi", "--query-gpu=name,memory.total", "--format=csv,noheader"],
             capture_output=True,
             text=True,
             timeout=_PROBE_DEADLINE_S,
             check=True,
-        ).stdout.strip()
+        )
     except (OSError, subprocess.SubprocessError):
-        return Check("NVIDIA GPU", "info", "nvidia-smi is there, but finds no GPU")
-    gpus = "; ".join(listing.splitlines())
-    usable, answer = _probe("import torch; print(torch.cuda.is_available())")
-    if usable and answer == "True":
-        return Check("NVIDIA GPU", "ok", gpus)
-    mend = f"{sys.executable} -m pip install --force-reinstall torch"
-    return Check("NVIDIA GPU", "warning", f"{gpus}, but this torch cannot use it", mend)
+        yield Check(name, "info", "none; training runs on the CPU")
+        return
+    gpus = "; ".join(found.stdout.strip().splitlines())
+    if _probe("import torch; print(torch.cuda.is_available())") == (True, "True"):
+        yield Check(name, "ok", gpus)
+    else:
+        mend = f"{sys.executable} -m pip install --force-reinstall torch"
+        yield Check(name, "warning", f"{gpus}, but this torch cannot use it", mend)
 
 
 def _apt(packages: str) -> str:
@@ -314,16 +303,10 @@ def _installed_debian_packages(packages: list[str]) -> set[str]:
 
 def collect() -> list[Check]:
     """Run every check and return the rows in the order of the report."""
-    groups: list[Callable[[], Iterator[Check]]] = [
-        _python_checks,
-        _app_checks,
-        _mujoco_gl_check,
-        _browser_check,
-        _openxr_check,
-        _looking_checks,
-        _machine_checks,
-        _debian_checks,
-    ]
+    groups = (
+        *(_package_checks, _app_checks, _mujoco_gl_check, _browser_check, _openxr_check),
+        *(_gpu_check, _debian_checks),
+    )
     return [check for group in groups for check in group()]
 
 
@@ -353,33 +336,15 @@ def _print_table(checks: list[Check], console: Console) -> None:
         console.print("Everything needed is here.")
 
 
-def check_app(
-    executable: Path,
-    arguments: Sequence[str],
-    picture: Path,
-    *,
-    size: tuple[int, int] = (120, 80),
-    timeout_s: float = 60.0,
-    json: bool = False,
-) -> int:
-    """Play ten steps in an app, save its picture and print a report.
-
-    Args:
-        executable: The app.
-        arguments: Its arguments.
-        picture: PNG file for the last picture, colour left and depth right.
-        size: (width, height) of the app's picture, pixels.
-        timeout_s: How long the start and every answer may take.
-        json: Print one JSON object instead of text.
-
-    Returns:
-        The exit status, 0; failures raise the errors of :func:`sim2vr_harness.client.try_app`.
-    """
+def _try_app(request: DoctorRequest, executable: Path) -> int:
+    """Play ten steps in an app, save its picture and print a report."""
     from sim2vr_harness.client import try_app
+    from sim2vr_harness.play.render import parse_size
 
-    trials = try_app(executable, arguments, size=size, timeout_s=timeout_s)
+    size, picture = parse_size(request.size), request.out
+    trials = try_app(executable, request.app_arg, size=size, timeout_s=request.timeout)
     _save_picture(trials[0].images[-1], picture)
-    if json:
+    if request.json:
         rows = [_trial_row(trial) for trial in trials]
         print_json({"app": str(executable), "picture": str(picture), "trials": rows})
         return 0
@@ -407,26 +372,43 @@ def _trial_row(trial: AppTrial) -> dict[str, Any]:
 
 def _save_picture(image: NDArray[np.uint8], file: Path) -> None:
     """Save an (H, W, 4) image as colour beside depth."""
+    import numpy as np
+    from PIL import Image
+
     depth = image[..., 3:].repeat(3, axis=2)
     file.parent.mkdir(parents=True, exist_ok=True)
     with naming(file):
         Image.fromarray(np.concatenate([image[..., :3], depth], axis=1)).save(file, "PNG")
 
 
-def run_doctor(json: bool = False) -> int:
-    """Print a report about this installation.
+@dataclass(frozen=True, kw_only=True)
+class DoctorRequest(JsonOutput):
+    """What to check."""
 
-    Args:
-        json: Print one JSON object (``{"ok": bool, "checks": [...]}``) instead of a table.
+    app: str | None = option(
+        "Try this app instead: handshake, reset, ten steps, one picture.", metavar="PATH"
+    )
+    app_arg: tuple[str, ...] = option("An argument for --app; may be repeated.", (), metavar="ARG")
+    out: Path = option("PNG file for the picture of --app.", Path("app.png"), place="file to write")
+    size: str = option("WIDTHxHEIGHT of the pictures of --app.", "120x80")
+    timeout: float = option("Seconds that the start and every answer of --app may take.", 60.0)
 
-    Returns:
-        The exit status: 0, or 1 if something essential is missing.
+
+def doctor(request: DoctorRequest) -> int:
+    """Check what is installed and how to mend it; or try an app.
+
+    Examples:
+        sim2vr-harness doctor
+        sim2vr-harness doctor --app build/MyGame.x86_64
     """
+    if request.app is not None:
+        return _try_app(request, Path(request.app).expanduser().absolute())
+    if request.app_arg:
+        raise InputError("--app-arg", "it without --app", "it together with --app")
     checks = collect()
     ok = all(check.status != "missing" for check in checks)
-    if json:
-        report = {"ok": ok, "checks": [dataclasses.asdict(check) for check in checks]}
-        print_json(report)
+    if request.json:
+        print_json({"ok": ok, "checks": [dataclasses.asdict(check) for check in checks]})
     else:
         _print_table(checks, Console())
     return 0 if ok else 1

@@ -2,147 +2,120 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING
 
 import typer
 from rich.console import Console
 
-from sim2vr_harness.cli.app_options import with_app_options
+from sim2vr_harness.base.requests import argument, option
+from sim2vr_harness.cli.app_options import AppOptions
 from sim2vr_harness.cli.options import (
-    AgainstOption,
+    ActionMode,
+    AnyUser,
+    ChangedEnvironment,
+    Checked,
     CheckedRun,
-    DeterministicOption,
-    EnvSetOption,
-    ExpectOption,
-    JsonOption,
-    JunitOption,
-    TrustOption,
-    UserOption,
-    known_users,
+    JsonOutput,
+    TrustedApp,
     print_json,
     print_written,
     who_plays,
-    writable_folder,
 )
 from sim2vr_harness.cli.progress import Share, say
 
 if TYPE_CHECKING:
     from sim2vr_harness.evaluation.evaluate import Evaluation, Request
 
-_Run = Annotated[
-    str | None,
-    typer.Argument(
-        autocompletion=known_users,
-        metavar="RUN",
-        help="A run's folder, a checkpoint, or pretrained:NAME; nothing with --user.",
-    ),
-]
-_Condition = Annotated[
-    list[str] | None,
-    typer.Option(
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluateRequest(
+    ActionMode, AnyUser, ChangedEnvironment, TrustedApp, JsonOutput, Checked, AppOptions
+):
+    """Who plays, what, and what is kept of it."""
+
+    run: str | None = argument(
+        "RUN",
+        "A run's folder, a checkpoint, or pretrained:NAME; nothing with --user.",
+        None,
+        names="users",
+    )
+    condition: tuple[str, ...] = option(
+        "A condition of the game; may be repeated.",
+        (),
         metavar="NAME",
-        help="A condition of the game; may be repeated.",
-        show_default="the run's evaluation.conditions, or those below",
-    ),
-]
-_Episodes = Annotated[
-    int | None,
-    typer.Option(
+        shown="the run's evaluation.conditions, or those below",
+    )
+    episodes: int | None = option(
+        "Rounds per condition, and person.",
         metavar="N",
-        help="Rounds per condition, and person.",
-        show_default="the run's evaluation.episodes: 10 unless set",
-    ),
-]
-_People = Annotated[
-    int | None,
-    typer.Option(
+        shown="the run's evaluation.episodes: 10 unless set",
+    )
+    people: int | None = option(
+        "Let N people play who differ in size, strength, delays, noise and effort; means and "
+        "deviations are then over people (docs/concepts/people.md).",
         metavar="N",
-        help="Let N people play who differ in size, strength, delays, noise and effort; means "
-        "and deviations are then over people (docs/concepts/people.md).",
-    ),
-]
-_Seed = Annotated[
-    int | None,
-    typer.Option(
+    )
+    seed: int | None = option(
+        "Seed of the people and of the first round, one more for each that follows.",
         metavar="N",
-        help="Seed of the people and of the first round, one more for each that follows.",
-        show_default="the run's evaluation.seed: 1 unless set",
-    ),
-]
-_Record = Annotated[
-    bool, typer.Option("--record", help="Film the first round of every condition (MP4).")
-]
-_Log = Annotated[bool, typer.Option("--log", help="Keep the game's CSV logs, a folder per round.")]
-_Steps = Annotated[
-    bool,
-    typer.Option(
-        "--steps/--no-steps",
-        help="Write tables of every user step and app frame beside those of episodes and events.",
-    ),
-]
-_Out = Annotated[
-    Path | None,
-    typer.Option(
-        help="Folder for files. Results are added to those that are there.",
-        show_default="RUN/evaluation/step_N",
-        callback=writable_folder,
-    ),
-]
-_Overwrite = Annotated[
-    bool, typer.Option("--overwrite", help="Begin with new results where there are others.")
-]
+        shown="the run's evaluation.seed: 1 unless set",
+    )
+    record: bool = option("Film the first round of every condition (MP4).", False)
+    log: bool = option("Keep the game's CSV logs, a folder per round.", False)
+    steps: bool = option(
+        "Write tables of every user step and app frame beside those of episodes and events.", True
+    )
+    out: Path | None = option(
+        "Folder for files. Results are added to those that are there.",
+        shown="RUN/evaluation/step_N",
+        place="folder to write",
+    )
+    overwrite: bool = option("Begin with new results where there are others.", False)
+    batch: int = option("Rounds played in parallel at most.", 10)
 
 
-@with_app_options
-def evaluate(
-    run: _Run = None,
-    condition: _Condition = None,
-    episodes: _Episodes = None,
-    people: _People = None,
-    seed: _Seed = None,
-    deterministic: DeterministicOption = None,
-    record: _Record = False,
-    log: _Log = False,
-    steps: _Steps = True,
-    out: _Out = None,
-    overwrite: _Overwrite = False,
-    batch: Annotated[int, typer.Option(help="Rounds played in parallel at most.")] = 10,
-    user: UserOption = None,
-    trust_app: TrustOption = False,
-    overrides: EnvSetOption = None,
-    json: JsonOption = False,
-    expect: ExpectOption = None,
-    against: AgainstOption = None,
-    junit: JunitOption = None,
-    *,
-    remote: dict[str, Any],
-) -> int:
+def evaluate(request: EvaluateRequest) -> int:
     """Let a user play, and measure what it does.
 
     Examples:
         sim2vr-harness evaluate pretrained:whacamole_constrained --condition easy
-        sim2vr-harness evaluate runs/sample --episodes 20 --record
         sim2vr-harness evaluate --user still --people 3 --set env.app.game=sample
     """
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.evaluation import evaluate as evaluation
 
-    checked = CheckedRun(expect, against, junit, "evaluate")
-    run, baseline = who_plays(run, user)
+    remote = request.remote()
+    checked = CheckedRun(request, "evaluate")
+    run, baseline = who_plays(request.run, request.user)
     if run is None and baseline is None:
         raise InputError("RUN", "nothing", "a run's folder, or --user still or random")
-    # fmt: off
-    request = evaluation.Request(
-        conditions=condition, episodes=episodes, seed=seed, people=people,
-        deterministic=deterministic, record=record, log=log, steps=steps, out=out, batch=batch,
-        overwrite=overwrite, app=remote, overrides=overrides or (), trust_app=trust_app,
+    asked = evaluation.Request(
+        conditions=request.condition or None,
+        episodes=request.episodes,
+        seed=request.seed,
+        people=request.people,
+        deterministic=request.deterministic,
+        record=request.record,
+        log=request.log,
+        steps=request.steps,
+        out=request.out,
+        batch=request.batch,
+        overwrite=request.overwrite,
+        app=remote,
+        overrides=request.set_,
+        trust_app=request.trust_app,
     )
-    # fmt: on
-    asked: Any = {"on_plan": checked.prepare, "on_note": lambda note: say(f"note: {note}")}
     with Share("Playing") as share:
-        found = evaluation.evaluate(run or str(baseline), request, on_progress=share.show, **asked)
-    return _print(found, request, json, checked)
+        found = evaluation.evaluate(
+            run or str(baseline),
+            asked,
+            on_progress=share.show,
+            on_plan=checked.prepare,
+            on_note=lambda note: say(f"note: {note}"),
+        )
+    return _print(found, asked, request.json, checked)
 
 
 def _print(found: Evaluation, request: Request, json: bool, checked: CheckedRun) -> int:

@@ -2,44 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.cli.options import print_written, writable_folder
+from sim2vr_harness.base.requests import argument, option
+from sim2vr_harness.cli.options import print_written
 
 
-def export(
-    folder: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FOLDER",
-            help="Of an evaluation or study that kept its steps; with --iwer also a session.",
-        ),
-    ],
-    episode: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY", help="A key of the table episodes; may be repeated.", show_default="all"
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder for the files.",
-            show_default="opensim, csv or iwer",
-            callback=writable_folder,
-        ),
-    ] = None,
-    csv: Annotated[
-        bool, typer.Option("--csv", help="Write the tables as CSV files instead.")
-    ] = False,
-    iwer: Annotated[
-        bool, typer.Option("--iwer", help="Write recordings for IWER's ActionPlayer instead.")
-    ] = False,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class ExportRequest:
+    """What to write, and as what."""
+
+    folder: Path = argument(
+        "FOLDER", "Of an evaluation or study that kept its steps; with --iwer also a session."
+    )
+    episode: tuple[str, ...] = option(
+        "A key of the table episodes; may be repeated.", (), metavar="KEY", shown="all"
+    )
+    out: Path | None = option(
+        "Folder for the files.", shown="opensim, csv or iwer", place="folder to write"
+    )
+    csv: bool = option("Write the tables as CSV files instead.", False)
+    iwer: bool = option("Write recordings for IWER's ActionPlayer instead.", False)
+
+
+def export(request: ExportRequest) -> None:
     """Write rounds for OpenSim, as CSV, or for tests of WebXR pages.
 
     Angles go to .mot files, activations and forces to .sto files. Of a study, every cell has a
@@ -53,23 +42,24 @@ def export(
     from sim2vr_harness.evaluation.data import EvaluationData, export_opensim, read_data
     from sim2vr_harness.studies.data import STUDY_FILE, read_study
 
-    if csv and iwer:
+    folder, episodes, out = request.folder, request.episode, request.out
+    if request.csv and request.iwer:
         raise InputError("--csv", "it together with --iwer", "one of them")
-    if iwer:
-        print_written(_iwer_files(folder, out or Path("iwer"), episode or []))
+    if request.iwer:
+        print_written(_iwer_files(folder, out or Path("iwer"), episodes))
         return
-    write = EvaluationData.export_csv if csv else export_opensim
-    out = out or Path("csv" if csv else "opensim")
+    write = EvaluationData.export_csv if request.csv else export_opensim
+    out = out or Path("csv" if request.csv else "opensim")
     if (folder / STUDY_FILE).is_file():
-        files = read_study(folder).export(write, out, episode or ())
-        if csv:  # the study's own tables, beside the folders of its cells
+        files = read_study(folder).export(write, out, episodes)
+        if request.csv:  # the study's own tables, beside the folders of its cells
             files = read_data(folder).export_csv(out) + files
     else:
-        files = write(read_data(folder), out, episode or ())
+        files = write(read_data(folder), out, episodes)
     print_written(files)
 
 
-def _iwer_files(source: Path, out: Path, episodes: list[str]) -> list[Path]:
+def _iwer_files(source: Path, out: Path, episodes: Sequence[str]) -> list[Path]:
     """Write a recording per episode, or that of a session."""
     from sim2vr_harness.evaluation.data import read_data, session_of_steps
     from sim2vr_harness.sessions import read_session

@@ -2,46 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from sim2vr_harness.cli.options import (
-    TrustOption,
-    finite,
-    known_users,
-    writable_file,
-)
+from sim2vr_harness.base.requests import argument, option
+from sim2vr_harness.cli.options import TrustedApp
 from sim2vr_harness.cli.progress import Share
 
 
-def film(
-    runs: Annotated[
-        list[str],
-        typer.Argument(
-            autocompletion=known_users,
-            metavar="RUN...",
-            help="Runs, checkpoints or pretrained:NAME, from left to right.",
-        ),
-    ],
-    condition: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="The game's condition.",
-            show_default="that of each user's training",
-        ),
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the round, the same for all.")] = 1,
-    seconds: Annotated[
-        float, typer.Option(help="How many seconds to film at most.", callback=finite)
-    ] = 60.0,
-    out: Annotated[
-        Path, typer.Option(metavar="OUT.mp4", help="The film.", callback=writable_file)
-    ] = Path("film.mp4"),
-    trust_app: TrustOption = False,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class FilmRequest(TrustedApp):
+    """Which round to film."""
+
+    runs: tuple[str, ...] = argument(
+        "RUN...", "Runs, checkpoints or pretrained:NAME, from left to right.", names="users"
+    )
+    condition: str | None = option(
+        "The game's condition.", metavar="NAME", shown="that of each user's training"
+    )
+    seed: int = option("Seed of the round, the same for all.", 1)
+    seconds: float = option("How many seconds to film at most.", 60.0)
+    out: Path = option("The film.", Path("film.mp4"), metavar="OUT.mp4", place="file to write")
+
+
+def film(request: FilmRequest) -> None:
     """Film a comparison video of users who play the same round.
 
     Examples:
@@ -50,11 +36,14 @@ def film(
     """
     from sim2vr_harness.play.render import film_comparison
 
-    # fmt: off
     with Share("Filming") as share:
         written = film_comparison(
-            runs, out, condition=condition, seed=seed, seconds=seconds, trust_app=trust_app,
+            request.runs,
+            request.out,
+            condition=request.condition,
+            seed=request.seed,
+            seconds=request.seconds,
+            trust_app=request.trust_app,
             on_progress=share.show,
         )
-    # fmt: on
     typer.echo(f"Written: {written}")

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import json as jsonlib
-from dataclasses import asdict
-from typing import Annotated, Any
+from dataclasses import asdict, dataclass
+from typing import Any
 
-import typer
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from sim2vr_harness.cli.app_options import GameLibraryOption, app_settings
+from sim2vr_harness.base.requests import argument
+from sim2vr_harness.cli.app_options import GameLibrary
 from sim2vr_harness.cli.command import Command
-from sim2vr_harness.cli.options import JsonOption, known_games, print_json
+from sim2vr_harness.cli.options import JsonOutput, print_json
 from sim2vr_harness.client import GameFacts, describe_game, list_games, list_options
 
 
@@ -33,28 +33,30 @@ class HelpWithGames(Command):
         super().format_epilog(ctx, formatter)
 
 
-def games(
-    name: Annotated[
-        str | None,
-        typer.Argument(
-            autocompletion=known_games, metavar="GAME", help="A game.", show_default="all, in short"
-        ),
-    ] = None,
-    game_library: GameLibraryOption = None,
-    json: JsonOption = False,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class GamesRequest(JsonOutput, GameLibrary):
+    """Which games to describe."""
+
+    name: str | None = argument("GAME", "A game.", None, shown="all, in short", names="games")
+
+
+def games(request: GamesRequest) -> None:
     """List the games; of one, its conditions, measures and options.
 
     Examples:
         sim2vr-harness games
         sim2vr-harness games beats
     """
-    app_settings(game_library=game_library)
-    chosen = [name] if name is not None else sorted(list_games())
-    facts = [describe_game(each) for each in chosen]
-    if json:
-        told = [{**asdict(each), "options": _options_of(each.name)} for each in facts]
-        print_json(told)
+    request.library()
+    name = request.name
+    facts = [describe_game(each) for each in ([name] if name else sorted(list_games()))]
+    if request.json:
+        print_json(
+            [
+                {**asdict(each), "options": [asdict(option) for option in list_options(each.name)]}
+                for each in facts
+            ]
+        )
         return
     console = Console()
     for each in facts:
@@ -107,7 +109,3 @@ def _options(game: str) -> Table:
         shown = jsonlib.dumps(option.default) if default is None else default
         table.add_row(option.name, option.type, shown, option.range)
     return table
-
-
-def _options_of(game: str) -> list[dict[str, Any]]:
-    return [asdict(option) for option in list_options(game)]

@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from io import TextIOWrapper
-from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -27,6 +26,7 @@ from sim2vr_harness.cli import (
     audit,
     compare,
     curves,
+    doctor,
     evaluate,
     export,
     film,
@@ -42,11 +42,9 @@ from sim2vr_harness.cli import (
     watch,
 )
 from sim2vr_harness.cli import report as report_command
-from sim2vr_harness.cli.app_options import AppArgOption, app_settings
 from sim2vr_harness.cli.command import ANALYSE, KNOW, LOOK, PLAY, STUDY, CommandGroup
 from sim2vr_harness.cli.errors import INTERRUPTED, report
 from sim2vr_harness.cli.games import HelpWithGames
-from sim2vr_harness.cli.options import JsonOption, finite, writable_file
 
 app = CommandGroup(
     """Train and evaluate simulated users of VR applications.
@@ -98,52 +96,6 @@ def _options(
     """Train and evaluate simulated users of VR applications."""
 
 
-def doctor(
-    app: Annotated[
-        str | None,
-        typer.Option(
-            "--app",
-            metavar="PATH",
-            help="Try this app instead: handshake, reset, ten steps, one picture.",
-        ),
-    ] = None,
-    app_arg: AppArgOption = None,
-    out: Annotated[
-        Path, typer.Option(help="PNG file for the picture of --app.", callback=writable_file)
-    ] = Path("app.png"),
-    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT of the pictures of --app.")] = "120x80",
-    timeout: Annotated[
-        float,
-        typer.Option(
-            help="Seconds that the start and every answer of --app may take.", callback=finite
-        ),
-    ] = 60.0,
-    json: JsonOption = False,
-) -> int:
-    """Check what is installed and how to mend it; or try an app.
-
-    Examples:
-        sim2vr-harness doctor
-        sim2vr-harness doctor --app build/MyGame.x86_64
-    """
-    from sim2vr_harness.cli.doctor import check_app, run_doctor
-
-    app_settings(app, app_arg)
-    if app is None:
-        return run_doctor(json=json)
-    from sim2vr_harness.play.render import parse_size
-
-    executable = Path(app).expanduser().absolute()
-    return check_app(
-        executable,
-        app_arg or [],
-        out,
-        size=parse_size(size),
-        timeout_s=timeout,
-        json=json,
-    )
-
-
 app.add("train", train.train, PLAY)
 app.add("evaluate", evaluate.evaluate, PLAY, cls=HelpWithGames)
 app.add("watch", watch.watch, PLAY)
@@ -163,7 +115,7 @@ app.add_typer(render, name="render", rich_help_panel=LOOK)
 app.add("games", games.games, KNOW)
 app.add_typer(page.app, name="page", rich_help_panel=KNOW)
 app.add_typer(users.app, name="users", rich_help_panel=KNOW)
-app.add("doctor", doctor, KNOW)
+app.add("doctor", doctor.doctor, KNOW)
 
 
 def main(arguments: list[str] | None = None) -> None:

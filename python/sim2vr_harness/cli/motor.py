@@ -3,130 +3,91 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.requests import argument, option
 from sim2vr_harness.cli.command import CommandGroup
-from sim2vr_harness.cli.options import (
-    JsonOption,
-    TrustOption,
-    print_json,
-    readable_file,
-    writable_file,
-)
+from sim2vr_harness.cli.options import JsonOutput, TrainedPeople, TrustedApp, print_json
 
 if TYPE_CHECKING:
     from sim2vr_harness.policies.hierarchical.human_motor import HumanMotorPolicy
     from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+    from sim2vr_harness.runs.option_config import MotorTrainingConfig
     from sim2vr_harness.training.motor_control.goal_task import MotorTrainer
     from sim2vr_harness.training.motor_control.people_training import PeopleTrainer
-    from sim2vr_harness.users import Body
 
-BodyArgument = Annotated[str, typer.Argument(metavar="BODY", help="A body, or its YAML file.")]
-StepOption = Annotated[
-    float, typer.Option("--step", metavar="S", help="Duration of a user step.", min=0.001, max=1.0)
-]
-_Begin = Annotated[
-    Path | None,
-    typer.Option(
+
+@dataclass(frozen=True, kw_only=True)
+class LayerRequest(TrustedApp):
+    """A body, and who has it."""
+
+    body: str = argument("BODY", "A body, or its YAML file.")
+    step_s: float = option(
+        "Duration of a user step.", 0.05, name="--step", metavar="S", least=0.001, most=1.0
+    )
+    seed: int = option("Of what is drawn.", 1, least=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainLayerRequest(LayerRequest, TrainedPeople):
+    """What to train."""
+
+    out: Path = option("The layer's file.", MISSING, metavar="FILE.pt", place="file to write")
+    begin: Path | None = option(
+        "Go on from this layer, such as one that ships.",
         metavar="LAYER.pt",
-        help="Go on from this layer, such as one that ships.",
-        callback=readable_file,
-    ),
-]
-_MotorSet = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
+        place="file to read",
+    )
+    set_: tuple[str, ...] = option(
+        "Change the training: --set skills.motor_training.cycles=36, or cycles=36; may be "
+        "repeated.",
+        (),
         metavar="KEY=VALUE",
-        help="Change the training: --set skills.motor_training.cycles=36, or cycles=36; may "
-        "be repeated.",
-    ),
-]
-_People = Annotated[
-    bool,
-    typer.Option("--people", help="Of a simulated population (docs/concepts/people.md)."),
-]
+    )
 
 
-def train_layer(
-    body: BodyArgument,
-    out: Annotated[
-        Path, typer.Option(metavar="FILE.pt", help="The layer's file.", callback=writable_file)
-    ],
-    begin: _Begin = None,
-    step_s: StepOption = 0.05,
-    seed: Annotated[int, typer.Option(help="Of what is drawn.", min=0)] = 1,
-    set_: _MotorSet = None,
-    people: _People = False,
-    trust_app: TrustOption = False,
-) -> int:
+@dataclass(frozen=True, kw_only=True)
+class MeasureLayerRequest(LayerRequest, JsonOutput):
+    """What to measure."""
+
+    people: int | None = option(
+        "N persons of a simulated population, 12 unless set (docs/concepts/people.md).",
+        metavar="[N]",
+        least=1,
+        bare=12,
+    )
+
+    layer: Path | None = option(
+        "The layer.", metavar="FILE.pt", shown="the one that ships", place="file to read"
+    )
+    movements: int = option("Of each kind (9 kinds).", 48, least=12, most=100_000)
+    noise: bool = option("With a person's motor noise; persons always have it.", False)
+
+
+def train_layer(request: TrainLayerRequest) -> int:
     """Train a body's motor layer; a stopped training continues.
 
     Examples:
         sim2vr-harness users motor train mobl_arms_wrist --out layer.pt
         sim2vr-harness users motor train mobl_arms_wrist --people --out people.pt
     """
-    from sim2vr_harness.base.errors import InputError
-
-    if people:
-        if begin is not None:
-            raise InputError("--begin", "it together with --people", "one of them")
-        return _train_people(body, out, step_s, seed, set_ or (), trust_app)
     from sim2vr_harness.base.signals import sigterm_interrupts
-    from sim2vr_harness.policies.hierarchical.motor_store import load_motor_layer, save_motor_layer
-    from sim2vr_harness.runs.config import apply_overrides, parse_config
-    from sim2vr_harness.training.motor_control.goal_task import motor_trainer
-
-    config = parse_config(apply_overrides({}, _changes(set_ or ()))).skills.motor_training
-    of, first = _body(body, trust_app), None
-    if begin is not None:
-        first = load_motor_layer(begin, of, step_s)
-        config = config.model_copy(update={"width": first.width})
-    practice = motor_trainer(config, of, step_s, seed=seed, begin=first)
-    begun = out.with_name(out.name + ".part")
-    try:
-        with sigterm_interrupts():
-            known = _cycles(practice, begun)
-    except KeyboardInterrupt:
-        typer.echo(f"Stopped after cycle {practice.cycle}; the same command goes on.", err=True)
-        return 130
-    if config.strikes:
-        known["following"] = True
-    save_motor_layer(out, practice.task.policy, body=of.name, **known)
-    begun.unlink(missing_ok=True)
-    typer.echo(f"Written: {out}")
-    return 0
-
-
-def _train_people(
-    body: str,
-    out: Path,
-    step_s: float,
-    seed: int,
-    changes: Sequence[str],
-    trust_app: bool,
-) -> int:
-    """Train a human motor policy."""
-    from sim2vr_harness.base.signals import sigterm_interrupts
-    from sim2vr_harness.envs.config import UserConfig
-    from sim2vr_harness.envs.people_preset import as_population
     from sim2vr_harness.policies.hierarchical.motor_store import save_motor_layer
     from sim2vr_harness.runs.config import apply_overrides, parse_config
-    from sim2vr_harness.runs.option_config import PeopleTraining
     from sim2vr_harness.runs.trust import require_trusted_body
-    from sim2vr_harness.training.motor_control.people_training import PeopleTrainer
 
-    require_trusted_body(body, body, trust=trust_app)
-    given = parse_config(apply_overrides({}, _changes(changes))).skills.motor_training
-    set_here = {name: getattr(given, name) for name in given.model_fields_set}
-    for name in set_here.keys() - {"cycles", "bodies"}:
-        raise InputError(f"--set {name}", "it with --people", "cycles or bodies")
-    config = PeopleTraining(**set_here)
-    trainer = PeopleTrainer(config, as_population(UserConfig(model=body)), step_s, seed=seed)
+    persons = request.people is not None
+    if persons and request.begin is not None:
+        raise InputError("--begin", "it together with --people", "one of them")
+    require_trusted_body(request.body, request.body, trust=request.trust_app)
+    config = parse_config(apply_overrides({}, _changes(request.set_))).skills.motor_training
+    trainer: Any = _people_trainer(request, config) if persons else _trainer(request, config)
+    out = request.out
     begun = out.with_name(out.name + ".part")
     try:
         with sigterm_interrupts():
@@ -134,10 +95,38 @@ def _train_people(
     except KeyboardInterrupt:
         typer.echo(f"Stopped after cycle {trainer.cycle}; the same command goes on.", err=True)
         return 130
-    save_motor_layer(out, trainer.policy, body=trainer.policy.body.name, **known)
+    if not persons and config.strikes:
+        known["following"] = True
+    policy = trainer.policy if persons else trainer.task.policy
+    save_motor_layer(out, policy, body=policy.body.name, **known)
     begun.unlink(missing_ok=True)
     typer.echo(f"Written: {out}")
     return 0
+
+
+def _trainer(request: TrainLayerRequest, config: MotorTrainingConfig) -> MotorTrainer:
+    from sim2vr_harness.policies.hierarchical.motor_store import load_motor_layer
+    from sim2vr_harness.training.motor_control.goal_task import motor_trainer
+    from sim2vr_harness.users import load_body
+
+    body, first = load_body(request.body), None
+    if request.begin is not None:
+        first = load_motor_layer(request.begin, body, request.step_s)
+        config = config.model_copy(update={"width": first.width})
+    return motor_trainer(config, body, request.step_s, seed=request.seed, begin=first)
+
+
+def _people_trainer(request: TrainLayerRequest, given: MotorTrainingConfig) -> PeopleTrainer:
+    from sim2vr_harness.envs.config import UserConfig
+    from sim2vr_harness.envs.people_preset import as_population
+    from sim2vr_harness.runs.option_config import PeopleTraining
+    from sim2vr_harness.training.motor_control.people_training import PeopleTrainer
+
+    set_here = {name: getattr(given, name) for name in given.model_fields_set}
+    for name in set_here.keys() - {"cycles", "bodies"}:
+        raise InputError(f"--set {name}", "it with --people", "cycles or bodies")
+    user = as_population(UserConfig(model=request.body), request.count())
+    return PeopleTrainer(PeopleTraining(**set_here), user, request.step_s, seed=request.seed)
 
 
 def _changes(given: Sequence[str], below: str = "skills.motor_training.") -> list[str]:
@@ -165,36 +154,11 @@ def _cycles(practice: MotorTrainer | PeopleTrainer, begun: Path) -> dict[str, An
     return known
 
 
-_Layer = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE.pt",
-        help="The layer.",
-        show_default="the one that ships",
-        callback=readable_file,
-    ),
-]
-
-
-def measure(
-    body: BodyArgument,
-    layer: _Layer = None,
-    movements: Annotated[
-        int, typer.Option(help="Of each kind (9 kinds).", min=12, max=100_000)
-    ] = 48,
-    noise: Annotated[
-        bool, typer.Option("--noise", help="With a person's motor noise; persons always have it.")
-    ] = False,
-    step_s: StepOption = 0.05,
-    seed: Annotated[int, typer.Option(help="Of what is drawn.", min=0)] = 1,
-    json: JsonOption = False,
-    people: _People = False,
-    trust_app: TrustOption = False,
-) -> None:
+def measure(request: MeasureLayerRequest) -> None:
     """Measure aimed movements of a motor layer: Fitts' law, errors, speed profiles.
 
-    Hands reach over three distances in three movement times. With --people, twelve persons reach
-    targets of three widths, and end their movements themselves.
+    Hands reach over three distances in three movement times. With --people, persons reach targets
+    of three widths, and end their movements themselves.
 
     Examples:
         sim2vr-harness users motor measure mobl_arms_wrist
@@ -209,11 +173,14 @@ def measure(
         load_motor_layer,
         motor_layer_for,
     )
+    from sim2vr_harness.runs.trust import require_trusted_body
     from sim2vr_harness.training.motor_control.aimed_movements import measure_movements
+    from sim2vr_harness.users import load_body
 
-    found, user = _body(body, trust_app), UserConfig(model=body)
+    require_trusted_body(request.body, request.body, trust=request.trust_app)
+    user, layer, step_s = UserConfig(model=request.body), request.layer, request.step_s
     policy: HumanMotorPolicy | MotorPolicy
-    if people:
+    if request.people is not None:
         user = as_population(user)
         policy = (
             human_policy_for(user, step_s)
@@ -221,33 +188,32 @@ def measure(
             else load_human_policy(layer, user, step_s)
         )
     else:
-        if noise:
+        if request.noise:
             white = NoiseConfig(signal_dependent="white", constant="white")
             user = user.model_copy(update={"noise": white})
+        body = load_body(request.body)
         policy = (
-            motor_layer_for(found, step_s)
+            motor_layer_for(body, step_s)
             if layer is None
-            else load_motor_layer(layer, found, step_s)
+            else load_motor_layer(layer, body, step_s)
         )
+    persons = request.people or 12
     with Share("Measuring movements") as share:
         measures = measure_movements(
-            policy, user, repeats=-(-movements // 12), seed=seed, on_progress=share.show
+            policy,
+            user,
+            persons=persons,
+            repeats=-(-request.movements // persons),
+            seed=request.seed,
+            on_progress=share.show,
         )
-    if json:
+    if request.json:
         print_json(measures.summary())
         return
     for row in measures.rows():
         typer.echo(row)
     for name, value in measures.summary().items():
         typer.echo(f"{name:40s} {value:.4g}")
-
-
-def _body(name: str, trust_app: bool) -> Body:
-    from sim2vr_harness.runs.trust import require_trusted_body
-    from sim2vr_harness.users import load_body
-
-    require_trusted_body(name, name, trust=trust_app)
-    return load_body(name)
 
 
 app = CommandGroup(

@@ -5,6 +5,9 @@ Values are checked before a command starts.
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+import inspect
 import json
 import math
 import os
@@ -13,13 +16,15 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import MISSING, Field, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
 
 from sim2vr_harness.base import paths
 from sim2vr_harness.base.errors import InputError, unknown_name
+from sim2vr_harness.base.requests import option
 
 if TYPE_CHECKING:
     from sim2vr_harness.evaluation.expectations import Planned, Results
@@ -50,64 +55,201 @@ def known_players(incomplete: str) -> list[str]:
     return [*baselines, *known_users(incomplete)]
 
 
-def game_option(help_: str, default: str | bool = True) -> Any:
-    """Return an option that names a game; ``default`` says which one is meant without it."""
-    return typer.Option(
-        autocompletion=known_games, metavar="NAME", help=help_, show_default=default
+def _checks(place: str | None) -> Callable[[typer.CallbackParam, Any], Any]:
+    """Return the check of an option: numbers are finite, and its place can be read or written.
+
+    What is written need not exist yet. An error names the folder that is in the way.
+    """
+
+    def check(parameter: typer.CallbackParam, value: Any) -> Any:
+        options = [name for name in parameter.opts if name.startswith("--")]
+        name = options[0] if options else str(parameter.name).upper()
+        got = repr(str(value))
+        if isinstance(value, float) and not math.isfinite(value):
+            raise InputError(name, f"{value:g}", "a finite number")
+        if place is None or value is None:
+            return value
+        if place == "file to read" and not value.is_file():
+            raise InputError(name, f"{got}, which is no file", "a file to read")
+        if place == "file to write" and value.is_dir():
+            raise InputError(name, f"{got}, which is a folder", "a file")
+        if place == "file to write" and value.is_symlink() and not value.exists():
+            raise InputError(name, f"{got}, a link to nothing", "a file")
+        if place != "file to read":
+            _check(name, value, value.absolute().parent if place == "file to write" else value)
+        return value
+
+    return check
+
+
+def _check(option: str, given: Path, folder: Path) -> None:
+    """Try to write in the folder, or in the nearest one above it that exists."""
+    above = folder.absolute()
+    while not os.path.lexists(above) and above != above.parent:
+        above = above.parent
+    got = repr(str(given))
+    if not above.is_dir():
+        if above.is_symlink() and not above.exists():
+            raise InputError(option, f"{got}, but {above} is a link to nothing", "a folder")
+        problem = "which is a file" if above == folder.absolute() else f"but {above} is a file"
+        raise InputError(option, f"{got}, {problem}", "a folder")
+    try:
+        with tempfile.TemporaryDirectory(prefix=".sim2vr-", dir=above):
+            pass
+    except OSError as error:
+        problem = f"but nothing can be written in {above} ({(error.strerror or '').lower()})"
+        raise InputError(option, f"{got}, {problem}", "a writable place") from error
+
+
+_COMPLETIONS: dict[str | None, Any] = {
+    "games": known_games,
+    "users": known_users,
+    "configs": known_configs,
+    "players": known_players,
+}
+
+
+def _of_a_field(name: str, field: Field[Any], type_: Any) -> inspect.Parameter:
+    """Return the parameter, as Typer reads it, that a field of a request is."""
+    about = field.metadata
+    default = inspect.Parameter.empty if field.default is MISSING else field.default
+    if get_origin(type_) is tuple:
+        type_ = list[get_args(type_)[0]]  # type: ignore[misc]
+        default = default or None
+    settings: dict[str, Any] = {
+        "help": about["help"],
+        "metavar": about.get("metavar"),
+        "min": about.get("least"),
+        "max": about.get("most"),
+        "show_default": about.get("shown", True),
+        "autocompletion": _COMPLETIONS.get(about.get("names")),
+        "callback": _checks(about.get("place")),
+    }
+    if about.get("at"):
+        declared: Any = typer.Argument(**settings)
+    else:
+        word = name.strip("_").replace("_", "-")
+        both = f"--{word}/--no-{word}" if type_ is bool and default else f"--{word}"
+        declared = typer.Option(about.get("name", both), **settings)
+    return inspect.Parameter(
+        name,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=default,
+        annotation=Annotated[type_, declared],
     )
 
 
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Change the configuration: --set ppo.n_envs=4; may be repeated.",
-    ),
-]
+def with_options(function: Callable[[Any], Any]) -> Callable[..., Any]:
+    """Return a command that has an option for every field of the request which ``function`` takes.
 
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object, nothing else.")]
-EnvSetOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Change the environment: --set env.user.noise.constant=white; may be repeated.",
-    ),
-]
+    Its own options come first, then those of the groups that it inherits.
+    """
+    (taken,) = inspect.signature(function, eval_str=True).parameters.values()
+    request = taken.annotation
+    types = get_type_hints(request)
+    fields = {each.name: each for each in dataclasses.fields(request)}
+    own_first = [n for each in request.__mro__ for n in inspect.get_annotations(each)]
+    arguments = [name for name, each in fields.items() if "at" in each.metadata]
+    repeated = {name for name in fields if get_origin(types[name]) is tuple}
 
-UserOption = Annotated[
-    str | None,
-    typer.Option(
-        "--user",
-        autocompletion=known_players,
-        metavar="USER",
-        help="Who plays: a trained user, or one without training: still, random, 'touch NAME', "
+    @functools.wraps(function)
+    def run(**given: Any) -> Any:
+        given |= {name: tuple(given[name] or ()) for name in repeated}
+        return function(request(**given))
+
+    parameters = [
+        _of_a_field(name, fields[name], types[name])
+        for name in dict.fromkeys([*arguments, *own_first])
+    ]
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {each.name: each.annotation for each in parameters}
+    run.bare = {  # type: ignore[attr-defined]
+        f"--{name}": each.metadata["bare"]
+        for name, each in fields.items()
+        if "bare" in each.metadata
+    }
+    return run
+
+
+EVERYONE = 2**31
+"""What ``--people`` means without a number where a population has no end: numbers have 31 bits."""
+
+
+# --- groups of options that several requests inherit ----------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class JsonOutput:
+    """``--json``."""
+
+    json: bool = option("Print one JSON object, nothing else.", False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrustedApp:
+    """``--trust-app``."""
+
+    trust_app: bool = option("Run the program or Python code that a file names; remembered.", False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChangedEnvironment:
+    """``--set`` of commands that play."""
+
+    set_: tuple[str, ...] = option(
+        "Change the environment: --set env.user.noise.constant=white; may be repeated.",
+        (),
+        metavar="KEY=VALUE",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnyUser:
+    """``--user``."""
+
+    user: str | None = option(
+        "Who plays: a trained user, or one without training: still, random, 'touch NAME', "
         "'point NAME', 'press NAME by ray', 'grab NAME to NAME2', or a SCRIPT.yaml of such steps. "
         "NAME is an object, or X Y Z in metres.",
-    ),
-]
+        names="players",
+        metavar="USER",
+    )
 
-DeterministicOption = Annotated[
-    bool | None,
-    typer.Option(
-        "--deterministic/--stochastic",
-        help="Take the policy's mean, or sample.",
-        show_default="the user's evaluation.deterministic",
-    ),
-]
 
-ConditionsOption = Annotated[
-    list[str] | None,
-    typer.Option(metavar="NAME", help="The game's condition; may be repeated."),
-]
-TrustOption = Annotated[
-    bool,
-    typer.Option(
-        "--trust-app",
-        help="Run the program or Python code that a file names; remembered.",
-    ),
-]
+@dataclass(frozen=True, kw_only=True)
+class TrainedPeople:
+    """``--people`` of trainings: so many persons, or a population without end."""
+
+    people: int | None = option(
+        "Users are a simulated population, or N persons of it (docs/concepts/people.md).",
+        metavar="[N]",
+        least=1,
+        bare=EVERYONE,
+    )
+
+    def count(self) -> int | None:
+        """Return how many persons there are; None: a population without end."""
+        return None if self.people == EVERYONE else self.people
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActionMode:
+    """``--deterministic`` and ``--stochastic``."""
+
+    deterministic: bool | None = option(
+        "Take the policy's mean, or sample.",
+        name="--deterministic/--stochastic",
+        shown="the user's evaluation.deterministic",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class GameConditions:
+    """``--condition`` of commands that look at a game."""
+
+    condition: tuple[str, ...] = option(
+        "The game's condition; may be repeated.", (), metavar="NAME"
+    )
 
 
 def print_json(content: Any) -> None:
@@ -144,137 +286,53 @@ def who_plays(run: str | None, user: str | None) -> tuple[str | None, str | None
     raise unknown_name("--user", user, ["still", "random", *FORMS, *names])
 
 
-def finite(parameter: typer.CallbackParam, value: float | None) -> float | None:
-    """Callback of an option that takes a number.
+@dataclass(frozen=True, kw_only=True)
+class Expected:
+    """``--expect`` and ``--junit``."""
 
-    Raises:
-        InputError: It is NaN or infinite.
-    """
-    if value is not None and not math.isfinite(value):
-        raise InputError(_name(parameter), f"{value:g}", "a finite number")
-    return value
-
-
-def writable_folder(parameter: typer.CallbackParam, value: Path | None) -> Path | None:
-    """Callback of an option that names a folder to write to; it need not exist.
-
-    Raises:
-        InputError: It cannot be made, or written to; names the folder that is in the way.
-    """
-    if value is not None:
-        _check(_name(parameter), value, value)
-    return value
-
-
-def writable_file(parameter: typer.CallbackParam, value: Path | None) -> Path | None:
-    """Callback of an option that names a file to write; its folder need not exist.
-
-    Raises:
-        InputError: It is a folder, or cannot be written; names the folder that is in the way.
-    """
-    if value is not None:
-        if value.is_dir():
-            raise InputError(_name(parameter), f"{str(value)!r}, which is a folder", "a file")
-        if value.is_symlink() and not value.exists():
-            raise InputError(_name(parameter), f"{str(value)!r}, a link to nothing", "a file")
-        _check(_name(parameter), value, value.absolute().parent)
-    return value
-
-
-def readable_file(parameter: typer.CallbackParam, value: Path | None) -> Path | None:
-    """Callback of an option that names a file to read.
-
-    Raises:
-        InputError: there is no such file.
-    """
-    if value is not None and not value.is_file():
-        raise InputError(_name(parameter), f"{str(value)!r}, which is no file", "a file to read")
-    return value
-
-
-def _check(option: str, given: Path, folder: Path) -> None:
-    """Try to write in the folder, or in the nearest one above it that exists."""
-    above = folder.absolute()
-    while not os.path.lexists(above) and above != above.parent:
-        above = above.parent
-    got = repr(str(given))
-    if not above.is_dir():
-        if above.is_symlink() and not above.exists():
-            raise InputError(option, f"{got}, but {above} is a link to nothing", "a folder")
-        problem = "which is a file" if above == folder.absolute() else f"but {above} is a file"
-        raise InputError(option, f"{got}, {problem}", "a folder")
-    try:
-        with tempfile.TemporaryDirectory(prefix=".sim2vr-", dir=above):
-            pass
-    except OSError as error:
-        problem = f"but nothing can be written in {above} ({(error.strerror or '').lower()})"
-        raise InputError(option, f"{got}, {problem}", "a writable place") from error
-
-
-def _name(parameter: Any) -> str:
-    options = [name for name in parameter.opts if name.startswith("--")]
-    return options[0] if options else str(parameter.name).upper()
-
-
-ExpectOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--expect",
-        metavar="TEXT",
-        help="Exit with status 1 unless the results keep a bound: 'hit_rate >= 0.8', or "
+    expect: tuple[str, ...] = option(
+        "Exit with status 1 unless the results keep a bound: 'hit_rate >= 0.8', or "
         "'CONDITION_OR_CELL:hit_rate >= 0.8' for one of them; may be repeated.",
-    ),
-]
-AgainstOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--against",
-        metavar="BASELINE.json",
-        help="Exit with status 1 if a measure is worse than in earlier results by more than their "
+        (),
+        metavar="TEXT",
+    )
+    junit: Path | None = option(
+        "With --expect or --against: write the checks as JUnit XML.",
+        metavar="FILE.xml",
+        place="file to write",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Checked(Expected):
+    """``--expect``, ``--against`` and ``--junit``."""
+
+    against: Path | None = option(
+        "Exit with status 1 if a measure is worse than in earlier results by more than their "
         "noise (95 % interval of the difference): results.json of evaluate, statistics.json of "
         "study.",
-        callback=readable_file,
-    ),
-]
-JunitOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--junit",
-        metavar="FILE.xml",
-        help="With --expect or --against: write the checks as JUnit XML.",
-        callback=writable_file,
-    ),
-]
+        metavar="BASELINE.json",
+        place="file to read",
+    )
 
 
 class CheckedRun:
     """The checks of ``--expect`` and ``--against`` around what a command plays.
 
-    Args:
-        expect: Texts of expectations.
-        against: File of the baseline.
-        junit: File to write.
-        command: Name of the test suite.
-
     Raises:
         InputError: One of the options cannot be used.
     """
 
-    def __init__(
-        self,
-        expect: list[str] | None,
-        against: Path | None,
-        junit: Path | None,
-        command: str,
-    ) -> None:
-        self.asked = bool(expect) or against is not None
-        self._junit, self._command, self._began = junit, command, time.monotonic()
-        if junit is not None and not self.asked:
+    def __init__(self, request: Expected, command: str) -> None:
+        against = request.against if isinstance(request, Checked) else None
+        self.asked = bool(request.expect) or against is not None
+        self._junit, self._command, self._began = request.junit, command, time.monotonic()
+        if request.junit is not None and not self.asked:
             raise InputError("--junit", "it without --expect or --against", "one of them")
         if self.asked:
             from sim2vr_harness.evaluation.expectations import Checks
 
-            self._checks = Checks.of(expect or (), against)
+            self._checks = Checks.of(request.expect, against)
 
     def prepare(self, planned: Planned) -> None:
         """Refuse what will not be measured, before anything is played."""

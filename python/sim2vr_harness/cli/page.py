@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from sim2vr_harness.cli.app_options import (
-    BrowserOption,
-    MapOption,
-    mapped_places,
-    page_and_options,
-)
+from sim2vr_harness.base.requests import argument, option
+from sim2vr_harness.cli.app_options import PageFiles, mapped_places, page_and_options
 from sim2vr_harness.cli.command import CommandGroup
-from sim2vr_harness.cli.options import JsonOption, finite, print_json, writable_folder
+from sim2vr_harness.cli.options import JsonOutput, print_json
 
 if TYPE_CHECKING:
     from sim2vr_harness.client.webxr.check import PageCheck
@@ -23,20 +19,32 @@ if TYPE_CHECKING:
 MOST_ROUNDS = 8
 """Loads of a page, each of which may bring scripts that ask for more."""
 
-_Page = Annotated[
-    str, typer.Argument(metavar="PAGE", help="A file, a folder, or a mapped address.")
-]
+
+@dataclass(frozen=True, kw_only=True)
+class PageRequest(PageFiles):
+    """A page, and where it finds its files."""
+
+    page: str = argument("PAGE", "A file, a folder, or a mapped address.")
 
 
-def check(
-    page: _Page,
-    mapped: MapOption = None,
-    browser: BrowserOption = None,
-    seconds: Annotated[
-        float, typer.Option(help="How many seconds to play.", callback=finite)
-    ] = 2.0,
-    json: JsonOption = False,
-) -> int:
+@dataclass(frozen=True, kw_only=True)
+class CheckRequest(PageRequest, JsonOutput):
+    """What to check."""
+
+    seconds: float = option("How many seconds to play.", 2.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class VendorRequest(PageRequest):
+    """What to fetch."""
+
+    out: Path = option(
+        "Folder for the packages and their map.", Path("engines"), place="folder to write"
+    )
+    yes: bool = option("Do not ask before npm fetches.", False)
+
+
+def check(request: CheckRequest) -> int:
     """List what a page asks for, is made of and lacks, and whether it plays.
 
     The exit status is 0 if it plays.
@@ -47,24 +55,17 @@ def check(
     """
     from sim2vr_harness.client.webxr.check import check_page
 
-    place, options = page_and_options(page)
-    found = check_page(place, mapped_places(mapped or []), browser, options, seconds=seconds)
-    if json:
+    place, options = page_and_options(request.page)
+    places = mapped_places(request.map_)
+    found = check_page(place, places, request.browser, options, seconds=request.seconds)
+    if request.json:
         print_json({**asdict(found), "missing": found.missing, "plays": found.failure is None})
     else:
         typer.echo("\n".join(_lines(found)))
     return int(found.failure is not None)
 
 
-def vendor(
-    page: _Page,
-    out: Annotated[
-        Path, typer.Option(help="Folder for the packages and their map.", callback=writable_folder)
-    ] = Path("engines"),
-    mapped: MapOption = None,
-    browser: BrowserOption = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before npm fetches.")] = False,
-) -> int:
+def vendor(request: VendorRequest) -> int:
     """Fetch the npm packages behind a page's addresses, and write a map file for --map.
 
     npm fetches, from its cache where it can; no script of a package runs. Addresses of jsdelivr,
@@ -78,12 +79,12 @@ def vendor(
     from sim2vr_harness.client.webxr.vendor import MAP_FILE, packages_behind, read_map
     from sim2vr_harness.client.webxr.vendor import vendor as fetch
 
-    places, file = mapped_places(mapped or []), out / MAP_FILE
-    place, options = page_and_options(page)
+    places, file = mapped_places(request.map_), request.out / MAP_FILE
+    place, options = page_and_options(request.page)
     tried: set[str] = set()
     for _ in range(MOST_ROUNDS):
         known = {**places, **(read_map(file) if file.exists() else {})}
-        found = check_page(place, known, browser, options, seconds=0.5)
+        found = check_page(place, known, request.browser, options, seconds=0.5)
         packages, without = packages_behind(
             address for address in found.missing if address not in tried
         )
@@ -93,17 +94,17 @@ def vendor(
         if not packages:
             break
         typer.echo("npm packages: " + ", ".join(sorted({each.spec for each in packages})))
-        if not yes and not typer.confirm(f"Fetch them into {out}?"):
+        if not request.yes and not typer.confirm(f"Fetch them into {request.out}?"):
             return 1
-        for one in fetch(packages, out):
+        for one in fetch(packages, request.out):
             typer.echo(f"{one.address}: {one.why}", err=True)
     if file.exists():
         typer.echo(f"Written: {file}")
     if found.failure is not None:
         typer.echo(f"does not play: {found.failure}", err=True)
         return 1
-    option = f" --map {file}" if file.exists() else ""
-    typer.echo(f"It plays: sim2vr-harness render snapshot --page {page}{option}")
+    with_map = f" --map {file}" if file.exists() else ""
+    typer.echo(f"It plays: sim2vr-harness render snapshot --page {request.page}{with_map}")
     return 0
 
 

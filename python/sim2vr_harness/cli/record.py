@@ -6,66 +6,45 @@ import secrets
 import signal
 import time
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from sim2vr_harness.cli.options import writable_file
+from sim2vr_harness.base.requests import option
 
 if TYPE_CHECKING:
     from sim2vr_harness.tools.record import RecordingServer
 
-_Page = Annotated[
-    str | None,
-    typer.Option("--page", metavar="PAGE", help="A page in HTML, or a folder with index.html."),
-]
-_Out = Annotated[
-    Path | None,
-    typer.Option(
+
+@dataclass(frozen=True, kw_only=True)
+class RecordRequest:
+    """Which page to record."""
+
+    page: str | None = option("A page in HTML, or a folder with index.html.", metavar="PAGE")
+    out: Path | None = option(
+        "The session to write: .jsonl, .jsonl.gz, .json (IWER) or .csv.",
         metavar="FILE",
-        help="The session to write: .jsonl, .jsonl.gz, .json (IWER) or .csv.",
-        show_default="PAGE_TIME.jsonl",
-        callback=writable_file,
-    ),
-]
-_Port = Annotated[
-    int, typer.Option(min=0, max=65535, help="Port to listen on; 0: one that is free.")
-]
-_Lan = Annotated[
-    bool,
-    typer.Option(
-        "--lan",
-        help="Serve the local network over HTTPS with a self-signed certificate (needs openssl), "
-        "not loopback.",
-    ),
-]
-_Seed = Annotated[
-    int | None,
-    typer.Option(
-        min=0, max=2**32 - 1, help="Seed of the page's random numbers.", show_default="random"
-    ),
-]
-_Tag = Annotated[
-    bool,
-    typer.Option(
-        "--script-tag", help="Print an element for the top of a page: it downloads the session."
-    ),
-]
-_Bookmarklet = Annotated[
-    bool, typer.Option("--bookmarklet", help="Print the same as a bookmark's address; no seed.")
-]
+        shown="PAGE_TIME.jsonl",
+        place="file to write",
+    )
+    port: int = option("Port to listen on; 0: one that is free.", 8090, least=0, most=65535)
+    lan: bool = option(
+        "Serve the local network over HTTPS with a self-signed certificate (needs openssl), not "
+        "loopback.",
+        False,
+    )
+    seed: int | None = option(
+        "Seed of the page's random numbers.", shown="random", least=0, most=2**32 - 1
+    )
+    script_tag: bool = option(
+        "Print an element for the top of a page: it downloads the session.", False
+    )
+    bookmarklet: bool = option("Print the same as a bookmark's address; no seed.", False)
 
 
-def record(
-    page: _Page = None,
-    out: _Out = None,
-    port: _Port = 8090,
-    lan: _Lan = False,
-    seed: _Seed = None,
-    script_tag: _Tag = False,
-    bookmarklet: _Bookmarklet = False,
-) -> None:
+def record(request: RecordRequest) -> None:
     """Record a round of a WebXR page, played in a headset's browser.
 
     Serves the page's folder and prints the address to open. The recording ends with the page's VR
@@ -78,17 +57,17 @@ def record(
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.tools import record as recorder
 
-    wanted = [page is not None, script_tag, bookmarklet]
+    wanted = [request.page is not None, request.script_tag, request.bookmarklet]
     if sum(wanted) != 1:
         got = "nothing" if not any(wanted) else "more than one of them"
         raise InputError("session record", got, "--page, --script-tag or --bookmarklet")
-    seed = secrets.randbits(32) if seed is None else seed
-    if script_tag:
+    seed = secrets.randbits(32) if request.seed is None else request.seed
+    if request.script_tag:
         typer.echo(recorder.script_tag(seed), nl=False)
-    elif bookmarklet:
+    elif request.bookmarklet:
         typer.echo(recorder.bookmarklet())
-    elif page is not None:
-        _serve(page, out, port, seed, lan=lan)
+    elif request.page is not None:
+        _serve(request.page, request.out, request.port, seed, lan=request.lan)
 
 
 def _serve(given: str, out: Path | None, port: int, seed: int, *, lan: bool) -> None:

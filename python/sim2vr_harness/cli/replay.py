@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich import box
@@ -16,15 +16,9 @@ from rich.table import Table
 
 from sim2vr_harness.base.errors import InputError, counted, printable
 from sim2vr_harness.base.files import file_name
-from sim2vr_harness.cli.app_options import with_app_options
-from sim2vr_harness.cli.options import (
-    JsonOption,
-    finite,
-    game_option,
-    print_json,
-    writable_file,
-    writable_folder,
-)
+from sim2vr_harness.base.requests import argument, option
+from sim2vr_harness.cli.app_options import AppOptions
+from sim2vr_harness.cli.options import JsonOutput, print_json
 from sim2vr_harness.cli.progress import Share
 
 if TYPE_CHECKING:
@@ -51,70 +45,38 @@ _TIMES = (
     "|dv| m/s\nmedian/p95",
 )
 
-_Paths = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="PATH...",
-        help="Sessions in any format; or rounds of Whac-A-Mole: folders with states.csv and "
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayRequest(JsonOutput, AppOptions):
+    """What to replay, and how."""
+
+    paths: tuple[Path, ...] = argument(
+        "PATH...",
+        "Sessions in any format; or rounds of Whac-A-Mole: folders with states.csv and "
         "events.csv, packed .npz rounds with their manifest.json, or folders above such.",
-    ),
-]
-_Closed = Annotated[
-    bool, typer.Option("--closed", help="Seed and poses only: spawns are predicted as well.")
-]
-_Unconstrained = Annotated[
-    bool,
-    typer.Option("--unconstrained", help="Every touch was a hit, though the logs do not say."),
-]
-_FixedStep = Annotated[
-    float | None,
-    typer.Option(
-        help="Period of the recording's fixed steps, s.",
-        show_default="worked out",
-        callback=finite,
-    ),
-]
-_Log = Annotated[
-    Path | None,
-    typer.Option(
-        help="Keep the replayed rounds' own logs in this folder.", callback=writable_folder
-    ),
-]
-_Video = Annotated[
-    Path | None,
-    typer.Option(
+    )
+    closed: bool = option("Seed and poses only: spawns are predicted as well.", False)
+    unconstrained: bool = option("Every touch was a hit, though the logs do not say.", False)
+    fixed_step: float | None = option(
+        "Period of the recording's fixed steps, s.", shown="worked out"
+    )
+    log: Path | None = option(
+        "Keep the replayed rounds' own logs in this folder.", place="folder to write"
+    )
+    video: Path | None = option(
+        "Film the player's view, and a game from outside.",
         metavar="OUT.mp4",
-        help="Film the player's view, and a game from outside.",
-        callback=writable_file,
-    ),
-]
-_Game = Annotated[
-    str | None,
-    game_option("Replay sessions in this game.", "the session's"),
-]
-_Strict = Annotated[
-    bool,
-    typer.Option("--strict", help="Exit with status 1 unless every event came again."),
-]
-_Fps = Annotated[float, typer.Option(help="Pictures per second of the film.", callback=finite)]
+        place="file to write",
+    )
+    size: str = option("WIDTHxHEIGHT of each view in the film.", "640x480")
+    fps: float = option("Pictures per second of the film.", 30.0)
+    game: str | None = option(
+        "Replay sessions in this game.", metavar="NAME", shown="the session's", names="games"
+    )
+    strict: bool = option("Exit with status 1 unless every event came again.", False)
 
 
-@with_app_options
-def replay(
-    paths: _Paths,
-    closed: _Closed = False,
-    unconstrained: _Unconstrained = False,
-    fixed_step: _FixedStep = None,
-    log: _Log = None,
-    video: _Video = None,
-    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT of each view in the film.")] = "640x480",
-    fps: _Fps = 30.0,
-    game: _Game = None,
-    strict: _Strict = False,
-    json: JsonOption = False,
-    *,
-    remote: dict[str, Any],
-) -> int:
+def replay(request: ReplayRequest) -> int:
     """Replay recorded rounds and compare every event with the record.
 
     With --game, --page or --app, or with sessions in files: any app, the recorded devices under
@@ -131,21 +93,29 @@ def replay(
     from sim2vr_harness.sessions.logs import WHACAMOLE
     from sim2vr_harness.sessions.whacamole import is_recorded_round, without_constraint
 
-    film = None if video is None else ReplayFilm(video, parse_size(size, (4096, 4096)), fps)
-    sessions = [each for path in paths for each in read_sessions(path)]
+    remote, video, game = request.remote(), request.video, request.game
+    film = None
+    if video is not None:
+        film = ReplayFilm(video, parse_size(request.size, (4096, 4096)), request.fps)
+    sessions = [each for path in request.paths for each in read_sessions(path)]
     for each in sessions:
         if each.source == "log" and not (each.app.name or game or remote):
             events = file_name((each.folder or Path()) / "events.csv")
             raise InputError(events, "no event that tells its game", "such events; or --game NAME")
     own = not remote and game in (None, WHACAMOLE)
     rounds = [own and is_recorded_round(each) for each in sessions]
-    given = {"--closed": closed, "--unconstrained": unconstrained, "--fixed-step": fixed_step}
-    for option, value in given.items():
+    given = {
+        "--closed": request.closed,
+        "--unconstrained": request.unconstrained,
+        "--fixed-step": request.fixed_step,
+    }
+    for name, value in given.items():
         if value not in (False, None) and not any(rounds):
-            raise InputError(option, "it with a session", "it with rounds of Whac-A-Mole")
+            raise InputError(name, "it with a session", "it with rounds of Whac-A-Mole")
+    fixed_step = request.fixed_step
     if fixed_step is not None and not 1e-4 <= fixed_step <= 1.0:
         raise InputError("--fixed-step", f"{fixed_step:g}", "a period from 0.0001 to 1 s")
-    if unconstrained:
+    if request.unconstrained:
         sessions = [
             without_constraint(each) if is_round else each
             for each, is_round in zip(sessions, rounds, strict=True)
@@ -153,7 +123,7 @@ def replay(
     for each, is_round in zip(sessions, rounds, strict=True):
         for note in () if is_round else each.notes:
             typer.echo(printable(f"note: {_file_of(each)}: {note}"), err=True)
-    player = _Player(game, remote, closed, fixed_step, log, film)
+    player = _Player(game, remote, request.closed, fixed_step, request.log, film)
     played = list(zip(_distinct_names(sessions), sessions, rounds, strict=True))
     replays = []
     with Share("Replaying") as share:
@@ -166,14 +136,14 @@ def replay(
         (n, s, agreement_of(s, done.session)) for (n, s, is_round), done in both if is_round
     ]
     others = [(s, done) for (_, s, is_round), done in both if not is_round]
-    if json:
-        content = rounds_json(agreeing, closed_loop=closed) if agreeing else {}
+    if request.json:
+        content = rounds_json(agreeing, closed_loop=request.closed) if agreeing else {}
         if others:
             content["sessions"] = {str(each.path): _as_json(done) for each, done in others}
         print_json(content)
     else:
         if agreeing:
-            _print_rounds(agreeing, closed_loop=closed)
+            _print_rounds(agreeing, closed_loop=request.closed)
         for each, done in others:
             lines = [f"{_file_of(each)}: {_summary(done)}", *_lines(done)]
             typer.echo("\n".join(map(printable, lines)))
@@ -181,7 +151,7 @@ def replay(
             typer.echo(f"Written: {file}")
     same = [part.identical_rounds == 1 for *_, part in agreeing]
     same += [done.comparison.same for _, done in others]
-    return int(strict and not all(same))
+    return int(request.strict and not all(same))
 
 
 @dataclass(frozen=True)

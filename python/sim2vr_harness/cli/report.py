@@ -2,36 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from sim2vr_harness.cli.options import writable_file
+from sim2vr_harness.base.requests import argument, option
 
 
-def report(
-    folder: Annotated[
-        Path, typer.Argument(metavar="FOLDER", help="Of an evaluation or of a study.")
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.html",
-            help="The page. Figures go to figures beside it, or to FILE_figures beside a page of "
-            "another name.",
-            show_default="FOLDER/report.html",
-            callback=writable_file,
-        ),
-    ] = None,
-    figures: Annotated[
-        bool,
-        typer.Option(
-            "--figures/--no-figures",
-            help="Write figures as PNG and PDF, and tables as CSV and LaTeX.",
-        ),
-    ] = True,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class ReportRequest:
+    """What to write a report of."""
+
+    folder: Path = argument("FOLDER", "Of an evaluation or of a study.")
+    out: Path | None = option(
+        "The page. Figures go to figures beside it, or to FILE_figures beside a page of another "
+        "name.",
+        metavar="FILE.html",
+        shown="FOLDER/report.html",
+        place="file to write",
+    )
+    figures: bool = option("Write figures as PNG and PDF, and tables as CSV and LaTeX.", True)
+
+
+def report(request: ReportRequest) -> None:
     """Write a report of an evaluation or a study.
 
     It is one HTML file that opens offline, with figures as PNG and PDF beside it.
@@ -42,7 +36,7 @@ def report(
     """
     from sim2vr_harness.studies.report import write_report
 
-    found = write_report(folder, out, stills=figures)
+    found = write_report(request.folder, request.out, stills=request.figures)
     typer.echo(f"Written: {found.page}")
     if found.figures:
         typer.echo(f"Written: {found.figures[0].parent} ({len(found.figures)} files)")

@@ -2,35 +2,53 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
+from sim2vr_harness.base.requests import argument, option
 from sim2vr_harness.cli import record
 from sim2vr_harness.cli.command import CommandGroup
-from sim2vr_harness.cli.options import JsonOption, game_option, print_json
+from sim2vr_harness.cli.options import JsonOutput, print_json
 
 if TYPE_CHECKING:
     from sim2vr_harness.sessions import Session
 
-_In = Annotated[
-    Path, typer.Argument(metavar="IN", help="A session in any format, or a round's folder.")
-]
-_Out = Annotated[
-    Path,
-    typer.Argument(
-        metavar="OUT",
-        help=".jsonl or .jsonl.gz (session), .json (IWER), .csv (table), or a folder (log).",
-    ),
-]
-_Swap = Annotated[bool, typer.Option("--swap-hands", help="Exchange the controllers.")]
-_Game = Annotated[
-    str | None,
-    game_option("The game, where the file does not say."),
-]
-_Seed = Annotated[int | None, typer.Option(help="The seed, where the file does not say.", min=0)]
+
+@dataclass(frozen=True, kw_only=True)
+class SessionRequest:
+    """A recorded round."""
+
+    source: Path = argument("IN", "A session in any format, or a round's folder.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShowRequest(SessionRequest, JsonOutput):
+    """What to show."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CopyRequest(SessionRequest):
+    """What to write, and where to."""
+
+    out: Path = argument(
+        "OUT",
+        ".jsonl or .jsonl.gz (session), .json (IWER), .csv (table), or a folder (log).",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConvertRequest(CopyRequest):
+    """What to write, and what to change in it."""
+
+    swap_hands: bool = option("Exchange the controllers.", False)
+    game: str | None = option(
+        "The game, where the file does not say.", metavar="NAME", names="games"
+    )
+    seed: int | None = option("The seed, where the file does not say.", least=0)
+
 
 app = CommandGroup(
     """Record rounds of a page; show, convert and strip rounds.
@@ -42,13 +60,7 @@ app = CommandGroup(
 )
 
 
-def convert(
-    source: _In,
-    out: _Out,
-    swap_hands: _Swap = False,
-    game: _Game = None,
-    seed: _Seed = None,
-) -> None:
+def convert(request: ConvertRequest) -> None:
     """Convert a recorded round to the format of OUT's name.
 
     Examples:
@@ -57,27 +69,27 @@ def convert(
     """
     from sim2vr_harness.sessions.formats import read_session, require_name, write_session
 
-    form = require_name(out)
-    session = read_session(source)
-    if swap_hands:
+    form = require_name(request.out)
+    session = read_session(request.source)
+    if request.swap_hands:
         session = session.swapped()
-    if game is not None:
+    if request.game is not None:
         from sim2vr_harness.client import describe_game
 
-        session = replace(session, app=replace(session.app, kind="game", name=game))
-        describe_game(game)
-    if seed is not None:
-        session = replace(session, seed=seed)
-    write_session(session, out)
+        session = replace(session, app=replace(session.app, kind="game", name=request.game))
+        describe_game(request.game)
+    if request.seed is not None:
+        session = replace(session, seed=request.seed)
+    write_session(session, request.out)
     for note in session.notes:
         typer.echo(f"note: {note}", err=True)
     lost = _lost(session, form.name)
     if lost:
         typer.echo(f"note: {form.name} has no place for {', '.join(lost)}", err=True)
-    typer.echo(f"Written: {out}")
+    typer.echo(f"Written: {request.out}")
 
 
-def show(source: _In, json: JsonOption = False) -> None:
+def show(request: ShowRequest) -> None:
     """Show what a session holds: app, devices, rate, duration, events, and what is personal.
 
     Examples:
@@ -86,9 +98,8 @@ def show(source: _In, json: JsonOption = False) -> None:
     """
     from sim2vr_harness.sessions import read_session
 
-    session = read_session(source)
-    content = _content(session)
-    if json:
+    content = _content(read_session(request.source))
+    if request.json:
         print_json(content)
         return
     width = max(map(len, content))
@@ -98,7 +109,7 @@ def show(source: _In, json: JsonOption = False) -> None:
             typer.echo(f"{(name.replace('_', ' ') if i == 0 else ''):{width}}  {line}")
 
 
-def strip(source: _In, out: _Out) -> None:
+def strip(request: CopyRequest) -> None:
     """Write a copy without hand joints, the person's name and head height.
 
     All devices move up or down together until the head's median height is 1.6 m.
@@ -110,10 +121,10 @@ def strip(source: _In, out: _Out) -> None:
     from sim2vr_harness.sessions.formats import read_session, require_name, write_session
     from sim2vr_harness.sessions.privacy import personal_content, stripped
 
-    require_name(out)
-    session = stripped(read_session(source))
-    write_session(session, out)
-    typer.echo(f"Written: {out}")
+    require_name(request.out)
+    session = stripped(read_session(request.source))
+    write_session(session, request.out)
+    typer.echo(f"Written: {request.out}")
     for line in personal_content(session):
         typer.echo(f"still in it: {line}")
 

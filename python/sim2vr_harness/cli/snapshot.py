@@ -2,49 +2,33 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
 
-import typer
-
-from sim2vr_harness.cli.app_options import with_page_options
+from sim2vr_harness.base.requests import option
+from sim2vr_harness.cli.app_options import PageOptions
 from sim2vr_harness.cli.options import (
-    EnvSetOption,
-    TrustOption,
-    UserOption,
-    finite,
-    game_option,
+    AnyUser,
+    ChangedEnvironment,
+    TrustedApp,
     print_written,
     who_plays,
-    writable_folder,
 )
 
-_Condition = Annotated[
-    str | None,
-    typer.Option(metavar="NAME", help="The game's condition.", show_default="its default"),
-]
-_Out = Annotated[Path, typer.Option(help="Folder for the pictures.", callback=writable_folder)]
+
+@dataclass(frozen=True, kw_only=True)
+class SnapshotRequest(AnyUser, ChangedEnvironment, TrustedApp, PageOptions):
+    """What to picture."""
+
+    game: str | None = option("The game.", metavar="NAME", shown="the user's", names="games")
+    condition: str | None = option("The game's condition.", metavar="NAME", shown="its default")
+    out: Path = option("Folder for the pictures.", Path("snapshot"), place="folder to write")
+    size: str = option("WIDTHxHEIGHT of the pictures.", "640x480")
+    seconds: float = option("How many seconds to play first.", 2.0)
+    seed: int = option("Seed of the round.", 1)
 
 
-@with_page_options
-def snapshot(
-    game: Annotated[
-        str | None,
-        game_option("The game.", "the user's"),
-    ] = None,
-    condition: _Condition = None,
-    out: _Out = Path("snapshot"),
-    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT of the pictures.")] = "640x480",
-    seconds: Annotated[
-        float, typer.Option(help="How many seconds to play first.", callback=finite)
-    ] = 2.0,
-    seed: Annotated[int, typer.Option(help="Seed of the round.")] = 1,
-    user: UserOption = None,
-    overrides: EnvSetOption = None,
-    trust_app: TrustOption = False,
-    *,
-    remote: dict[str, Any],
-) -> None:
+def snapshot(request: SnapshotRequest) -> None:
     """Write pictures of a game: headset view, third person and body.
 
     MuJoCo draws the body without a display; MUJOCO_GL=egl or osmesa chooses how.
@@ -55,17 +39,18 @@ def snapshot(
     """
     from sim2vr_harness.play import render as pictures
 
-    run, baseline = who_plays(None, user)
+    remote = request.remote()
+    run, baseline = who_plays(None, request.user)
     files = pictures.snapshot(
-        out,
-        game=game,
-        condition=condition,
-        size=pictures.parse_size(size),
-        seconds=seconds,
-        seed=seed,
+        request.out,
+        game=request.game,
+        condition=request.condition,
+        size=pictures.parse_size(request.size),
+        seconds=request.seconds,
+        seed=request.seed,
         user=run or baseline or "still",
         app=remote,
-        overrides=overrides or (),
-        trust_app=trust_app,
+        overrides=request.set_,
+        trust_app=request.trust_app,
     )
     print_written(files)

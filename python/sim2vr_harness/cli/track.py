@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-import typer
-
-from sim2vr_harness.cli.options import (
-    EnvSetOption,
-    TrustOption,
-    finite,
-    known_users,
-    print_written,
-    writable_folder,
-)
+from sim2vr_harness.base.requests import argument, option
+from sim2vr_harness.cli.options import ChangedEnvironment, TrustedApp, print_written
 
 if TYPE_CHECKING:
     from sim2vr_harness.tools.track.paths import Frame, RecordedPath
@@ -27,89 +20,51 @@ __all__ = ["track"]
 _SHOWN_MUSCLES = 8
 
 
-_Recordings = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="RECORDING...",
-        help="Recorded rounds, sessions of any app, states.csv, or CSV files with a header.",
-    ),
-]
-_User = Annotated[
-    str,
-    typer.Option(
-        autocompletion=known_users,
+@dataclass(frozen=True, kw_only=True)
+class TrackRequest(ChangedEnvironment, TrustedApp):
+    """What to follow, and who follows."""
+
+    recordings: tuple[Path, ...] = argument(
+        "RECORDING...",
+        "Recorded rounds, sessions of any app, states.csv, or CSV files with a header.",
+    )
+    user: str = option(
+        "Who follows: a body or its YAML file, a configuration, or a trained user.",
+        "mobl_arms_wrist",
         metavar="USER",
-        help="Who follows: a body or its YAML file, a configuration, or a trained user.",
-    ),
-]
-_Stature = Annotated[
-    float | None,
-    typer.Option(
+        names="users",
+    )
+    stature: float | None = option(
+        "The person's stature in m, to which the body is cut.",
         metavar="M",
-        help="The person's stature in m, to which the body is cut.",
-        show_default="estimated from the head's height",
-        callback=finite,
-    ),
-]
-_Mass = Annotated[
-    float | None,
-    typer.Option(
-        metavar="KG", help="The person's mass.", show_default="by stature", callback=finite
-    ),
-]
-_Yaw = Annotated[
-    str,
-    typer.Option(
+        shown="estimated from the head's height",
+    )
+    mass: float | None = option("The person's mass.", metavar="KG", shown="by stature")
+    yaw: str = option(
+        "How far to the right of the recorded forward the person faces; head: as that.",
+        "0",
         metavar="DEG|head",
-        help="How far to the right of the recorded forward the person faces; head: as that.",
-    ),
-]
-_Scale = Annotated[float, typer.Option(help="Scale of distances from the head.", callback=finite)]
-_Offset = Annotated[
-    str,
-    typer.Option(metavar="X,Y,Z", help="Further shift of the path, m right, up and ahead."),
-]
-_Frame = Annotated[
-    str,
-    typer.Option(
-        help="Of CSV files: app (Unity: left-handed, z ahead) or openxr (right-handed, z back)."
-    ),
-]
-_Refine = Annotated[
-    bool,
-    typer.Option(
-        "--refine/--no-refine",
-        help="Then plan muscles two seconds ahead, for the hands' path with little effort: "
-        "about ten minutes for each minute of fast play.",
-    ),
-]
-_Pointed = Annotated[
-    bool, typer.Option("--pointed", help="Let hands point as the person's did, too.")
-]
-_Play = Annotated[
-    bool, typer.Option("--play/--no-play", help="Play the recorded game with this hand.")
-]
-_Out = Annotated[Path, typer.Option(help="Folder for the files.", callback=writable_folder)]
+    )
+    scale: float = option("Scale of distances from the head.", 1.0)
+    offset: str = option(
+        "Further shift of the path, m right, up and ahead.", "0,0,0", metavar="X,Y,Z"
+    )
+    frame: str = option(
+        "Of CSV files: app (Unity: left-handed, z ahead) or openxr (right-handed, z back).", "app"
+    )
+    refine: bool = option(
+        "Then plan muscles two seconds ahead, for the hands' path with little effort: about ten "
+        "minutes for each minute of fast play.",
+        True,
+    )
+    pointed: bool = option("Let hands point as the person's did, too.", False)
+    play: bool = option("Play the recorded game with this hand.", True)
+    record: bool = option("Film it.", False)
+    seed: int = option("Of what is drawn.", 1, least=0)
+    out: Path = option("Folder for the files.", Path("track"), place="folder to write")
 
 
-def track(
-    recordings: _Recordings,
-    user: _User = "mobl_arms_wrist",
-    stature: _Stature = None,
-    mass: _Mass = None,
-    yaw: _Yaw = "0",
-    scale: _Scale = 1.0,
-    offset: _Offset = "0,0,0",
-    frame: _Frame = "app",
-    refine: _Refine = True,
-    pointed: _Pointed = False,
-    play: _Play = True,
-    record: Annotated[bool, typer.Option("--record", help="Film it.")] = False,
-    seed: Annotated[int, typer.Option(help="Of what is drawn.", min=0)] = 1,
-    out: _Out = Path("track"),
-    set_: EnvSetOption = None,
-    trust_app: TrustOption = False,
-) -> None:
+def track(request: TrackRequest) -> None:
     """Let a body follow recorded hands, and report errors and effort.
 
     Examples:
@@ -121,18 +76,21 @@ def track(
     from sim2vr_harness.tools.track.tracking import TrackingSettings, track
     from sim2vr_harness.tools.users import environment_of
 
-    right, up, ahead = _three("--offset", offset)
-    # fmt: off
+    right, up, ahead = _three("--offset", request.offset)
+    stature, mass = request.stature, request.mass
     settings = TrackingSettings(
-        refined=refine, yaw=_yaw(yaw),
-        scale=_between("--scale", scale, 0.2, 5.0), offset_m=(ahead, -right, up),
+        refined=request.refine,
+        yaw=_yaw(request.yaw),
+        scale=_between("--scale", request.scale, 0.2, 5.0),
+        offset_m=(ahead, -right, up),
         stature_m=None if stature is None else _between("--stature", stature, 1.0, 2.5),
         mass_kg=None if mass is None else _between("--mass", mass, 20.0, 300.0),
-        pointed=pointed, seed=seed, play=play,
+        pointed=request.pointed,
+        seed=request.seed,
+        play=request.play,
     )
-    # fmt: on
-    env = environment_of(user, overrides=set_ or (), trust_app=trust_app)
-    paths = _paths(recordings, frame)
+    env = environment_of(request.user, overrides=request.set_, trust_app=request.trust_app)
+    paths = _paths(request.recordings, request.frame)
     layer_for = partial(motor_layer_for, following=True)
     done = []
     for path in paths:
@@ -140,7 +98,7 @@ def track(
             share.show(0.0)
             done.append(track(path, env, layer_for, settings, on_progress=share.show))
         _tell(done[-1])
-    _write(done, out, record=record)
+    _write(done, request.out, record=request.record)
 
 
 def _write(done: Sequence[Tracked], out: Path, *, record: bool) -> None:

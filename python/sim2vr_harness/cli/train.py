@@ -4,95 +4,59 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 from rich.console import Console
 
-from sim2vr_harness.cli.app_options import with_app_options
+from sim2vr_harness.base.requests import argument, option
+from sim2vr_harness.cli.app_options import AppOptions
 from sim2vr_harness.cli.errors import INTERRUPTED
-from sim2vr_harness.cli.options import (
-    SetOption,
-    TrustOption,
-    known_configs,
-    known_users,
-    writable_folder,
-)
+from sim2vr_harness.cli.options import TrainedPeople, TrustedApp, known_configs
 from sim2vr_harness.cli.progress import Share, say
 
 if TYPE_CHECKING:
     from sim2vr_harness.runs.config import TrainingConfig
     from sim2vr_harness.training.run.trainer import TrainResult
 
-_Config = Annotated[
-    str | None,
-    typer.Argument(
-        autocompletion=known_configs,
-        metavar="CONFIG",
-        help="A YAML file, or the name of a game (recipe: skills); with --resume, the run's "
-        "folder.",
-    ),
-]
-_From = Annotated[
-    str | None,
-    typer.Option(
-        "--from",
-        autocompletion=known_users,
+
+@dataclass(frozen=True, kw_only=True)
+class TrainRequest(TrainedPeople, TrustedApp, AppOptions):
+    """What to train, and where to."""
+
+    config: str | None = argument(
+        "CONFIG",
+        "A YAML file, or the name of a game (recipe: skills); with --resume, the run's folder.",
+        None,
+        names="configs",
+    )
+    set_: tuple[str, ...] = option(
+        "Change the configuration: --set ppo.n_envs=4; may be repeated.", (), metavar="KEY=VALUE"
+    )
+    from_: str | None = option(
+        "Instead of CONFIG: go on from a trained user, with what --set changes.",
         metavar="USER",
-        help="Instead of CONFIG: go on from a trained user, with what --set changes.",
-    ),
-]
-_People = Annotated[
-    bool,
-    typer.Option("--people", help="Users are a simulated population (docs/concepts/people.md)."),
-]
-_Timesteps = Annotated[
-    int | None,
-    typer.Option(
-        help="Stop after this many user steps of the run's last stage.",
-        show_default="all of them",
-    ),
-]
-_Out = Annotated[
-    Path | None,
-    typer.Option(help="The run's folder.", show_default="runs/NAME", callback=writable_folder),
-]
-_Overwrite = Annotated[bool, typer.Option("--overwrite", help="Delete the run that is there.")]
-_SetAside = Annotated[
-    bool,
-    typer.Option(
-        "--set-aside",
-        help="With --resume: put files that cannot be used aside, go on from the last good ones.",
-    ),
-]
-_Device = Annotated[
-    Literal["auto", "cpu", "cuda"] | None,
-    typer.Option(help="What learns: cuda is an NVIDIA GPU.", show_default="auto"),
-]
-_Cores = Annotated[
-    int | None, typer.Option(min=1, help="Cores of this machine to use.", show_default="all")
-]
+        names="users",
+    )
+    timesteps: int | None = option(
+        "Stop after this many user steps of the run's last stage.", shown="all of them"
+    )
+    out: Path | None = option("The run's folder.", shown="runs/NAME", place="folder to write")
+    seed: int | None = option("Short for --set seed=SEED.")
+    device: Literal["auto", "cpu", "cuda"] | None = option(
+        "What learns: cuda is an NVIDIA GPU.", shown="auto"
+    )
+    cores: int | None = option("Cores of this machine to use.", shown="all", least=1)
+    resume: bool = option("Continue the run exactly.", False)
+    overwrite: bool = option("Delete the run that is there.", False)
+    set_aside: bool = option(
+        "With --resume: put files that cannot be used aside, go on from the last good ones.", False
+    )
 
 
-@with_app_options
-def train(
-    config: _Config = None,
-    set_: SetOption = None,
-    from_: _From = None,
-    people: _People = False,
-    timesteps: _Timesteps = None,
-    out: _Out = None,
-    seed: Annotated[int | None, typer.Option(help="Short for --set seed=SEED.")] = None,
-    device: _Device = None,
-    cores: _Cores = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Continue the run exactly.")] = False,
-    overwrite: _Overwrite = False,
-    set_aside: _SetAside = False,
-    trust_app: TrustOption = False,
-    *,
-    remote: dict[str, Any],
-) -> int:
+def train(request: TrainRequest) -> int:
     """Train a simulated user; Ctrl-C saves, --resume continues exactly.
 
     Examples:
@@ -105,26 +69,36 @@ def train(
     from sim2vr_harness.runs.trust import named_app, require_trust
     from sim2vr_harness.training.run import trainer
 
-    _check_together(config, from_, resume, overwrite, set_aside)
-    config, out = _run_or_file(config, out, resume)
-    _check_people(people, from_, resume)
-    short = _short({"seed": seed, "device": device, "env.cores": cores})
-    overrides = [*(set_ or []), *short, *as_overrides(remote)]
-    if from_ is None and not resume:
+    remote = request.remote()
+    _check_together(request)
+    config, out = _run_or_file(request)
+    overrides = [*request.set_]
+    for key in ("seed", "device", "cores"):
+        if (value := getattr(request, key)) is not None:
+            overrides.append(f"{'env.' if key == 'cores' else ''}{key}={value}")
+    overrides += as_overrides(remote)
+    resume, people = request.resume, request.people is not None
+    if request.from_ is None and not resume:
         config, overrides = _configuration(config, remote, overrides, people=people)
-    settings = _settings(config, from_, out if resume else None, overrides)
+    settings = _settings(config, request.from_, out if resume else None, overrides)
     folder = out or Path("runs") / settings.name
-    source = Path(from_ or config or folder)
-    require_trust(settings.env, source, named=named_app(overrides), trust=trust_app)
+    source = Path(request.from_ or config or folder)
+    require_trust(settings.env, source, named=named_app(overrides), trust=request.trust_app)
     if not resume:
         settings = settings.model_copy(update={"env": with_task(settings.env)})
-    settings = _of_people(settings) if people else settings
+    settings = _of_people(settings, request.count()) if people else settings
     # The recipe skills plays these users itself.
     judged = settings.recipe != "skills" and not resume
     if judged and (note := doing_nothing_pays(settings.env)):
         say(f"note: {note}")
-    how: dict[str, Any] = {"resume": resume, "overwrite": overwrite, "set_aside": set_aside}
-    result = trainer.train(settings, folder, timesteps=timesteps, **how)
+    result = trainer.train(
+        settings,
+        folder,
+        timesteps=request.timesteps,
+        resume=resume,
+        overwrite=request.overwrite,
+        set_aside=request.set_aside,
+    )
     if not result.interrupted and settings.evaluation.episodes_after_training:
         _evaluate_after_training(result, settings.evaluation.episodes_after_training)
     goes_on = result.step < settings.last_stage_steps
@@ -132,36 +106,23 @@ def train(
     return INTERRUPTED if result.interrupted else 0
 
 
-def _short(values: Mapping[str, Any]) -> list[str]:
-    """Return overrides for options that are short for a key."""
-    return [f"{key}={value}" for key, value in values.items() if value is not None]
-
-
-def _check_together(
-    config: str | None, from_: str | None, resume: bool, overwrite: bool, set_aside: bool
-) -> None:
+def _check_together(request: TrainRequest) -> None:
     """Refuse options that do not go together."""
     from sim2vr_harness.base.errors import InputError
 
-    if resume and overwrite:
+    if request.resume and request.overwrite:
         raise InputError("--overwrite", "it together with --resume", "one of them")
-    if set_aside and not resume:
+    if request.set_aside and not request.resume:
         raise InputError("--set-aside", "it without --resume", "it together with --resume")
-    if from_ is not None and (config is not None or resume):
-        other = "--resume" if config is None else "CONFIG"
+    if request.from_ is not None and (request.config is not None or request.resume):
+        other = "--resume" if request.config is None else "CONFIG"
         raise InputError("--from", f"it together with {other}", "one of them")
-
-
-def _check_people(people: bool, from_: str | None, resume: bool) -> None:
-    """Refuse a population where the users are given already."""
-    from sim2vr_harness.base.errors import InputError
-
-    if people and (from_ is not None or resume):
-        other = "--resume" if resume else "--from"
+    if request.people is not None and (request.from_ is not None or request.resume):
+        other = "--resume" if request.resume else "--from"
         raise InputError("--people", f"it together with {other}", "one of them")
 
 
-def _of_people(settings: TrainingConfig) -> TrainingConfig:
+def _of_people(settings: TrainingConfig, count: int | None = None) -> TrainingConfig:
     """Return the settings with users who are persons.
 
     Raises:
@@ -176,22 +137,21 @@ def _of_people(settings: TrainingConfig) -> TrainingConfig:
     env = settings.env
     known = {sense.sense for sense in env.senses}
     more = [SenseConfig(sense=name) for name in ("headset", "person") if name not in known]
-    update = {"user": as_population(env.user), "senses": (*env.senses, *more)}
+    update = {"user": as_population(env.user, count), "senses": (*env.senses, *more)}
     skills = settings.skills.model_copy(update={"user": "person"})
     changed = settings.model_copy(update={"env": env.model_copy(update=update), "skills": skills})
     return type(settings).model_validate(changed.model_dump())
 
 
-def _run_or_file(
-    config: str | None, out: Path | None, resume: bool
-) -> tuple[str | None, Path | None]:
+def _run_or_file(request: TrainRequest) -> tuple[str | None, Path | None]:
     """Return the configuration and the run's folder; CONFIG may be the folder to resume."""
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.runs.run_folder import RunFolder
 
+    config, out = request.config, request.out
     if config is None or not RunFolder(config).exists:
         return config, out
-    if not resume:
+    if not request.resume:
         expected = "a configuration file, or --resume with it to continue that run"
         raise InputError("CONFIG", f"{config!r}, the folder of a run", expected)
     if out is not None and out.resolve() != Path(config).resolve():

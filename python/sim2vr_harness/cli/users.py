@@ -5,8 +5,9 @@ from __future__ import annotations
 import json as jsonlib
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import pydantic
 import typer
@@ -15,17 +16,10 @@ from rich.console import Console
 from rich.table import Table
 
 from sim2vr_harness.base.files import read_json
+from sim2vr_harness.base.requests import argument, option
 from sim2vr_harness.cli import motor
 from sim2vr_harness.cli.command import CommandGroup
-from sim2vr_harness.cli.options import (
-    JsonOption,
-    TrustOption,
-    finite,
-    known_users,
-    print_json,
-    writable_file,
-    writable_folder,
-)
+from sim2vr_harness.cli.options import JsonOutput, TrustedApp, print_json, print_written
 from sim2vr_harness.cli.progress import Share
 from sim2vr_harness.client import Measure
 from sim2vr_harness.evaluation.tables import cell
@@ -35,21 +29,57 @@ if TYPE_CHECKING:
     from sim2vr_harness.users import Physique
 
 
-_File = Annotated[
-    Path, typer.Argument(help="MJCF file to write, such as body.xml.", callback=writable_file)
-]
-_StatureM = Annotated[float | None, typer.Option(help="Body height in m.", callback=finite)]
-_Segment = Annotated[
-    list[str] | None,
-    typer.Option(metavar="NAME=M", help="Length of a segment in m; may be repeated."),
-]
-_SkullRotationDeg = Annotated[
-    float, typer.Option(help="How far the head looks down, degrees.", callback=finite)
-]
-_Torso = Annotated[bool, typer.Option("--torso", help="With a trunk and a neck that move.")]
+@dataclass(frozen=True, kw_only=True)
+class ListRequest(JsonOutput):
+    """What to list."""
 
 
-def list_users(json: JsonOption = False) -> None:
+@dataclass(frozen=True, kw_only=True)
+class ShowRequest(JsonOutput):
+    """Which user to show."""
+
+    name: str = argument(
+        "NAME", "A name of `sim2vr-harness users list`, or a folder.", names="users"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PackRequest(TrustedApp):
+    """Which user to pack, and how to measure it."""
+
+    run: str = argument("RUN", "A run's folder or a checkpoint.")
+    name: str = argument("NAME", "What the user will be called.")
+    out: Path = option("Folder that gets a folder NAME.", MISSING, place="folder to write")
+    description: str = option("A sentence on who it is.", "")
+    condition: tuple[str, ...] = option("A condition to measure; may be repeated.", ())
+    episodes: int = option("Rounds per condition.", 12)
+    other_seed: tuple[str, ...] = option(
+        "The same training with another seed; may be repeated. The one in the middle is packed, "
+        "the card shows all.",
+        (),
+        metavar="RUN",
+    )
+    details: Path | None = option("JSON object with further entries of the card.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportRequest(TrustedApp):
+    """A body to write, and the person who has it."""
+
+    name: str = argument("NAME", "A body's name, or a YAML file that describes one.")
+    file: Path = argument("FILE", "MJCF file to write, such as body.xml.", place="file to write")
+    stature_m: float | None = option("Body height in m.")
+    mass_kg: float | None = option("Body mass in kg.")
+    segment: tuple[str, ...] = option(
+        "Length of a segment in m; may be repeated.", (), metavar="NAME=M"
+    )
+    strength: float = option("Factor on peak forces.", 1.0)
+    hand: str | None = option("right or left: the hand that plays.")
+    skull_rotation_deg: float = option("How far the head looks down, degrees.", 10.0)
+    torso: bool = option("With a trunk and a neck that move.", False)
+
+
+def list_users(request: ListRequest) -> None:
     """List the trained users that ship.
 
     `sim2vr-harness evaluate pretrained:NAME` lets one play.
@@ -61,7 +91,7 @@ def list_users(json: JsonOption = False) -> None:
     from sim2vr_harness.policies.store import list_cards
 
     cards = list_cards()
-    if json:
+    if request.json:
         print_json(cards)
         return
     if not cards:
@@ -144,15 +174,7 @@ def _spread(card: Mapping[str, Any], condition: str, measure: Measure) -> str:
     return f"{min(known):.{digits}f}-{max(known):.{digits}f}" if known else "-"
 
 
-def show(
-    name: Annotated[
-        str,
-        typer.Argument(
-            autocompletion=known_users, help="A name of `sim2vr-harness users list`, or a folder."
-        ),
-    ],
-    json: JsonOption = False,
-) -> None:
+def show(request: ShowRequest) -> None:
     """Print what a trained user is, its results, and how to use it.
 
     Examples:
@@ -161,8 +183,9 @@ def show(
     """
     from sim2vr_harness.policies.store import find_user
 
+    name = request.name
     user = find_user(name if Path(name).exists() else f"pretrained:{name.split(':')[-1]}")
-    if json:
+    if request.json:
         print_json(user.card)
         return
     console = Console()
@@ -210,30 +233,7 @@ def _sections(user: TrainedUser, name: str) -> Iterator[tuple[str, list[str]]]:
     )
 
 
-def pack(
-    run: Annotated[str, typer.Argument(metavar="RUN", help="A run's folder or a checkpoint.")],
-    name: Annotated[str, typer.Argument(help="What the user will be called.")],
-    out: Annotated[
-        Path, typer.Option(help="Folder that gets a folder NAME.", callback=writable_folder)
-    ],
-    description: Annotated[str, typer.Option(help="A sentence on who it is.")] = "",
-    condition: Annotated[
-        list[str] | None, typer.Option(help="A condition to measure; may be repeated.")
-    ] = None,
-    episodes: Annotated[int, typer.Option(help="Rounds per condition.")] = 12,
-    other_seed: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="RUN",
-            help="The same training with another seed; may be repeated. The one in the middle is "
-            "packed, the card shows all.",
-        ),
-    ] = None,
-    details: Annotated[
-        Path | None, typer.Option(help="JSON object with further entries of the card.")
-    ] = None,
-    trust_app: TrustOption = False,
-) -> None:
+def pack(request: PackRequest) -> None:
     """Pack the user of a run, and measure what was packed.
 
     Examples:
@@ -242,22 +242,28 @@ def pack(
     """
     from sim2vr_harness.evaluation.packing import pack_measured
 
+    details, out = request.details, request.out / request.name
     own = {} if details is None else read_json(details, "entries of the card in JSON")
-    own |= {"description": description} if description else {}
-    # fmt: off
+    own |= {"description": request.description} if request.description else {}
     with Share("Measuring") as share:
         card = pack_measured(
-            run, name, out / name, conditions=condition, episodes=episodes, details=own,
-            other_seeds=other_seed or (), trust_app=trust_app, on_progress=share.show,
+            request.run,
+            request.name,
+            out,
+            conditions=request.condition or None,
+            episodes=request.episodes,
+            details=own,
+            other_seeds=request.other_seed,
+            trust_app=request.trust_app,
+            on_progress=share.show,
         )
-    # fmt: on
-    if other_seed:
+    if request.other_seed:
         typer.echo(f"{_seed(card).capitalize()}:")
     Console().print(_results(card))
-    typer.echo(f"Written: {out / name}")
+    typer.echo(f"Written: {out}")
 
 
-def bodies(json: JsonOption = False) -> None:
+def bodies(request: ListRequest) -> None:
     """List the bodies that `env.user.model` and `users export` take.
 
     Examples:
@@ -267,21 +273,10 @@ def bodies(json: JsonOption = False) -> None:
     from sim2vr_harness.users import list_bodies
 
     names = list_bodies()
-    typer.echo(jsonlib.dumps(names, indent=2) if json else "\n".join(names))
+    typer.echo(jsonlib.dumps(names, indent=2) if request.json else "\n".join(names))
 
 
-def export(
-    name: Annotated[str, typer.Argument(help="A body's name, or a YAML file that describes one.")],
-    file: _File,
-    stature_m: _StatureM = None,
-    mass_kg: Annotated[float | None, typer.Option(help="Body mass in kg.", callback=finite)] = None,
-    segment: _Segment = None,
-    strength: Annotated[float, typer.Option(help="Factor on peak forces.", callback=finite)] = 1.0,
-    hand: Annotated[str | None, typer.Option(help="right or left: the hand that plays.")] = None,
-    skull_rotation_deg: _SkullRotationDeg = 10.0,
-    torso: _Torso = False,
-    trust_app: TrustOption = False,
-) -> None:
+def export(request: ExportRequest) -> None:
     """Write a body, devices included, as MJCF that MuJoCo loads.
 
     `python -m mujoco.viewer --mjcf=FILE` (or mujoco-studio) shows it; where there is no display,
@@ -295,11 +290,11 @@ def export(
     from sim2vr_harness.users import load_body
     from sim2vr_harness.users.bodies.export import export_body
 
-    person = _physique(stature_m, mass_kg, _lengths(segment or ()), strength, hand)
-    require_trusted_body(name, name, trust=trust_app)
-    body = load_body(name, person=person, skull_rotation_deg=skull_rotation_deg, torso=torso)
-    for written in export_body(body, file):
-        typer.echo(f"Written: {written}")
+    name, person = request.name, _physique(request)
+    require_trusted_body(name, name, trust=request.trust_app)
+    skull = request.skull_rotation_deg
+    body = load_body(name, person=person, skull_rotation_deg=skull, torso=request.torso)
+    print_written(export_body(body, request.file))
 
 
 def _lengths(segments: Sequence[str]) -> dict[str, float]:
@@ -318,25 +313,20 @@ def _lengths(segments: Sequence[str]) -> dict[str, float]:
     return lengths
 
 
-def _physique(
-    stature_m: float | None,
-    mass_kg: float | None,
-    lengths: Mapping[str, float],
-    strength: float,
-    hand: str | None,
-) -> Physique:
+def _physique(request: ExportRequest) -> Physique:
     """Return the person; a problem names the option."""
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.users import Physique
 
+    lengths = _lengths(request.segment)
     try:
         return Physique.model_validate(
             {
-                "stature_m": stature_m,
-                "mass_kg": mass_kg,
+                "stature_m": request.stature_m,
+                "mass_kg": request.mass_kg,
                 "segment_lengths_m": lengths,
-                "strength": strength,
-                "handedness": hand,
+                "strength": request.strength,
+                "handedness": request.hand,
             }
         )
     except pydantic.ValidationError as error:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import EnvConfig, NoiseConfig, UserConfig
 from sim2vr_harness.users import PeopleSettings, Physique, load_body
 from sim2vr_harness.users.bodies.options import JointOptions
@@ -18,17 +21,18 @@ _NOISE = NoiseConfig(
 )
 
 
-def as_population(user: UserConfig) -> UserConfig:
+def as_population(user: UserConfig, count: int | None = None) -> UserConfig:
     """Return a user's configuration with persons who differ, motor noise and light hands.
 
     Heads of bodies without a neck follow the hand and sway.
 
-    What the configuration sets itself stays.
+    What the configuration sets itself stays. ``count`` is the number of persons, if it is given.
     """
     given = user.model_fields_set
-    update: dict[str, object] = {}
-    if user.people is None:
-        update["people"] = PeopleSettings(strength=_STRENGTH)
+    people = user.people or PeopleSettings(strength=_STRENGTH)
+    if count is not None:
+        people = PeopleSettings(**(people.model_dump() | {"count": count}))
+    update: dict[str, object] = {"people": people}
     if "noise" not in given:
         update["noise"] = _NOISE
     body = load_body(user.model)
@@ -41,6 +45,28 @@ def as_population(user: UserConfig) -> UserConfig:
             **{**user.person.model_dump(exclude_unset=True), "joints": joints}
         )
     return user.model_copy(update=update)
+
+
+def with_people(env: EnvConfig, count: int, seed: int, overrides: Sequence[str] = ()) -> EnvConfig:
+    """Return an environment with so many persons of a seed.
+
+    Users that were trained with persons meet others of their own population. All others meet that
+    of :func:`as_population`, with its strength and motor noise; their hands and heads stay those of
+    the body that they learned with. ``overrides`` may name another noise, or none.
+
+    Raises:
+        InputError: There is no one, or the configuration says what people differ in.
+    """
+    if count < 1:
+        raise InputError("--people", str(count), "at least 1")
+    user = env.user.model_dump()
+    if env.user.people is None:
+        user["people"] = PeopleSettings(strength=_STRENGTH).model_dump()
+        named = any(override.strip().startswith("env.user.noise") for override in overrides)
+        if env.user.noise == NoiseConfig() and not named:
+            user["noise"] = _NOISE
+    user["people"] |= {"seed": seed, "count": count}
+    return env.model_copy(update={"user": UserConfig(**user)})
 
 
 def with_measured_body(env: EnvConfig) -> EnvConfig:

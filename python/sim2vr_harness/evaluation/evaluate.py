@@ -22,8 +22,9 @@ from sim2vr_harness.client import (
     check_task,
     load_task,
 )
-from sim2vr_harness.envs.config import EnvConfig, UserConfig
+from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.envs.people_preset import with_people
 from sim2vr_harness.evaluation.conditions import (
     asked_conditions,
     chosen_conditions,
@@ -47,7 +48,7 @@ from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolic
 from sim2vr_harness.policies.hierarchical.pointing import apart, rays_of
 from sim2vr_harness.policies.protocol import Policy
 from sim2vr_harness.runs.config import TrainingConfig
-from sim2vr_harness.users import PeopleSettings, effort_weight
+from sim2vr_harness.users import effort_weight
 
 _LONGEST_NAME = 120
 """Of a folder, in characters."""
@@ -261,7 +262,7 @@ class _Plan:
             deterministic = usual.deterministic
         env = user.env(request.app, request.overrides, trust_app=request.trust_app)
         if request.people is not None:
-            env = with_people(env, request.people, seed)
+            env = with_people(env, request.people, seed, request.overrides)
         if request.cores is not None:
             env = env.model_copy(update={"cores": request.cores})
         user.require_contract(env)
@@ -414,19 +415,6 @@ def _logs_by_itself(env: EnvConfig) -> bool:
     """Whether the app is ours and started here, so that its logs cost no one an argument."""
     app = env.app
     return app.connect is None and app.executable is None and app.page is None
-
-
-def with_people(env: EnvConfig, people: int, seed: int) -> EnvConfig:
-    """The environment with so many people of this seed, as the training's differ or as usual.
-
-    Raises:
-        InputError: There is no one, or the configuration says what people differ in.
-    """
-    if people < 1:
-        raise InputError("--people", str(people), "at least 1")
-    chosen = (env.user.people or PeopleSettings()).model_dump() | {"seed": seed, "count": people}
-    user = UserConfig(**(env.user.model_dump() | {"people": chosen}))
-    return env.model_copy(update={"user": user})
 
 
 def _folder_of(config: TrainingConfig, request: Request) -> str:

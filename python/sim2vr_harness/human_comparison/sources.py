@@ -179,7 +179,8 @@ def read_sources(
     recorded = [each for path in people for each in read_people(path, unconstrained=unconstrained)]
     behaviour = _described(users, recorded, game, plays)
     if not recorded and (behaviour is None or behaviour.least_people):
-        raise InputError("--people", "none", "people's recorded rounds: sessions, or their folders")
+        expected = "people's recorded rounds: sessions, or their folders"
+        raise InputError("--recordings", "none", expected)
     plays = _with_groups(plays, groups, behaviour)
     plays = replace(plays, episodes=plays.episodes or (2 if behaviour is None else 6))
     ready = {user: read_user(Path(user)) for user in users if _is_recorded(user)}
@@ -307,7 +308,7 @@ def _with_condition(each: Recorded, conditions: Sequence[str] | None) -> Recorde
             return each
         path = each.session.path or Path()
         raise InputError(
-            "--people",
+            "--recordings",
             f"{path.name}, which does not say which condition of {app.name} was played",
             f"--condition NAME, one of {', '.join(names)}; or the condition in the recording: "
             f'"condition": "{names[0]}" beside the name of the app in its first line',
@@ -347,7 +348,7 @@ def read_people(path: Path, *, unconstrained: bool = False) -> list[Recorded]:
     Raises:
         InputError: there is no session, or one is damaged.
     """
-    found = read_sessions(path, "--people")
+    found = read_sessions(path, "--recordings")
     if unconstrained:
         found = [without_constraint(e) if is_recorded_round(e) else e for e in found]
     return [Recorded(_person(each, path, None), each) for each in found]
@@ -402,11 +403,11 @@ def measured_people(recorded: Sequence[Recorded], behaviour: Behaviour) -> Sourc
     Raises:
         InputError: no round is of the game, or no condition has as many persons as it needs.
     """
-    found = _measured(recorded, behaviour, "--people")
+    found = _measured(recorded, behaviour, "--recordings")
     if found and behaviour.least_people > 1 and max(map(len, found.persons.values())) < 2:
         name = next(iter(found.persons.values()))[0].name
         expected = "at least two, for a range; with own logs a folder per person"
-        raise InputError("--people", f"one person ({name})", expected)
+        raise InputError("--recordings", f"one person ({name})", expected)
     return replace(found, name="people")
 
 

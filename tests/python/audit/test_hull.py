@@ -28,7 +28,7 @@ from sim2vr_harness.cli.main import app
 from sim2vr_harness.client import AppScene, DevicePoses, InProcessApp
 from sim2vr_harness.client.frames import position_to_app
 from sim2vr_harness.envs.config import EnvConfig, UserConfig
-from sim2vr_harness.evaluation.evaluate import with_people
+from sim2vr_harness.envs.people_preset import with_people
 from sim2vr_harness.tools.users import environment_of
 from sim2vr_harness.users import Body, BodyPlan, PeopleSettings, Population, SpecBody, load_body
 from sim2vr_harness.users.kinematics.forward import Linkage, Point

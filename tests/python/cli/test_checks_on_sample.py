@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from sim2vr_harness.cli.main import main
+from python.cli.calls import call
 
 WORKFLOW = Path(__file__).resolve().parents[3] / "docs/examples/ci_workflow.yml"
 CHECKS = 2 + 2 + 1
@@ -28,25 +28,19 @@ def command() -> list[str]:
     return shlex.split(calls[0])
 
 
-def call(capsys: Any, words: list[str]) -> tuple[int, str]:
-    with pytest.raises(SystemExit) as exit_:
-        main(words)
-    return int(exit_.value.code or 0), capsys.readouterr().err
-
-
 def test_the_workflow_passes_and_fails_when_the_user_gets_worse(
     capsys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     whole = command()
     at = whole.index("--against")
-    status, err = call(capsys, whole[:at] + whole[at + 2 :])
+    status, _, err = call(capsys, *whole[:at], *whole[at + 2 :])
     assert (status, err.splitlines()[-1]) == (0, f"0 of {CHECKS} checks failed")
 
     results = json.loads(Path("played/results.json").read_text())
     Path("ci").mkdir()
     Path("ci/baseline.json").write_text(json.dumps(results))
-    status, err = call(capsys, whole)
+    status, _, err = call(capsys, *whole)
     assert status == 0 and "failed:" not in err
     suite = ElementTree.parse("played/checks.xml").getroot()[0]
     compared = [case.get("name") for case in suite if "baseline" in str(case.get("name"))]
@@ -56,7 +50,7 @@ def test_the_workflow_passes_and_fails_when_the_user_gets_worse(
     # A baseline of users who came nearer to the ball, by more than rounds differ.
     results["usual"]["distance_m"] -= 0.2
     Path("ci/baseline.json").write_text(json.dumps(results))
-    status, err = call(capsys, whole)
+    status, _, err = call(capsys, *whole)
     failed = [line for line in err.splitlines() if line.startswith("failed:")]
     assert status == 1 and len(failed) == 1
     assert failed[0].startswith("failed: usual: distance_m is 0.")
@@ -78,5 +72,5 @@ def test_nothing_is_played_for_a_check_that_cannot_be_made(
     capsys: Any, tmp_path: Path, more: list[str], message: str
 ) -> None:
     first = ["evaluate", "--user", "random", "--set", "env.app.game=sample", "--out"]
-    assert call(capsys, [*first, str(tmp_path / "out"), *more]) == (2, f"{message}\n")
+    assert call(capsys, *first, str(tmp_path / "out"), *more) == (2, "", f"{message}\n")
     assert not (tmp_path / "out").exists()

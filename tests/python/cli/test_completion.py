@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import os
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from sim2vr_harness.cli.main import main
+from python.cli.calls import call
 
 PROGRAM = "import sys; from sim2vr_harness.cli.main import main; main(sys.argv[1:])"
 
 
 def run(*arguments: str, **environment: str) -> str:
-    import sys
-
     command = [sys.executable, "-c", PROGRAM, *arguments]
     done = subprocess.run(
         command, env={**os.environ, **environment}, capture_output=True, text=True, check=True
@@ -77,9 +76,7 @@ def test_the_nearest_name_is_pointed_out(
         (tmp_path / "runs" / name).mkdir(parents=True)
         (tmp_path / "runs" / name / "config.yaml").touch()
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit) as exit_:
-        main(arguments.split())
-    err = capsys.readouterr().err
-    assert exit_.value.code == 2
+    status, _, err = call(capsys, *arguments.split())
+    assert status == 2
     assert f"did you mean {nearest!r}?" in err
     assert err.count("\n") == 1

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from python.cli.calls import call
 from sim2vr_harness.base import paths
-from sim2vr_harness.cli.main import main
 from sim2vr_harness.runs.config import defaults, to_yaml
 
 DATA = Path(__file__).parents[2] / "data"
@@ -92,12 +92,6 @@ def places(folder: Path) -> dict[str, tuple[Path, list[str]]]:
     }
 
 
-def call(capsys: Any, *arguments: str) -> tuple[int, str]:
-    with pytest.raises(SystemExit) as exit_:
-        main(list(arguments))
-    return int(exit_.value.code or 0), capsys.readouterr().err
-
-
 @pytest.mark.parametrize("how", DAMAGES)
 def test_one_line_names_the_file(how: str, capsys: Any, tmp_path: Path) -> None:
     for name in KINDS:
@@ -106,7 +100,7 @@ def test_one_line_names_the_file(how: str, capsys: Any, tmp_path: Path) -> None:
         if name == "results" and how == "missing":
             continue  # they are written then
         damage(file, how)
-        status, said = call(capsys, *command)
+        status, _, said = call(capsys, *command)
         assert (status, said.count("\n")) == (2, 1), (name, said)
         assert said.startswith("error: ")
         named = file.name if name not in ("states", "curves") or how != "missing" else ""
@@ -122,7 +116,7 @@ def test_names_with_line_breaks_and_escape_codes(capsys: Any) -> None:
             ["replay", name],
             ["users", "show", name],
         ):
-            status, said = call(capsys, *command)
+            status, _, said = call(capsys, *command)
             assert status == 2
             assert said.count("\n") == 1
             assert said.rstrip("\n").isprintable()

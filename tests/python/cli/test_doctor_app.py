@@ -128,9 +128,3 @@ def test_our_server_is_tried_over_both_protocols(
     assert [trial["steps"] for trial in report["trials"]] == [10, 10]
     assert [trial["warnings"] for trial in report["trials"]] == [[], []]
     assert (tmp_path / "picture.png").exists()
-
-
-def test_arguments_need_an_app(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["doctor", "--app-arg", "-condition"])
-    assert "--app-arg: got it without --app" in capsys.readouterr().err

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 from pathlib import Path
 from typing import Any
@@ -94,6 +93,7 @@ def test_a_game_lists_measures_and_options(capsys: Any) -> None:
     assert ["round_seconds", "number", "20.0", "1", "to", "600"] in rows
     assert any(row[:5] == ["Distance", "to", "the", "ball", "distance_m"] for row in rows)
     whacamole = json.loads(call(capsys, "games", "whacamole", "--json")[1])[0]
+    assert whacamole["score"] == "hit_rate"
     options = {option["name"]: option for option in whacamole["options"]}
     assert options["hand"]["choices"] == ["right", "left"]
     assert options["adaptive"]["type"] == "bool"
@@ -101,40 +101,22 @@ def test_a_game_lists_measures_and_options(capsys: Any) -> None:
     assert {"easy", "medium"} < set(options["condition"]["choices"])
 
 
-def test_no_command_function_is_long() -> None:
-    long = []
-    for words, command in shown_commands():
-        if callback := getattr(command, "callback", None):
-            lines = inspect.getsource(inspect.unwrap(callback)).splitlines()
-            if len(lines) > 80:
-                long.append((words, len(lines)))
-    assert long == []
+def test_commands_that_play_take_an_app_a_user_and_changes() -> None:
+    options = {words: {o for each in command.params for o in each.opts}
+               for words, command in shown_commands()}  # fmt: skip
+    for words in ("train", "evaluate", "watch", "render snapshot", "replay", "compare", "audit"):
+        assert {"--page", "--map", "--task", "--browser", "--openxr"} <= options[words], words
+        assert "--set" in options[words] or words == "replay"
+    assert all("--user" in options[words] for words in ("evaluate", "watch", "render snapshot"))
 
 
-def test_shared_options_are_the_same_everywhere() -> None:
-    """Of all that have it; --user of track takes bodies, too; of study only users.
-
-    --set of some is shorter.
-    """
-    found: dict[str, set[tuple[str | None, str]]] = {}
-    owners: dict[str, set[str]] = {}
-    for words, command in shown_commands():
-        for each in command.params:
-            for option in ("--page", "--map", "--task", "--browser", "--user", "--set"):
-                own = (words, option) in {("track", "--user"), ("study", "--user")}
-                own |= option == "--set" and words in ("train", "users motor train")
-                own |= (words, option) == ("session record", "--page")
-                if option in each.opts:
-                    owners.setdefault(option, set()).add(words)
-                    if not own:
-                        found.setdefault(option, set()).add((each.metavar, each.help))
-    assert {option: len(texts) for option, texts in found.items()} == dict.fromkeys(found, 1)
-    players = {"train", "evaluate", "watch", "render snapshot"}
-    for option in ("--page", "--map", "--task", "--browser"):
-        pages = {"page check", "page vendor"} if option in ("--map", "--browser") else set[str]()
-        assert owners[option] >= players | pages
-    assert players - {"train"} < owners["--user"]
-    assert players < owners["--set"]
+def test_all_help_fits_80_columns(capsys: Any) -> None:
+    for words, _ in shown_commands():
+        out = call(capsys, *words.split(), "--help")[1]
+        assert max(map(len, out.splitlines())) <= 80, words
+    status, out, err = call(capsys, "users")
+    assert (status, err) == (2, "")
+    assert out.startswith("Usage: sim2vr-harness users")
 
 
 def test_a_snapshot_takes_user_and_set(tmp_path: Path, capsys: Any) -> None:

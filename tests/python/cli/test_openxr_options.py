@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from openxr_programs import manifest, program
-from sim2vr_harness.cli.app_options import app_settings
-from sim2vr_harness.cli.main import main
+from python.cli.calls import call
+from sim2vr_harness.cli.app_options import AppOptions
 from sim2vr_harness.play.environment import as_overrides
 from sim2vr_harness.runs.config import load_config
 
@@ -21,20 +21,15 @@ def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
 
 
-def call(capsys: Any, *words: str) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as ended:
-        main([*words])
-    out, err = capsys.readouterr()
-    return int(ended.value.code or 0), out, err
-
-
 def test_a_program_with_its_arguments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     program(tmp_path, name="my game.py")
     script = program(tmp_path, name="play.py")
-    found = app_settings(openxr="my game.py")
+    found = AppOptions(openxr="my game.py").remote()
     assert (found["executable"], found["arguments"]) == (str(tmp_path / "my game.py"), [])
-    found = app_settings(openxr="sh play.py --level '1 2' {seed}", xvfb=True, virtual_clock=True)
+    found = AppOptions(
+        openxr="sh play.py --level '1 2' {seed}", xvfb=True, virtual_clock=True
+    ).remote()
     assert found["executable"].endswith("/sh")
     assert found["arguments"] == [str(script), "--level", "1 2", "{seed}"]
     assert found["transport_options"] == {"virtual_clock": True, "xvfb": True}
@@ -42,7 +37,7 @@ def test_a_program_with_its_arguments(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_options_of_set_stay(tmp_path: Path) -> None:
-    app = app_settings(openxr=str(program(tmp_path)), xvfb=True, virtual_clock=False)
+    app = AppOptions(openxr=str(program(tmp_path)), xvfb=True, virtual_clock=False).remote()
     config = load_config(
         "webxr", ["env.app.transport_options.depth_unit_m=0.01", *as_overrides(app)]
     )

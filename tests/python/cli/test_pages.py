@@ -20,7 +20,7 @@ from processes import emptied, gone
 from python.cli.calls import call
 from sim2vr_harness.audit import auditing
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.cli.app_options import app_settings
+from sim2vr_harness.cli.app_options import AppOptions
 from sim2vr_harness.envs import AppConfig, EnvConfig
 from sim2vr_harness.envs.config import page_name
 from sim2vr_harness.play.environment import as_overrides
@@ -96,7 +96,7 @@ def test_one_line_for_what_cannot_be(capsys: Any, arguments: tuple[str, ...], wo
 def test_options_of_a_page_as_settings(tmp_path: Path) -> None:
     (tmp_path / "engine").mkdir()
     cdn = f"https://cdn.example.com/a=b/={tmp_path}/engine"
-    settings = app_settings(page=TOUCH, mapped=[cdn], task="t.py:T")
+    settings = AppOptions(page=TOUCH, map_=(cdn,), task="t.py:T").remote()
     app = AppConfig(**settings)
     assert app.game == "touch"
     assert app.map == {"https://cdn.example.com/a=b/": f"{tmp_path}/engine"}
@@ -199,7 +199,7 @@ def test_sigterm_cleans_up_as_ctrl_c_does(command: str, tmp_path: Path) -> None:
 
 
 def test_options_in_the_address_of_a_page_are_the_apps_options(tmp_path: Path) -> None:
-    settings = app_settings(page=f"{TOUCH}?size=0.03&level=2&name=a+b&far=1e-2")
+    settings = AppOptions(page=f"{TOUCH}?size=0.03&level=2&name=a+b&far=1e-2").remote()
     assert settings["page"] == TOUCH
     assert settings["game"] == "touch"
     expected = {"size": 0.03, "level": 2, "name": "a b", "far": "1e-2"}
@@ -208,10 +208,10 @@ def test_options_in_the_address_of_a_page_are_the_apps_options(tmp_path: Path) -
     assert config.env.app.options == {"hue": 1, **expected}
     odd = tmp_path / "what?.html"
     odd.touch()
-    assert app_settings(page=str(odd))["page"] == str(odd)
+    assert AppOptions(page=str(odd)).remote()["page"] == str(odd)
     for wrong in ("?", "?size", "?a=1&a=2"):
         with pytest.raises(InputError, match=r"--page: got .* expected PAGE\?NAME=VALUE"):
-            app_settings(page=TOUCH + wrong)
+            AppOptions(page=TOUCH + wrong).remote()
 
 
 @pytest.mark.parametrize("more", [["?size=0.03"], ["", "--set", "env.app.options.size=0.03"]])
@@ -228,3 +228,18 @@ def test_an_audit_takes_options_of_its_page(
     monkeypatch.setattr(auditing, "find_things", find)
     call(capsys, "audit", "--page", TOUCH + more[0], *more[1:], "--out", str(tmp_path / "audit"))
     assert (asked[0].app.page, asked[0].app.options) == (TOUCH, {"size": 0.03})
+
+
+@pytest.mark.parametrize(
+    "written", ["1.50", "0x10", "true", "'1'", "[1, 2]", "1e-2", "", "a b", "{}"]
+)
+def test_options_in_an_address_are_read_as_set_reads_them(written: str) -> None:
+    page = AppOptions(page=f"{TOUCH}?it={written}").remote()
+    by_address = load_config("webxr", as_overrides(page))
+    plain = AppOptions(page=TOUCH).remote()
+    by_set = load_config("webxr", [*as_overrides(plain), f"env.app.options.it={written}"])
+    assert by_address.env.app.options == by_set.env.app.options
+    with pytest.raises(
+        InputError, match=r"--page: got 'env.app.options.it=yes', a truth or a word"
+    ):
+        AppOptions(page=f"{TOUCH}?it=yes").remote()

@@ -13,6 +13,8 @@ from rich.console import Console
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import Condition, describe_game
+from sim2vr_harness.envs.config import EnvConfig, NoiseConfig, UserConfig
+from sim2vr_harness.envs.people_preset import as_population, with_people
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.tables import results_table
 from sim2vr_harness.play.player import jobs_for
@@ -68,7 +70,7 @@ def test_people_of_a_seed_play(trained: Path, tmp_path: Path) -> None:
     assert [row["person"] for row in rows] == [0, 0, 1, 1, 2, 2]
     # Longer rounds are those of higher numbers: each was played by whom the row says.
     assert [row["steps"] for row in rows] == [6, 6, 7, 7, 8, 8]
-    everybody = Population(PeopleSettings(seed=7))
+    everybody = Population(PeopleSettings(seed=7, strength=1.28))
     for row in rows:
         person = everybody.number(row["person"]).as_dict()
         assert row["person_fields"] == {key: person[key] for key in person if key != "index"}
@@ -78,7 +80,9 @@ def test_people_of_a_seed_play(trained: Path, tmp_path: Path) -> None:
     summary = found.summaries["medium"]
     told = {key: summary[key] for key in ("people", "persons", "episodes", "seed")}
     assert told == {"people": 3, "persons": 3, "episodes": 2, "seed": 7}
-    assert found.unpractised == ["people = yes"]
+    new = {line.partition(" ")[0] for line in found.unpractised}
+    noise = {f"noise.{name}" for name in NoiseConfig.model_fields}
+    assert new == {"people", *noise}
     console = Console(file=io.StringIO(), width=80)
     console.print(results_table(found.summaries, WHACAMOLE, "Title"))
     text = console.file.getvalue()  # type: ignore[attr-defined]
@@ -89,6 +93,21 @@ def test_people_of_a_seed_play(trained: Path, tmp_path: Path) -> None:
         trained, Request(**request, out=tmp_path / "other", batch=4), simulation=FakePeople
     )
     assert [one.values for one in batches.rounds] == [one.values for one in found.rounds]
+
+
+def test_training_and_evaluation_have_the_same_people() -> None:
+    """One average in strength and one motor noise; what a user has or ``--set`` names stays."""
+    learned = as_population(UserConfig(), 12)
+    played = with_people(EnvConfig(), 12, 0).user
+    assert played.people == learned.people
+    assert played.noise == learned.noise != NoiseConfig()
+    assert (played.person, played.head) == (UserConfig().person, UserConfig().head)
+    silent = with_people(EnvConfig(), 2, 5, ["env.user.noise.constant=null"]).user
+    assert silent.noise == NoiseConfig()
+    own = EnvConfig(user={"people": {"strength": 1.0, "spread": 0.5}})
+    user = with_people(own, 3, 7).user
+    assert user.people == PeopleSettings(strength=1.0, spread=0.5, seed=7, count=3)
+    assert user.noise == NoiseConfig()
 
 
 def test_wrong_people(trained: Path, tmp_path: Path) -> None:

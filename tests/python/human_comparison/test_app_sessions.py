@@ -117,7 +117,7 @@ def test_a_session_without_targets_has_no_measures_of_them(tmp_path: Path) -> No
         write_session(replace(swinging(amplitude), events=()), tmp_path / "people" / f"p{k}.jsonl")
     write_session(replace(swinging(0.5), events=()), tmp_path / "user.jsonl")
     out = tmp_path / "out"
-    arguments = ["compare", str(tmp_path / "user.jsonl"), "--people", str(tmp_path / "people")]
+    arguments = ["compare", str(tmp_path / "user.jsonl"), "--recordings", str(tmp_path / "people")]
     ran = CliRunner().invoke(app, [*arguments, "--out", str(out), "--json"])
     assert ran.exit_code == 0, ran.output
     (user,) = json.loads((out / "comparison.json").read_text())["users"].values()
@@ -137,7 +137,7 @@ def test_one_person_has_no_range(tmp_path: Path) -> None:
     write_session(swinging(0.3), tmp_path / "user.jsonl")
     out = tmp_path / "out"
     arguments = ["compare", f"Mine={tmp_path / 'user.jsonl'}"]
-    arguments += ["--people", str(tmp_path / "person.jsonl"), "--out", str(out)]
+    arguments += ["--recordings", str(tmp_path / "person.jsonl"), "--out", str(out)]
     ran = CliRunner().invoke(app, arguments)
     assert ran.exit_code == 0, ran.output
     assert "one person, who has no range" in ran.output
@@ -152,7 +152,10 @@ def test_what_is_no_session_is_named(tmp_path: Path) -> None:
     write_session(swinging(), tmp_path / "round.jsonl")
     ran = CliRunner().invoke(
         app,
-        ["compare", "nobody", "--people", str(tmp_path / "round.jsonl"), "--out", str(tmp_path)],
+        [
+            *("compare", "nobody", "--recordings", str(tmp_path / "round.jsonl")),
+            *("--out", str(tmp_path)),
+        ],
     )
     assert ran.exit_code != 0 and "nobody" in str(ran.exception)
     (tmp_path / "empty").mkdir()
@@ -202,7 +205,7 @@ def test_recordings_are_refused_before_anything_is_played(
 ) -> None:
     monkeypatch.setattr(sources, "evaluate", _must_not_play)
     write_session(replace(swinging(), **change), tmp_path / "round.jsonl")
-    arguments = ["compare", user, "--people", str(tmp_path / "round.jsonl"), *options]
+    arguments = ["compare", user, "--recordings", str(tmp_path / "round.jsonl"), *options]
     ran = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "out")])
     assert ran.exit_code != 0 and message in str(ran.exception)
 
@@ -212,7 +215,7 @@ def test_a_person_s_own_recording_of_a_game_is_compared(
     game: str, condition: str, tmp_path: Path
 ) -> None:
     write_session(replace(swinging(), app=AppIdentity("game", game)), tmp_path / "me.jsonl")
-    arguments = ["compare", "random", "--people", str(tmp_path / "me.jsonl"), "--episodes", "1"]
+    arguments = ["compare", "random", "--recordings", str(tmp_path / "me.jsonl"), "--episodes", "1"]
     arguments += ["--condition", condition, "--out", str(tmp_path / "out")]
     ran = CliRunner().invoke(app, arguments)
     assert ran.exit_code == 0, ran.exception

@@ -247,7 +247,7 @@ def test_the_command_puts_users_beside_people(tmp_path: Path) -> None:
     results = {"mid": {"game": "pointing", "rounds": rows}}
     (tmp_path / "user" / "results.json").write_text(json.dumps(results))
     out = tmp_path / "out"
-    where = ["--people", str(tmp_path / "people"), "--out", str(out), "--every"]
+    where = ["--recordings", str(tmp_path / "people"), "--out", str(out), "--every"]
     result = CliRunner(env={"COLUMNS": "140"}).invoke(
         app, ["compare", str(tmp_path / "user"), *where]
     )

@@ -133,16 +133,16 @@ def test_a_user_plays_once(tmp_path: Path, people: Path, monkeypatch: pytest.Mon
     [
         (
             lambda path: path / "none",
-            r"--people: got '.*none', expected a file or folder that exists",
+            r"--recordings: got '.*none', expected a file or folder that exists",
         ),
-        (lambda path: path, r"--people: got '.*', expected a session, a folder with states"),
+        (lambda path: path, r"--recordings: got '.*', expected a session, a folder with states"),
         (
             lambda path: logged(path / "a" / "r", title="condition expert").parents[1],
-            r"--people: got '.*' with conditions \['expert'\], expected rounds of whacamole: easy,",
+            r"--recordings: got '.*' with conditions \['expert'\], expected rounds of whacamole: e",
         ),
         (
             lambda path: logged(path / "a" / "r").parents[1],
-            r"--people: got one person \(a\), expected at least two",
+            r"--recordings: got one person \(a\), expected at least two",
         ),
     ],
 )
@@ -187,7 +187,7 @@ def test_the_command(tmp_path: Path, people: Path, capsys: pytest.CaptureFixture
     user = evaluation(tmp_path / "user", {0: 0.0, 1: 0.3})
     out = tmp_path / "out"
     with pytest.raises(SystemExit) as ended:
-        main(["compare", str(user), "--people", str(people), "--out", str(out), "--every"])
+        main(["compare", str(user), "--recordings", str(people), "--out", str(out), "--every"])
     assert not ended.value.code
     shown = capsys.readouterr().out
     assert "hits per" in shown and "tth_median" not in shown
@@ -221,7 +221,7 @@ def test_a_user_may_play_by_the_rules_of_any_group(
     monkeypatch.setattr(sources, "evaluate", evaluate)
 
     def compare(*options: str) -> str:
-        user = ["compare", "whacamole_people", "--people", str(people), "--out", str(tmp_path)]
+        user = ["compare", "whacamole_people", "--recordings", str(people), "--out", str(tmp_path)]
         with pytest.raises(SystemExit) as ended:
             main([*user, *options])
         assert ended.value.code
@@ -278,7 +278,7 @@ def test_a_study_s_users_are_put_beside_people(
     file = tmp_path / "parts.yaml"
     file.write_text(json.dumps(tree))
     out = tmp_path / "out"
-    command = ["compare", str(file), "--people", str(people), "--out", str(out), "--no-figures"]
+    command = ["compare", str(file), "--recordings", str(people), "--out", str(out), "--no-figures"]
     with pytest.raises(SystemExit) as ended:
         main(command)
     assert not ended.value.code
@@ -313,7 +313,7 @@ def test_users_are_called_as_they_are_told_to_be(
     tmp_path: Path, people: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     users = [str(evaluation(tmp_path / name, {None: 0.0})) for name in ("late=r", "b")]
-    where = ["--people", str(people), "--out", str(tmp_path / "out"), "--no-figures"]
+    where = ["--recordings", str(people), "--out", str(tmp_path / "out"), "--no-figures"]
     with pytest.raises(SystemExit) as ended:
         main(["compare", users[0], f"ours, before={users[1]}", *where])
     assert not ended.value.code
@@ -335,7 +335,7 @@ def test_users_are_called_as_they_are_told_to_be(
 def test_people_are_needed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["compare", str(evaluation(tmp_path / "e", {None: 0.0})), "--out", str(tmp_path)])
-    assert "--people: got none, expected people's recorded rounds" in " ".join(
+    assert "--recordings: got none, expected people's recorded rounds" in " ".join(
         capsys.readouterr().err.split()
     )
 
@@ -345,7 +345,9 @@ def test_users_and_people_must_have_met(
 ) -> None:
     logged(tmp_path / "user" / "r", title="condition easy")
     with pytest.raises(SystemExit) as ended:
-        main(["compare", str(tmp_path / "user"), "--people", str(people), "--out", str(tmp_path)])
+        main(
+            ["compare", str(tmp_path / "user"), "--recordings", str(people), "--out", str(tmp_path)]
+        )
     assert ended.value.code
     message = "'user', who played constrained easy, expected a condition of people's: constrained"
     assert message in " ".join(capsys.readouterr().err.split())

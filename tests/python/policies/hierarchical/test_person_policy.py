@@ -77,7 +77,10 @@ def test_people_work_the_inputs_of_a_game(monkeypatch: pytest.MonkeyPatch) -> No
         raise InputError("train", "a test", "no training")
 
     monkeypatch.setattr(trainer, "train", keep)
-    CliRunner().invoke(app, ["train", "panel", "--people"])
+    CliRunner().invoke(app, ["train", "--people", "panel"])
+    CliRunner().invoke(app, ["train", "--people", "40", "panel"])
+    counts = [each.env.user.people and each.env.user.people.count for each in given]
+    assert counts == [None, 40]
     assert given[0].env.user.inputs == ("right.trigger",)
     policy = Following(given[0])
     vision = policy._wanted["vision"]

@@ -3,8 +3,6 @@
 Only names are registered: bodies, apps and learners are loaded when an environment is made.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Mapping
 from pathlib import Path

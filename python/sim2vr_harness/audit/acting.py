@@ -1,7 +1,5 @@
 """Act it out: a person's muscles and trunk bring the hand, or its ray, to a place."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -110,7 +108,14 @@ class Actor:
         errors: list[float] = []
         count, idle = round(_SECONDS / users.dt), round(_IDLE_S / users.dt)
         for step in range(count):
-            error = self._error(place, ray)
+            positions, quats = self._users.device_poses(_DEVICE)
+            if ray is None:
+                error = float(np.linalg.norm(place - positions[0]))
+            else:
+                turn = rotation_matrix(quats[0])
+                gap = place - positions[0] - turn @ ray.origin_m
+                along = float(turn @ ray.direction @ gap) / max(float(np.linalg.norm(gap)), 1e-9)
+                error = float(np.degrees(np.arccos(np.clip(along, -1.0, 1.0))))
             least = min(least, error)
             settled = settled + 1 if error <= enough else 0
             if settled == _SETTLED:
@@ -125,15 +130,6 @@ class Actor:
             if self._watch is not None:
                 self._watch(users.qpos[0], users.act[0])
         return False, least, count
-
-    def _error(self, place: FloatArray, ray: DeviceRay | None) -> float:
-        positions, quats = self._users.device_poses(_DEVICE)
-        if ray is None:
-            return float(np.linalg.norm(place - positions[0]))
-        turn = rotation_matrix(quats[0])
-        gap = place - positions[0] - turn @ ray.origin_m
-        along = float(turn @ ray.direction @ gap) / max(float(np.linalg.norm(gap)), 1e-9)
-        return float(np.degrees(np.arccos(np.clip(along, -1.0, 1.0))))
 
 
 def act_out(

@@ -333,7 +333,15 @@ def run(
     everyone = Crowd(subjects, stance, NONE)
     parts = Parts(processes)
     judged, limited = _judge_all(everyone, stance, targets, pace, parts)
-    remedies = _remedies(everyone, targets, judged, parts, say)
+    # What would include 95 %, for each target; None where 95 % are included.
+    missed = [i for i in range(len(targets)) if judged.usable[:, i].mean() < GOAL]
+    if missed:
+        say(f"what would include 95 %: {', '.join(targets[i].name for i in missed)} ...")
+    found: list[Remedy | None] = [None] * len(targets)
+    fixes = parts.run(lambda i: remedy(everyone, targets[i], judged, i), missed)
+    for column, fix in zip(missed, fixes, strict=True):
+        found[column] = fix
+    remedies = found
     acting = min(operate, people)
     if acting:
         say(f"{acting} persons act it out ...")
@@ -381,24 +389,6 @@ def _judge_all(
 
     found = parts.run(judged_part, range(len(jobs)))
     return Judged.joined(found[:count]), found[count:]
-
-
-def _remedies(
-    everyone: Crowd,
-    targets: Sequence[Target],
-    judged: Judged,
-    parts: Parts,
-    say: Say,
-) -> list[Remedy | None]:
-    """Return what would include 95 %, for each target; None where 95 % are included."""
-    missed = [i for i in range(len(targets)) if judged.usable[:, i].mean() < GOAL]
-    if missed:
-        say(f"what would include 95 %: {', '.join(targets[i].name for i in missed)} ...")
-    found: list[Remedy | None] = [None] * len(targets)
-    fixes = parts.run(lambda i: remedy(everyone, targets[i], judged, i), missed)
-    for column, fix in zip(missed, fixes, strict=True):
-        found[column] = fix
-    return found
 
 
 def _paths(subject: Subject, targets: Sequence[Target], postures: FloatArray) -> list[AuditPath]:

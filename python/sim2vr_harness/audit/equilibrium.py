@@ -110,7 +110,18 @@ class Balancer:
         chain = Linkage(body, Point(_DEVICE)).joints
         joints = body.independent_joints
         self._rest = np.array([body.reset_rule.posture.get(joint, 0.0) for joint in joints])
-        self._starts = self._leaning()
+        # (S, J) postures with the elbow bent and the trunk leaning to several sides.
+        leaning_body = self._body
+        starts = np.repeat(self._rest[None], len(_LEANS_DEG), axis=0)
+        for leaning_joint, degrees in _ARM_DEG.items():
+            starts[:, leaning_body.independent_joints.index(leaning_joint)] = np.radians(degrees)
+        for column, leaning_joint in enumerate(
+            ("trunk_flexion", "trunk_bending", "trunk_rotation")
+        ):
+            starts[:, leaning_body.independent_joints.index(leaning_joint)] = np.radians(
+                _LEANS_DEG
+            )[:, column]
+        self._starts = starts
         self.columns = np.array([joints.index(joint) for joint in chain])
         """(K,) of the joints that move the hand, among the independent ones."""
         self.limits = np.asarray(body.joint_ranges)[self.columns]
@@ -144,16 +155,6 @@ class Balancer:
             if found[-1].holds(close_m):
                 break
         return sorted(found, key=lambda each: each.rank(close_m))
-
-    def _leaning(self) -> FloatArray:
-        """(S, J) postures with the elbow bent and the trunk leaning to several sides."""
-        body = self._body
-        starts = np.repeat(self._rest[None], len(_LEANS_DEG), axis=0)
-        for joint, degrees in _ARM_DEG.items():
-            starts[:, body.independent_joints.index(joint)] = np.radians(degrees)
-        for column, joint in enumerate(("trunk_flexion", "trunk_bending", "trunk_rotation")):
-            starts[:, body.independent_joints.index(joint)] = np.radians(_LEANS_DEG)[:, column]
-        return starts
 
     def nearest(self, place: FloatArray, angles: FloatArray, close_m: float) -> Balance:
         """Return the equilibrium nearest to a place that is found from a posture (J,).
@@ -232,7 +233,7 @@ class Balancer:
             mujoco.mj_fwdPosition(model, data)
             mujoco.mj_fwdVelocity(model, data)
             slack, full = self._forces(0.0), self._forces(1.0)
-            arms = self._moments() @ slopes[i]
+            arms = moment_arms(self._model, self._data)[self._muscles] @ slopes[i]
             hands[i] = data.site_xpos[self._site]
             mujoco.mj_jacSite(model, data, push, None, self._site)
             torques = data.qfrc_bias - data.qfrc_passive + self._weight @ push
@@ -255,10 +256,6 @@ class Balancer:
         self._data.act[:] = activation
         mujoco.mj_fwdActuation(self._model, self._data)
         return np.array(self._data.actuator_force)[self._muscles]
-
-    def _moments(self) -> FloatArray:
-        """(M, nv) moment arms of muscles."""
-        return moment_arms(self._model, self._data)[self._muscles]
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,5 @@
 """Grip: the force that keeps a thing in the hand, and how long a person has it."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -1,7 +1,5 @@
 """Hull of what a user reaches: by joint limits, with the margins of targets, and as a picture."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -248,45 +246,33 @@ class Reach:
             volume.reached[tuple(reached.T)] = True
             flat = np.ravel_multi_index(tuple(reached.T), shape)
             postures.update(zip(flat.tolist(), q[ok], strict=True))
-            cells, own = _neighbours(reached, flat, postures, volume.reached, known)
-        self._mend(volume)
-        return volume
-
-    def _mend(self, volume: Volume) -> None:
-        """Look again at cells that most neighbours of can be reached, from other postures."""
+            # Cells beside those just reached that are worth a try, and the posture to begin it
+            # with.
+            sides = np.concatenate([np.eye(3, dtype=int), -np.eye(3, dtype=int)])
+            beside = (reached[:, None] + sides).reshape(-1, 3)
+            source = np.repeat(flat, len(sides))
+            within = ((beside >= 0) & (beside < volume.reached.shape)).all(axis=1)
+            beside, source = beside[within], source[within]
+            worth = ~volume.reached[tuple(beside.T)] & (known[tuple(beside.T)] < 3)
+            beside, source = beside[worth], source[worth]
+            neighbours_cells, index = np.unique(beside, axis=0, return_index=True)
+            cells, own = neighbours_cells, np.array([postures[i] for i in source[index].tolist()])
+        # Look again at cells that most neighbours of can be reached, from other postures.
         padded = np.pad(volume.reached, 1)
         around = sum(
             np.roll(padded, step, axis).astype(int) for axis, step in product(range(3), (1, -1))
         )
         doubtful = np.argwhere(~padded & (np.asarray(around, dtype=int) >= _MOST_SIDES)) - 1
         if len(doubtful):
-            _, distance = self.nearest(volume.middles(doubtful))
-            volume.reached[tuple(doubtful[distance <= CLOSE_M].T)] = True
+            _, mend_distance = self.nearest(volume.middles(doubtful))
+            volume.reached[tuple(doubtful[mend_distance <= CLOSE_M].T)] = True
+        return volume
 
     def _once(self, places: FloatArray, own: FloatArray | None) -> tuple[FloatArray, FloatArray]:
         if own is None:
             _, near = self._tree.query(places)
             own = self.postures[near]
         return solve(self.linkage, places, own, iterations=25, close_m=0.5 * CLOSE_M)
-
-
-def _neighbours(
-    reached: NDArray[np.int64],
-    flat: NDArray[np.int64],
-    postures: dict[int, FloatArray],
-    done: NDArray[np.bool_],
-    tried: NDArray[np.int64],
-) -> tuple[NDArray[np.int64], FloatArray]:
-    """Cells beside those just reached that are worth a try, and the posture to begin it with."""
-    sides = np.concatenate([np.eye(3, dtype=int), -np.eye(3, dtype=int)])
-    beside = (reached[:, None] + sides).reshape(-1, 3)
-    source = np.repeat(flat, len(sides))
-    within = ((beside >= 0) & (beside < done.shape)).all(axis=1)
-    beside, source = beside[within], source[within]
-    worth = ~done[tuple(beside.T)] & (tried[tuple(beside.T)] < 3)
-    beside, source = beside[worth], source[worth]
-    cells, index = np.unique(beside, axis=0, return_index=True)
-    return cells, np.array([postures[i] for i in source[index].tolist()])
 
 
 def _directions(count: int) -> FloatArray:

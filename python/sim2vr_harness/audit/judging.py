@@ -206,7 +206,14 @@ def judge(
         where[:, column] = position_to_app(places)
         yes[0, :, column] = seen(crowd, persons, places)
         yes[1:3, :, column] = yes[4, :, column] = target.how == "look"
-    for columns in _alike(targets):
+    # Columns of targets that the same kind of reach gets to, in order.
+    kinds: dict[tuple[bytes, str], list[int]] = {}
+    for alike_column, alike_target in enumerate(targets):
+        if alike_target.how != "look":
+            ray = alike_target.ray.key if alike_target.how == "point" else b""
+            kinds.setdefault((ray, alike_target.hand), []).append(alike_column)
+    alike = list(kinds.values())
+    for columns in alike:
         who, which = np.tile(persons, len(columns)), np.repeat(columns, n)
         places = np.concatenate([places_of(crowd, targets[i], persons) for i in columns])
         close = np.array([targets[i].radius_m for i in which.tolist()])
@@ -270,16 +277,6 @@ def _paced(
         found[model] = np.full(numbers[0].shape, np.nan)
         found[model][person, column] = minutes
     return found
-
-
-def _alike(targets: Sequence[Target]) -> list[list[int]]:
-    """Return the columns of targets that the same kind of reach gets to, in order."""
-    kinds: dict[tuple[bytes, str], list[int]] = {}
-    for column, target in enumerate(targets):
-        if target.how != "look":
-            ray = target.ray.key if target.how == "point" else b""
-            kinds.setdefault((ray, target.hand), []).append(column)
-    return list(kinds.values())
 
 
 def hold_any(

@@ -1,7 +1,5 @@
 """Exertion at the app's pace: minutes until exhaustion with breaks, and paths between targets."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -60,23 +58,7 @@ def minutes_at_pace(arms: Paced) -> dict[str, FloatArray]:
     In each cycle the arm is raised for some time and hangs for the rest. 3CC-r is exhausted when
     it cannot meet the load, NICER and Consumed Endurance at 100 %.
     """
-    return {
-        "3CC-r, shoulder": _three_compartments(arms),
-        **_meters(arms),
-    }
-
-
-def _raised(arms: Paced, step: int) -> NDArray[np.bool_]:
-    """(B,) whether the arm is raised in a time step."""
-    return np.asarray((step * _STEP_S) % arms.cycle_s < arms.raised_s)
-
-
-def _steps() -> range:
-    return range(round(60.0 * MOST_MINUTES / _STEP_S))
-
-
-def _three_compartments(arms: Paced) -> FloatArray:
-    """Looft, Herkert, Frey-Law (2018), the active units following the load at once."""
+    # Looft, Herkert, Frey-Law (2018), the active units following the load at once.
     rates = FATIGUE_PRESETS["shoulder"]
     tired = np.zeros(len(arms.share))
     found = np.where(arms.share > 1.0, 0.0, np.inf)
@@ -90,7 +72,19 @@ def _three_compartments(arms: Paced) -> FloatArray:
         faster = np.where(load > 0.0, 1.0, rates["r"])
         change = rates["fatigue"] * active - faster * rates["recovery"] * tired
         tired = np.clip(tired + _STEP_S * change, 0.0, 1.0)
-    return found
+    return {
+        "3CC-r, shoulder": found,
+        **_meters(arms),
+    }
+
+
+def _raised(arms: Paced, step: int) -> NDArray[np.bool_]:
+    """(B,) whether the arm is raised in a time step."""
+    return np.asarray((step * _STEP_S) % arms.cycle_s < arms.raised_s)
+
+
+def _steps() -> range:
+    return range(round(60.0 * MOST_MINUTES / _STEP_S))
 
 
 def _meters(arms: Paced) -> dict[str, FloatArray]:

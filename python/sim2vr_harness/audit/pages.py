@@ -168,7 +168,23 @@ class Operator:
         pressed = self._moment(name)
         self._add(effects, before, pressed)
         effects.objects |= self._changed(reached, pressed)
-        effects.carried = self._drag(name, way, pressed, effects, before)
+        if way.how == "look" or pressed.thing is None:
+            effects.carried = False
+        else:
+            drag_hands = self._hands
+            for _ in range(3):
+                place = drag_hands.place[way.side] - _PULL_M / 3.0
+                drag_hands.put(way.side, place)
+                drag_hands.step(1, *way.held)
+            now = self._moment(name)
+            self._add(effects, before, now)
+            if now.thing is None:
+                effects.carried = False
+            else:
+                gap = np.array(now.thing.place_m) - np.array(pressed.thing.place_m)
+                effects.carried = name not in self._restless and bool(
+                    np.linalg.norm(gap) > _DRAGGED_M
+                )
         hands.step(2)
         self._add(effects, before, self._moment(name))
         hands.rest()
@@ -197,24 +213,6 @@ class Operator:
                 hands.put(way.side, _AIM_FROM_M * mirror, place + offset)
             hands.step(1)
         hands.step(2)
-
-    def _drag(
-        self, name: str, way: Way, pressed: _Moment, effects: _Effects, before: _Moment
-    ) -> bool:
-        """Move the hand back with what it holds; return whether the thing came along."""
-        if way.how == "look" or pressed.thing is None:
-            return False
-        hands = self._hands
-        for _ in range(3):
-            place = hands.place[way.side] - _PULL_M / 3.0
-            hands.put(way.side, place)
-            hands.step(1, *way.held)
-        now = self._moment(name)
-        self._add(effects, before, now)
-        if now.thing is None:
-            return False
-        gap = np.array(now.thing.place_m) - np.array(pressed.thing.place_m)
-        return name not in self._restless and bool(np.linalg.norm(gap) > _DRAGGED_M)
 
     def carried_to(self, carrier: str, way: Way, name: str) -> frozenset[str]:
         """Return what a thing does if another one is let go there, and not beside it."""
@@ -472,7 +470,20 @@ class _Search:
             self._operate(thing, side)
             if not thing.reacts and side == "right":
                 queue.append((name, "left"))
-            for new in self._appeared(name):
+            now = [
+                appeared_each
+                for appeared_each in self._app.things()
+                if appeared_each.name not in self.found
+            ]
+            tracks = [
+                _Track.of(appeared_each, {})
+                for appeared_each in now
+                if appeared_each.how != "unknown"
+            ]
+            found = [track.found() for track in tracks if not _surrounds(_named(now, track.name))]
+            for appeared_each in found:
+                appeared_each.after = name
+            for new in found:
                 self.found[new.name] = new
                 queue.appendleft((new.name, "right"))
             queue.extendleft((each, side) for each in self._changed(thing))
@@ -498,14 +509,6 @@ class _Search:
         for name in others:
             self._again[name] = self._again.get(name, 0) + 1
         return others
-
-    def _appeared(self, after: str) -> list[FoundThing]:
-        now = [each for each in self._app.things() if each.name not in self.found]
-        tracks = [_Track.of(each, {}) for each in now if each.how != "unknown"]
-        found = [track.found() for track in tracks if not _surrounds(_named(now, track.name))]
-        for each in found:
-            each.after = after
-        return found
 
     def _operate(self, thing: FoundThing, side: str) -> None:
         there = _named(self._app.things(), thing.name) is not None

@@ -1,7 +1,5 @@
 """The simulated population of an audit: persons, groups and limitations, with sources."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -124,15 +122,14 @@ class Subject:
 def draw(people: int, seed: int) -> list[Subject]:
     """Draw the first persons of a seed."""
     settings = PeopleSettings(
-        seed=seed, count=people, left_handed=LEFT_HANDED, strength=STRENGTH, vary=_varied()
+        seed=seed,
+        count=people,
+        left_handed=LEFT_HANDED,
+        strength=STRENGTH,
+        vary=("stature_m", "upper_arm_factor", "forearm_factor", "strength"),
     )
     population = Population(settings, cut=np.inf)
     return [_subject(population, index) for index in range(people)]
-
-
-def _varied() -> tuple[Literal["stature_m", "upper_arm_factor", "forearm_factor", "strength"], ...]:
-    """The traits that an audit uses."""
-    return ("stature_m", "upper_arm_factor", "forearm_factor", "strength")
 
 
 def _subject(population: Population, index: int) -> Subject:

@@ -286,7 +286,10 @@ class PostureHolder:
         self, angles: FloatArray, load_kg: float, limits_bear: bool, strength: float
     ) -> _Balance:
         body, model, data = self._body, self._model, self._data
-        slope = _slope(body, angles)
+        # (nv, J) how all joints follow the independent ones; all are hinges or slides.
+        by = _STEP * np.eye(len(angles))
+        rise: FloatArray = body.coupled_qpos(angles + by) - body.coupled_qpos(angles - by)
+        slope = rise.T / (2.0 * _STEP)
         needed = self.torques(angles) - data.qfrc_passive
         for site in self._sites:
             push = np.zeros((3, model.nv))
@@ -354,13 +357,6 @@ class _Balance:
             return None, {}
         values = found.x.tolist()
         return values[n], dict(zip(self.muscles, values, strict=False))
-
-
-def _slope(body: Body, angles: FloatArray) -> FloatArray:
-    """(nv, J) how all joints follow the independent ones; all are hinges or slides."""
-    by = _STEP * np.eye(len(angles))
-    rise: FloatArray = body.coupled_qpos(angles + by) - body.coupled_qpos(angles - by)
-    return rise.T / (2.0 * _STEP)
 
 
 def _joints_of(model: mujoco.MjModel, part: str) -> list[str]:

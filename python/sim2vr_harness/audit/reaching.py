@@ -7,7 +7,7 @@ the one with the least torque at the shoulder counts.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -177,7 +177,14 @@ class Crowd:
                 q, gap = solve(bodies, local[left], start, iterations=_ITERATIONS, close_m=2e-4)
                 gap = np.where(gap <= np.maximum(CLOSE_M, part.close_m), 0.0, gap)
                 there = (gap == 0.0) & (not rows.quick)
-                cost = self._cost(part.persons, stack, q, there)
+                # (B,) what tells easy postures from others; infinite where the hand is not there.
+                cost = np.full(len(q), np.inf)
+                cost_angles = self._whole(stack, q)
+                turned = [stack.joints.index(joint) for joint in _TURNED]
+                for row in np.flatnonzero(there).tolist():
+                    load = self.subjects[int(part.persons[row])].holder.load(cost_angles[row], 0.0)
+                    strain = (q[row, turned] / _HALF_RANGE) ** 2
+                    cost[row] = load.torque + _TURNED_NM * float(strain.sum())
                 found.offer(left, q, gap, cost, leans=trunk)
         nearest = stack.take(rows.persons).place(found.q[:, 0])
         nearest = nearest * np.where(rows.mirrored[:, None], MIRROR, 1.0) + lift
@@ -193,13 +200,26 @@ class Crowd:
                 hands = [Linkage(each.body, Point(_DEVICE, (x, y, z))) for each in self.subjects]
                 direction = ray.direction
             stack = Linkage.stacked(hands, direction)
-            self._stacks[key] = stack.with_limits(_narrowed(stack, self._limitation.limits_deg))
+            limits = stack.limits.copy()
+            for joint, narrow in self._limitation.limits_deg.items():
+                column = stack.joints.index(joint)
+                low, high = np.radians(narrow)
+                limits[:, column, 0] = np.maximum(limits[:, column, 0], low)
+                limits[:, column, 1] = np.minimum(limits[:, column, 1], high)
+            self._stacks[key] = stack.with_limits(limits)
         return self._stacks[key]
 
     def _starts(self, rows: Rows, local: FloatArray, trunk: bool) -> FloatArray:
         """(S, B, K) postures to begin with."""
         if rows.ray is not None:
-            rest = _raised(self._stack(rows.ray))
+            # (S, K) postures with the elbow at a right angle and the upper arm raised more and
+            # more.
+            stack = self._stack(rows.ray)
+            raised_postures = np.repeat(stack.rest[None], len(_ELEVATIONS_DEG), axis=0)
+            raised_postures[:, stack.joints.index("elbow_flexion")] = np.radians(90.0)
+            raised_postures[:, stack.joints.index("elv_angle")] = np.radians(60.0)
+            raised_postures[:, stack.joints.index("shoulder_elv")] = np.radians(_ELEVATIONS_DEG)
+            rest = raised_postures
             starts = np.repeat(rest[:, None], len(local), axis=1)
             starts[:, :, -1] = np.linalg.norm(local - self.heads[rows.persons], axis=1)
             return starts
@@ -211,20 +231,6 @@ class Crowd:
             postures, tree = self._samples[trunk, straight]
             chosen.append(postures[tree.query(scaled, k=count)[1].reshape(len(local), count)])
         return np.swapaxes(np.concatenate(chosen, axis=1), 0, 1)
-
-    def _cost(self, persons: Ints, stack: Linkage, q: FloatArray, there: Bools) -> FloatArray:
-        """(B,) what tells easy postures from others; infinite where the hand is not there.
-
-        Gravity's torque at the shoulder, and how far wrist and forearm are turned.
-        """
-        cost = np.full(len(q), np.inf)
-        angles = self._whole(stack, q)
-        turned = [stack.joints.index(joint) for joint in _TURNED]
-        for row in np.flatnonzero(there).tolist():
-            load = self.subjects[int(persons[row])].holder.load(angles[row], 0.0)
-            strain = (q[row, turned] / _HALF_RANGE) ** 2
-            cost[row] = load.torque + _TURNED_NM * float(strain.sum())
-        return cost
 
     def _whole(self, stack: Linkage, q: FloatArray) -> FloatArray:
         """(B, J) angles of all joints: the others rest."""
@@ -264,30 +270,11 @@ def _head(subject: Subject, rest: FloatArray) -> FloatArray:
     return place
 
 
-def _narrowed(stack: Linkage, limits_deg: Mapping[str, tuple[float, float]]) -> FloatArray:
-    limits = stack.limits.copy()
-    for joint, narrow in limits_deg.items():
-        column = stack.joints.index(joint)
-        low, high = np.radians(narrow)
-        limits[:, column, 0] = np.maximum(limits[:, column, 0], low)
-        limits[:, column, 1] = np.minimum(limits[:, column, 1], high)
-    return limits
-
-
 def _upright(stack: Linkage) -> FloatArray:
     """Limits that keep the trunk where it is."""
     limits = stack.limits.copy()
     limits[:, [joint.startswith(_TRUNK) for joint in stack.joints]] = 0.0
     return limits
-
-
-def _raised(stack: Linkage) -> FloatArray:
-    """(S, K) postures with the elbow at a right angle and the upper arm raised more and more."""
-    postures = np.repeat(stack.rest[None], len(_ELEVATIONS_DEG), axis=0)
-    postures[:, stack.joints.index("elbow_flexion")] = np.radians(90.0)
-    postures[:, stack.joints.index("elv_angle")] = np.radians(60.0)
-    postures[:, stack.joints.index("shoulder_elv")] = np.radians(_ELEVATIONS_DEG)
-    return postures
 
 
 def _samples(hand: Linkage, trunk: bool, straight: bool) -> tuple[FloatArray, cKDTree]:

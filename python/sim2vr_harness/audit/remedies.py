@@ -1,7 +1,5 @@
 """Find what would include 95 % of people: the smallest shift of a target, or another input."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -140,24 +138,7 @@ def _shift(
     everyone = np.arange(len(crowd.subjects))
     sample = everyone[:_SAMPLE]
     here = places_of(crowd, target, everyone)
-    directions = _directions(judged, column)
-    # No one gets there by a shift below the own gap: 95 % need at least that quantile.
-    gaps = np.linalg.norm(judged.needed_m[:, column], axis=1)
-    gaps = np.where(judged.reached[:, column], 0.0, gaps)
-    metres = max(float(np.quantile(gaps[sample], GOAL, method="lower")), 0.01)
-    reach: FloatArray | None = None
-    while metres <= _FARTHEST_M:
-        for shift in _promising(crowd, target, sample, here, directions * metres):
-            reach = shift if reach is None else reach
-            after = _confirmed(crowd, target, here, shift, judged.limitation)
-            if after >= GOAL:
-                return shift, reach, after
-        metres += max(_STEP_M, _STEP_SHARE * metres)
-    return None, reach, float(judged.usable[:, column].mean())
-
-
-def _directions(judged: Judged, column: int) -> FloatArray:
-    """(D, 3) unit vectors: along axes and between them, and the mean of what persons need."""
+    # (D, 3) unit vectors: along axes and between them, and the mean of what persons need.
     steps = np.array(
         [each for each in product((-1.0, 0.0, 1.0), repeat=3) if 0 < sum(map(abs, each)) < 3]
     )
@@ -165,24 +146,33 @@ def _directions(judged: Judged, column: int) -> FloatArray:
     mean = needed.mean(axis=0) if len(needed) else np.zeros(3)
     if np.linalg.norm(mean) > 1e-3:
         steps = np.concatenate([mean[None], steps])
-    return steps / np.linalg.norm(steps, axis=1, keepdims=True)
-
-
-def _promising(
-    crowd: Crowd, target: Target, sample: Ints, here: FloatArray, shifts: FloatArray
-) -> list[FloatArray]:
-    """Return the shifts (D, 3) with which enough of a sample see and reach, the best first."""
-    persons = np.tile(sample, len(shifts))
-    moved = position_to_mujoco(np.repeat(shifts, len(sample), axis=0))
-    places = here[persons] + moved
-    in_view = seen(crowd, persons, places).reshape(len(shifts), -1).mean(axis=1) >= GOAL
-    rows = np.flatnonzero(np.repeat(in_view, len(sample)))
-    usable = np.zeros(len(persons), dtype=bool)
-    if len(rows):
-        usable[rows] = usable_at(crowd, target, persons[rows], places[rows], _ANY, hold=False)
-    shares = usable.reshape(len(shifts), -1).mean(axis=1)
-    order = sorted(np.flatnonzero(shares >= GOAL).tolist(), key=lambda i: -shares[i])
-    return [shifts[i] for i in order[:_CONFIRMED]]
+    directions = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+    # No one gets there by a shift below the own gap: 95 % need at least that quantile.
+    gaps = np.linalg.norm(judged.needed_m[:, column], axis=1)
+    gaps = np.where(judged.reached[:, column], 0.0, gaps)
+    metres = max(float(np.quantile(gaps[sample], GOAL, method="lower")), 0.01)
+    reach: FloatArray | None = None
+    while metres <= _FARTHEST_M:
+        # Shifts (D, 3) with which enough of a sample see and reach, the best first.
+        shifts = directions * metres
+        persons = np.tile(sample, len(shifts))
+        moved = position_to_mujoco(np.repeat(shifts, len(sample), axis=0))
+        places = here[persons] + moved
+        in_view = seen(crowd, persons, places).reshape(len(shifts), -1).mean(axis=1) >= GOAL
+        rows = np.flatnonzero(np.repeat(in_view, len(sample)))
+        usable = np.zeros(len(persons), dtype=bool)
+        if len(rows):
+            usable[rows] = usable_at(crowd, target, persons[rows], places[rows], _ANY, hold=False)
+        shares = usable.reshape(len(shifts), -1).mean(axis=1)
+        order = sorted(np.flatnonzero(shares >= GOAL).tolist(), key=lambda i: -shares[i])
+        promising = [shifts[i] for i in order[:_CONFIRMED]]
+        for shift in promising:
+            reach = shift if reach is None else reach
+            after = _confirmed(crowd, target, here, shift, judged.limitation)
+            if after >= GOAL:
+                return shift, reach, after
+        metres += max(_STEP_M, _STEP_SHARE * metres)
+    return None, reach, float(judged.usable[:, column].mean())
 
 
 _ANY = Limitation("any")

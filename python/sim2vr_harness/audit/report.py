@@ -1,7 +1,5 @@
 """The report of an audit: who is excluded from what and why, and what would include them."""
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Mapping, Sequence
@@ -208,7 +206,39 @@ def _percent(share: Mapping[str, Any]) -> str:
 
 def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[str | Panel]:
     parts: list[str | Panel] = [f"<p><b>{escape(headline(values))}</b></p>"]
-    parts.append(_answer(values))
+    rows = []
+    for target in _missed(values):
+        why = next(iter(target["causes"]), "")
+        rows.append((EVERYONE, target["name"], _percent(target["usable"]), why, _change(target)))
+    # Groups that are excluded from more than everyone: target, share and cause of each.
+    found = []
+    every = values["groups"][0]["targets"]
+    for groups_group in values["groups"][1:]:
+        if not groups_group["verified"] or groups_group["n"] < FEWEST:
+            continue
+        worse = [
+            (name, _percent(share), next(iter(groups_group["causes"][name]), ""))
+            for name, share in groups_group["targets"].items()
+            if share["share"] < GOAL and share["share"] < every[name]["share"] - 0.05
+        ]
+        if worse:
+            found.append((groups_group["name"], worse))
+    for group in found:
+        for name, share, why in group[1][:_MOST]:
+            change = "Let one hand do it" if why == "needs two hands" else ""
+            rows.append((group[0], name, share, why, change))
+        if len(group[1]) > _MOST:
+            rows.append((group[0], f"{len(group[1]) - _MOST} more", "", "", ""))
+    if not rows:
+        answer = ""
+    else:
+        rows = [(*row[:2], row[2].replace(" ", "\u00a0"), *row[3:]) for row in rows]
+        head = "".join(f"<th>{each}</th>" for each in _ANSWER)
+        body = "".join(
+            "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+        )
+        answer = f'<table class="answer"><tr>{head}</tr>{body}</table>'
+    parts.append(answer)
     if weak := too_weak(values):
         parts.append(f"<p>{escape(weak)}</p>")
     if silent := unanswered(values):
@@ -227,36 +257,28 @@ def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[
     parts += ["<h2>By target</h2>", _target_table(values)]
     if told := [[each["name"], each["in_app"]] for each in values["targets"] if each["in_app"]]:
         parts += ["<h2>Operated in the app</h2>", table(["target", "reaction"], told, wrap=True)]
-    parts += ["<h2>By group</h2>", _group_table(values), f"<p>{escape(_GROUPS)}</p>"]
+    # Groups by targets, some targets a table, so that it fits a page.
+    names = [each["name"] for each in values["targets"]]
+    table_parts = [names[i : i + _ABREAST] for i in range(0, len(names), _ABREAST)]
+    group_table = "".join(
+        _some_targets(values, part, first=part is table_parts[0]) for part in table_parts
+    )
+    parts += ["<h2>By group</h2>", group_table, f"<p>{escape(_GROUPS)}</p>"]
     parts += ["<h2>Exertion by target</h2>", _exertion_table(values), f"<p>{escape(_EXERTION)}</p>"]
-    parts += [_exertion_panel(values)]
+    reached = [
+        each for each in values["targets"] if each["exertion"]["n"] and each["how"] != "look"
+    ]
+    medians = [each["exertion"]["share_of_activation"][1] for each in reached]
+    shown = [1.0 if each is None else min(each, 1.0) for each in medians]
+    bars = Bars("activation", [each["name"] for each in reached], shown, "#0072b2")
+    title = "Median activation of the shoulder's muscles; 1: too weak"
+    exertion_panel = Panel(title, (bars,), y_label="share of maximum")
+    parts += [exertion_panel]
     if any(each["operated"] for each in values["targets"]):
         parts += ["<h2>Acted out</h2>", _operated_table(values), f"<p>{_OPERATED}</p>"]
     if values["paths"]:
         parts += ["<h2>Exertion between targets</h2>", _path_table(values), f"<p>{_PATHS}</p>"]
     return [*parts, "<h2>Sources</h2>", _sources(values)]
-
-
-def _answer(values: Mapping[str, Any]) -> str:
-    """Who is excluded from what, why, and the smallest change, as a table."""
-    rows = []
-    for target in _missed(values):
-        why = next(iter(target["causes"]), "")
-        rows.append((EVERYONE, target["name"], _percent(target["usable"]), why, _change(target)))
-    for group in _worse_groups(values):
-        for name, share, why in group[1][:_MOST]:
-            change = "Let one hand do it" if why == "needs two hands" else ""
-            rows.append((group[0], name, share, why, change))
-        if len(group[1]) > _MOST:
-            rows.append((group[0], f"{len(group[1]) - _MOST} more", "", "", ""))
-    if not rows:
-        return ""
-    rows = [(*row[:2], row[2].replace(" ", "\u00a0"), *row[3:]) for row in rows]
-    head = "".join(f"<th>{each}</th>" for each in _ANSWER)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
-    )
-    return f'<table class="answer"><tr>{head}</tr>{body}</table>'
 
 
 _ANSWER = ("who", "target", "can use it", "why not", "smallest change that includes 95 %")
@@ -289,23 +311,6 @@ _EXERTION = (
 )
 
 
-def _worse_groups(values: Mapping[str, Any]) -> list[tuple[str, list[tuple[str, str, str]]]]:
-    """Groups that are excluded from more than everyone: target, share and cause of each."""
-    found = []
-    every = values["groups"][0]["targets"]
-    for group in values["groups"][1:]:
-        if not group["verified"] or group["n"] < FEWEST:
-            continue
-        worse = [
-            (name, _percent(share), next(iter(group["causes"][name]), ""))
-            for name, share in group["targets"].items()
-            if share["share"] < GOAL and share["share"] < every[name]["share"] - 0.05
-        ]
-        if worse:
-            found.append((group["name"], worse))
-    return found
-
-
 _MOST = 4
 """Targets that the answer names for a group."""
 
@@ -323,13 +328,6 @@ def _target_table(values: Mapping[str, Any]) -> str:
         if each["remedy"] is not None:
             bad.append(number)
     return table(header, rows, bad, wrap=True)
-
-
-def _group_table(values: Mapping[str, Any]) -> str:
-    """Groups by targets, some targets a table, so that it fits a page."""
-    names = [each["name"] for each in values["targets"]]
-    parts = [names[i : i + _ABREAST] for i in range(0, len(names), _ABREAST)]
-    return "".join(_some_targets(values, part, first=part is parts[0]) for part in parts)
 
 
 _ABREAST = 5
@@ -376,17 +374,6 @@ def _spread(target: Mapping[str, Any], key: str) -> str:
         for x in quantiles
     )
     return middle if low == middle == high else f"{middle} ({low} to {high})"
-
-
-def _exertion_panel(values: Mapping[str, Any]) -> Panel:
-    reached = [
-        each for each in values["targets"] if each["exertion"]["n"] and each["how"] != "look"
-    ]
-    medians = [each["exertion"]["share_of_activation"][1] for each in reached]
-    shown = [1.0 if each is None else min(each, 1.0) for each in medians]
-    bars = Bars("activation", [each["name"] for each in reached], shown, "#0072b2")
-    title = "Median activation of the shoulder's muscles; 1: too weak"
-    return Panel(title, (bars,), y_label="share of maximum")
 
 
 def _operated_table(values: Mapping[str, Any]) -> str:

@@ -1,7 +1,5 @@
 """The audit's results as plain values: by target, by group, and as measures to expect."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -338,7 +338,14 @@ def seen_targets(
             raise InputError("--game", "an app that tells nothing of its scene", "one that does")
         for number in range(rounds):
             users.reset(seeds=[seed + number], persons=None if person is None else [person])
-            tracks = _watched_round(users, pattern, seconds)
+            # Sit still until the round ends, or so long.
+            round_app = users.apps[0]
+            tracks = _Tracks(round_app.scene(), pattern)
+            for _ in range(round(seconds * users.config.action_frequency_hz)):
+                outcome = users.step(users.resting_action[None])
+                tracks.add(round_app.scene())
+                if outcome.over[0]:
+                    break
             if still and number == 0:
                 _watch_on(config, tracks, seconds, seed)
             paths |= tracks.paths
@@ -350,18 +357,6 @@ def seen_targets(
         own = sorted({name.rpartition("/")[2] for name in paths if not name.startswith(_RIG)})
         raise InputError("--objects", f"nothing {wanted}", f"one of {', '.join(own)}")
     return _numbered(seen[:_MOST])
-
-
-def _watched_round(users: Any, pattern: str | None, seconds: float) -> _Tracks:
-    """Sit still until the round ends, or so long."""
-    app = users.apps[0]
-    tracks = _Tracks(app.scene(), pattern)
-    for _ in range(round(seconds * users.config.action_frequency_hz)):
-        outcome = users.step(users.resting_action[None])
-        tracks.add(app.scene())
-        if outcome.over[0]:
-            break
-    return tracks
 
 
 def _watch_on(config: EnvConfig, tracks: _Tracks, seconds: float, seed: int) -> None:
@@ -406,7 +401,10 @@ class _Tracks:
         self._rests: dict[tuple[int, int], _Rest] = {}
         self.moments = self.last_came = 0
         self._start = _head(first)
-        self.devices = _devices(first)
+        # The devices where the scene has them.
+        poses = {one.path: np.array(one.pose, dtype=np.float64) for one in first.objects}
+        right, left = (poses.get(path) for path in _CONTROLLERS)
+        self.devices = DevicePoses(poses[f"{_RIG}Main Camera"], right, left)
         self.paths: set[str] = set()
         self.add(first)
 
@@ -496,13 +494,6 @@ def _size(scene: AppScene, one: SceneObject) -> tuple[float, float]:
 def _head(scene: AppScene) -> FloatArray:
     place = next(one.pose[:3] for one in scene.objects if one.path == f"{_RIG}Main Camera")
     return np.array(place, dtype=np.float64)
-
-
-def _devices(scene: AppScene) -> DevicePoses:
-    """The devices where the scene has them."""
-    poses = {one.path: np.array(one.pose, dtype=np.float64) for one in scene.objects}
-    right, left = (poses.get(path) for path in _CONTROLLERS)
-    return DevicePoses(poses[f"{_RIG}Main Camera"], right, left)
 
 
 def tool_point(scene: AppScene, pattern: str) -> Point:

@@ -4,8 +4,6 @@ A few lines of aliases to aliases stand for billions of values, and lists within
 stack. PyYAML's safe loader bounds neither, and takes the last of two equal keys without a word.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import yaml

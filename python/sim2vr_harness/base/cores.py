@@ -4,8 +4,6 @@ The defaults below count the cores that this process may run on, not those of th
 containers, batch systems and ``taskset`` get what they ask for.
 """
 
-from __future__ import annotations
-
 import os
 
 

@@ -1,7 +1,5 @@
 """One way to say that an input cannot be used: field, got, expected."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable
 from pathlib import Path

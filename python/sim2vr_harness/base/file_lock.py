@@ -1,7 +1,5 @@
 """One training at a time in a run's folder, and nothing left there of those that were killed."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import re

@@ -5,8 +5,6 @@ in time, and ends either with the content or with an :class:`InputError` of one 
 what was found and what was expected.
 """
 
-from __future__ import annotations
-
 import gzip
 import io
 import json

@@ -1,7 +1,5 @@
 """Finiteness check of checkpoints: a diverged training stops and names the bad number."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Preparation of a process before it opens its first OpenGL context."""
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 from functools import cache

@@ -1,7 +1,5 @@
 """Notices for people, where the program shows them; a library says nothing."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

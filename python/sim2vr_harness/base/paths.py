@@ -5,8 +5,6 @@ Three layouts are served alike: an installed wheel (``sim2vr_harness/bin`` and
 ``shaders/`` and ``configs/`` of the repository).
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Classes of Python files that a setting names as ``FILE.py:CLASS``; loading one runs the file."""
 
-from __future__ import annotations
-
 import importlib.util
 import inspect
 import sys

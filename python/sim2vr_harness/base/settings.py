@@ -94,7 +94,22 @@ def _input_error(problem: Any, below: Sequence[str], model: type[BaseModel]) -> 
     location = _written(model, problem["loc"])
     field = ".".join([*below, *location]) or "configuration"
     if problem["type"] == "extra_forbidden":
-        return _unknown_key(location, below, model)
+        root = model
+        key_model = model_at(location[:-1], root)
+        known = list(key_model.model_fields) if key_model else []
+        prefix = "".join(f"{part}." for part in [*below, *location[:-1]])
+        # One of names that is most like name, the first of equals; None if none.
+        name = location[-1]
+        likeness = [difflib.SequenceMatcher(None, name, each).ratio() for each in known]
+        best = max(likeness, default=0.0)
+        near = known[likeness.index(best)] if best >= _LIKE else None
+        here = prefix + near if near else None
+        # What was written without its mapping is meant wherever it is; else it is meant here.
+        best = here if prefix and here else _elsewhere(location[-1], root) or here
+        hint = f" (did you mean {best!r}?)" if best else ""
+        return InputError(
+            prefix + location[-1], "an unknown key", f"one of {', '.join(known) or 'no keys'}{hint}"
+        )
     message = str(problem["msg"]).removeprefix("Value error, ")
     if problem["type"] == "value_error":
         key, separator, rest = message.partition("got ")
@@ -151,29 +166,6 @@ _PYDANTICS = ("function-", "constrained-", "literal[")
 _UNION_MEMBERS = ("bool", "int", "float", "str", "list[float]")
 
 
-def _unknown_key(
-    location: Sequence[str], below: Sequence[str], root: type[BaseModel]
-) -> InputError:
-    model = model_at(location[:-1], root)
-    known = list(model.model_fields) if model else []
-    prefix = "".join(f"{part}." for part in [*below, *location[:-1]])
-    near = _nearest(location[-1], known)
-    here = prefix + near if near else None
-    # What was written without its mapping is meant wherever it is; else it is meant here.
-    best = here if prefix and here else _elsewhere(location[-1], root) or here
-    hint = f" (did you mean {best!r}?)" if best else ""
-    return InputError(
-        prefix + location[-1], "an unknown key", f"one of {', '.join(known) or 'no keys'}{hint}"
-    )
-
-
-def _nearest(name: str, names: Sequence[str]) -> str | None:
-    """Return the one of ``names`` that is most like ``name``, the first of equals; None if none."""
-    likeness = [difflib.SequenceMatcher(None, name, each).ratio() for each in names]
-    best = max(likeness, default=0.0)
-    return names[likeness.index(best)] if best >= _LIKE else None
-
-
 _LIKE = 0.4
 
 
@@ -209,21 +201,17 @@ def annotation_at(location: Sequence[str], root: type[BaseModel]) -> Any:
             field = model.model_fields.get(part)
             at = None if field is None else field.annotation
         else:
-            at = _entries(at)
+            plain = _without_none(at)
+            if get_origin(plain) not in (tuple, dict):
+                at = None
+            else:
+                at = get_args(plain)[get_origin(plain) is dict]
     return at
 
 
 def _as_model(annotation: Any) -> type[BaseModel] | None:
     plain = _without_none(annotation)
     return plain if isinstance(plain, type) and issubclass(plain, BaseModel) else None
-
-
-def _entries(annotation: Any) -> Any:
-    """The type of what a tuple or mapping holds; None of anything else."""
-    plain = _without_none(annotation)
-    if get_origin(plain) not in (tuple, dict):
-        return None
-    return get_args(plain)[get_origin(plain) is dict]
 
 
 def _without_none(annotation: Any) -> Any:

@@ -1,7 +1,5 @@
 """When Ctrl-C and SIGTERM may stop a training, and when they have to wait."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

@@ -1,7 +1,5 @@
 """Saved states: ``state_dict`` and ``load_state_dict`` of objects that list their fields."""
 
-from __future__ import annotations
-
 import json
 from collections import deque
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Context manager for torch's number of threads."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

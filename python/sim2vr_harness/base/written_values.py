@@ -1,7 +1,5 @@
 """Values as people write them behind ``--set KEY=``: as in YAML, or as text where a key is text."""
 
-from __future__ import annotations
-
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 

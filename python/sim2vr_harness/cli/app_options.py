@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -92,10 +92,47 @@ class PageOptions(PageFiles, GameLibrary):
         judged = {} if self.task is None else {"task": _absolute_task(self.task)}
         judged |= self.library()
         if page is not None:
-            return {**_page_settings(page, self.map_, self.browser), **judged}
+            from sim2vr_harness.envs.config import page_name
+
+            place, options = page_and_options(page)
+            page_settings = {
+                "transport": "webxr",
+                "game": page_name(place),
+                "page": place,
+                "map": mapped_places(self.map_),
+                "browser": self.browser,
+                **({"options": options} if options else {}),
+            }
+            return {**page_settings, **judged}
         if openxr is not None:
             chosen = {name: True for name in ("virtual_clock", "xvfb") if getattr(self, name)}
-            return {**_program_settings(openxr, other.app_arg, chosen), **judged}
+            # Settings of an OpenXR program; its files are named by whole paths, for later runs.
+            program = openxr
+            from sim2vr_harness.envs.config import program_name
+
+            try:
+                words = [program] if Path(program).expanduser().is_file() else shlex.split(program)
+            except ValueError as error:
+                raise InputError("--openxr", f"{program!r} ({error})", _COMMAND) from error
+            if not words:
+                raise InputError("--openxr", "nothing", _COMMAND)
+            found = (
+                words[0] if "/" in words[0] or Path(words[0]).is_file() else shutil.which(words[0])
+            )
+            command = [_absolute(found or words[0])]
+            for word in (*words[1:], *other.app_arg):
+                file = "/" in word or word.endswith((".py", ".qml"))
+                command.append(
+                    _absolute(word) if file and Path(word).expanduser().exists() else word
+                )
+            program_settings = {
+                "transport": "openxr",
+                "game": program_name(command),
+                "executable": command[0],
+                "arguments": command[1:],
+                "transport_options": dict(chosen),
+            }
+            return {**program_settings, **judged}
         if app is None and other.connect is None and other.protocol is None:
             return judged
         return {
@@ -132,20 +169,6 @@ def _require_one(*given: tuple[str, Any]) -> None:
         raise InputError(named[1], f"it together with {named[0]}", "one of them")
 
 
-def _page_settings(page: str, mapped: Sequence[str], browser: str | None) -> dict[str, Any]:
-    from sim2vr_harness.envs.config import page_name
-
-    place, options = page_and_options(page)
-    return {
-        "transport": "webxr",
-        "game": page_name(place),
-        "page": place,
-        "map": mapped_places(mapped),
-        "browser": browser,
-        **({"options": options} if options else {}),
-    }
-
-
 def page_and_options(page: str) -> tuple[str, dict[str, Any]]:
     """Return a page's whole path, or its address, and the options in its query.
 
@@ -172,32 +195,6 @@ def page_and_options(page: str) -> tuple[str, dict[str, Any]]:
     except InputError as error:
         raise InputError("--page", error.got, error.expected) from error
     return place if "://" in place else _absolute(place), found["env"]["app"]["options"]
-
-
-def _program_settings(
-    program: str, arguments: Sequence[str], options: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Settings of an OpenXR program; its files are named by whole paths, for later runs."""
-    from sim2vr_harness.envs.config import program_name
-
-    try:
-        words = [program] if Path(program).expanduser().is_file() else shlex.split(program)
-    except ValueError as error:
-        raise InputError("--openxr", f"{program!r} ({error})", _COMMAND) from error
-    if not words:
-        raise InputError("--openxr", "nothing", _COMMAND)
-    found = words[0] if "/" in words[0] or Path(words[0]).is_file() else shutil.which(words[0])
-    command = [_absolute(found or words[0])]
-    for word in (*words[1:], *arguments):
-        file = "/" in word or word.endswith((".py", ".qml"))
-        command.append(_absolute(word) if file and Path(word).expanduser().exists() else word)
-    return {
-        "transport": "openxr",
-        "game": program_name(command),
-        "executable": command[0],
-        "arguments": command[1:],
-        "transport_options": dict(options),
-    }
 
 
 def mapped_places(mapped: Sequence[str]) -> dict[str, str]:

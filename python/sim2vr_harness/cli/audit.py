@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -105,7 +104,15 @@ def audit(options: AuditOptions) -> int:
     if request.pose is None:
         needed("plotly", "studies", "audit")
     request.check()
-    checked = CheckedRun(replace(options, expect=_with_group(options.expect)), "audit")
+    # Expectations without a group are about everyone.
+    from sim2vr_harness.audit.summary import EVERYONE
+    from sim2vr_harness.evaluation.expectations import Expectation
+
+    with_group = tuple(
+        text if Expectation.of(text).group is not None else f"{EVERYONE}: {text}"
+        for text in options.expect
+    )
+    checked = CheckedRun(replace(options, expect=with_group), "audit")
     if request.user is not None:
         _of_user(request, options.out)
         return 0
@@ -148,16 +155,6 @@ def _tell(done: Any, out: Path) -> None:
         if sentence:
             typer.echo(sentence)
     print_written(write(done, out))
-
-
-def _with_group(expect: Sequence[str]) -> tuple[str, ...]:
-    """Expectations without a group are about everyone."""
-    from sim2vr_harness.audit.summary import EVERYONE
-    from sim2vr_harness.evaluation.expectations import Expectation
-
-    return tuple(
-        text if Expectation.of(text).group is not None else f"{EVERYONE}: {text}" for text in expect
-    )
 
 
 def _planned(request: AuditRequest) -> Planned:

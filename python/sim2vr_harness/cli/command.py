@@ -3,8 +3,6 @@
 The docstring of a command ends with the line ``Examples:`` and its examples, one a line.
 """
 
-from __future__ import annotations
-
 import inspect
 import re
 from collections.abc import Callable

@@ -22,8 +22,7 @@ from sim2vr_harness.cli.options import (
 from sim2vr_harness.cli.progress import Share
 
 if TYPE_CHECKING:
-    from sim2vr_harness.games.behaviour import Behaviour
-    from sim2vr_harness.human_comparison.sources import Plays, Source
+    pass
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +115,31 @@ def compare(request: CompareRequest) -> None:
         )
     sources = {user: [source] for user, source in found.users.items()}
     for user in filter(_is_study, users):
-        sources[user] = _players(user, request.out, found.behaviour, plays)
+        # The users of a study, which is run first, or gone on with, if its file is given.
+        from sim2vr_harness.cli.studies import Shown
+        from sim2vr_harness.human_comparison.sources import read_folders
+        from sim2vr_harness.studies import read_study, run_study
+        from sim2vr_harness.studies.config import load_study
+        from sim2vr_harness.studies.players import players_of
+
+        path = Path(user)
+        if path.is_dir():
+            data = read_study(path)
+        else:
+            study = load_study(path)
+            if not study.logs:
+                raise InputError(
+                    f"{user}: logs", "false", "true: what is compared is read from logs"
+                )
+            with Shown() as shown:
+                place = request.out / "studies" / study.name
+                data = run_study(
+                    path, place, trust_app=plays.trust_app, on_progress=shown.show
+                ).data
+        players = players_of(data)
+        sources[user] = [
+            read_folders(name, folders, found.behaviour) for name, folders in players.items()
+        ]
     read = [(user, source) for user in users for source in sources[user]]
     names = _names([(user, source.name) for user, source in read], told)
     named = [replace(source, name=name) for (_, source), name in zip(read, names, strict=True)]
@@ -178,25 +201,3 @@ def _is_study(user: str) -> bool:
     """Whether a USER is a study: its file, or its folder."""
     path = Path(user)
     return (path.suffix in (".yaml", ".yml") and path.is_file()) or (path / "study.json").is_file()
-
-
-def _players(user: str, out: Path, behaviour: Behaviour, plays: Plays) -> list[Source]:
-    """The users of a study, which is run first, or gone on with, if its file is given."""
-    from sim2vr_harness.cli.studies import Shown
-    from sim2vr_harness.human_comparison.sources import read_folders
-    from sim2vr_harness.studies import read_study, run_study
-    from sim2vr_harness.studies.config import load_study
-    from sim2vr_harness.studies.players import players_of
-
-    path = Path(user)
-    if path.is_dir():
-        data = read_study(path)
-    else:
-        study = load_study(path)
-        if not study.logs:
-            raise InputError(f"{user}: logs", "false", "true: what is compared is read from logs")
-        with Shown() as shown:
-            place = out / "studies" / study.name
-            data = run_study(path, place, trust_app=plays.trust_app, on_progress=shown.show).data
-    players = players_of(data)
-    return [read_folders(name, folders, behaviour) for name, folders in players.items()]

@@ -1,7 +1,5 @@
 """``sim2vr-harness plot curves``: learning curves of runs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -30,9 +30,6 @@ from sim2vr_harness.base.requests import option
 from sim2vr_harness.cli.options import JsonOutput, print_json
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from sim2vr_harness.client import AppTrial
 
 Status = Literal["ok", "info", "warning", "missing"]
@@ -318,24 +315,6 @@ _MARKS: dict[Status, str] = {
 }
 
 
-def _print_table(checks: list[Check], console: Console) -> None:
-    table = Table(title="sim2vr-harness doctor", title_justify="left")
-    table.add_column("")
-    table.add_column("What", no_wrap=True)
-    table.add_column("Found", overflow="fold")
-    for check in checks:
-        table.add_row(_MARKS[check.status], check.name, escape(check.found))
-    console.print(table)
-    commands = [(check.name, check.mend) for check in checks if check.mend]
-    if commands:
-        console.print("To mend:")
-        for name, command in commands:
-            console.print(f"  {name}:", highlight=False, markup=False)
-            console.print(f"    {command}", highlight=False, markup=False, soft_wrap=True)
-    elif all(check.status != "missing" for check in checks):
-        console.print("Everything needed is here.")
-
-
 def _try_app(request: DoctorRequest, executable: Path) -> int:
     """Play ten steps in an app, save its picture and print a report."""
     from sim2vr_harness.client import try_app
@@ -343,7 +322,15 @@ def _try_app(request: DoctorRequest, executable: Path) -> int:
 
     size, picture = parse_size(request.size), request.out
     trials = try_app(executable, request.app_arg, size=size, timeout_s=request.timeout)
-    _save_picture(trials[0].images[-1], picture)
+    # Save an (H, W, 4) image as colour beside depth.
+    image = trials[0].images[-1]
+    import numpy as np
+    from PIL import Image
+
+    depth = image[..., 3:].repeat(3, axis=2)
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    with naming(picture):
+        Image.fromarray(np.concatenate([image[..., :3], depth], axis=1)).save(picture, "PNG")
     if request.json:
         rows = [_trial_row(trial) for trial in trials]
         print_json({"app": str(executable), "picture": str(picture), "trials": rows})
@@ -368,17 +355,6 @@ def _trial_row(trial: AppTrial) -> dict[str, Any]:
         "picture_changes": trial.picture_changes,
         "warnings": trial.warnings(),
     }
-
-
-def _save_picture(image: NDArray[np.uint8], file: Path) -> None:
-    """Save an (H, W, 4) image as colour beside depth."""
-    import numpy as np
-    from PIL import Image
-
-    depth = image[..., 3:].repeat(3, axis=2)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with naming(file):
-        Image.fromarray(np.concatenate([image[..., :3], depth], axis=1)).save(file, "PNG")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -410,5 +386,22 @@ def doctor(request: DoctorRequest) -> int:
     if request.json:
         print_json({"ok": ok, "checks": [dataclasses.asdict(check) for check in checks]})
     else:
-        _print_table(checks, Console())
+        console = Console()
+        table = Table(title="sim2vr-harness doctor", title_justify="left")
+        table.add_column("")
+        table.add_column("What", no_wrap=True)
+        table.add_column("Found", overflow="fold")
+        for table_check in checks:
+            table.add_row(_MARKS[table_check.status], table_check.name, escape(table_check.found))
+        console.print(table)
+        commands = [
+            (table_check.name, table_check.mend) for table_check in checks if table_check.mend
+        ]
+        if commands:
+            console.print("To mend:")
+            for name, command in commands:
+                console.print(f"  {name}:", highlight=False, markup=False)
+                console.print(f"    {command}", highlight=False, markup=False, soft_wrap=True)
+        elif all(table_check.status != "missing" for table_check in checks):
+            console.print("Everything needed is here.")
     return 0 if ok else 1

@@ -1,7 +1,5 @@
 """Errors of the command line: one line on the standard error stream and an exit status."""
 
-from __future__ import annotations
-
 import errno
 import sys
 from collections.abc import Callable, Sequence
@@ -45,7 +43,18 @@ def report(
         if debug:
             raise
         bad = isinstance(error, ValueError) or _is_bad_path(error)
-        return _say(_words(error), BAD_INPUT if bad else FAILED)
+        if isinstance(error, OSError) and error.filename is not None and error.strerror:
+            file = error.filename.decode() if isinstance(error.filename, bytes) else error.filename
+            words = f"{file_name(file)}: got {reason(error)!r}, expected to read or write it"
+        else:
+            text = " ".join(str(error).split())
+            if not text:
+                words = type(error).__name__
+            elif isinstance(error, (ValueError, RuntimeError, OSError)):
+                words = text
+            else:
+                words = f"{type(error).__name__}: {text} (run again with --debug for the traceback)"
+        return _say(words, BAD_INPUT if bad else FAILED)
 
 
 def _usage(error: Exception, given: Sequence[str]) -> str:
@@ -70,27 +79,26 @@ def _usage(error: Exception, given: Sequence[str]) -> str:
             text = f"{field}: got nothing, expected {_missing(parameter)}"
     elif message.startswith("No such command "):
         name = message.removeprefix("No such command ").split()[0].strip("'.")
-        text = str(_unknown_command(name, command))
+        # Word the error for a command; the nearest one may be in a group below.
+        commands = getattr(command, "commands", {}).items()
+        shown = {known: each for known, each in commands if not each.hidden}
+        below = {
+            inner: f"{known} {inner}"
+            for known, each in shown.items()
+            for inner in getattr(each, "commands", {})
+        }
+        best = closest(name, [*shown, *below])
+        hint = f" (did you mean {below.get(best, best)!r}?)" if best else ""
+        unknown_command = InputError(
+            "command", repr(name), f"one of {', '.join(sorted(shown))}{hint}"
+        )
+        text = str(unknown_command)
     elif message.startswith("Got unexpected extra argument"):
         more = message.partition("(")[2].partition("(")[2].rstrip(")")
         text = f"arguments: got {more!r} behind the others, expected no more"
     else:
         text = message
     return f"{text} (see: {path} --help)"
-
-
-def _unknown_command(name: str, group: Any) -> InputError:
-    """Word the error for a command; the nearest one may be in a group below."""
-    commands = getattr(group, "commands", {}).items()
-    shown = {known: each for known, each in commands if not each.hidden}
-    below = {
-        inner: f"{known} {inner}"
-        for known, each in shown.items()
-        for inner in getattr(each, "commands", {})
-    }
-    best = closest(name, [*shown, *below])
-    hint = f" (did you mean {below.get(best, best)!r}?)" if best else ""
-    return InputError("command", repr(name), f"one of {', '.join(sorted(shown))}{hint}")
 
 
 def _known_options(option: str, command: Any) -> str:
@@ -139,18 +147,6 @@ def _is_bad_path(error: Exception) -> bool:
     """Whether the system says that no file can have such a path."""
     wrong = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR, errno.EINVAL)
     return isinstance(error, OSError) and error.errno in wrong
-
-
-def _words(error: Exception) -> str:
-    if isinstance(error, OSError) and error.filename is not None and error.strerror:
-        file = error.filename.decode() if isinstance(error.filename, bytes) else error.filename
-        return f"{file_name(file)}: got {reason(error)!r}, expected to read or write it"
-    text = " ".join(str(error).split())
-    if not text:
-        return type(error).__name__
-    if isinstance(error, (ValueError, RuntimeError, OSError)):
-        return text
-    return f"{type(error).__name__}: {text} (run again with --debug for the traceback)"
 
 
 def _say(message: str, status: int) -> int:

@@ -1,7 +1,5 @@
 """``sim2vr-harness export``: an evaluation's steps for other programs."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``sim2vr-harness render film``: users compared."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

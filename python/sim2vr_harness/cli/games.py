@@ -1,7 +1,5 @@
 """``sim2vr-harness games``: what can be played, in which conditions, and how it is measured."""
 
-from __future__ import annotations
-
 import json as jsonlib
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -65,7 +63,11 @@ def games(request: GamesRequest) -> None:
             console.print(_in_short(each), style="dim", highlight=False, markup=False)
         else:
             console.print(_in_short(each), highlight=False, markup=False)
-            console.print(_conditions(each))
+            table = Table("Condition", "What it is", box=box.SIMPLE)
+            for condition in each.conditions:
+                mark = " (default)" if condition.name == each.default_condition else ""
+                table.add_row(condition.name, condition.description + mark)
+            console.print(table)
             console.print(_measures(each) if each.measures else "No measures but the player's own.")
             console.print(_options(each.name))
 
@@ -75,14 +77,6 @@ def _in_short(facts: GameFacts) -> str:
     count = len(facts.conditions)
     conditions = f"{count} condition{'' if count == 1 else 's'}"
     return f"{length}Gymnasium id sim2vr/{facts.id}-v0; {conditions}"
-
-
-def _conditions(facts: GameFacts) -> Table:
-    table = Table("Condition", "What it is", box=box.SIMPLE)
-    for condition in facts.conditions:
-        mark = " (default)" if condition.name == facts.default_condition else ""
-        table.add_row(condition.name, condition.description + mark)
-    return table
 
 
 def _measures(facts: GameFacts) -> Table:

@@ -4,8 +4,6 @@ Commands only read options and print; what they do lives in the rooms that they 
 are imported when a command runs, so that ``--help`` is quick.
 """
 
-from __future__ import annotations
-
 import atexit
 import os
 import signal
@@ -15,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from io import TextIOWrapper
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any
 
 import typer
 
@@ -132,17 +130,13 @@ def main(arguments: list[str] | None = None) -> None:
     with _sigterm_as_ctrl_c():
         status = report(command, given, debug)
     if status == INTERRUPTED and arguments is None:
-        _exit_at_once(status)
+        # Exit without freeing modules, which takes Torch's more than a second of a core.
+        atexit._run_exitfuncs()
+        for once_stream in (sys.stdout, sys.stderr):
+            with suppress(OSError):
+                once_stream.flush()
+        os._exit(status)
     sys.exit(status)
-
-
-def _exit_at_once(status: int) -> NoReturn:
-    """Exit without freeing modules, which takes Torch's more than a second of a core."""
-    atexit._run_exitfuncs()
-    for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError):
-            stream.flush()
-    os._exit(status)
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -85,13 +84,35 @@ def train_layer(request: TrainLayerRequest) -> int:
     if persons and request.begin is not None:
         raise InputError("--begin", "it together with --people", "one of them")
     require_trusted_body(request.body, request.body, trust=request.trust_app)
-    config = parse_config(apply_overrides({}, _changes(request.set_))).skills.motor_training
+    changes = [
+        change
+        if change.lstrip().startswith("skills.motor_training.")
+        else "skills.motor_training." + change
+        for change in request.set_
+    ]
+    config = parse_config(apply_overrides({}, changes)).skills.motor_training
     trainer: Any = _people_trainer(request, config) if persons else _trainer(request, config)
     out = request.out
     begun = out.with_name(out.name + ".part")
     try:
         with sigterm_interrupts():
-            known = _cycles(trainer, begun)
+            practice = trainer
+            from dataclasses import asdict
+
+            from sim2vr_harness.cli.progress import Share
+            from sim2vr_harness.runs.checkpoint import take_in, write_tensors
+            from sim2vr_harness.training.motor_control.goal_task import MOTOR_STATE
+
+            if begun.is_file():
+                take_in(begun, MOTOR_STATE, practice.load_state_dict)
+                typer.echo(f"Continuing after cycle {practice.cycle}.", err=True)
+            known: dict[str, Any] = {}
+            while not practice.finished:
+                with Share(f"cycle {practice.cycle + 1} of {practice.config.cycles}") as share:
+                    report = practice.step(lambda doing, done: share.show(done))
+                known = asdict(report)
+                write_tensors(begun, practice.state_dict())
+                typer.echo(report.in_words(practice.config.cycles), err=True)
     except KeyboardInterrupt:
         typer.echo(f"Stopped after cycle {trainer.cycle}; the same command goes on.", err=True)
         return 130
@@ -127,31 +148,6 @@ def _people_trainer(request: TrainLayerRequest, given: MotorTrainingConfig) -> P
         raise InputError(f"--set {name}", "it with --people", "cycles or bodies")
     user = as_population(UserConfig(model=request.body), request.count())
     return PeopleTrainer(PeopleTraining(**set_here), user, request.step_s, seed=request.seed)
-
-
-def _changes(given: Sequence[str], below: str = "skills.motor_training.") -> list[str]:
-    """Return overrides with whole keys; ``cycles=36`` may be short for that of the training."""
-    return [change if change.lstrip().startswith(below) else below + change for change in given]
-
-
-def _cycles(practice: MotorTrainer | PeopleTrainer, begun: Path) -> dict[str, Any]:
-    from dataclasses import asdict
-
-    from sim2vr_harness.cli.progress import Share
-    from sim2vr_harness.runs.checkpoint import take_in, write_tensors
-    from sim2vr_harness.training.motor_control.goal_task import MOTOR_STATE
-
-    if begun.is_file():
-        take_in(begun, MOTOR_STATE, practice.load_state_dict)
-        typer.echo(f"Continuing after cycle {practice.cycle}.", err=True)
-    known: dict[str, Any] = {}
-    while not practice.finished:
-        with Share(f"cycle {practice.cycle + 1} of {practice.config.cycles}") as share:
-            report = practice.step(lambda doing, done: share.show(done))
-        known = asdict(report)
-        write_tensors(begun, practice.state_dict())
-        typer.echo(report.in_words(practice.config.cycles), err=True)
-    return known
 
 
 def measure(request: MeasureLayerRequest) -> None:

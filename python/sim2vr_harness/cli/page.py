@@ -14,7 +14,7 @@ from sim2vr_harness.cli.command import CommandGroup
 from sim2vr_harness.cli.options import JsonOutput, print_json
 
 if TYPE_CHECKING:
-    from sim2vr_harness.client.webxr.check import PageCheck
+    pass
 
 MOST_ROUNDS = 8
 """Loads of a page, each of which may bring scripts that ask for more."""
@@ -61,7 +61,28 @@ def check(request: CheckRequest) -> int:
     if request.json:
         print_json({**asdict(found), "missing": found.missing, "plays": found.failure is None})
     else:
-        typer.echo("\n".join(_lines(found)))
+        # Report, a line for each thing.
+        report, missing = found.report, found.missing
+        rows = [
+            ("engine", report.engines),
+            ("sessions", report.sessions),
+            ("features", report.features),
+            ("objects", report.objects),
+            ("inputs", report.inputs),
+            ("addresses", [each for each in found.asked if each not in missing]),
+            ("missing", [f"{address}  ({help})" for address, help in missing.items()]),
+            ("notes", [note for note in found.notes if note.startswith("script error")]),
+        ]
+        lines = []
+        for name, values in rows:
+            long = name in ("addresses", "missing", "notes")
+            shown = list(values) if long else [", ".join(values)]
+            lines += [
+                f"{name if k == 0 else '':<10} {value or 'none'}"
+                for k, value in enumerate(shown or ["none"])
+            ]
+        lines.append(f"{'plays':<10} {'yes' if found.failure is None else f'no: {found.failure}'}")
+        typer.echo("\n".join(lines))
     return int(found.failure is not None)
 
 
@@ -106,31 +127,6 @@ def vendor(request: VendorRequest) -> int:
     with_map = f" --map {file}" if file.exists() else ""
     typer.echo(f"It plays: sim2vr-harness render snapshot --page {request.page}{with_map}")
     return 0
-
-
-def _lines(found: PageCheck) -> list[str]:
-    """Return the report, a line for each thing."""
-    report, missing = found.report, found.missing
-    rows = [
-        ("engine", report.engines),
-        ("sessions", report.sessions),
-        ("features", report.features),
-        ("objects", report.objects),
-        ("inputs", report.inputs),
-        ("addresses", [each for each in found.asked if each not in missing]),
-        ("missing", [f"{address}  ({help})" for address, help in missing.items()]),
-        ("notes", [note for note in found.notes if note.startswith("script error")]),
-    ]
-    lines = []
-    for name, values in rows:
-        long = name in ("addresses", "missing", "notes")
-        shown = list(values) if long else [", ".join(values)]
-        lines += [
-            f"{name if k == 0 else '':<10} {value or 'none'}"
-            for k, value in enumerate(shown or ["none"])
-        ]
-    lines.append(f"{'plays':<10} {'yes' if found.failure is None else f'no: {found.failure}'}")
-    return lines
 
 
 app = CommandGroup(

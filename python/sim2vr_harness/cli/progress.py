@@ -1,7 +1,5 @@
 """Progress of a command on standard error."""
 
-from __future__ import annotations
-
 import typer
 
 from sim2vr_harness.base.progress import ProgressDisplay, View

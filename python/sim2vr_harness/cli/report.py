@@ -1,7 +1,5 @@
 """``sim2vr-harness report``: an evaluation or a study as a page for people."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

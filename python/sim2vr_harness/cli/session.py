@@ -83,7 +83,21 @@ def convert(request: ConvertRequest) -> None:
     write_session(session, request.out)
     for note in session.notes:
         typer.echo(f"note: {note}", err=True)
-    lost = _lost(session, form.name)
+    # What a format has no place for, of what the session holds.
+    controllers = session.controllers.values()
+    held = {
+        "events": bool(session.events),
+        "the seed": session.seed is not None,
+        "the app's options": bool(session.app.options),
+        "inputs": any(one.inputs is not None for one in controllers),
+        "hand joints": any(one.joints is not None for one in controllers),
+    }
+    missing = {
+        "iwer": ("events", "the seed", "the app's options"),
+        "csv": ("events", "the seed", "the app's options", "hand joints"),
+        "log": ("the app's options", "inputs", "hand joints"),
+    }
+    lost = [name for name in missing.get(form.name, ()) if held[name]]
     if lost:
         typer.echo(f"note: {form.name} has no place for {', '.join(lost)}", err=True)
     typer.echo(f"Written: {request.out}")
@@ -163,24 +177,6 @@ def _plain(value: Any) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{name} {each}" for name, each in value.items()) or "none"
     return "not known" if value is None else str(value)
-
-
-def _lost(session: Session, form: str) -> list[str]:
-    """What a format has no place for, of what the session holds."""
-    controllers = session.controllers.values()
-    held = {
-        "events": bool(session.events),
-        "the seed": session.seed is not None,
-        "the app's options": bool(session.app.options),
-        "inputs": any(one.inputs is not None for one in controllers),
-        "hand joints": any(one.joints is not None for one in controllers),
-    }
-    missing = {
-        "iwer": ("events", "the seed", "the app's options"),
-        "csv": ("events", "the seed", "the app's options", "hand joints"),
-        "log": ("the app's options", "inputs", "hand joints"),
-    }
-    return [name for name in missing.get(form, ()) if held[name]]
 
 
 app.add("record", record.record)

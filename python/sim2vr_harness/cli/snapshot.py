@@ -1,7 +1,5 @@
 """``sim2vr-harness render snapshot``: pictures of a game and of who plays it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

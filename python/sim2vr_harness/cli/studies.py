@@ -54,7 +54,32 @@ def comparison_table(data: StudyData) -> Iterator[RenderableType]:
         return
     found = data.statistics
     if found["summaries"]:
-        yield _summary_table(found["summaries"], data.about["measures"])
+        summaries = found["summaries"]
+        measures = data.about["measures"]
+        digits = _digits(summaries, measures)
+        rows = []
+        for row in summaries:
+            decimals = digits[row["measure"]]
+            rows.append([
+                *map(_foldable, row["levels"].values()),
+                _foldable(row["measure"]),
+                _of(str(row["n"]), row),
+                _plain(row["mean"], decimals),
+                _plain(row["sd"], decimals),
+                _interval(row, decimals),
+            ])  # fmt: skip
+        names = [
+            *map(_foldable, summaries[0]["levels"]),
+            "measure",
+            "n",
+            "mean",
+            "SD",
+            "95 % interval",
+        ]
+        summary_table = _table(
+            f"Mean and SD over units (unit: {summaries[0]['unit']})", names, rows
+        )
+        yield summary_table
     if found["results"]:
         yield from _results_table(
             found["results"], _digits(found["summaries"], data.about["measures"])
@@ -138,23 +163,6 @@ def _value(value: Any, decimals: int | None) -> str:
     return f"{value:.4g}" if decimals is None else _plain(value, decimals)
 
 
-def _summary_table(summaries: list[dict[str, Any]], measures: Sequence[Mapping[str, Any]]) -> Table:
-    digits = _digits(summaries, measures)
-    rows = []
-    for row in summaries:
-        decimals = digits[row["measure"]]
-        rows.append([
-            *map(_foldable, row["levels"].values()),
-            _foldable(row["measure"]),
-            _of(str(row["n"]), row),
-            _plain(row["mean"], decimals),
-            _plain(row["sd"], decimals),
-            _interval(row, decimals),
-        ])  # fmt: skip
-    names = [*map(_foldable, summaries[0]["levels"]), "measure", "n", "mean", "SD", "95 % interval"]
-    return _table(f"Mean and SD over units (unit: {summaries[0]['unit']})", names, rows)
-
-
 def _results_table(
     results: list[dict[str, Any]], digits: Mapping[str, int]
 ) -> Iterator[RenderableType]:
@@ -190,7 +198,7 @@ def _row(row: dict[str, Any], digits: Mapping[str, int]) -> list[str]:
         "\n".join([levels, *map(_foldable, within)]),
         _of(str(n), row),
         _with_interval(difference, decimals),
-        "refused" if row["refused"] else _p(p),
+        "refused" if row["refused"] else (f"< {_CONVINCING}" if p < _CONVINCING else f"{p:.3f}"),
         _plain(row.get("effect"), 2),
     ]
 
@@ -257,10 +265,6 @@ def _interval(of: Mapping[str, Any], decimals: int) -> str:
     if low is None and high is None:
         return ""
     return f"[{_plain(low, decimals)}, {_plain(high, decimals)}]"
-
-
-def _p(p: float) -> str:
-    return f"< {_CONVINCING}" if p < _CONVINCING else f"{p:.3f}"
 
 
 def _notes(

@@ -78,7 +78,21 @@ def study(request: StudyRequest) -> int:
         expected = "a folder of effects; a study names its users in fixed.user"
         raise InputError("--user", f"it with {file}", expected)
     if request.plan or request.difference:
-        return _show_plan(request, asked=checked.asked)
+        # Print what the study would play, and how many units differences need.
+        from rich.console import Console
+
+        from sim2vr_harness.cli.studies import plan_tables
+
+        if not request.plan:
+            raise InputError(
+                "--difference", shown(request.difference[0]), "it together with --plan"
+            )
+        if checked.asked:
+            raise InputError("--plan", "it together with --expect or --against", "one of them")
+        how = (request.file, request.out, request.difference)
+        for table in plan_tables(*how, trust_app=request.trust_app):
+            Console().print(table)
+        return 0
     with Shown() as progress:
         found = run_study(
             file,
@@ -139,22 +153,6 @@ def _effects(request: StudyRequest, *, asked: bool) -> int:
         shown.add_row(*row[:-1])
     Console().print(shown)
     typer.echo(f"{score(found)}\nWritten: {out / 'effects.html'}")
-    return 0
-
-
-def _show_plan(request: StudyRequest, *, asked: bool) -> int:
-    """Print what the study would play, and how many units differences need."""
-    from rich.console import Console
-
-    from sim2vr_harness.cli.studies import plan_tables
-
-    if not request.plan:
-        raise InputError("--difference", shown(request.difference[0]), "it together with --plan")
-    if asked:
-        raise InputError("--plan", "it together with --expect or --against", "one of them")
-    how = (request.file, request.out, request.difference)
-    for table in plan_tables(*how, trust_app=request.trust_app):
-        Console().print(table)
     return 0
 
 

@@ -90,7 +90,19 @@ def track(request: TrackRequest) -> None:
         play=request.play,
     )
     env = environment_of(request.user, overrides=request.set_, trust_app=request.trust_app)
-    paths = _paths(request.recordings, request.frame)
+    # Everything to be followed, by distinct names.
+    from dataclasses import replace
+
+    from sim2vr_harness.tools.track.paths import read_paths
+
+    found: list[RecordedPath] = []
+    for recording in request.recordings:
+        for path in read_paths(recording, frame=_frame(request.frame)):
+            name, number = path.name, 2
+            while any(other.name == name for other in found):
+                name, number = f"{path.name}-{number}", number + 1
+            found.append(replace(path, name=name))
+    paths = found
     layer_for = partial(motor_layer_for, following=True)
     done = []
     for path in paths:
@@ -111,22 +123,6 @@ def _write(done: Sequence[Tracked], out: Path, *, record: bool) -> None:
             say(f"Filming {one.path.name}")
             files.append(film(one, out / f"{one.path.name}.mp4"))
     print_written(files)
-
-
-def _paths(recordings: Sequence[Path], frame: str) -> list[RecordedPath]:
-    """Everything to be followed, by distinct names."""
-    from dataclasses import replace
-
-    from sim2vr_harness.tools.track.paths import read_paths
-
-    found: list[RecordedPath] = []
-    for recording in recordings:
-        for path in read_paths(recording, frame=_frame(frame)):
-            name, number = path.name, 2
-            while any(other.name == name for other in found):
-                name, number = f"{path.name}-{number}", number + 1
-            found.append(replace(path, name=name))
-    return found
 
 
 def _frame(name: str) -> Frame:

@@ -70,7 +70,19 @@ def train(request: TrainRequest) -> int:
     from sim2vr_harness.training.run import trainer
 
     remote = request.remote()
-    _check_together(request)
+    # Refuse options that do not go together.
+    from sim2vr_harness.base.errors import InputError
+
+    if request.resume and request.overwrite:
+        raise InputError("--overwrite", "it together with --resume", "one of them")
+    if request.set_aside and not request.resume:
+        raise InputError("--set-aside", "it without --resume", "it together with --resume")
+    if request.from_ is not None and (request.config is not None or request.resume):
+        other = "--resume" if request.config is None else "CONFIG"
+        raise InputError("--from", f"it together with {other}", "one of them")
+    if request.people is not None and (request.from_ is not None or request.resume):
+        other = "--resume" if request.resume else "--from"
+        raise InputError("--people", f"it together with {other}", "one of them")
     config, out = _run_or_file(request)
     overrides = [*request.set_]
     for key in ("seed", "device", "cores"):
@@ -100,26 +112,20 @@ def train(request: TrainRequest) -> int:
         set_aside=request.set_aside,
     )
     if not result.interrupted and settings.evaluation.episodes_after_training:
-        _evaluate_after_training(result, settings.evaluation.episodes_after_training)
+        from sim2vr_harness.evaluation.evaluate import Request, evaluate
+        from sim2vr_harness.evaluation.tables import results_table
+
+        assert result.checkpoint is not None
+        training_request = Request(
+            episodes=settings.evaluation.episodes_after_training, trust_app=True
+        )  # it was trained with this moment
+        with Share("Evaluating") as share:
+            found = evaluate(result.checkpoint, training_request, on_progress=share.show)
+        title = f"After {found.step:,} user steps"
+        Console().print(results_table(found.summaries, found.facts, title))
     goes_on = result.step < settings.last_stage_steps
     _print_where_next(result, resumable=result.interrupted or goes_on)
     return INTERRUPTED if result.interrupted else 0
-
-
-def _check_together(request: TrainRequest) -> None:
-    """Refuse options that do not go together."""
-    from sim2vr_harness.base.errors import InputError
-
-    if request.resume and request.overwrite:
-        raise InputError("--overwrite", "it together with --resume", "one of them")
-    if request.set_aside and not request.resume:
-        raise InputError("--set-aside", "it without --resume", "it together with --resume")
-    if request.from_ is not None and (request.config is not None or request.resume):
-        other = "--resume" if request.config is None else "CONFIG"
-        raise InputError("--from", f"it together with {other}", "one of them")
-    if request.people is not None and (request.from_ is not None or request.resume):
-        other = "--resume" if request.resume else "--from"
-        raise InputError("--people", f"it together with {other}", "one of them")
 
 
 def _of_people(settings: TrainingConfig, count: int | None = None) -> TrainingConfig:
@@ -216,18 +222,6 @@ def _is_game(name: str) -> bool:
             raise InputError("CONFIG", repr(name), expected) from None
         return name in list_games()
     return False
-
-
-def _evaluate_after_training(result: TrainResult, episodes: int) -> None:
-    from sim2vr_harness.evaluation.evaluate import Request, evaluate
-    from sim2vr_harness.evaluation.tables import results_table
-
-    assert result.checkpoint is not None
-    request = Request(episodes=episodes, trust_app=True)  # it was trained with this moment
-    with Share("Evaluating") as share:
-        found = evaluate(result.checkpoint, request, on_progress=share.show)
-    title = f"After {found.step:,} user steps"
-    Console().print(results_table(found.summaries, found.facts, title))
 
 
 def _print_where_next(result: TrainResult, resumable: bool) -> None:

@@ -120,21 +120,6 @@ def _headline(card: Mapping[str, Any]) -> str:
     return f"{score.label} {mean} {score.unit}".strip()
 
 
-def _training(card: Mapping[str, Any]) -> str:
-    """How a user was trained, and for what environment, in a line."""
-    parts = [f"{card['steps']:,} user steps from pixels"]
-    if "recipe" in card:
-        parts.insert(0, f"recipe {card['recipe']}")
-    if "minutes" in card:
-        parts.append(f"{card['minutes']:.0f} minutes in all")
-    if "machine" in card:
-        parts.append(card["machine"])
-    if "seeds" in card:
-        parts.append(_seed(card))
-    parts.append(f"environment contract {card['contract_hash']}")
-    return "; ".join(parts)
-
-
 def _seed(card: Mapping[str, Any]) -> str:
     seeds = ", ".join(map(str, card["seeds"]))
     return f"seed {card['seed']} of {seeds}" if "seed" in card else f"seed {seeds}"
@@ -220,7 +205,19 @@ def _sections(user: TrainedUser, name: str) -> Iterator[tuple[str, list[str]]]:
     width, height = terms["image"]
     pixels = f"image of {width} x {height} px, channels {', '.join(terms['channels'])}"
     yield "Observations", [pixels, *shapes]
-    yield "Training", [_training(card)]
+    # How a user was trained, and for what environment, in a line.
+    parts = [f"{card['steps']:,} user steps from pixels"]
+    if "recipe" in card:
+        parts.insert(0, f"recipe {card['recipe']}")
+    if "minutes" in card:
+        parts.append(f"{card['minutes']:.0f} minutes in all")
+    if "machine" in card:
+        parts.append(card["machine"])
+    if "seeds" in card:
+        parts.append(_seed(card))
+    parts.append(f"environment contract {card['contract_hash']}")
+    training = "; ".join(parts)
+    yield "Training", [training]
     word = shlex.quote(name) if Path(name).exists() else called
     yield (
         "Use",

@@ -73,7 +73,16 @@ def watch(request: WatchRequest) -> None:
     if run is None and not request.try_ and not remote:
         raise InputError("RUN", "nothing", "a user, a log or a recording; or --try, or an app")
     show = _chosen(request, run, baseline, remote)
-    _serve(show, request.host, request.port, request.share)
+    # Serve the page until Ctrl-C.
+    from contextlib import closing
+
+    from sim2vr_harness.tools.watch.browser import Viewer
+
+    with closing(Viewer(show, request.host, request.port, shared=request.share)) as viewer:
+        typer.echo(f"{show.title}: {viewer.address} (Ctrl-C ends)")
+        if viewer.public_address is not None:
+            typer.echo(f"Open to anyone with this address: {viewer.public_address}")
+        viewer.run()
 
 
 def _chosen(
@@ -113,16 +122,3 @@ def _chosen(
     if shown is None or beside is None:
         return show
     return shown_beside(show, session_show(shown, beside.name, game=game, app=remote))
-
-
-def _serve(show: Playlist, host: str, port: int, shared: bool) -> None:
-    """Serve the page until Ctrl-C."""
-    from contextlib import closing
-
-    from sim2vr_harness.tools.watch.browser import Viewer
-
-    with closing(Viewer(show, host, port, shared=shared)) as viewer:
-        typer.echo(f"{show.title}: {viewer.address} (Ctrl-C ends)")
-        if viewer.public_address is not None:
-            typer.echo(f"Open to anyone with this address: {viewer.public_address}")
-        viewer.run()

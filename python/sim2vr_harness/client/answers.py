@@ -4,8 +4,6 @@ An app may answer anything. A part that cannot be used raises :class:`BadReply`,
 transports turn into the failure of that one app.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import reprlib

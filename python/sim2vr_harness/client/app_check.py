@@ -1,7 +1,5 @@
 """A short trial of an app's executable: handshake, reset, ten steps, one picture."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Interface of VR apps, whatever the transport."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """One request, one answer, before a deadline: the harness's end of the conversation with an app."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 
@@ -135,7 +133,9 @@ class Channel:
                 raise self.give_up(self._death(doing))
             if left == 0.0:
                 raise self.give_up(self._silence(doing, limit))
-            if self._unanswered():
+            late = self.process is None and time.monotonic() > self._connect_by
+            unanswered = late and not self._connection.connected
+            if unanswered:
                 raise self.give_up(
                     AppTimeout(
                         f"app.connect: got {self.endpoint}, where no one listens (no connection "
@@ -143,11 +143,6 @@ class Channel:
                         "start it first"
                     )
                 )
-
-    def _unanswered(self) -> bool:
-        """Whether no one has accepted the connection, though someone should be there by now."""
-        late = self.process is None and time.monotonic() > self._connect_by
-        return late and not self._connection.connected
 
     def _death(self, doing: str) -> Exception:
         if self.process is None:

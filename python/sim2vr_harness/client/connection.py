@@ -1,7 +1,5 @@
 """A ZeroMQ connection to an app, watched: its end, and that of the app's process, are noticed."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Sequence

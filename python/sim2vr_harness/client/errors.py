@@ -1,7 +1,5 @@
 """Errors of apps outside this process, by the caller's possible reaction."""
 
-from __future__ import annotations
-
 
 class AppError(RuntimeError):
     """The app answered that it cannot do what was asked now; the app itself goes on."""

@@ -5,8 +5,6 @@ left-handed, x right, y up, z forward, quaternions x y z w. Positions are metres
 origin (on the floor below the body) is shared. Source: SIM2VR reference, coordinates.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

@@ -1,7 +1,5 @@
 """One app inside this process."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

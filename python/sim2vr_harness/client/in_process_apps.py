@@ -1,7 +1,5 @@
 """The transport of apps in this process."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -232,7 +232,18 @@ class InProcessBatch:
     def finish(self, index: int) -> AppReply:
         """Runs the started steps unless another app's finish has, and replies for this app."""
         if index in self._started:
-            self._run_started()
+            started, self._started = self._started, {}
+            # Apps that differ in frames or devices go one group after the other.
+            groups: dict[tuple[Any, ...], list[int]] = {}
+            for started_index, (times, poses, drawn) in started.items():
+                given = tuple(getattr(poses, name) is not None for name in _DEVICE_ROWS)
+                groups.setdefault((len(times), drawn, *given), []).append(started_index)
+            for (_, drawn, *_given), indices in groups.items():
+                steps = [started[started_index] for started_index in indices]
+                times = np.stack([times for times, _, _ in steps])
+                self.step_frames(
+                    indices, times, DevicePoses.stack([poses for _, poses, _ in steps]), drawn
+                )
         return self.reply(index)
 
     def reply(self, index: int) -> AppReply:
@@ -281,20 +292,6 @@ class InProcessBatch:
         """Looks at the rounds' logs, which have names from the first round on, begun or loaded."""
         if not self.log_names:
             self.log_names, self.logs = self.native.log_names, self.native.logs
-
-    def _run_started(self) -> None:
-        started, self._started = self._started, {}
-        # Apps that differ in frames or devices go one group after the other.
-        groups: dict[tuple[Any, ...], list[int]] = {}
-        for index, (times, poses, drawn) in started.items():
-            given = tuple(getattr(poses, name) is not None for name in _DEVICE_ROWS)
-            groups.setdefault((len(times), drawn, *given), []).append(index)
-        for (_, drawn, *_given), indices in groups.items():
-            steps = [started[index] for index in indices]
-            times = np.stack([times for times, _, _ in steps])
-            self.step_frames(
-                indices, times, DevicePoses.stack([poses for _, poses, _ in steps]), drawn
-            )
 
 
 class InProcessBatchApp:

@@ -98,26 +98,22 @@ def start_sim2vr_app(executable: Path, arguments: Sequence[str]) -> StartingApp:
     Raises:
         AppRefused: there is no such program.
     """
-    _sweep_sockets()
+    # Delete the files of sockets whose servers were killed together with their clients.
+    for sockets_file in log_folder().glob("*.socket"):
+        with suppress(OSError):
+            if time.time() - sockets_file.stat().st_mtime < _ABANDONED_S:
+                continue
+            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+                try:
+                    probe.connect(str(sockets_file))
+                except ConnectionRefusedError:
+                    sockets_file.unlink()
     file: Path | None = log_folder() / f"{secrets.token_hex(8)}.socket"
     if len(os.fsencode(file)) > _MAX_PATH_BYTES:  # type: ignore[arg-type]
         file = None
     place = ["--port", "0"] if file is None else ["--bind", f"ipc://{file}"]
     command = [str(executable), *place, "--timeout", str(_SILENCE_S), *arguments]
     return StartingApp(AppProcess(command, socket=file))
-
-
-def _sweep_sockets() -> None:
-    """Delete the files of sockets whose servers were killed together with their clients."""
-    for file in log_folder().glob("*.socket"):
-        with suppress(OSError):
-            if time.time() - file.stat().st_mtime < _ABANDONED_S:
-                continue
-            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
-                try:
-                    probe.connect(str(file))
-                except ConnectionRefusedError:
-                    file.unlink()
 
 
 def named_condition(arguments: Sequence[str]) -> str | None:

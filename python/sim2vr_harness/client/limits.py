@@ -1,7 +1,5 @@
 """Limits of texts that an app has the harness keep, and of the memory of its processes."""
 
-from __future__ import annotations
-
 import os
 from collections import deque
 from collections.abc import Iterator

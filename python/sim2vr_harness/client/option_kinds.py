@@ -1,7 +1,5 @@
 """Look up what a game's option takes."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """Validation of device reports that are sent to an app outside this process."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sim2vr_harness.client.base import Float64Array, Int64Array

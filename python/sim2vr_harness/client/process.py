@@ -1,7 +1,5 @@
 """An app's executable as a child process that never outlives this one."""
 
-from __future__ import annotations
-
 import os
 import queue
 import re
@@ -100,7 +98,14 @@ class AppProcess:
     ) -> None:
         self.command = [os.fspath(part) for part in command]
         self.name = Path(self.command[0]).name
-        _check_executable(self.command[0])
+        path = self.command[0]
+        if not Path(path).is_file():
+            found = "a folder" if Path(path).is_dir() else "no file"
+            raise AppRefused(f"executable: got {path!r}, which is {found}, expected a program")
+        if not os.access(path, os.X_OK):
+            raise AppRefused(
+                f"executable: got {path!r}, which may not be executed; run: chmod +x {path}"
+            )
         log_folder()  # refused now rather than after a failure
         self._folder = TemporaryFolder() if home is None else home
         self.log_file = self._folder.path / f"{self.name}.log"
@@ -232,18 +237,15 @@ class AppProcess:
 
     def log_words(self) -> str:
         """The end of a message: where the log is and, from the next line on, how it ends."""
-        self._keep_log()
-        tail = self.log_tail()
-        files = " and ".join(str(file) for file in self._logs if file.is_file())
-        return f"; its log: {files}\n{tail}" if tail else f"; its log is empty: {files}"
-
-    def _keep_log(self) -> None:
-        """Move the log to where it outlives this process."""
+        # Move the log to where it outlives this process.
         self._keep_logs = True
         if self.log_file.parent == self._folder.path:
             handle, kept = tempfile.mkstemp(".log", f"{self.name}-", log_folder())
             os.close(handle)
             self.log_file = self._logs[0] = self.log_file.replace(kept)
+        tail = self.log_tail()
+        files = " and ".join(str(file) for file in self._logs if file.is_file())
+        return f"; its log: {files}\n{tail}" if tail else f"; its log is empty: {files}"
 
     # --- ending ------------------------------------------------------------------------------
 
@@ -279,16 +281,6 @@ class AppProcess:
         self._folder.remove()
 
 
-def _check_executable(path: str) -> None:
-    if not Path(path).is_file():
-        found = "a folder" if Path(path).is_dir() else "no file"
-        raise AppRefused(f"executable: got {path!r}, which is {found}, expected a program")
-    if not os.access(path, os.X_OK):
-        raise AppRefused(
-            f"executable: got {path!r}, which may not be executed; run: chmod +x {path}"
-        )
-
-
 def end_words(status: int | None) -> str:
     """Return how a process ended: by itself or by a signal; None: it only fell silent."""
     if status is None:
@@ -321,29 +313,25 @@ def _end_all(popen: subprocess.Popen[bytes], folder: Path, owner: int) -> None:
             popen.wait(_KILL_S)
     entry = b"\0" + os.fsencode(f"{FOLDER_VARIABLE}={folder}") + b"\0"
     for _ in range(_MOST_SWEEPS):  # again, for those that were forked meanwhile
-        if not _kill_marked(entry):
-            return
-
-
-def _kill_marked(entry: bytes) -> bool:
-    """Kills the processes whose environment has an entry; returns whether there were any."""
-    found = False
-    for process in Path("/proc").iterdir():
-        if not process.name.isdigit():
-            continue
-        with suppress(OSError):  # another user's, or gone
-            if entry not in b"\0" + (process / "environ").read_bytes():
+        # Kills the processes whose environment has an entry; returns whether there were any.
+        found = False
+        for process in Path("/proc").iterdir():
+            if not process.name.isdigit():
                 continue
-            number = int(process.name)
-            descriptor = os.pidfd_open(number)
-            try:
-                # The number may be another's by now; the descriptor's process has the entry.
-                if entry in b"\0" + (process / "environ").read_bytes():
-                    signal.pidfd_send_signal(descriptor, signal.SIGKILL)
-                    found = True
-            finally:
-                os.close(descriptor)
-    return found
+            with suppress(OSError):  # another user's, or gone
+                if entry not in b"\0" + (process / "environ").read_bytes():
+                    continue
+                number = int(process.name)
+                descriptor = os.pidfd_open(number)
+                try:
+                    # The number may be another's by now; the descriptor's process has the entry.
+                    if entry in b"\0" + (process / "environ").read_bytes():
+                        signal.pidfd_send_signal(descriptor, signal.SIGKILL)
+                        found = True
+                finally:
+                    os.close(descriptor)
+        if not found:
+            return
 
 
 def _dying_with_parent() -> list[str]:

@@ -7,8 +7,6 @@ reply; then the fields that it understands beyond the reference's give a round t
 process: seed and options at a reset, exact times, all frames of a step, saved states and views.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 from collections.abc import Iterator, Mapping
@@ -112,28 +110,22 @@ class Protocol1App(SplitStep):
         self._in_round = False
         try:
             checked_duration_s("start_timeout_s", start_timeout_s)
-            reply = self._handshake(fixed_delta_time_s, time_scale, start_timeout_s)
+            message = {
+                "timestep": fixed_delta_time_s,
+                "sampleFrequency": self._frequency_hz,
+                "timeScale": time_scale,
+                # For our own server; a Unity app skips what it does not know.
+                "frameTime": "current",
+                "clock": "round",
+                "headRotation": "device",
+            }
+            self._send(message, "the handshake")
+            reply, _ = self._receive(start_timeout_s)
         except BaseException:
             self._abandon()
             raise
         self.server: str | None = reply.get("server")
         """Name and version of our own server; None for an app of the reference."""
-
-    def _handshake(
-        self, fixed_delta_time_s: float, time_scale: int, timeout_s: float
-    ) -> dict[str, Any]:
-        message = {
-            "timestep": fixed_delta_time_s,
-            "sampleFrequency": self._frequency_hz,
-            "timeScale": time_scale,
-            # For our own server; a Unity app skips what it does not know.
-            "frameTime": "current",
-            "clock": "round",
-            "headRotation": "device",
-        }
-        self._send(message, "the handshake")
-        reply, _ = self._receive(timeout_s)
-        return reply
 
     # --- what the app is ---------------------------------------------------------------------
 
@@ -211,7 +203,21 @@ class Protocol1App(SplitStep):
                 f"frames: {self._channel.app} draws the last frame of a step, got drawn={drawn}"
             )
         require_devices(poses, self.capabilities, self._channel.app)
-        self._start(times, pose_rows(poses, len(times)), last)
+        rows = pose_rows(poses, len(times))
+        if not self._in_round and not self._is_ours:
+            raise AppError("step: no round was started; call reset first")
+        if not self._is_ours:
+            state = self._reference_state(int(times[-1]) * 1e-9, rows[-1])
+            state["isFinished"] = self._ending = last
+        else:
+            state = self._state(int(times[-1]), rows[-1])
+            if len(times) > 1:
+                check_finite(rows)
+                state["frames"] = [
+                    {"time_ns": int(time), **pose_fields(row)}
+                    for time, row in zip(times, rows, strict=True)
+                ]
+        self._send(state, "a step")
 
     def finish_step(self) -> AppReply:
         """See :class:`AppClient`; waits for the reply."""
@@ -230,22 +236,6 @@ class Protocol1App(SplitStep):
             )
         # Whether the game would have ended it as well cannot be known.
         return AppReply(reply.reward, False, reply.time_feature, reply.log)
-
-    def _start(self, times: Int64Array, rows: NDArray[np.float64], last: bool) -> None:
-        if not self._in_round and not self._is_ours:
-            raise AppError("step: no round was started; call reset first")
-        if not self._is_ours:
-            state = self._reference_state(int(times[-1]) * 1e-9, rows[-1])
-            state["isFinished"] = self._ending = last
-        else:
-            state = self._state(int(times[-1]), rows[-1])
-            if len(times) > 1:
-                check_finite(rows)
-                state["frames"] = [
-                    {"time_ns": int(time), **pose_fields(row)}
-                    for time, row in zip(times, rows, strict=True)
-                ]
-        self._send(state, "a step")
 
     def _state(self, time_ns: int, row: NDArray[np.float64]) -> dict[str, Any]:
         """The message to our own server; it takes the exact time."""
@@ -348,7 +338,12 @@ class Protocol1App(SplitStep):
         with self._checking():
             reply, png = decode_reply(frames[0])
         if "error" in reply:
-            raise _app_error(reply["error"])
+            error = reply["error"]
+            code, message = "", str(error)
+            if isinstance(error, dict):
+                code, message = str(error.get("code", "")), str(error.get("message", ""))
+            app_error = AppRefused(message) if code == "invalid_argument" else AppError(message)
+            raise app_error
         return reply, png
 
     def _finish(self) -> AppReply:
@@ -361,24 +356,22 @@ class Protocol1App(SplitStep):
                 time_feature=number_in("timeFeature", reply.get("timeFeature"), LARGEST),
                 log=log_in(reply.get("logDict", "{}")),
             )
-            self._image = self._picture(png)
+            # The app's picture; the first one shows whether the app and the user agree on its
+            # size.
+            try:
+                image = decode_png(png, self._shape)
+            except OtherSize as error:
+                if self._seen:
+                    raise
+                raise AppRefused(
+                    f"vision.width, vision.height: got {self._shape[1]} x {self._shape[0]}, but "
+                    f"{self._channel.app} sends images of {error.width} x {error.height}, "
+                    f"expected the app's size (doctor: --size {error.width}x{error.height})"
+                ) from error
+            self._seen = True
+            self._image = image
         self._in_round = not result.finished
         return result
-
-    def _picture(self, png: bytes) -> UInt8Array:
-        """The app's picture; the first one shows whether the app and the user agree on its size."""
-        try:
-            image = decode_png(png, self._shape)
-        except OtherSize as error:
-            if self._seen:
-                raise
-            raise AppRefused(
-                f"vision.width, vision.height: got {self._shape[1]} x {self._shape[0]}, but "
-                f"{self._channel.app} sends images of {error.width} x {error.height}, "
-                f"expected the app's size (doctor: --size {error.width}x{error.height})"
-            ) from error
-        self._seen = True
-        return image
 
     @contextmanager
     def _checking(self) -> Iterator[None]:
@@ -411,10 +404,3 @@ class Protocol1App(SplitStep):
         self._channel.close()
         if self._channel.process is not None:
             self._channel.process.kill()
-
-
-def _app_error(error: Any) -> Exception:
-    code, message = "", str(error)
-    if isinstance(error, dict):
-        code, message = str(error.get("code", "")), str(error.get("message", ""))
-    return AppRefused(message) if code == "invalid_argument" else AppError(message)

@@ -1,7 +1,5 @@
 """The fields of protocol 1's messages, written and read (docs/reference/protocol.md)."""
 
-from __future__ import annotations
-
 import io
 import math
 import re

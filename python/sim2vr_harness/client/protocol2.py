@@ -3,8 +3,6 @@
 docs/reference/protocol.md describes every byte.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Mapping, Sequence
@@ -120,7 +118,11 @@ class Protocol2Connection:
     ) -> None:
         self.channel, self.apps = channel, apps
         self.shape = (height, width, 4) if eyes == 1 else (eyes, height, width, 4)
-        self._require_size(width, height)
+        if not (1 <= width <= MAX_EDGE and 1 <= height <= MAX_EDGE):
+            self._abandon()
+            raise ValueError(
+                f"image size: got {width} x {height}, expected 1 to {MAX_EDGE} pixels each"
+            )
         self._sequence, self._open_apps = 0, apps
         self._names = Names()
         self._meshes: dict[int, list[SceneMesh]] = {}
@@ -151,13 +153,6 @@ class Protocol2Connection:
         except BaseException:
             self._abandon()
             raise
-
-    def _require_size(self, width: int, height: int) -> None:
-        if not (1 <= width <= MAX_EDGE and 1 <= height <= MAX_EDGE):
-            self._abandon()
-            raise ValueError(
-                f"image size: got {width} x {height}, expected 1 to {MAX_EDGE} pixels each"
-            )
 
     def _hello(self, wanted: dict[str, Any], timeout_s: float) -> None:
         reply, _ = self._request(Type.HELLO, [json.dumps(wanted).encode()], timeout_s=timeout_s)

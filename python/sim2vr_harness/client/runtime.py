@@ -1,7 +1,5 @@
 """The extension module and what it can do without an app."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from sim2vr_harness.base.gl import prepare_process

@@ -1,7 +1,5 @@
 """Apps in processes of their own: started or found, shared by users, replaced when they fail."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Images in memory that an app shares with this process."""
 
-from __future__ import annotations
-
 import mmap
 import os
 

@@ -1,7 +1,5 @@
 """Whole steps of apps whose step has two halves."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import Self
 

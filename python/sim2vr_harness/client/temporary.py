@@ -7,8 +7,6 @@ groups, and deletes the folders. Where the watcher
 was killed as well, the next process that starts an app deletes them.
 """
 
-from __future__ import annotations
-
 import fcntl
 import itertools
 import os
@@ -88,7 +86,26 @@ class _Place:
     def __init__(self) -> None:
         self.owner = os.getpid()
         self._numbers = itertools.count()
-        _sweep(Path(tempfile.gettempdir()))
+        # Delete the folders in folder of processes that were killed with their watchers.
+        folder = Path(tempfile.gettempdir())
+        with os.scandir(folder) as entries:
+            named = [entry for entry in entries if _NAME.fullmatch(entry.name)]
+        for entry in named:
+            with suppress(OSError):
+                if (
+                    not entry.is_dir(follow_symlinks=False)
+                    or entry.stat(follow_symlinks=False).st_uid != os.geteuid()
+                ):
+                    continue
+                flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+                lock = os.open(Path(entry.path, _LOCK), flags)
+                try:
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    for file, inode in outside_files(Path(entry.path)).items():
+                        remove_same(file, inode)
+                    shutil.rmtree(entry.path, ignore_errors=True)
+                finally:
+                    os.close(lock)
         self.path = Path(tempfile.mkdtemp(prefix=f"sim2vr-{self.owner}-"))
         locked = self.path / f"{_LOCK}.new"
         self._lock = os.open(locked, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
@@ -142,32 +159,6 @@ def _forked() -> None:
 
 
 os.register_at_fork(after_in_child=_forked)
-
-
-def _sweep(folder: Path) -> None:
-    """Delete the folders in ``folder`` of processes that were killed with their watchers.
-
-    They are this user's own, have such a name, and a lock that no one holds; links are not
-    followed.
-    """
-    with os.scandir(folder) as entries:
-        named = [entry for entry in entries if _NAME.fullmatch(entry.name)]
-    for entry in named:
-        with suppress(OSError):
-            if (
-                not entry.is_dir(follow_symlinks=False)
-                or entry.stat(follow_symlinks=False).st_uid != os.geteuid()
-            ):
-                continue
-            flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-            lock = os.open(Path(entry.path, _LOCK), flags)
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                for file, inode in outside_files(Path(entry.path)).items():
-                    remove_same(file, inode)
-                shutil.rmtree(entry.path, ignore_errors=True)
-            finally:
-                os.close(lock)
 
 
 def outside_files(folder: Path) -> dict[Path, int]:

@@ -3,8 +3,6 @@
 Games publish it in C++ (``Game::timelineJson`` in ``rl/game.hpp``).
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field

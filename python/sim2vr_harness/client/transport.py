@@ -3,8 +3,6 @@
 A new transport is a file with an entry and a line in :mod:`sim2vr_harness.client.transports`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -4,8 +4,6 @@ A new one is a file with a :class:`Transport` and a line here; one from outside 
 registered with :func:`register_transport` before a configuration names it.
 """
 
-from __future__ import annotations
-
 import difflib
 
 from sim2vr_harness.client.in_process_apps import IN_PROCESS

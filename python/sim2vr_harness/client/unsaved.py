@@ -1,7 +1,5 @@
 """Apps of others that draw their own frames: what pages and OpenXR programs have in common."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Action vector of a policy: actuators, then controller inputs, then gaze."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The apps of N users, stepped by one call: in this process as arrays, elsewhere in parallel."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager

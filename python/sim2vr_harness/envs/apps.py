@@ -1,7 +1,5 @@
 """Apps of a configuration's users, made by the configured transport."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

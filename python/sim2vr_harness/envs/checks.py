@@ -1,7 +1,5 @@
 """Validation of requests to N users: persons, seeds and options of the game."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Policy contract: the body, observations and actions that a policy was trained with."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from typing import Any

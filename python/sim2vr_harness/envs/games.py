@@ -1,7 +1,5 @@
 """The game of an environment, and the facts that it publishes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cache
 from typing import Any

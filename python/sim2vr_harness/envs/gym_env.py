@@ -1,7 +1,5 @@
 """The Gymnasium environment: one simulated user in one app."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal

@@ -4,8 +4,6 @@ Every app has the option ``hand_lag_s``, in this process or outside it: the harn
 app does not know of it. What the hand holds is drawn, and touches, where the hand was.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any

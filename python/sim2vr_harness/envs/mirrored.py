@@ -7,8 +7,6 @@ effort, noise and senses notice nothing of it, nor does the policy: the network 
 the mirror image of a right-hander's, as the body is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The settings of a simulated population, the same for every app (docs/concepts/people.md)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from sim2vr_harness.base.errors import InputError

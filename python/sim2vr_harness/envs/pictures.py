@@ -1,7 +1,5 @@
 """Pictures of users at play, for people and videos."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -33,9 +31,6 @@ class Views:
             return app.render_third_person(*RENDER_SIZE)[..., :3]
         if mode == "headset":
             return app.render_headset(*RENDER_SIZE)[..., :3]
-        return self._draw_body(i)
-
-    def _draw_body(self, i: int) -> NDArray[np.uint8]:
         if self._body_renderer is None:
             from sim2vr_harness.users.rendering import UserRenderer
 

@@ -163,18 +163,9 @@ class PrivilegedSenses:
         self._own = len(own) + len(self._who)
         self.everything = (*own, *self._who, *self.names)
         """Names of all numbers of a moment: the body's, the person's, then the game's."""
-        self.layout = self._laid_out(hidden, felt, lag)
-        self.size = len(self.layout.names)
-        self._lag = lag
-        self._memory: _Memory | None = None
-        if not lag.none:
-            self._memory = _Memory(simulation, self._now, self._drawn, len(self.everything), lag)
-            simulation.watch(self._memory)
-
-    def _laid_out(self, hidden: Sequence[str], felt: Sequence[str], lag: Lag) -> Layout:
         everything = self.everything
         shown = [i for i, name in enumerate(everything) if not _matches(name, hidden)]
-        own = [i for i in shown if i < self._own]
+        out_own = [i for i in shown if i < self._own]
         game = [i for i in shown if i >= self._own]
         tool = [i for i in game if lag.body != lag.game and _matches(everything[i], felt)]
         did = [
@@ -182,18 +173,24 @@ class PrivilegedSenses:
             for back in range(1, lag.actions + 1)
             for name in self._simulation.actions.names
         ]
-        return Layout(
+        self.layout = Layout(
             names=(
-                *(everything[i] for i in own),
+                *(everything[i] for i in out_own),
                 *(f"felt {everything[i]}" for i in tool),
                 *(everything[i] for i in game),
                 *did,
             ),
-            felt=(*own, *tool),
+            felt=(*out_own, *tool),
             seen=tuple(game),
             actions=lag.actions,
             lag=lag,
         )
+        self.size = len(self.layout.names)
+        self._lag = lag
+        self._memory: _Memory | None = None
+        if not lag.none:
+            self._memory = _Memory(simulation, self._now, self._drawn, len(self.everything), lag)
+            simulation.watch(self._memory)
 
     @property
     def space(self) -> spaces.Dict:

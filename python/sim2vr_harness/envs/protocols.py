@@ -1,7 +1,5 @@
 """Interfaces between simulations and the code that steps them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 

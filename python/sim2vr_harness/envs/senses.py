@@ -1,7 +1,5 @@
 """The users' senses and actions as a configuration asks for them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 

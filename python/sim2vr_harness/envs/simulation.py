@@ -1,7 +1,5 @@
 """N simulated users in N apps, in lockstep: the one code path behind every environment."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -93,7 +91,19 @@ class Simulation:
         substeps = checked_substeps(config, self.body.timestep)
         self.people = people_of(config.user)
         """The population that users are drawn from; None: all are average."""
-        self.users = self._make_users(substeps)
+        user = self.config.user
+        self.users = UserBatch(
+            self.body,
+            self.n,
+            threads=budget(self.config.cores),
+            effort=user.effort.model,
+            effort_params=user.effort.options(),
+            noise=motor_noise(user.noise),
+            substeps=substeps,
+            people=self.people,
+            cut=self.body_for,
+            head=user.head,
+        )
         self.proprioception = Proprioception(self.body)
         self.actions = make_actions(config, n, self.body)
         perception = make_perception(
@@ -119,21 +129,6 @@ class Simulation:
         self._seeds = [np.random.default_rng() for _ in range(n)]
         self._steps, self._over = np.zeros(n, dtype=np.int64), np.ones(n, dtype=bool)
         self._closed = False
-
-    def _make_users(self, substeps: int) -> UserBatch:
-        user = self.config.user
-        return UserBatch(
-            self.body,
-            self.n,
-            threads=budget(self.config.cores),
-            effort=user.effort.model,
-            effort_params=user.effort.options(),
-            noise=motor_noise(user.noise),
-            substeps=substeps,
-            people=self.people,
-            cut=self.body_for,
-            head=user.head,
-        )
 
     @property
     def resting_action(self) -> NDArray[np.float32]:
@@ -208,7 +203,10 @@ class Simulation:
             return []
         if self._hand_option in options:
             with_hand(with_options(self.config, options), self.body)
-        streams = self._streams(rows, given)
+        streams = [
+            copy.deepcopy(self._seeds[i]) if seed is None else np.random.default_rng(seed)
+            for i, seed in zip(rows, given, strict=True)
+        ]
         round_seeds = [int(stream.integers(2**32)) for stream in streams]
         users, numbers = (np.array(each, dtype=np.int64) for each in (rows, round_seeds))
         chosen = chosen_persons(self.people, round_seeds, persons)
@@ -217,7 +215,11 @@ class Simulation:
         self.users.reset(rows, streams, postures, chosen)
         for i, stream in zip(rows, streams, strict=True):
             self._seeds[i] = stream
-        self._prepare(users, requests)
+        # Turn heads as the game requests (degrees), and let left-handers play mirrored.
+        if not np.isnan(requests).all():
+            self.users.turn_head(users, requests)  # type: ignore[arg-type]
+        if self._mirrored is not None:
+            self._mirrored.mirror(users, self._left_handers()[users])
         self._group.reset(users, numbers, self._apps.poses(users, -1), options)
         self._steps[users] = 0
         self._over[users] = False
@@ -225,22 +227,6 @@ class Simulation:
         self._senses.reset(users, numbers)
         logs, started = self._group.logs(), zip(rows, round_seeds, strict=True)
         return [{"seed": seed, "log": logs[i], **self._who(i)} for i, seed in started]
-
-    def _streams(
-        self, rows: Sequence[int], seeds: Sequence[int | None]
-    ) -> list[np.random.Generator]:
-        """Return generators of these seeds, and copies of the users' own for None."""
-        return [
-            copy.deepcopy(self._seeds[i]) if seed is None else np.random.default_rng(seed)
-            for i, seed in zip(rows, seeds, strict=True)
-        ]
-
-    def _prepare(self, users: IntArray, requests: NDArray[np.float64]) -> None:
-        """Turn heads as the game requests (degrees), and let left-handers play mirrored."""
-        if not np.isnan(requests).all():
-            self.users.turn_head(users, requests)  # type: ignore[arg-type]
-        if self._mirrored is not None:
-            self._mirrored.mirror(users, self._left_handers()[users])
 
     def _both_hands(self, group: AppGroup) -> MirroredGroup | None:
         """Return apps for both hands; None: all users play with the same one.
@@ -319,7 +305,15 @@ class Simulation:
             RuntimeError: a user's episode is over (reset it first), or the simulation is closed.
         """
         self._require_open()
-        active = self._active(resting)
+        # (N,) users that take a step; the episodes of the others have to be over.
+        active = np.ones(self.n, dtype=bool)
+        active[checked_users("resting", resting, self.n)] = False
+        if (self._over & active).any():
+            over = np.flatnonzero(self._over & active).tolist()
+            raise RuntimeError(f"step: the episodes of users {over} are over; reset them first")
+        if not self._over[~active].all():
+            wrong = np.flatnonzero(~self._over & ~active).tolist()
+            raise ValueError(f"resting: got users {wrong}, expected only ones that are over")
         body = self.actions.take(actions)
         pauses, drawn = self._senses.pauses, self._senses.perception.drawn_frame
         with self._apps.step(active, self._steps + active, drawn, whole=bool(pauses)) as apps:
@@ -333,7 +327,9 @@ class Simulation:
             self.actions.remember(actions)
             diverged = self.users.diverged & active
             asked = active & ~diverged
-            cost = np.where(asked, self.users.effort_cost + self._finger_cost(), 0.0)
+            weight = self.config.user.effort.finger_effort
+            finger_cost = weight * self.actions.finger_use() if weight else 0.0
+            cost = np.where(asked, self.users.effort_cost + finger_cost, 0.0)
             self._steps += active
             # A diverged user's app stays where it was, as does its last finite observation.
             users = apps.answered()
@@ -357,18 +353,6 @@ class Simulation:
             self._group.logs(),
             self._ends(ended, terminated, diverged),
         )
-
-    def _active(self, resting: Sequence[int] | IntArray) -> NDArray[np.bool_]:
-        """(N,) users that take a step; the episodes of the others have to be over."""
-        active = np.ones(self.n, dtype=bool)
-        active[checked_users("resting", resting, self.n)] = False
-        if (self._over & active).any():
-            over = np.flatnonzero(self._over & active).tolist()
-            raise RuntimeError(f"step: the episodes of users {over} are over; reset them first")
-        if not self._over[~active].all():
-            wrong = np.flatnonzero(~self._over & ~active).tolist()
-            raise ValueError(f"resting: got users {wrong}, expected only ones that are over")
-        return active
 
     def _ends(
         self,
@@ -396,10 +380,6 @@ class Simulation:
             if i in self._group.failed:
                 ends[i] |= {"termination": "app_failed", "app_error": self._group.failed[i]}
         return ends
-
-    def _finger_cost(self) -> Any:
-        weight = self.config.user.effort.finger_effort
-        return weight * self.actions.finger_use() if weight else 0.0
 
     # --- saved states ------------------------------------------------------------------------
 

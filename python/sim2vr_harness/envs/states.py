@@ -1,7 +1,5 @@
 """Saved states of a simulation: bytes of arrays and plain values."""
 
-from __future__ import annotations
-
 import io
 import pickle
 from typing import Any

@@ -1,7 +1,5 @@
 """Results of one user step of N users."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any

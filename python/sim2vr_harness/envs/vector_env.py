@@ -1,7 +1,5 @@
 """N simulated users as one Gymnasium vector environment."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +15,6 @@ from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import with_condition, with_game
 from sim2vr_harness.envs.pictures import RENDER_MODES, Views
 from sim2vr_harness.envs.simulation import Observation, Simulation
-from sim2vr_harness.envs.step_batch import StepBatch
 from sim2vr_harness.registration import require_known
 
 
@@ -147,7 +144,12 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             waiting = np.flatnonzero(self.simulation.over)
         batch = self.simulation.step(actions, resting=waiting)
-        infos = self._infos(batch, waiting)
+        infos: dict[str, Any] = {}
+        played = np.ones(self.num_envs, dtype=bool)
+        played[waiting] = False
+        for name in ("game_reward", "effort_cost"):
+            infos[name] = getattr(batch, name)
+            infos[f"_{name}"] = played.copy()
         if self.autoreset_mode == AutoresetMode.SAME_STEP and batch.ends:
             ended = sorted(batch.ends)
             observation = self.simulation.observation()
@@ -162,15 +164,6 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
             infos = self._start(infos, waiting.tolist())
         observation = self.simulation.observation()
         return observation, batch.reward, batch.terminated, batch.truncated, infos
-
-    def _infos(self, batch: StepBatch, waiting: NDArray[np.int64]) -> dict[str, Any]:
-        infos: dict[str, Any] = {}
-        played = np.ones(self.num_envs, dtype=bool)
-        played[waiting] = False
-        for name in ("game_reward", "effort_cost"):
-            infos[name] = getattr(batch, name)
-            infos[f"_{name}"] = played.copy()
-        return infos
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """A picture of every user, (480, 640, 3) uint8 each, or None without a render mode."""

@@ -1,7 +1,5 @@
 """A window for people to look on, by pygame."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -22,7 +20,14 @@ class Window:
 
     def __init__(self, title: str, fps: int) -> None:
         self._title, self._fps = title, fps
-        self._pygame: Any = _load_pygame()
+        try:
+            import pygame
+        except ImportError as error:
+            raise DependencyNotInstalled(
+                "render_mode: got 'human', which needs pygame; install it with "
+                "'pip install sim2vr-harness[video]', or take 'rgb_array'"
+            ) from error
+        self._pygame: Any = pygame
         self._surface: Any = None
         self._clock: Any = None
 
@@ -53,14 +58,3 @@ class Window:
     def __setstate__(self, made: dict[str, Any]) -> None:
         """See :meth:`__getstate__`."""
         self.__init__(made["_title"], made["_fps"])  # type: ignore[misc]
-
-
-def _load_pygame() -> Any:
-    try:
-        import pygame
-    except ImportError as error:
-        raise DependencyNotInstalled(
-            "render_mode: got 'human', which needs pygame; install it with "
-            "'pip install sim2vr-harness[video]', or take 'rgb_array'"
-        ) from error
-    return pygame

@@ -1,7 +1,5 @@
 """Choose the conditions to play; options that the user names win over theirs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -92,7 +90,25 @@ def chosen_conditions(
     except ValueError as error:
         got, _, expected = str(error).partition(": got ")[2].partition(", expected ")
         raise InputError(field, got, expected) from error
-    return _unlike(facts, [_with(one, named) for one in known], named, field, bool(names))
+    # Refuse conditions that named options make another one, or the same as one before.
+    conditions = [_with(one, named) for one in known]
+    typed = bool(names)
+    found: list[Condition] = []
+    for condition in conditions:
+        own = {key: value for key, value in named.items() if key in condition.options}
+        others = [c for c in facts.conditions if c.options == condition.options]
+        if not others and not facts.published and _ARGUMENT in own:
+            others = [facts.condition(str(own[_ARGUMENT]))]
+        same = [c for c in found if c.options == condition.options]
+        wrong = "" if not own or condition.name in {c.name for c in others} else _first(others)
+        wrong = wrong or (_first(same) if own else "")
+        if not wrong:
+            found.append(condition)
+        elif typed:
+            option = ", ".join(f"env.app.options.{key}={value}" for key, value in own.items())
+            got = f"{condition.name!r} together with {option}, which is {wrong!r}"
+            raise InputError(field, got, "one of the two")
+    return found
 
 
 def _with(condition: Condition, named: Options) -> Condition:
@@ -112,28 +128,6 @@ def _agreeing(facts: GameFacts, usual: Sequence[str], named: Options) -> Sequenc
     if not facts.conditions:
         agree = [str(named[_ARGUMENT])]
     return [name for name in usual if name in agree] or agree or usual
-
-
-def _unlike(
-    facts: GameFacts, conditions: list[Condition], named: Options, field: str, typed: bool
-) -> list[Condition]:
-    """Refuse conditions that named options make another one, or the same as one before."""
-    found: list[Condition] = []
-    for condition in conditions:
-        own = {key: value for key, value in named.items() if key in condition.options}
-        others = [c for c in facts.conditions if c.options == condition.options]
-        if not others and not facts.published and _ARGUMENT in own:
-            others = [facts.condition(str(own[_ARGUMENT]))]
-        same = [c for c in found if c.options == condition.options]
-        wrong = "" if not own or condition.name in {c.name for c in others} else _first(others)
-        wrong = wrong or (_first(same) if own else "")
-        if not wrong:
-            found.append(condition)
-        elif typed:
-            option = ", ".join(f"env.app.options.{key}={value}" for key, value in own.items())
-            got = f"{condition.name!r} together with {option}, which is {wrong!r}"
-            raise InputError(field, got, "one of the two")
-    return found
 
 
 def _first(conditions: Sequence[Condition]) -> str:

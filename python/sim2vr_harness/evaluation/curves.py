@@ -1,7 +1,5 @@
 """Learning curves of runs, from what their stages have written down."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +12,7 @@ from sim2vr_harness.client import GameFacts
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.figures.figure import Figure, Layer, Line, Panel, Points, colour_of
 from sim2vr_harness.figures.matplotlib_backend import write_figure
-from sim2vr_harness.policies.store import TrainedUser, find_user, is_packed
+from sim2vr_harness.policies.store import find_user, is_packed
 from sim2vr_harness.runs.run_folder import RunFolder, metric_key, read_rows
 
 _PANELS = 6
@@ -90,7 +88,19 @@ def plot(runs: Sequence[str | Path], out: Path) -> Path:
     for run, each in zip(runs, found, strict=True):
         if not (each.rows or each.q_learning or each.imagined or each.student):
             raise InputError("RUN", f"{str(run)!r}, which has no metrics yet", "a trained run")
-    return write_figure(_figure(found), out)
+    facts = found[0].facts
+    learned = any(run.q_learning for run in found)
+    stages = any(run.imagined or run.student for run in found)
+    panels = [
+        *(_q_learning_panels(found) if learned else ()),
+        *(_stage_panels(found) if stages else ()),
+    ]
+    told = " (from pixels)" if panels else ""
+    if any(run.rows for run in found):
+        for key, title in _panels(facts):
+            panels.append(_panel(title + told, [curve(run.rows, key) for run in found], found))
+    figure = Figure("curves", f"Training on {facts.name}", "", panels, columns=3)
+    return write_figure(figure, out)
 
 
 def pack_curves(run: Path, place: Path) -> None:
@@ -122,27 +132,24 @@ def _thinned(rows: Rows, prefixes: tuple[str, ...] | None) -> Rows:
 
 def _read(run: str | Path) -> _Run:
     if is_packed(run):
-        return _of_packed(find_user(run), run)
+        user = find_user(run)
+        file = user.source.with_name(_CURVES)
+        if not file.is_file():
+            raise InputError(
+                "RUN",
+                f"{str(run)!r}, which was packed without its learning curves",
+                "a run's folder, or a user packed since they are kept (curves.json)",
+            )
+        expected = "learning curves: a JSON object with lists of rows"
+        rows = read_json(file, expected)
+        for key in ("q_learning", "imagined", "student", "rows"):
+            found = rows.get(key)
+            if not isinstance(found, list) or not all(isinstance(row, dict) for row in found):
+                raise InputError(file_name(file), f"{key}: {shown(found, 40)}", expected)
+        facts = game_facts(user.config.env.app, ask=False)
+        stages = (rows[key] for key in ("q_learning", "imagined", "student", "rows"))
+        return _Run(str(user.card["name"]), facts, *stages)
     return _of_folder(RunFolder.open(Path(run)))
-
-
-def _of_packed(user: TrainedUser, run: str | Path) -> _Run:
-    file = user.source.with_name(_CURVES)
-    if not file.is_file():
-        raise InputError(
-            "RUN",
-            f"{str(run)!r}, which was packed without its learning curves",
-            "a run's folder, or a user packed since they are kept (curves.json)",
-        )
-    expected = "learning curves: a JSON object with lists of rows"
-    rows = read_json(file, expected)
-    for key in ("q_learning", "imagined", "student", "rows"):
-        found = rows.get(key)
-        if not isinstance(found, list) or not all(isinstance(row, dict) for row in found):
-            raise InputError(file_name(file), f"{key}: {shown(found, 40)}", expected)
-    facts = game_facts(user.config.env.app, ask=False)
-    stages = (rows[key] for key in ("q_learning", "imagined", "student", "rows"))
-    return _Run(str(user.card["name"]), facts, *stages)
 
 
 def _of_folder(folder: RunFolder) -> _Run:
@@ -154,21 +161,6 @@ def _of_folder(folder: RunFolder) -> _Run:
         student=read_rows(folder.path / "student" / "metrics.jsonl"),
         rows=folder.metrics(),
     )
-
-
-def _figure(runs: Sequence[_Run]) -> Figure:
-    facts = runs[0].facts
-    learned = any(run.q_learning for run in runs)
-    stages = any(run.imagined or run.student for run in runs)
-    panels = [
-        *(_q_learning_panels(runs) if learned else ()),
-        *(_stage_panels(runs) if stages else ()),
-    ]
-    told = " (from pixels)" if panels else ""
-    if any(run.rows for run in runs):
-        for key, title in _panels(facts):
-            panels.append(_panel(title + told, [curve(run.rows, key) for run in runs], runs))
-    return Figure("curves", f"Training on {facts.name}", "", panels, columns=3)
 
 
 def _q_learning_panels(runs: Sequence[_Run]) -> list[Panel]:

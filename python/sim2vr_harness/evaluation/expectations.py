@@ -190,7 +190,15 @@ class Checks:
         expectations = tuple(Expectation.of(text) for text in expect)
         if against is None:
             return cls(expectations)
-        return cls(expectations, _read_baseline(against), file_name(against))
+        content = read_json(against, _BASELINE)
+        try:
+            summaries = content.get("summaries")
+            found = of_study(summaries) if isinstance(summaries, list) else of_evaluation(content)
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise InputError(file_name(against), "JSON of another form", _BASELINE) from error
+        if not any(found.values()):
+            raise InputError(file_name(against), "no measure", _BASELINE)
+        return cls(expectations, found, file_name(against))
 
     def prepare(self, planned: Planned) -> None:
         """Check names before anything is played.
@@ -297,18 +305,6 @@ def _moments(estimate: Estimate) -> Moments | None:
     if estimate.mean is None or estimate.sd is None or estimate.n < _FEWEST:
         return None
     return Moments(estimate.mean, estimate.sd, estimate.n)
-
-
-def _read_baseline(file: Path) -> Results:
-    content = read_json(file, _BASELINE)
-    try:
-        summaries = content.get("summaries")
-        found = of_study(summaries) if isinstance(summaries, list) else of_evaluation(content)
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise InputError(file_name(file), "JSON of another form", _BASELINE) from error
-    if not any(found.values()):
-        raise InputError(file_name(file), "no measure", _BASELINE)
-    return found
 
 
 def of_evaluation(summaries: Mapping[str, Mapping[str, Any]]) -> Results:

@@ -1,7 +1,5 @@
 """Write results of checks as JUnit XML, which services for continuous integration read."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree

@@ -1,7 +1,5 @@
 """Packs a trained user and measures what was packed."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """A trained user for programs: its policy, and the environment that it plays in."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping
 from pathlib import Path

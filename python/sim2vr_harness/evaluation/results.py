@@ -1,7 +1,5 @@
 """The file of an evaluation's results, to which later evaluations add."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path

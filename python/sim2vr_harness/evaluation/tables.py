@@ -1,7 +1,5 @@
 """Results as a table for people."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from textwrap import fill
 from typing import Any
@@ -35,7 +33,13 @@ def results_table(
         facts: What the game publishes.
         title: Shown above.
     """
-    facts = facts.with_log({key: 0.0 for s in summaries.values() for key in _log_keys(s)})
+    facts = facts.with_log(
+        {
+            key: 0.0
+            for s in summaries.values()
+            for key in [key for result in s.get("rounds", ()) for key in result["log"]]
+        }
+    )
     conditions = list(summaries)
     parts: list[RenderableType] = [Text(title, style="bold"), Text(_over_what(summaries))]
     for first in range(0, len(conditions), _COLUMNS):
@@ -58,7 +62,10 @@ def _table(summaries: Mapping[str, Mapping[str, Any]], facts: GameFacts) -> Tabl
         table.add_column(heading, justify="right", overflow="fold")
     rounds = (len(s["rounds"]) if "rounds" in s else s["episodes"] for s in summaries.values())
     table.add_row("Rounds", *map(str, rounds))
-    for measure in (*measures_of(facts), *_fatigue_of_parts(summaries)):
+    for measure in (
+        *measures_of(facts),
+        *fatigue_measures(name for s in summaries.values() for name in s.get("fatigue_parts", ())),
+    ):
         if measure in ARM_MEASURES and not any(_has(s, measure) for s in summaries.values()):
             continue  # an arm that the body does not have
         cells = [
@@ -102,10 +109,6 @@ def _table(summaries: Mapping[str, Mapping[str, Any]], facts: GameFacts) -> Tabl
     return table
 
 
-def _fatigue_of_parts(summaries: Mapping[str, Mapping[str, Any]]) -> tuple[Measure, ...]:
-    return fatigue_measures(name for s in summaries.values() for name in s.get("fatigue_parts", ()))
-
-
 def _most_fatigued(summary: Mapping[str, Any], *, tight: bool) -> str:
     """The muscle whose mean is the highest, by its full name."""
     parts = summary.get("fatigue_parts", ())
@@ -134,10 +137,6 @@ def _over_what(summaries: Mapping[str, Mapping[str, Any]]) -> str:
         return "One round of one user for each condition."
     rounds = str(counts.pop()) if len(counts) == 1 else "the"
     return f"Mean ± SD over {rounds} rounds of this one user; other users may differ more."
-
-
-def _log_keys(summary: Mapping[str, Any]) -> list[str]:
-    return [key for result in summary.get("rounds", ()) for key in result["log"]]
 
 
 def _has(summary: Mapping[str, Any], measure: Measure) -> bool:

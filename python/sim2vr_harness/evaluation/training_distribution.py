@@ -1,7 +1,5 @@
 """Settings of an evaluation that lie outside the training distribution."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 

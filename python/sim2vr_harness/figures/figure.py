@@ -4,8 +4,6 @@ A panel is drawn twice: by Plotly in the page (:mod:`interactive`) and by Matplo
 PDF (:mod:`stills`). Both know these layers and nothing of games or muscles.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """One HTML file that opens without a network: words, tables, figures, all inside."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """The same panels by Matplotlib, as PNG and PDF for papers and slides."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path as FilePath
@@ -193,16 +191,6 @@ def _draw(axes: Any, panel: Panel, width: float) -> None:
     labels = (panel.y_label, panel.x_label) if flipped else (panel.x_label, panel.y_label)
     axes.set_xlabel(labels[0])
     axes.set_ylabel(labels[1])
-    _name_categories(axes, panel, flipped, width)
-    if panel.sideways:
-        axes.invert_yaxis()
-    if panel.y_range is not None:
-        _limit(axes, panel.y_range, flipped)
-    if panel.square:
-        axes.set_aspect("equal", adjustable="datalim")
-
-
-def _name_categories(axes: Any, panel: Panel, flipped: bool, width: float) -> None:
     names = _categories(panel)
     if flipped:
         axes.set_yticks(range(len(names)), names)
@@ -214,6 +202,12 @@ def _name_categories(axes: Any, panel: Panel, flipped: bool, width: float) -> No
         axes.set_xticks(range(len(names)), [fill(name, letters) for name in names])
         if panel.ticks is not None:
             axes.set_xlim(-0.6, len(names) - 0.4)
+    if panel.sideways:
+        axes.invert_yaxis()
+    if panel.y_range is not None:
+        _limit(axes, panel.y_range, flipped)
+    if panel.square:
+        axes.set_aspect("equal", adjustable="datalim")
 
 
 def _limit(axes: Any, y_range: tuple[float, float], flipped: bool) -> None:
@@ -237,7 +231,12 @@ def _handles(axes: Any, panel: Panel) -> dict[str, Any]:
         return {}
     for key, layer in keyed.items():
         grey = replace(layer, colour=INK) if not isinstance(layer, Line) else layer
-        _draw_flat(axes, _emptied(grey, key), False)
+        # A layer without data, for its look alone.
+        nothing: dict[str, Any] = {"low": [], "high": []} if isinstance(grey, Band) else {"y": []}
+        if isinstance(grey, Points) and grey.spread is not None:
+            nothing["spread"] = []
+        emptied = replace(grey, name=key, key="", x=[], **nothing)
+        _draw_flat(axes, emptied, False)
     found: dict[str, Any] = {}
     for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
         found.setdefault(name, handle)
@@ -245,14 +244,6 @@ def _handles(axes: Any, panel: Panel) -> dict[str, Any]:
         return found
     ranges = [layer.name for layer in panel.layers if isinstance(layer, Ranges)]
     return {name: found[name] for name in (*keyed, *ranges) if name in found}
-
-
-def _emptied(layer: Any, name: str) -> Any:
-    """A layer without data, for its look alone."""
-    nothing: dict[str, Any] = {"low": [], "high": []} if isinstance(layer, Band) else {"y": []}
-    if isinstance(layer, Points) and layer.spread is not None:
-        nothing["spread"] = []
-    return replace(layer, name=name, key="", x=[], **nothing)
 
 
 def _draw_flat(axes: Any, layer: Line | Points | Band | Ranges | Heat, flipped: bool) -> None:

@@ -1,7 +1,5 @@
 """Panels as Plotly's plain data: no library writes it, the page's own Plotly draws it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from typing import Any
@@ -58,7 +56,19 @@ def _traces(layer: Layer, panel: Panel) -> list[dict[str, Any]]:
         x, y = _plain(layer.x), _plain(layer.y)
         return [{**common, "type": "scatter", "mode": "lines", "x": x, "y": y, "line": line}]
     if isinstance(layer, Points):
-        return [common | _points(layer)]
+        trace: dict[str, Any] = {
+            "type": "scatter",
+            "mode": "markers",
+            "x": _plain(layer.x),
+            "y": _plain(layer.y),
+            "marker": {"color": layer.colour, "size": layer.size, "symbol": layer.symbol},
+        }
+        if layer.spread is not None:
+            points_look = {"color": layer.colour, "thickness": 1.5, "width": 4}
+            trace["error_y"] = {"type": "data", "array": _plain(layer.spread), **points_look}
+        if layer.text is not None:
+            trace |= {"text": list(layer.text), "hoverinfo": "text"}
+        return [common | trace]
     if isinstance(layer, Band):
         x = [*_plain(layer.x), *reversed(_plain(layer.x))]
         y = [*_plain(layer.high), *reversed(_plain(layer.low))]
@@ -85,52 +95,33 @@ def _traces(layer: Layer, panel: Panel) -> list[dict[str, Any]]:
         turn = {"orientation": "h"} if panel.sideways else {}
         return [{**common, "type": "bar", **places, **turn, "marker": {"color": layer.colour}}]
     if isinstance(layer, Heat):
-        return _heat(layer)
+        # The colours with black numbers where they are pale, then white numbers where they are
+        # dark.
+        colours = {
+            "type": "heatmap",
+            "z": [_plain(row) for row in layer.values],
+            "x": list(layer.columns),
+            "y": list(layer.rows),
+            "zmin": layer.low,
+            "zmax": layer.high,
+            "colorscale": _SCALE,
+            "xgap": 2,
+            "ygap": 1 if len(layer.rows) > 12 else 2,
+            "showscale": not layer.labelled,
+            "hovertemplate": f"%{{y}}, %{{x}}: %{{z:.{layer.digits}f}}<extra></extra>",
+        }
+        if not layer.labelled:
+            return [colours]
+        told = {"texttemplate": "%{text}"}
+        white = {"colorscale": _CLEAR, "hoverinfo": "skip", "hovertemplate": None}
+        return [
+            colours | told | {"text": _texts(layer, dark=False), "textfont": {"color": "#000"}},
+            colours
+            | told
+            | white
+            | {"text": _texts(layer, dark=True), "textfont": {"color": "#fff"}},
+        ]
     return [common | _path(layer)]
-
-
-def _points(layer: Points) -> dict[str, Any]:
-    trace: dict[str, Any] = {
-        "type": "scatter",
-        "mode": "markers",
-        "x": _plain(layer.x),
-        "y": _plain(layer.y),
-        "marker": {"color": layer.colour, "size": layer.size, "symbol": layer.symbol},
-    }
-    if layer.spread is not None:
-        look = {"color": layer.colour, "thickness": 1.5, "width": 4}
-        trace["error_y"] = {"type": "data", "array": _plain(layer.spread), **look}
-    if layer.text is not None:
-        trace |= {"text": list(layer.text), "hoverinfo": "text"}
-    return trace
-
-
-def _heat(layer: Heat) -> list[dict[str, Any]]:
-    """The colours with black numbers where they are pale, then white numbers where they are dark.
-
-    Plotly's own ink is grey on middle colours, and a font has one colour per trace.
-    """
-    colours = {
-        "type": "heatmap",
-        "z": [_plain(row) for row in layer.values],
-        "x": list(layer.columns),
-        "y": list(layer.rows),
-        "zmin": layer.low,
-        "zmax": layer.high,
-        "colorscale": _SCALE,
-        "xgap": 2,
-        "ygap": 1 if len(layer.rows) > 12 else 2,
-        "showscale": not layer.labelled,
-        "hovertemplate": f"%{{y}}, %{{x}}: %{{z:.{layer.digits}f}}<extra></extra>",
-    }
-    if not layer.labelled:
-        return [colours]
-    told = {"texttemplate": "%{text}"}
-    white = {"colorscale": _CLEAR, "hoverinfo": "skip", "hovertemplate": None}
-    return [
-        colours | told | {"text": _texts(layer, dark=False), "textfont": {"color": "#000"}},
-        colours | told | white | {"text": _texts(layer, dark=True), "textfont": {"color": "#fff"}},
-    ]
 
 
 def _texts(layer: Heat, *, dark: bool) -> list[list[str]]:

@@ -1,7 +1,5 @@
 """MuJoCo's axes as the app's, for the differentiable game models."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

@@ -5,8 +5,6 @@ the targets and the plane are, a round's log says; what it does not say is descr
 the measures know no game by name.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Registry of the games that have a package here."""
 
-from __future__ import annotations
-
 from importlib import import_module
 
 from sim2vr_harness.base.errors import unknown_name

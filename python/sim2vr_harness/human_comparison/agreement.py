@@ -1,7 +1,5 @@
 """Agreement of users with people in words: order of cells, and of conditions by fatigue."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import combinations, pairwise
 

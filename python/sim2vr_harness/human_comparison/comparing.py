@@ -1,7 +1,5 @@
 """Users beside people: every measure in every condition, and what it comes to."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -180,7 +178,16 @@ def _rows(
             theirs = [value] * len(theirs)
         share = None
         if measure.name == CELL_RATES:
-            share = _cells_inside(user, people)
+            # Share of the cells whose hit rate is inside people's range of that cell.
+            inside_own = np.array([x.cell_rates for x in user])
+            inside_theirs = np.array([x.cell_rates for x in people])
+            known = np.isfinite(inside_own).any(axis=0) & np.isfinite(inside_theirs).any(axis=0)
+            mean = np.nanmean(inside_own[:, known], axis=0)
+            low, high = (
+                np.nanmin(inside_theirs[:, known], axis=0),
+                np.nanmax(inside_theirs[:, known], axis=0),
+            )
+            share = float(np.mean((low <= mean) & (mean <= high)))
         elif several:
             share = float(inside(value, theirs))
         yield ComparisonRow(
@@ -202,16 +209,6 @@ def _rows(
             percentile=percentile(value, theirs) if several else None,
             deviations=standard_deviations(value, theirs) if several else None,
         )
-
-
-def _cells_inside(user: Sequence[RecordedPerson], people: Sequence[RecordedPerson]) -> float:
-    """Share of the cells whose hit rate is inside people's range of that cell."""
-    own = np.array([x.cell_rates for x in user])
-    theirs = np.array([x.cell_rates for x in people])
-    known = np.isfinite(own).any(axis=0) & np.isfinite(theirs).any(axis=0)
-    mean = np.nanmean(own[:, known], axis=0)
-    low, high = np.nanmin(theirs[:, known], axis=0), np.nanmax(theirs[:, known], axis=0)
-    return float(np.mean((low <= mean) & (mean <= high)))
 
 
 def _samples(

@@ -1,7 +1,5 @@
 """Differences between conditions and between groups, and what tires."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """A comparison as pictures: latency, time to hit, and what is inside people's range."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from textwrap import fill
@@ -208,14 +206,17 @@ def _overview(report: ComparisonReport) -> Figure | None:
         ]
         for measure in shown:
             beside = [found.get((compared.name, *cell, measure)) for compared, cell in columns]
-            values.append([None if row is None else _outside(row) for row in beside])
+            values.append(
+                [
+                    None
+                    if row is None
+                    else (row.distance if row.inside is None or row.inside <= 0.5 else 0.0)
+                    for row in beside
+                ]
+            )
         rows += [f"{family}: {measure.label}" for measure in shown]
     labels = [f"{compared.name}: {', '.join(cell)}" for compared, cell in columns]
     heat = Heat(values, labels, rows, 0.0, _FAR, digits=1)
     panel = Panel("0: inside people's range", [heat], wide=True, rows=len(rows))
     title = "Distance from people's mean, relative to a person's from the others"
     return Figure("overview", title, "", [panel])
-
-
-def _outside(row: ComparisonRow) -> float | None:
-    return row.distance if row.inside is None or row.inside <= 0.5 else 0.0

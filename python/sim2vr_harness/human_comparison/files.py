@@ -1,7 +1,5 @@
 """A comparison as JSON and CSV."""
 
-from __future__ import annotations
-
 import base64
 import csv
 import io
@@ -76,13 +74,9 @@ def _in_a_row(report: ComparisonReport, compared: Compared, group: str) -> dict[
     rows = [row for row in compared.rows if row.group == group]
     values = {(row.condition, row.measure.name): row.value for row in rows}
     first = {f"{name}, {c}": values.get((c, name)) for c, name in report.behaviour.headlines}
-    return {"user": compared.name, "group": group, **asdict(_of(rows)), **first}
-
-
-def _of(rows: Sequence[ComparisonRow]) -> Total:
     found = total(rows)
     assert found is not None  # a group is one of rows
-    return found
+    return {"user": compared.name, "group": group, **asdict(found), **first}
 
 
 def _user(report: ComparisonReport, index: int, compared: Compared) -> dict[str, Any]:

@@ -4,8 +4,6 @@ Every user is measured at the same rate, whatever frames were logged: at 20 Hz, 
 study's simulated users. Velocities are differences of neighbouring positions.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

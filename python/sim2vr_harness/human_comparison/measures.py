@@ -5,8 +5,6 @@ middle of its face), "root" the point near the hand whose speed the game tests, 
 distance behind the plane of the targets.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import Enum

@@ -3,8 +3,6 @@
 A measure is a row of ``measures.py`` and a value that a function here returns by its name.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field

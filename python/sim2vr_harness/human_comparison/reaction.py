@@ -3,8 +3,6 @@
 Times are counted from the spawn, on a grid that starts there and contains the 20 Hz frames.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

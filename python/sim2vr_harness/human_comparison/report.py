@@ -1,7 +1,5 @@
 """Everything that a comparison finds, put together."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -6,8 +6,6 @@ of this runtime ``target_hit`` and so on. A session without them has them after 
 task.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -299,7 +297,10 @@ def _round_of_any_app(session: Session, person: str) -> PlayedRound:
         raise InputError(
             session.name or "SESSION", "a session without a controller", "a hand to be measured"
         )
-    paths = {side: _path_m(one.grip[:, :3]) for side, one in hands.items()}
+    paths = {
+        side: float(np.linalg.norm(np.diff(one.grip[:, :3], axis=0), axis=1).sum())
+        for side, one in hands.items()
+    }
     side = max(paths, key=lambda each: paths[each])
     hand, others = hands[side], [one for name, one in hands.items() if name != side]
     start_m = session.head[0, :3]
@@ -330,7 +331,3 @@ def _known(one: Controller) -> Controller:
     last = np.maximum.accumulate(np.where(one.tracked, frames, 0))
     last = np.where(one.tracked[last], last, int(np.argmax(one.tracked)))
     return Controller(one.grip[last], None if one.aim is None else one.aim[last])
-
-
-def _path_m(places: FloatArray) -> float:
-    return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())

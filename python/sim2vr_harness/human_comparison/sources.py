@@ -4,8 +4,6 @@ Every round is a session: of a log, a packed round or a file of any other format
 folder, from which their rounds are read like those of people.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
@@ -197,7 +195,17 @@ def read_sources(
             ready[user], app = read_user(folder), app or own
             names[user] = user if _is_untrained(user) else folder.name
     if behaviour is None:
-        recorded = _with_targets(recorded, app, on_progress)
+        # Sessions with the events that the app's task names, by a replay where they lack them.
+        found = []
+        for targets_each in recorded:
+            if app.get("task") is None or has_targets(targets_each.session):
+                found.append(targets_each)
+                continue
+            again = replay_session(targets_each.session, app=app, on_progress=on_progress).session
+            found.append(
+                replace(targets_each, session=replace(targets_each.session, events=again.events))
+            )
+        recorded = found
         every = [each.session for own in (recorded, *ready.values()) for each in own]
         behaviour = behaviour_of_sessions(_name(recorded, app), every)
     return Sources(
@@ -315,20 +323,6 @@ def _with_condition(each: Recorded, conditions: Sequence[str] | None) -> Recorde
         )
     named = replace(app, condition=conditions[0])
     return replace(each, session=replace(each.session, app=named))
-
-
-def _with_targets(
-    played: Sequence[Recorded], app: Mapping[str, Any], on_progress: Callable[[float], None]
-) -> list[Recorded]:
-    """Sessions with the events that the app's task names, by a replay where they lack them."""
-    found = []
-    for each in played:
-        if app.get("task") is None or has_targets(each.session):
-            found.append(each)
-            continue
-        again = replay_session(each.session, app=app, on_progress=on_progress).session
-        found.append(replace(each, session=replace(each.session, events=again.events)))
-    return found
 
 
 def _name(played: Sequence[Recorded], app: Mapping[str, Any]) -> str:
@@ -539,7 +533,11 @@ def _play(
         return folder, settings_of_app
     mark.unlink(missing_ok=True)
     shutil.rmtree(folder / _SESSIONS, ignore_errors=True)
-    recorder = SessionRecorder(_identity(app_config))
+    kind: Literal["page", "game", "app"] = "page" if app_config.page else "app"
+    if kind == "app" and app_config.transport == "in_process":
+        kind = "game"
+    identity = AppIdentity(kind, app_config.game, "", dict(app_config.options))
+    recorder = SessionRecorder(identity)
     local = app_config.page is None and app_config.transport == "in_process"
     request = plays.request(
         folder,
@@ -568,10 +566,3 @@ def _conditions(known: TrainedUser, behaviour: Behaviour) -> list[str]:
     return [
         name for group in behaviour.groups if group in groups for name in behaviour.played(group)
     ]
-
-
-def _identity(app: AppConfig) -> AppIdentity:
-    kind: Literal["page", "game", "app"] = "page" if app.page else "app"
-    if kind == "app" and app.transport == "in_process":
-        kind = "game"
-    return AppIdentity(kind, app.game, "", dict(app.options))

@@ -1,7 +1,5 @@
 """A comparison as tables for people."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -49,7 +47,16 @@ def report_tables(report: ComparisonReport, *, every: bool = False) -> Renderabl
     if len(report.users) > 1:
         parts += _in_one_table(report)
     for index, compared in enumerate(report.compared):
-        parts.append(_headlines(report, compared))
+        wanted = report.behaviour.headlines
+        rows = {(row.group, row.condition, row.measure.name): row for row in compared.rows}
+        found = [
+            rows[group, *pair]
+            for group in compared.groups
+            for pair in wanted
+            if (group, *pair) in rows
+        ]
+        headlines = _table(f"{compared.name}: main measures", found)
+        parts.append(headlines)
         parts += _fatigue(report, index)
         parts += _cells(report, index)
         if not aimed:
@@ -221,15 +228,6 @@ def _add(table: Table, name: str, group: str, found: Total | None, *, dim: bool 
         _digits(found.distance, 2),
         style="dim" if dim else None,
     )
-
-
-def _headlines(report: ComparisonReport, compared: Compared) -> RenderableType:
-    wanted = report.behaviour.headlines
-    rows = {(row.group, row.condition, row.measure.name): row for row in compared.rows}
-    found = [
-        rows[group, *pair] for group in compared.groups for pair in wanted if (group, *pair) in rows
-    ]
-    return _table(f"{compared.name}: main measures", found)
 
 
 def _farthest(compared: Compared) -> list[ComparisonRow]:

@@ -1,7 +1,5 @@
 """Resolution that falls with the distance from where the eye looks."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -61,7 +59,17 @@ class Foveation:
         self._cosines[from_deg >= 180.0] = -2.0
         self._cosines = self._cosines.astype(np.float32)
         self._rays = self._rays.astype(np.float32)
-        self._places, self._counts = _blocks(height, width, levels)
+        # Where in the pyramid a pixel's block of each level is, and how many pixels blocks have.
+        row, column = np.divmod(np.arange(height * width), width)
+        places = [row * width + column]
+        start, counts = height * width, []
+        pixels = np.ones((height, width), dtype=np.uint32)
+        for level in range(1, levels + 1):
+            pixels = _halve(pixels)
+            counts.append(pixels)
+            places.append(start + (row >> level) * pixels.shape[1] + (column >> level))
+            start += pixels.size
+        self._places, self._counts = np.stack(places), counts
         self._ahead = self._indices(np.array([[0.0, 0.0]]))[0]
 
     def levels(self, gaze_deg: FloatArray) -> NDArray[np.uint8]:
@@ -99,18 +107,7 @@ class Foveation:
         Returns:
             (K, C, H, W) uint8.
         """
-        pyramid = self._pyramid(pictures)
-        if gaze_deg is None:
-            seen = np.take(pyramid, self._ahead, axis=-1)
-        else:
-            indices = self._indices(np.asarray(gaze_deg, dtype=np.float64))
-            seen = np.empty((*pyramid.shape[:2], indices.shape[-1]), dtype=np.uint8)
-            for k, row in enumerate(indices):  # several times as quick as take_along_axis
-                np.take(pyramid[k], row, axis=-1, out=seen[k], mode="clip")
-        return seen.reshape(pictures.shape)
-
-    def _pyramid(self, pictures: UInt8Array) -> UInt8Array:
-        """(K, C, P) the means of all blocks of all levels, rounded."""
+        # (K, C, P) the means of all blocks of all levels, rounded.
         lead = pictures.shape[:2]
         parts = [pictures.reshape(*lead, -1)]
         # 16 bits hold the sums of 16 x 16 pixels.
@@ -119,7 +116,15 @@ class Foveation:
             sums = _halve(sums.astype(np.uint32) if level == 5 else sums)
             means = (sums + counts // 2) // counts
             parts.append(means.astype(np.uint8).reshape(*lead, -1))
-        return np.concatenate(parts, axis=-1)
+        pyramid = np.concatenate(parts, axis=-1)
+        if gaze_deg is None:
+            seen = np.take(pyramid, self._ahead, axis=-1)
+        else:
+            indices = self._indices(np.asarray(gaze_deg, dtype=np.float64))
+            seen = np.empty((*pyramid.shape[:2], indices.shape[-1]), dtype=np.uint8)
+            for k, row in enumerate(indices):  # several times as quick as take_along_axis
+                np.take(pyramid[k], row, axis=-1, out=seen[k], mode="clip")
+        return seen.reshape(pictures.shape)
 
 
 def _halve(sums: NDArray[Any]) -> NDArray[Any]:
@@ -131,23 +136,3 @@ def _halve(sums: NDArray[Any]) -> NDArray[Any]:
     rows = sums[..., 0::2, :] + sums[..., 1::2, :]
     halved: NDArray[Any] = rows[..., 0::2] + rows[..., 1::2]
     return halved
-
-
-def _blocks(
-    height: int, width: int, levels: int
-) -> tuple[NDArray[np.int64], list[NDArray[np.uint32]]]:
-    """Where in the pyramid a pixel's block of each level is, and how many pixels blocks have.
-
-    Returns:
-        (levels + 1, H W) indices, and per level from 1 (h, w) counts.
-    """
-    row, column = np.divmod(np.arange(height * width), width)
-    places = [row * width + column]
-    start, counts = height * width, []
-    pixels = np.ones((height, width), dtype=np.uint32)
-    for level in range(1, levels + 1):
-        pixels = _halve(pixels)
-        counts.append(pixels)
-        places.append(start + (row >> level) * pixels.shape[1] + (column >> level))
-        start += pixels.size
-    return np.stack(places), counts

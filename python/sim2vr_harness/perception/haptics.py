@@ -1,7 +1,5 @@
 """Touch: the vibrations of the controllers in the user's hands."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

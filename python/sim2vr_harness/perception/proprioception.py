@@ -1,7 +1,5 @@
 """The sense of the own body: joints, end effectors, muscles and motors."""
 
-from __future__ import annotations
-
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """The senses and wrappers by name, and how a user's perception is made of them."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -279,9 +277,22 @@ def make_sense(settings: SenseConfig, around: Surroundings) -> Sense:
     sense = kind.make(settings.name or kind.key, around)
     try:
         if settings.delay_ms:
+            if settings.delay_ms != "person":
+                delay_of = settings.delay_ms
+            else:
+                if kind.person_delay is None:
+                    late = [name for name, other in SENSES.items() if other.person_delay]
+                    raise ValueError(
+                        f"delay_ms: got 'person', which {', '.join(late)} have; expected ms"
+                    )
+                if not around.person_delays:
+                    raise ValueError(
+                        "delay_ms: got 'person', expected user.people for users to be persons"
+                    )
+                delay_of = around.person_delays[kind.person_delay]
             sense = Delayed(
                 sense,
-                _delay_of(settings.delay_ms, kind, around),
+                delay_of,
                 timestep_s=around.timestep_s,
                 substeps=around.substeps,
             )
@@ -294,19 +305,6 @@ def make_sense(settings: SenseConfig, around: Surroundings) -> Sense:
     except ValueError as error:
         raise ValueError(f"senses, {settings.sense}: {error}") from None
     return sense
-
-
-def _delay_of(
-    delay_ms: float | Literal["person"], kind: SenseKind, around: Surroundings
-) -> float | OwnDelays:
-    if delay_ms != "person":
-        return delay_ms
-    if kind.person_delay is None:
-        late = [name for name, other in SENSES.items() if other.person_delay]
-        raise ValueError(f"delay_ms: got 'person', which {', '.join(late)} have; expected ms")
-    if not around.person_delays:
-        raise ValueError("delay_ms: got 'person', expected user.people for users to be persons")
-    return around.person_delays[kind.person_delay]
 
 
 def unknown_sense(got: str) -> str:

@@ -1,7 +1,5 @@
 """Interface of senses: each receives simulation states and returns an observation."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol

@@ -1,7 +1,5 @@
 """Everything that N users perceive: a list of senses, one entry of the observation each."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 

@@ -1,14 +1,11 @@
 """Hearing: how loud the app's sounds are at the left and the right ear."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim2vr_harness.perception.sense import IntArray, Sensed, Sound, StepContext, float_space
+from sim2vr_harness.perception.sense import IntArray, Sensed, StepContext, float_space
 
 FloatArray = NDArray[np.float64]
 
@@ -76,25 +73,26 @@ class Hearing(Sensed):
             heads = moment.head_poses()
             for k, i in enumerate(rows.tolist()):
                 if i in moment.sounds:
-                    loudness[k] = _at_ears(heads[i], moment.sounds[i])
+                    # (2,) amplitude at the ears of a head with this pose, (7,).
+                    head = heads[i]
+                    sounds = moment.sounds[i]
+                    offset = (
+                        np.array([sound.position_m for sound in sounds], dtype=np.float64)
+                        - head[:3]
+                    )
+                    distance = np.linalg.norm(offset, axis=1)
+                    gains = np.ones((len(sounds), 2))  # a sound within the head is not shadowed
+                    apart = distance > 1e-6
+                    # Turns (K, 3) world vectors into the frame of a head with this rotation.
+                    quat_xyzw = head[3:]
+                    vectors = offset[apart]
+                    axis, w = -quat_xyzw[:3], quat_xyzw[3]  # the inverse rotation
+                    cross = 2.0 * np.cross(axis, vectors)
+                    turned: FloatArray = vectors + w * cross + np.cross(axis, cross)
+                    gains[apart] = ear_gains(turned)
+                    ears_loudness = np.array([sound.gain for sound in sounds]) / np.maximum(
+                        distance, NEAREST_M
+                    )
+                    total: FloatArray = np.sqrt(((ears_loudness[:, None] * gains) ** 2).sum(axis=0))
+                    loudness[k] = total
         return np.minimum(loudness, LOUDEST)
-
-
-def _at_ears(head: FloatArray, sounds: Sequence[Sound]) -> FloatArray:
-    """(2,) amplitude at the ears of a head with this pose, (7,)."""
-    offset = np.array([sound.position_m for sound in sounds], dtype=np.float64) - head[:3]
-    distance = np.linalg.norm(offset, axis=1)
-    gains = np.ones((len(sounds), 2))  # a sound within the head is not shadowed
-    apart = distance > 1e-6
-    gains[apart] = ear_gains(_to_head(head[3:], offset[apart]))
-    loudness = np.array([sound.gain for sound in sounds]) / np.maximum(distance, NEAREST_M)
-    total: FloatArray = np.sqrt(((loudness[:, None] * gains) ** 2).sum(axis=0))
-    return total
-
-
-def _to_head(quat_xyzw: FloatArray, vectors: FloatArray) -> FloatArray:
-    """Turns (K, 3) world vectors into the frame of a head with this rotation."""
-    axis, w = -quat_xyzw[:3], quat_xyzw[3]  # the inverse rotation
-    cross = 2.0 * np.cross(axis, vectors)
-    turned: FloatArray = vectors + w * cross + np.cross(axis, cross)
-    return turned

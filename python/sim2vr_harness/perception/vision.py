@@ -1,7 +1,5 @@
 """The headset's picture as the user's visual perception."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

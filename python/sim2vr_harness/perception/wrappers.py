@@ -1,7 +1,5 @@
 """Wrappers of senses: delay, noise, history and stacking."""
 
-from __future__ import annotations
-
 import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence

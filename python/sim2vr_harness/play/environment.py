@@ -1,7 +1,5 @@
 """The environment that a trained user is evaluated in."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path

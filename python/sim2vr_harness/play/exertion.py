@@ -3,8 +3,6 @@
 NICER and Consumed Endurance come from the body's dynamics.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Names of measures of fatigue per muscle and per body part."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from sim2vr_harness.client import Measure

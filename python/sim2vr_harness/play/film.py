@@ -407,16 +407,7 @@ class RoundFilm:
         due = int(np.ceil(until_ns / 1e9 * self._films.fps - 1e-9))
         if due <= self._pictures:
             return
-        picture = self._picture(app, int(self._times_ns[i]), reply)
-        if self._film is None:
-            height, width = picture.shape[:2]
-            self._film = Film(self._path, width, height, self._films.fps)
-        for _ in range(due - self._pictures):
-            self._film.add(picture)
-        self._pictures = due
-        self._films.progress((i + 1) / len(self._times_ns))
-
-    def _picture(self, app: AppClient, time_ns: int, reply: AppReply) -> np.ndarray:
+        time_ns = int(self._times_ns[i])
         size, title = self._films.size, self._title
         panels = {"headset": headset_view(app, size)}
         if "views" in app.capabilities:
@@ -424,4 +415,11 @@ class RoundFilm:
         if len(self._hits_ns):
             title += f", {np.count_nonzero(self._hits_ns <= time_ns)} hits recorded"
         text = score_text(self._facts, reply.log, time_ns / 1e9)
-        return Painter(dict.fromkeys(panels, size)).frame(panels, title, text)
+        picture = Painter(dict.fromkeys(panels, size)).frame(panels, title, text)
+        if self._film is None:
+            height, width = picture.shape[:2]
+            self._film = Film(self._path, width, height, self._films.fps)
+        for _ in range(due - self._pictures):
+            self._film.add(picture)
+        self._pictures = due
+        self._films.progress((i + 1) / len(self._times_ns))

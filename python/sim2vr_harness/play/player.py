@@ -1,7 +1,5 @@
 """The loop that plays rounds: each as if it were alone, several in parallel."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """``sim2vr-harness render``: pictures of a game, and films of users who play the same round."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from itertools import islice

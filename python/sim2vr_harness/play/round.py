@@ -242,7 +242,18 @@ def summarise(rounds: Sequence[Round], facts: GameFacts) -> dict[str, Any]:
                 for key in (measure.log_key, measure.rate_with)
             }
             summary[f"{measure.name}_pooled"] = measure.value(sums)
-    summary["return_terms"] = _return_terms(rounds, facts)
+    played = [result for result in rounds if result.values["return"] is not None]
+    if not played:
+        summary["return_terms"] = {}
+    else:
+        terms = {
+            term.log_key: float(np.mean([result.log.get(term.sum_key, 0.0) for result in played]))
+            for term in facts.reward_terms
+            if any(term.sum_key in result.log for result in played)
+        }
+        game = float(np.mean([result.values["game_return"] or 0.0 for result in played]))
+        effort = float(np.mean([result.values["effort"] or 0.0 for result in played]))
+        summary["return_terms"] = {"rest": game - sum(terms.values()), **terms, "effort": -effort}
     for measure in facts.grids:
         counted = any(key.startswith(measure.log_key) for log in logs for key in log)
         summary[measure.name] = measure.values(logs) if counted else []
@@ -264,20 +275,6 @@ def _by_person(rounds: Sequence[Round]) -> list[list[Round]]:
 def _mean(values: Sequence[float | None]) -> float | None:
     known = [value for value in values if value is not None]
     return float(np.mean(known)) if known else None
-
-
-def _return_terms(rounds: Sequence[Round], facts: GameFacts) -> dict[str, float]:
-    played = [result for result in rounds if result.values["return"] is not None]
-    if not played:
-        return {}
-    terms = {
-        term.log_key: float(np.mean([result.log.get(term.sum_key, 0.0) for result in played]))
-        for term in facts.reward_terms
-        if any(term.sum_key in result.log for result in played)
-    }
-    game = float(np.mean([result.values["game_return"] or 0.0 for result in played]))
-    effort = float(np.mean([result.values["effort"] or 0.0 for result in played]))
-    return {"rest": game - sum(terms.values()), **terms, "effort": -effort}
 
 
 def _merged(logs: Sequence[Mapping[str, float]]) -> dict[str, float]:

@@ -4,8 +4,6 @@ Apps number the rounds that they log and know nothing of jobs; which app plays w
 how many are played in parallel.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

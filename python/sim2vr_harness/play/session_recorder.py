@@ -1,7 +1,5 @@
 """Sessions of simulated users: a watcher that keeps what devices reported and what the app did."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any

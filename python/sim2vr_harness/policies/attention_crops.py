@@ -6,8 +6,6 @@ attention of Mnih et al. (2014) with supervision: the student stage trains it on
 teacher observes. After that stage its weights are fixed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

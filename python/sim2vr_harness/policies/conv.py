@@ -1,7 +1,5 @@
 """Convolutions of pictures as bytes, in a precision below that of their weights."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import torch

@@ -1,7 +1,5 @@
 """Policies by kind: networks of this package, and classes of a Python file (``FILE.py:CLASS``)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

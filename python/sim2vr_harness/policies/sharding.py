@@ -8,8 +8,6 @@ not depend on the number of threads, and their gradients are added in their orde
 same to the bit for any number of threads.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache

@@ -5,8 +5,6 @@ A packed user is a folder with ``card.json`` (who it is, what it was measured to
 with a scale per row, all other weights as binary16.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable, Mapping
@@ -87,7 +85,26 @@ def find_user(run: str | Path, *, code: bool = False) -> TrainedUser:
     if text.startswith(PREFIX):
         return _shipped(text.removeprefix(PREFIX))
     if _CODE.search(text):
-        return _of_code(text, code)
+        # User that a class of a Python file stands for.
+        if not code:
+            expected = "--trust-app, if you know where it comes from"
+            raise InputError("user", f"{text!r}, Python code that a file names", expected)
+        expected = "FILE.py:CLASS, a class with config, begin, restart, act and state_dict"
+        made = load_class("RUN", text, expected, lambda found: hasattr(found, "act"))
+        source = Path(text.rpartition(":")[0]).expanduser()
+        config = getattr(made, "config", None)
+        if isinstance(config, str):
+            beside = source.parent / config
+            settings = load_config(beside if beside.is_file() else config)
+        elif isinstance(config, Mapping):
+            settings = parse_config(config)
+        else:
+            got = f"{text!r} with config {shown(config)}"
+            wanted = "config: a configuration's name or file, or its keys, for the environment"
+            raise InputError("RUN", got, wanted)
+        settings = settings.model_copy(update={"name": made.__name__})
+        place = Path("evaluation") / made.__name__
+        return TrainedUser(source, settings, {}, place, _no_network, code=made)
     path = Path(run)
     if not path.exists():
         names = [card["name"] for card in list_cards()]
@@ -98,7 +115,18 @@ def find_user(run: str | Path, *, code: bool = False) -> TrainedUser:
             raise InputError("RUN", f"{text!r}, which does not exist", expected)
     if (path / _CARD).is_file():
         return open_packed(path)
-    folder, checkpoint = _run_checkpoint(path)
+    if path.is_dir() or not path.exists():
+        checkpoint_folder = RunFolder.open(path)
+        folder, checkpoint = checkpoint_folder, checkpoint_folder.latest_checkpoint()
+    else:
+        checkpoint_folder = RunFolder(path.resolve().parent.parent)
+        if not checkpoint_folder.exists:
+            raise InputError(
+                "RUN",
+                f"the file {str(path)!r}",
+                "a run's folder, a file in its checkpoints folder, or pretrained:NAME",
+            )
+        folder, checkpoint = checkpoint_folder, path
     return TrainedUser(
         source=checkpoint,
         config=folder.load_config(),
@@ -108,29 +136,6 @@ def find_user(run: str | Path, *, code: bool = False) -> TrainedUser:
     )
 
 
-def _of_code(text: str, allowed: bool) -> TrainedUser:
-    """Return the user that a class of a Python file stands for."""
-    if not allowed:
-        expected = "--trust-app, if you know where it comes from"
-        raise InputError("user", f"{text!r}, Python code that a file names", expected)
-    expected = "FILE.py:CLASS, a class with config, begin, restart, act and state_dict"
-    made = load_class("RUN", text, expected, lambda found: hasattr(found, "act"))
-    source = Path(text.rpartition(":")[0]).expanduser()
-    config = getattr(made, "config", None)
-    if isinstance(config, str):
-        beside = source.parent / config
-        settings = load_config(beside if beside.is_file() else config)
-    elif isinstance(config, Mapping):
-        settings = parse_config(config)
-    else:
-        got = f"{text!r} with config {shown(config)}"
-        wanted = "config: a configuration's name or file, or its keys, for the environment"
-        raise InputError("RUN", got, wanted)
-    settings = settings.model_copy(update={"name": made.__name__})
-    place = Path("evaluation") / made.__name__
-    return TrainedUser(source, settings, {}, place, _no_network, code=made)
-
-
 def _no_network(network: nn.Module) -> int:
     raise InputError("RUN", "a policy of a Python file", "a user whose network is of this package")
 
@@ -138,20 +143,6 @@ def _no_network(network: nn.Module) -> int:
 def is_packed(run: str | Path) -> bool:
     """Whether this names a packed user: ``pretrained:NAME``, or the folder of one."""
     return str(run).startswith(PREFIX) or (Path(run) / _CARD).is_file()
-
-
-def _run_checkpoint(path: Path) -> tuple[RunFolder, Path]:
-    if path.is_dir() or not path.exists():
-        folder = RunFolder.open(path)
-        return folder, folder.latest_checkpoint()
-    folder = RunFolder(path.resolve().parent.parent)
-    if not folder.exists:
-        raise InputError(
-            "RUN",
-            f"the file {str(path)!r}",
-            "a run's folder, a file in its checkpoints folder, or pretrained:NAME",
-        )
-    return folder, path
 
 
 def _shipped_dir() -> Path:
@@ -250,22 +241,21 @@ def _as_bytes(weight: torch.Tensor) -> torch.Tensor | tuple[torch.Tensor, torch.
     return torch.round(weight / scale).to(torch.int8).contiguous(), scale
 
 
-def _of_bytes(packed: object) -> object:
-    """Return what :func:`_as_bytes` packed; anything else as it is."""
-    if not isinstance(packed, tuple) or len(packed) != 2:
-        return packed
-    levels, scale = packed
-    if not (isinstance(levels, torch.Tensor) and isinstance(scale, torch.Tensor)):
-        return packed
-    rows = (len(levels), *[1] * (levels.dim() - 1)) if levels.dim() else ()
-    if levels.dtype != torch.int8 or scale.dtype != torch.float32 or scale.shape != rows:
-        return packed
-    return levels.float() * scale
-
-
 def _weight(weights: Mapping[str, Any], name: str, own: torch.Tensor) -> torch.Tensor:
     """Return the network's weight of that name out of a file; ValueError if it is none."""
-    value = _of_bytes(weights.get(name))
+    packed = weights.get(name)
+    if not isinstance(packed, tuple) or len(packed) != 2:
+        value = packed
+    else:
+        levels, scale = packed
+        if not (isinstance(levels, torch.Tensor) and isinstance(scale, torch.Tensor)):
+            value = packed
+        else:
+            rows = (len(levels), *[1] * (levels.dim() - 1)) if levels.dim() else ()
+            if levels.dtype != torch.int8 or scale.dtype != torch.float32 or scale.shape != rows:
+                value = packed
+            else:
+                value = levels.float() * scale
     wanted = f"expected real numbers of shape {' x '.join(map(str, own.shape)) or '1'}"
     if not isinstance(value, torch.Tensor):
         raise ValueError(f"{name}: got {shown(value, 40)}, {wanted}")

@@ -1,7 +1,5 @@
 """The teacher's network, on normalised numbers."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

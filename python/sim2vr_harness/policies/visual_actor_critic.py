@@ -7,8 +7,6 @@ not squashed. Weights are orthogonal: gain sqrt(2) in encoders and MLPs, 0.01 be
 the value's layer.
 """
 
-from __future__ import annotations
-
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -73,20 +71,15 @@ class VisionEncoder(nn.Module):
             (B, features) float32.
         """
         x = convolved(self.convolutions, centred(channels_last(image), self.dtype))
-        return functional.leaky_relu_(self._flat_linear(x)).float()
-
-    def _flat_linear(self, x: Tensor) -> Tensor:
-        """Apply the linear layer, whose inputs are the reference's: channel by channel.
-
-        The images are channels last. What is smaller is brought into the order of the other.
-        """
         layer = self.linear[0]
         assert isinstance(layer, nn.Linear)
         weight, bias = cast(layer.weight, layer.bias, self.dtype)
         if len(x) < len(weight) // 2:
-            return functional.linear(x.contiguous().flatten(1), weight, bias)
-        weight = weight.view(len(weight), *x.shape[1:]).permute(0, 2, 3, 1).flatten(1)
-        return functional.linear(x.permute(0, 2, 3, 1).flatten(1), weight, bias)
+            flat_linear = functional.linear(x.contiguous().flatten(1), weight, bias)
+        else:
+            weight = weight.view(len(weight), *x.shape[1:]).permute(0, 2, 3, 1).flatten(1)
+            flat_linear = functional.linear(x.permute(0, 2, 3, 1).flatten(1), weight, bias)
+        return functional.leaky_relu_(flat_linear).float()
 
 
 class Scaling(nn.Module):

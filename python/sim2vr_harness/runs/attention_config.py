@@ -1,7 +1,5 @@
 """Settings of attention crops (``policies/attention_crops.py``), readable without torch."""
 
-from __future__ import annotations
-
 from pydantic import Field
 
 from sim2vr_harness.base.settings import Settings

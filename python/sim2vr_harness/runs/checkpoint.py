@@ -5,8 +5,6 @@ everything else that the next iteration depends on. Tensors, arrays and JSON are
 pickle; the environment's state in ``resume.npz`` is unpickled with NumPy's types only.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import random

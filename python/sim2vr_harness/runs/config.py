@@ -4,8 +4,6 @@ Defaults are the reference's Whac-A-Mole training. Every model forbids unknown k
 the dotted key, what was found and the closest valid key.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping, Sequence
 from pathlib import Path

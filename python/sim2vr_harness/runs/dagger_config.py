@@ -1,7 +1,5 @@
 """Settings of the student, the second stage of a distilled training."""
 
-from __future__ import annotations
-
 from pydantic import Field
 
 from sim2vr_harness.base.settings import Chance, LearningRate, Settings, Weight

@@ -1,7 +1,5 @@
 """Settings of the motor policy and of value learning over its options."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, Literal
 

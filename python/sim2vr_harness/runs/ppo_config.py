@@ -1,7 +1,5 @@
 """Settings of proximal policy optimisation, for every stage that learns by it."""
 
-from __future__ import annotations
-
 from typing import Any, Self
 
 from pydantic import Field, field_validator, model_validator

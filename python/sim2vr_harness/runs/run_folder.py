@@ -166,7 +166,12 @@ class RunFolder:
         if not self.exists:
             self._require_place()
         # A run that was killed in its first write leaves traces, too; files of others stay.
-        self._delete_run()
+        self.config_file.unlink(missing_ok=True)
+        for file in (self.run_file, self.metrics_file):
+            file.unlink(missing_ok=True)
+        stages = (self.path / name for name in STAGE_FOLDERS)
+        for folder in (self.checkpoint_dir, self.tensorboard_dir, self.evaluation_dir, *stages):
+            shutil.rmtree(folder, ignore_errors=True)
         self.checkpoint_dir.mkdir(parents=True, exist_ok=True)
         write_atomically(self.run_file, json.dumps({"sessions": []}, indent=2).encode())
         write_atomically(self.config_file, to_yaml(config).encode())
@@ -199,15 +204,6 @@ class RunFolder:
         if file == self.checkpoint_dir:
             return file.is_dir() and not any(file.iterdir())
         return file in (self.run_file, self.lock_file) or is_temporary(file)
-
-    def _delete_run(self) -> None:
-        """Delete what a run writes, and nothing else."""
-        self.config_file.unlink(missing_ok=True)
-        for file in (self.run_file, self.metrics_file):
-            file.unlink(missing_ok=True)
-        stages = (self.path / name for name in STAGE_FOLDERS)
-        for folder in (self.checkpoint_dir, self.tensorboard_dir, self.evaluation_dir, *stages):
-            shutil.rmtree(folder, ignore_errors=True)
 
     def load_config(self, overrides: Sequence[str] = ()) -> TrainingConfig:
         """Read the run's configuration; overrides as in :func:`.config.load_config`."""

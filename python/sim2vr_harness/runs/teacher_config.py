@@ -1,7 +1,5 @@
 """Settings of the teacher, who observes privileged numbers and learns from imagined rollouts."""
 
-from __future__ import annotations
-
 from typing import ClassVar, Literal
 
 from pydantic import Field

@@ -8,8 +8,6 @@ trained with, is remembered outside all of these, a file for each in
 ``$XDG_STATE_HOME/sim2vr/trusted_apps`` (``~/.local/state/...``).
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Agreement of a replayed round of Whac-A-Mole with its recording, per target and per hit."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -91,7 +89,14 @@ def agreement_of(recording: Session, replayed: Session) -> Agreement:
     pairs = [t for t, dt in apart.items() if abs(dt) <= WINDOWS_S[0]]
     dt = [printed(hits_again[t].time_s) - printed(hits[t].time_s) for t in pairs]
     half_step_s = replayed.clock.fixed_delta_time_s / 2
-    divergence = _first_divergence(recorded, predicted)
+    # Time of the first event that the other list does not have, s; None: the lists agree.
+    ours, theirs = _keyed(predicted), _keyed(recorded)
+    differing = [
+        min(event.time_s for event in (ours.get(key), theirs.get(key)) if event is not None)
+        for key in ours.keys() | theirs.keys()
+        if key not in ours or key not in theirs or _apart(ours[key], theirs[key]) > IDENTICAL_S
+    ]
+    divergence = min(differing, default=None)
     play_start_s = float(recording.time_ns[1] / 1e9)
     return Agreement(
         rounds=1,
@@ -239,19 +244,6 @@ def _velocity_difference(a: TargetEvent, b: TargetEvent) -> float:
     if a.velocity_mps is None or b.velocity_mps is None:
         return float("nan")
     return float(np.linalg.norm(np.subtract(a.velocity_mps, b.velocity_mps)))
-
-
-def _first_divergence(
-    recorded: Iterable[TargetEvent], predicted: Iterable[TargetEvent]
-) -> float | None:
-    """Time of the first event that the other list does not have, s; None: the lists agree."""
-    ours, theirs = _keyed(predicted), _keyed(recorded)
-    differing = [
-        min(event.time_s for event in (ours.get(key), theirs.get(key)) if event is not None)
-        for key in ours.keys() | theirs.keys()
-        if key not in ours or key not in theirs or _apart(ours[key], theirs[key]) > IDENTICAL_S
-    ]
-    return min(differing, default=None)
 
 
 def _keyed(events: Iterable[TargetEvent]) -> dict[_Key, TargetEvent]:

@@ -157,7 +157,14 @@ def _cut(data: _Data, kind: int) -> dict[str, Any]:
     distance, angle, before, after = data.numbers(4)
     points = 0
     if speed_ok and direction_ok and saber_ok:
-        points = _points(kind, before, after, distance)
+        if kind == _CHAIN_LINK:
+            points = 20
+        else:
+            first = 70 if kind == _SLIDER_TAIL else min(70, max(0, math.floor(70 * before + 0.5)))
+            last = min(30, max(0, math.floor(30 * after + 0.5)))
+            last = {_SLIDER_HEAD: 30, _CHAIN_HEAD: 0}.get(kind, last)
+            centre = math.floor(15 * (1.0 - min(1.0, max(0.0, distance / 0.3))) + 0.5)
+            points = first + last + centre
     return {
         "saber": saber,
         "speed_mps": saber_speed,
@@ -172,17 +179,6 @@ def _cut(data: _Data, kind: int) -> dict[str, Any]:
         "after": after,
         "points": points,
     }
-
-
-def _points(kind: int, before: float, after: float, distance_m: float) -> int:
-    """Points of a good cut, at most 115: 70 before, 30 after, 15 for the centre."""
-    if kind == _CHAIN_LINK:
-        return 20
-    first = 70 if kind == _SLIDER_TAIL else min(70, max(0, math.floor(70 * before + 0.5)))
-    last = min(30, max(0, math.floor(30 * after + 0.5)))
-    last = {_SLIDER_HEAD: 30, _CHAIN_HEAD: 0}.get(kind, last)
-    centre = math.floor(15 * (1.0 - min(1.0, max(0.0, distance_m / 0.3))) + 0.5)
-    return first + last + centre
 
 
 class _Data:

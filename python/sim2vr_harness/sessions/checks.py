@@ -1,7 +1,5 @@
 """Checks of frames and events that a file holds, whatever its format."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -203,17 +201,16 @@ def _notes(session: Session) -> list[str]:
         elif not one.tracked.all():
             away = f"{int((~one.tracked).sum()):,} of {len(session):,} frames"
             notes.append(f"the {side} controller is not tracked in {away}")
-    if _look_swapped(session):
+    if session.left is None or session.right is None:
+        look_swapped = False
+    else:
+        x, y, z, w = session.head[:, 3:].T
+        right = np.stack(
+            [1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)], axis=1
+        )
+        apart = np.sum((session.right.grip[:, :3] - session.left.grip[:, :3]) * right, axis=1)
+        apart = apart[np.isfinite(apart)]
+        look_swapped = bool(len(apart) and np.mean(apart < -_APART_M) > _SWAPPED_PROPORTION)
+    if look_swapped:
         notes.append("the controllers look swapped: the left one is right of the right one")
     return notes
-
-
-def _look_swapped(session: Session) -> bool:
-    """Whether the left controller is to the right of the right one, as the head sees them."""
-    if session.left is None or session.right is None:
-        return False
-    x, y, z, w = session.head[:, 3:].T
-    right = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)], axis=1)
-    apart = np.sum((session.right.grip[:, :3] - session.left.grip[:, :3]) * right, axis=1)
-    apart = apart[np.isfinite(apart)]
-    return bool(len(apart) and np.mean(apart < -_APART_M) > _SWAPPED_PROPORTION)

@@ -3,8 +3,6 @@
 ``docs/reference/sessions.md`` describes every field. Files are read line by line, within bounds.
 """
 
-from __future__ import annotations
-
 import gzip
 import json
 import math

@@ -1,7 +1,5 @@
 """The formats of sessions: one table, found by a file's content, written by its name."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path

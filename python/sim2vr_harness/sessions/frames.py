@@ -4,8 +4,6 @@ WebXR is right-handed with z backward, the app's frame left-handed with z forwar
 x right, y up, metres and rotations x y z w.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,11 +6,9 @@ is [index, ray, [grip], [25 joints of 8 numbers], [buttons and axes]], as its sc
 button is [pressed, touched, value]. Joints are relative to the ray.
 """
 
-from __future__ import annotations
-
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +66,23 @@ def read_iwer(path: Path) -> Session:
     content = read_json(path, _EXPECTED, most=MOST_IWER)
     if not looks_like_iwer(content):
         raise InputError(name, f"an object of {', '.join(content)[:60]}", _EXPECTED)
-    schema, frames = _schema(content["schema"], name), content["frames"]
+    entries = content["schema"]
+    found = {}
+    for entry in entries:
+        match entry:
+            case [int(index), dict(source)] if isinstance(source.get("handedness"), str):
+                counts = [source.get("numButtons", 0), source.get("numAxes", 0)]
+                if not all(type(n) is int and 0 <= n <= 100 for n in counts):
+                    raise InputError(f"{name}, schema", shown(counts, 40), "0 to 100 buttons, axes")
+                sequence = source.get("jointSequence", list(JOINT_NAMES))
+                if source.get("hasHand") and sequence != list(JOINT_NAMES):
+                    expected = "the 25 joints of WebXR in its order"
+                    raise InputError(f"{name}, jointSequence", shown(sequence, 60), expected)
+                found[index] = source
+            case _:
+                expected = "[index, {handedness, hasGrip, hasHand, hasGamepad, ...}]"
+                raise InputError(f"{name}, schema", shown(entry, 60), expected)
+    schema, frames = found, content["frames"]
     if not 1 <= len(frames) <= MOST_FRAMES:
         raise InputError(name, f"{len(frames):,} frames", f"1 to {MOST_FRAMES:,}")
     times = np.zeros(len(frames))
@@ -117,25 +131,6 @@ class _Hand:
             joints = np.concatenate([poses, joints[..., 7:]], axis=-1)
         inputs = None if np.isnan(self.inputs).all() else self.inputs
         return Controller(grip, aim, inputs, joints)
-
-
-def _schema(entries: Sequence[Any], name: str) -> dict[int, dict[str, Any]]:
-    found = {}
-    for entry in entries:
-        match entry:
-            case [int(index), dict(source)] if isinstance(source.get("handedness"), str):
-                counts = [source.get("numButtons", 0), source.get("numAxes", 0)]
-                if not all(type(n) is int and 0 <= n <= 100 for n in counts):
-                    raise InputError(f"{name}, schema", shown(counts, 40), "0 to 100 buttons, axes")
-                sequence = source.get("jointSequence", list(JOINT_NAMES))
-                if source.get("hasHand") and sequence != list(JOINT_NAMES):
-                    expected = "the 25 joints of WebXR in its order"
-                    raise InputError(f"{name}, jointSequence", shown(sequence, 60), expected)
-                found[index] = source
-            case _:
-                expected = "[index, {handedness, hasGrip, hasHand, hasGamepad, ...}]"
-                raise InputError(f"{name}, schema", shown(entry, 60), expected)
-    return found
 
 
 def _take_input(

@@ -3,11 +3,9 @@
 They hold the poses of every frame and the app's events as text, and no inputs.
 """
 
-from __future__ import annotations
-
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -131,7 +129,15 @@ def read_log(path: Path) -> Session:
     options, logged = dict[str, OptionValue](), list[tuple[str, SessionEvent]]()
     if events.is_file():
         options, logged = logged_options(events), numbered_events(events)
-    game, found = _game_of(logged), [event for _, event in logged]
+    of_found = [event for _, event in logged]
+    if any(event.kind == "block_start" for event in of_found):
+        game_of = "pointing"
+    else:
+        targets = [event for event in of_found if event.kind.startswith(_TARGET)]
+        game_of = (
+            WHACAMOLE if targets and not any("center" in each.data for each in targets) else ""
+        )
+    game, found = game_of, [event for _, event in logged]
     left = _controller(log.left)
     if game == WHACAMOLE:
         found = _checked_targets(logged)
@@ -183,15 +189,6 @@ def _lockstep_rate(times_s: FloatArray) -> int | None:
     period_s = frame_time_ns(1, rate) / 1e9
     off_s = np.abs(np.rint(times_s / period_s) * period_s - times_s)
     return rate if bool((off_s <= rounding_s(times_s)).all()) else None
-
-
-def _game_of(logged: Sequence[tuple[str, SessionEvent]]) -> str:
-    """The game whose events these are, by names that only it has; empty: not known."""
-    found = [event for _, event in logged]
-    if any(event.kind == "block_start" for event in found):
-        return "pointing"
-    targets = [event for event in found if event.kind.startswith(_TARGET)]
-    return WHACAMOLE if targets and not any("center" in each.data for each in targets) else ""
 
 
 def _controller(poses: FloatArray) -> Controller | None:

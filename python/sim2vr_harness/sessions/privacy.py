@@ -1,7 +1,5 @@
 """Personal content of a session, and a copy without the parts that identify a person."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

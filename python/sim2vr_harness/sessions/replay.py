@@ -117,7 +117,12 @@ def replay_session(
         if log_dir is None:
             log_dir = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         with _opened(session, chosen, settings, log_dir, renderer, size) as client:
-            devices, times_ns = _devices_for(client, session), session.time_ns - start_ns
+            for_devices = session.devices()
+            if "left_controller" in client.capabilities:
+                devices_for = for_devices
+            else:
+                devices_for = replace(for_devices, left_controller=None, left_inputs=None)
+            devices, times_ns = devices_for, session.time_ns - start_ns
             frames = ((int(time_ns), devices[i]) for i, time_ns in enumerate(times_ns))
             for i, reply in enumerate(drive(client, session.seed or 0, frames)):
                 recorder.take(i, reply)
@@ -232,14 +237,6 @@ def _opened(
         client = apps(0, log_dir if starts else None)  # programs and pages write no logs
     with closing(client):
         yield client if task is None else TaskedApp(client, task, ends=False)
-
-
-def _devices_for(client: AppClient, session: Session) -> DevicePoses:
-    """The session's devices; a left controller that the app cannot have is left out."""
-    devices = session.devices()
-    if "left_controller" in client.capabilities:
-        return devices
-    return replace(devices, left_controller=None, left_inputs=None)
 
 
 def counted_events(
@@ -493,7 +490,17 @@ def _cause(recording: Session, replayed: Session, pairs: Sequence[Pair], time_ns
     drift = _drift(recording, pairs)
     if drift:
         return drift
-    gap = _gap_before(recording, time_ns)
+    times = recording.time_ns - recording.time_ns[0]
+    near = times[(times <= time_ns) & (times >= time_ns - 10**9)]
+    usual = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    if len(near) > 1 and np.diff(near).max() > 1.5 * usual:
+        longest_ms = float(np.diff(near).max()) * 1e-6
+        gap = (
+            f"frame rate: a frame before it lasts {longest_ms:.0f} ms instead of "
+            f"{usual * 1e-6:.0f} ms"
+        )
+    else:
+        gap = ""
     if gap:
         return gap
     if not pairs and not {one.kind for one in recording.events} & {
@@ -534,19 +541,5 @@ def _drift(recording: Session, pairs: Sequence[Pair]) -> str:
         return (
             f"time: all events come {abs(middle) * 1e3:.0f} ms "
             f"{'later' if middle > 0 else 'earlier'}; the round did not begin with the first frame"
-        )
-    return ""
-
-
-def _gap_before(recording: Session, time_ns: int) -> str:
-    """A sentence on frames that are missing within a second before; empty: none are."""
-    times = recording.time_ns - recording.time_ns[0]
-    near = times[(times <= time_ns) & (times >= time_ns - 10**9)]
-    usual = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-    if len(near) > 1 and np.diff(near).max() > 1.5 * usual:
-        longest_ms = float(np.diff(near).max()) * 1e-6
-        return (
-            f"frame rate: a frame before it lasts {longest_ms:.0f} ms instead of "
-            f"{usual * 1e-6:.0f} ms"
         )
     return ""

@@ -209,15 +209,13 @@ class Session:
         for side, controller in self.controllers.items():
             if not controller.tracked.any():
                 continue
-            rows[f"{side}_controller"] = controller.grip[_last_known(controller.tracked)]
+            # (N,) index of the last tracked frame at each frame; before the first, the first.
+            frames = np.arange(len(controller.tracked))
+            known = np.maximum.accumulate(np.where(controller.tracked, frames, -1))
+            found: NDArray[np.int64] = np.where(
+                known < 0, int(np.argmax(controller.tracked)), known
+            )
+            rows[f"{side}_controller"] = controller.grip[found]
             if controller.inputs is not None:
                 rows[f"{side}_inputs"] = np.nan_to_num(controller.inputs, nan=0.0)
         return DevicePoses(head=self.head, **rows)
-
-
-def _last_known(tracked: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """(N,) index of the last tracked frame at each frame; before the first, the first."""
-    frames = np.arange(len(tracked))
-    known = np.maximum.accumulate(np.where(tracked, frames, -1))
-    found: NDArray[np.int64] = np.where(known < 0, int(np.argmax(tracked)), known)
-    return found

@@ -5,8 +5,6 @@ mark, CR LF or CR, commas behind short lines) is read as well. The same as
 ``app_runtime/rl/state_log.cpp`` reads, to the last case: sim2vr-app --replay takes the same files.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

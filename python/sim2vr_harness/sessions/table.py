@@ -4,8 +4,6 @@ Columns: ``time_s`` (or ``time_ms``, ``time_ns``), ``head_x`` to ``head_qw``, ``
 ``right_*`` (grip), ``left_aim_*``, and the inputs, such as ``right.trigger``. Events have no place.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import math
@@ -47,7 +45,18 @@ def read_table(path: Path) -> Session:
     _, first = next(lines, (1, ""))
     separator = max(",;\t", key=first.count)
     names = [each.strip().strip('"') for each in first.split(separator)]
-    _check_header(names, f"{name}, line 1")
+    place = f"{name}, line 1"
+    twice = next((each for each in names if each and names.count(each) > 1), None)
+    if twice is not None:
+        raise InputError(place, f"the column {twice} twice", "each column once")
+    if not _TIMES.keys() & set(names):
+        got = f"columns {shown(', '.join(names), 60)}"
+        raise InputError(place, got, f"one of {', '.join(_TIMES)}")
+    for device in _DEVICES:
+        lacking = [each for each in _pose_names(device) if each not in names]
+        if lacking and (device == "head" or len(lacking) < len(_PARTS)):
+            expected = f"{device}_x to {device}_qw: position in metres, rotation x y z w"
+            raise InputError(place, f"no column {lacking[0]}", expected)
     values, count = array("d"), 0
     for number, line in lines:
         if not line.strip():
@@ -67,20 +76,6 @@ def read_table(path: Path) -> Session:
     head = np.stack([table[each] for each in _pose_names("head")], axis=1)
     left, right = (_controller(table, side) for side in SIDES)
     return Session(np.rint(times).astype(np.int64), head, left, right, source="csv")
-
-
-def _check_header(names: Sequence[str], place: str) -> None:
-    twice = next((each for each in names if each and names.count(each) > 1), None)
-    if twice is not None:
-        raise InputError(place, f"the column {twice} twice", "each column once")
-    if not _TIMES.keys() & set(names):
-        got = f"columns {shown(', '.join(names), 60)}"
-        raise InputError(place, got, f"one of {', '.join(_TIMES)}")
-    for device in _DEVICES:
-        lacking = [each for each in _pose_names(device) if each not in names]
-        if lacking and (device == "head" or len(lacking) < len(_PARTS)):
-            expected = f"{device}_x to {device}_qw: position in metres, rotation x y z w"
-            raise InputError(place, f"no column {lacking[0]}", expected)
 
 
 def _row(fields: Sequence[str], names: Sequence[str], place: str) -> list[float]:

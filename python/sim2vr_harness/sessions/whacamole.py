@@ -5,8 +5,6 @@ A packed round is ``NAME.npz`` with ``NAME_events.csv``, listed in a ``manifest.
 started play. :func:`with_clock` works out what repeats the round.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -330,9 +328,22 @@ def timing_of(session: Session, fixed_step_s: float | None = None) -> Timing:
     )
     start_ns, countdown_s = _start_of_play(times_ns)
     base_ns = int(times_ns[0]) if start_ns is None else start_ns
-    round_s = _round_length(session, times_ns, base_ns)
+    over = any(each.kind == "episode_statistics" for each in session.events[-3:])
+    if not over and session.source != PACKED:
+        round_s = 3600.0
+    else:
+        before_s, after_s = (float(t - base_ns) / 1e9 for t in times_ns[-2:])
+        frame_s = after_s - before_s
+        if before_s - frame_s <= _ROUND_S <= after_s + frame_s:
+            round_s = _ROUND_S
+        else:
+            round_s = (before_s + after_s) / 2.0
     if start_ns is not None and round_s == _ROUND_S:
-        start_ns = _start_that_ends_on_time(times_ns, start_ns)
+        # The start nearest to start_ns with which the last frame is the first after 60 s.
+        edge_ns = 200_000
+        low = int(times_ns[-2]) - round(_ROUND_S * 1e9) + edge_ns
+        high = int(times_ns[-1]) - round(_ROUND_S * 1e9) - edge_ns
+        start_ns = min(max(start_ns, low), max(high, low))
         countdown_s = _countdown(times_ns, start_ns)
     return Timing(times_ns, start_ns, countdown_s, round_s, clock)
 
@@ -369,26 +380,6 @@ def _start_of_play(times_ns: NDArray[np.int64]) -> tuple[int | None, float]:
 def _countdown(times_ns: NDArray[np.int64], start_ns: int) -> float:
     # A little less than the pause, which binary32 game times may round either way.
     return max(0.0, (start_ns - int(times_ns[0])) / 1e9 - 2e-3)
-
-
-def _round_length(session: Session, times_ns: NDArray[np.int64], start_ns: int) -> float:
-    """The round ends with the last frame; no log of the original has its length."""
-    over = any(each.kind == "episode_statistics" for each in session.events[-3:])
-    if not over and session.source != PACKED:
-        return 3600.0
-    before_s, after_s = (float(t - start_ns) / 1e9 for t in times_ns[-2:])
-    frame_s = after_s - before_s
-    if before_s - frame_s <= _ROUND_S <= after_s + frame_s:
-        return _ROUND_S
-    return (before_s + after_s) / 2.0
-
-
-def _start_that_ends_on_time(times_ns: NDArray[np.int64], start_ns: int) -> int:
-    """The start nearest to ``start_ns`` with which the last frame is the first after 60 s."""
-    edge_ns = 200_000
-    low = int(times_ns[-2]) - round(_ROUND_S * 1e9) + edge_ns
-    high = int(times_ns[-1]) - round(_ROUND_S * 1e9) - edge_ns
-    return min(max(start_ns, low), max(high, low))
 
 
 def spawn_schedule(

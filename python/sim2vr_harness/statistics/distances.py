@@ -1,7 +1,5 @@
 """Distances of a user's number or sample from people's."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Fitts' law: effective index of difficulty (ISO 9241-411), and movement time by index."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

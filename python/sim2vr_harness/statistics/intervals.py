@@ -1,7 +1,5 @@
 """95 % intervals: of means, and of differences that invert a test."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple
@@ -102,11 +100,7 @@ def inverted(p_of: Callable[[float], float], steps: FloatArray, p: float) -> Int
     high = None
     if not is_kept(last):
         high = float(steps[_first(lambda i: not is_kept(i), centre, last) - 1])
-    return _agreeing(low, high, p)
-
-
-def _agreeing(low: float | None, high: float | None, p: float) -> Interval:
-    """Move an end to 0 where ties at no shift decided p."""
+    # Move an end to 0 where ties at no shift decided p.
     if p >= 1.0 - CONFIDENCE:
         return (None if low is None else min(low, 0.0)), (None if high is None else max(high, 0.0))
     if low is not None and low < 0.0 and (high is None or high > 0.0):

@@ -1,7 +1,5 @@
 """Mixed models with a random intercept and random slopes per unit, fitted to units' means."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import combinations, product
 from typing import Any
@@ -57,7 +55,9 @@ def mixed_model(
     table = np.array([[means[unit][cell] for cell in cells] for unit in complete])
     effects = []
     first = tuple(own[0] for own in present)
-    for cell in sorted(cells, key=lambda each: _order(each, first)):
+    for cell in sorted(
+        cells, key=lambda each: sum(one != other for one, other in zip(each, first, strict=True))
+    ):
         varied = [k for k in range(len(cell)) if cell[k] != first[k]]
         each = np.zeros(len(complete))
         for count in range(len(varied) + 1):
@@ -76,11 +76,6 @@ def mixed_model(
         "rounds": len(used),
         "effects": effects,
     }
-
-
-def _order(cell: Sequence[str], first: Sequence[str]) -> int:
-    """The intercept first, then main effects, then interactions; each in the levels' order."""
-    return sum(one != other for one, other in zip(cell, first, strict=True))
 
 
 def _tested(each: np.ndarray) -> dict[str, Any]:

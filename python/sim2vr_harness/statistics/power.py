@@ -1,7 +1,5 @@
 """Power of t tests: detectable differences and sample sizes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -4,8 +4,6 @@ By SciPy and statsmodels. Every test takes one value per unit and level. A test 
 has the ``interval`` of the difference that inverts it: it excludes 0 where p is below 0.05.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, Literal

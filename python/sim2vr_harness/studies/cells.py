@@ -1,7 +1,5 @@
 """The cells of a study: a level of every factor each, what it sets, and its content's hash."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """A study's tasks on a Ray cluster: the same tasks, the same bytes, on many machines."""
 
-from __future__ import annotations
-
 import re
 import socket
 import tempfile
@@ -46,7 +44,20 @@ class OnRay:
         work: Work = play_or_train,
     ) -> None:
         ray = needed("ray", "ray", "--ray")
-        _join(ray, address)
+        expected = "auto, or HOST:PORT of a running Ray cluster (ray start --head)"
+        if address != "auto":
+            match = _ADDRESS.fullmatch(address)
+            if match is None:
+                raise InputError("--ray", repr(address), expected)
+            try:
+                socket.create_connection((match[1], int(match[2])), _ANSWER_S).close()
+            except (OSError, OverflowError) as error:
+                got = f"{address!r}, where no one answers ({reason(error)})"
+                raise InputError("--ray", got, expected) from error
+        try:
+            ray.init(address=address, log_to_driver=False, logging_level="ERROR")
+        except (ConnectionError, RuntimeError, ValueError) as error:
+            raise InputError("--ray", f"{address!r} ({reason(error)})", expected) from error
         self._ray, self._storage = ray, storage
         self._root = root.resolve()
         run = ray.remote(_run).options(num_cpus=cores, max_retries=0, scheduling_strategy="SPREAD")
@@ -87,23 +98,6 @@ class OnRay:
             self._ray.cancel(ref, force=True)
         self._tasks.clear()
         self._ray.shutdown()
-
-
-def _join(ray: Any, address: str) -> None:
-    expected = "auto, or HOST:PORT of a running Ray cluster (ray start --head)"
-    if address != "auto":
-        match = _ADDRESS.fullmatch(address)
-        if match is None:
-            raise InputError("--ray", repr(address), expected)
-        try:
-            socket.create_connection((match[1], int(match[2])), _ANSWER_S).close()
-        except (OSError, OverflowError) as error:
-            got = f"{address!r}, where no one answers ({reason(error)})"
-            raise InputError("--ray", got, expected) from error
-    try:
-        ray.init(address=address, log_to_driver=False, logging_level="ERROR")
-    except (ConnectionError, RuntimeError, ValueError) as error:
-        raise InputError("--ray", f"{address!r} ({reason(error)})", expected) from error
 
 
 def _run(task: Task, where: str, stored: bool, cores: int, work: Work) -> Done:

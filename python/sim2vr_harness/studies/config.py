@@ -103,7 +103,17 @@ class StudyConfig(Settings):
             raise ValueError(f"factors: got units {', '.join(units)}, expected at most one")
         self._check_cells()
         for i, comparison in enumerate(self.comparisons):
-            self._check_comparison(f"comparisons.{i}", comparison)
+            field = f"comparisons.{i}"
+            for comparison_name in (comparison.factor, *(comparison.by or ()), *comparison.where):
+                if comparison_name not in self.factors:
+                    raise value_error(unknown_name(f"{field}", comparison_name, self.factors))
+            for label in comparison.levels or ():
+                self._check_level(field, comparison.factor, label)
+            for comparison_name, label in comparison.where.items():
+                self._check_level(f"{field}.where", comparison_name, label)
+            count = len(comparison.levels or self.factors[comparison.factor].levels)
+            if count < 2 or (comparison.test == "wilcoxon" and comparison.levels and count != 2):
+                raise ValueError(f"{field}.levels: got {count}, expected two, or more for friedman")
         return self
 
     def _check_search(self, search: OptimiseConfig, seen: dict[str, str]) -> None:
@@ -142,18 +152,6 @@ class StudyConfig(Settings):
             self.cells
         ):
             raise ValueError("cells: got one twice, expected every cell once")
-
-    def _check_comparison(self, field: str, comparison: ComparisonConfig) -> None:
-        for name in (comparison.factor, *(comparison.by or ()), *comparison.where):
-            if name not in self.factors:
-                raise value_error(unknown_name(f"{field}", name, self.factors))
-        for label in comparison.levels or ():
-            self._check_level(field, comparison.factor, label)
-        for name, label in comparison.where.items():
-            self._check_level(f"{field}.where", name, label)
-        count = len(comparison.levels or self.factors[comparison.factor].levels)
-        if count < 2 or (comparison.test == "wilcoxon" and comparison.levels and count != 2):
-            raise ValueError(f"{field}.levels: got {count}, expected two, or more for friedman")
 
     def _check_level(self, field: str, name: str, label: str) -> None:
         if name not in self.factors:

@@ -1,7 +1,5 @@
 """A study's tables: those of its cells in one, with the factors as columns."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence

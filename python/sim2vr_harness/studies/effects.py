@@ -28,7 +28,7 @@ from sim2vr_harness.statistics.intervals import mean_interval
 from sim2vr_harness.studies.config import parse_study
 from sim2vr_harness.studies.data import StudyData, factor_column
 from sim2vr_harness.studies.runner import StudyProgress, run_study
-from sim2vr_harness.training.motor_control.aimed_movements import AimedMovements, measure_movements
+from sim2vr_harness.training.motor_control.aimed_movements import measure_movements
 
 FloatArray = NDArray[np.float64]
 _EXPECTED = "effects in YAML, a mapping of keys to values"
@@ -241,7 +241,11 @@ def _of_reaches(
         seed=reaches.seed,
         on_progress=on_progress,
     )
-    summaries = _resampled(measures, reaches)
+    # Summaries of persons drawn with replacement.
+    rng = np.random.default_rng([reaches.seed, 71])
+    rows = np.arange(reaches.persons * reaches.repeats).reshape(reaches.persons, -1)
+    drawn = rng.integers(reaches.persons, size=(_RESAMPLES, reaches.persons))
+    summaries = [measures.of(rows[persons].ravel()).summary() for persons in drawn]
     return [
         _reached(file, effect, measures.summary(), summaries, reaches) for effect in file.effects
     ]
@@ -254,14 +258,6 @@ def _shipped() -> TrainingConfig:
     config = load_config("skills", [])
     env = config.env.model_copy(update={"user": as_population(config.env.user)})
     return config.model_copy(update={"env": env})
-
-
-def _resampled(measures: AimedMovements, reaches: Reaches) -> list[dict[str, float]]:
-    """Return summaries of persons drawn with replacement."""
-    rng = np.random.default_rng([reaches.seed, 71])
-    rows = np.arange(reaches.persons * reaches.repeats).reshape(reaches.persons, -1)
-    drawn = rng.integers(reaches.persons, size=(_RESAMPLES, reaches.persons))
-    return [measures.of(rows[persons].ravel()).summary() for persons in drawn]
 
 
 def _reached(

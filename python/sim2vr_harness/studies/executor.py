@@ -90,7 +90,24 @@ class Executor:
             return
         if self._pool is None:
             self._pool = self._make_pool(self.root, max(len(left), self._at_once))
-        failed = self._work(self._pool, left)
+        waiting = [work_task for work_task in left if self._waits(work_task)]
+        failed: list[Done] = []
+        submitted = len(left) - len(waiting)
+        for work_task in left:
+            if work_task not in waiting:
+                self._pool.submit(work_task)
+        while submitted:
+            ended = self._pool.next()
+            submitted -= 1
+            if ended.error is None:
+                self.played += 1
+            else:
+                failed.append(ended)
+            self._tell(_label(ended.task), ended.error)
+            for work_task in [work_task for work_task in waiting if not self._waits(work_task)]:
+                waiting.remove(work_task)
+                self._pool.submit(work_task)
+                submitted += 1
         if failed:
             more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
             kept = f"{self.played + self.found} of {self._total} tasks are kept"
@@ -114,27 +131,6 @@ class Executor:
 
     def _tell(self, label: str = "", error: str | None = None) -> None:
         self._on_progress(StudyProgress(self.played + self.found, self._total, label, error))
-
-    def _work(self, pool: Pool, left: list[Task]) -> list[Done]:
-        waiting = [task for task in left if self._waits(task)]
-        failed: list[Done] = []
-        submitted = len(left) - len(waiting)
-        for task in left:
-            if task not in waiting:
-                pool.submit(task)
-        while submitted:
-            ended = pool.next()
-            submitted -= 1
-            if ended.error is None:
-                self.played += 1
-            else:
-                failed.append(ended)
-            self._tell(_label(ended.task), ended.error)
-            for task in [task for task in waiting if not self._waits(task)]:
-                waiting.remove(task)
-                pool.submit(task)
-                submitted += 1
-        return failed
 
     def _waits(self, task: Task) -> bool:
         if not isinstance(task, CellTask) or task.training is None:

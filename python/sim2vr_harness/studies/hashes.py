@@ -1,7 +1,5 @@
 """Hashes of what a study wrote: a file that has changed since is not believed."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Players of a study: cells joined where only the game's condition differs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from sim2vr_harness.studies.data import StudyData, factor_column

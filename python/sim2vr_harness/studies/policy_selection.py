@@ -1,7 +1,5 @@
 """Policy of a cell: trained, fine-tuned first, or trained by the study."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass

@@ -1,7 +1,5 @@
 """Processes of this machine that do a study's tasks, any of which may die."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

@@ -1,7 +1,5 @@
 """Runs a study: what is not done yet, then its tables and comparisons."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -96,7 +94,9 @@ def run_study(
     make = make_pool or partial(_pool, jobs=_jobs(jobs), ray=ray, storage=storage)
     _require_own(root, study)
     plan = _planned(study, beside, on_plan, trust_app=trust_app)
-    _require_statistics(study)
+    if study.comparisons and find_spec("statsmodels") is None:
+        expected = "it: pip install 'sim2vr-harness[studies]'"
+        raise InputError("comparisons", "no statsmodels in this installation", expected)
     (root / CELLS).mkdir(parents=True, exist_ok=True)
     with sole_training(root, root / ".lock", "study"), sigterm_interrupts():
         clear_away(root)
@@ -104,7 +104,18 @@ def run_study(
             plan, found = _done(study, plan, beside, doing, trust_app=trust_app)
         clear_away(root)  # what machines left that were lost on the way
         write_data(plan, root, found)
-        _compare(plan, root)
+        from sim2vr_harness.studies.comparisons import compare_all, summaries
+
+        data = open_study(root)
+        compare_found = {
+            "summaries": summaries(data, plan.measures),
+            "results": compare_all(data, plan.measures),
+            "versions": {
+                name: version(name) for name in _STATISTICS if find_spec(name) is not None
+            },
+        }
+        text = json.dumps(compare_found | {HASHES: content_hash(compare_found)}, indent=2)
+        write_atomically(root / STATISTICS_FILE, (text + "\n").encode())
     return StudyResult(open_study(root), doing.played, doing.found)
 
 
@@ -138,12 +149,6 @@ def _planned(
     if on_plan is not None:
         on_plan(plan.planned)
     return plan
-
-
-def _require_statistics(study: StudyConfig) -> None:
-    if study.comparisons and find_spec("statsmodels") is None:
-        expected = "it: pip install 'sim2vr-harness[studies]'"
-        raise InputError("comparisons", "no statsmodels in this installation", expected)
 
 
 def _done(
@@ -195,16 +200,3 @@ def _require_own(root: Path, study: StudyConfig) -> None:
             raise InputError("--out", f"{str(root)!r}, which has the study {name!r}", expected)
     elif root.is_dir() and not (root / CELLS).is_dir() and any(root.iterdir()):
         raise InputError("--out", f"{str(root)!r}, which has other files", "a folder of its own")
-
-
-def _compare(plan: StudyPlan, root: Path) -> None:
-    from sim2vr_harness.studies.comparisons import compare_all, summaries
-
-    data = open_study(root)
-    found = {
-        "summaries": summaries(data, plan.measures),
-        "results": compare_all(data, plan.measures),
-        "versions": {name: version(name) for name in _STATISTICS if find_spec(name) is not None},
-    }
-    text = json.dumps(found | {HASHES: content_hash(found)}, indent=2)
-    write_atomically(root / STATISTICS_FILE, (text + "\n").encode())

@@ -1,7 +1,5 @@
 """Worker of a study: runs one task at a time, on any machine."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -5,8 +5,6 @@ sends a request, ``Host`` the name under which it reached the server: a page tha
 domain at this machine (DNS rebinding) sends a foreign ``Host``. The token stops all others.
 """
 
-from __future__ import annotations
-
 import hmac
 import re
 import secrets

@@ -1,7 +1,5 @@
 """The user that a tool is about: a run, a shipped user, a configuration, or a body."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The replay store: user steps or decisions in the order of collection, pictures in files."""
 
-from __future__ import annotations
-
 import errno
 import math
 import os

@@ -1,7 +1,5 @@
 """From a policy's actions to MuJoCo's controls, for a body with groups of actuators."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray

@@ -7,8 +7,6 @@ stool are drawn as scenery, seated because the model's sternum is 1.0 m above th
 Frames: the thorax and skull frames are x forward, y up, z right; the world is z up.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -72,12 +70,51 @@ def dress(spec: mujoco.MjSpec, tables: ModelTables, devices: Sequence[str]) -> N
     draw_room(spec)
     moves = any(row.name == "pelvis" for row in tables.bodies)
     seat = "pelvis" if moves else "thorax"
-    _draw_torso(pen, seat, neck="skull" if moves else "thorax")
+    # Draws neck, trunk and pelvis; a trunk that moves on its seat ends at the waist.
+    neck = "skull" if moves else "thorax"
+    outline = (
+        _TORSO_OUTLINE if seat == "thorax" else _TORSO_OUTLINE[_TORSO_OUTLINE[:, 0] > _WAIST_M]
+    )
+    pen.loft("thorax", "shirt", outline, _SHIRT)
+    if seat != "thorax":
+        pen.ellipsoid("thorax", [-0.040, _WAIST_M + 0.005, 0], [0.094, 0.075, 0.138], _SHIRT)
+    pen.capsule(neck, [-0.045, 0.0, 0], [-0.028, 0.11, 0], 0.046, _SKIN)
+    pen.ellipsoid(seat, [-0.035, -0.470, 0], [0.100, 0.085, 0.150], _TROUSERS)
     if not any(row.name == "humerus_l" for row in tables.bodies):
-        _draw_left_arm(pen)
-    _draw_legs_and_stool(pen, seat)
-    _draw_head(pen)
-    _draw_arms(pen, tables)
+        shoulder, elbow, wrist = (
+            [-0.02, -0.015, -0.165],
+            [-0.04, -0.275, -0.215],
+            [0.19, -0.385, -0.15],
+        )
+        pen.ellipsoid("thorax", shoulder, [0.052, 0.052, 0.052], _SHIRT)
+        pen.capsule("thorax", shoulder, [-0.03, -0.15, -0.192], 0.043, _SHIRT)
+        pen.capsule("thorax", [-0.03, -0.15, -0.192], elbow, 0.037, _SKIN)
+        pen.capsule("thorax", elbow, wrist, 0.031, _SKIN)
+        pen.ellipsoid("thorax", [0.245, -0.398, -0.135], [0.062, 0.020, 0.040], _SKIN)
+    for side in (-1.0, 1.0):
+        hip, knee = [-0.02, -0.485, side * 0.085], [0.37, -0.465, side * 0.115]
+        ankle, toe = [0.33, -0.925, side * 0.115], [0.50, -0.965, side * 0.135]
+        pen.capsule(seat, hip, knee, 0.068, _TROUSERS)
+        pen.capsule(seat, knee, ankle, 0.047, _TROUSERS)
+        pen.capsule(seat, [0.31, -0.963, side * 0.115], toe, 0.034, _SHOES)
+    # The thorax is 1 m above the ground with its y upwards; the stool grows with who sits on it.
+    pen.cylinder(seat, [-0.03, -0.60, 0], [-0.03, -0.56, 0], 0.19, _WOOD)
+    pen.cylinder(seat, [-0.03, -0.98, 0], [-0.03, -0.60, 0], 0.025, _SHOES)
+    pen.cylinder(seat, [-0.03, -1.0, 0], [-0.03, -0.98, 0], 0.20, _SHOES)
+    pen.ellipsoid("skull", [-0.018, 0.200, 0], [0.092, 0.086, 0.074], _SKIN)
+    pen.ellipsoid("skull", [0.020, 0.145, 0], [0.054, 0.070, 0.056], _SKIN)
+    pen.ellipsoid("skull", [0.038, 0.094, 0], [0.030, 0.022, 0.032], _SKIN)
+    pen.ellipsoid("skull", [0.074, 0.148, 0], [0.016, 0.012, 0.012], _SKIN)
+    pen.capsule("skull", [0.058, 0.115, -0.015], [0.058, 0.115, 0.015], 0.009, _LIPS)
+    for head_side in (-1.0, 1.0):
+        pen.ellipsoid("skull", [-0.022, 0.165, head_side * 0.073], [0.016, 0.026, 0.009], _SKIN)
+    for bone in tables.bones:
+        if bone.body in _COVERED_BODIES:
+            continue
+        if bone.body.removesuffix("_r").removesuffix("_l") in _HAND_BODIES:
+            pen.capsule(bone.body, bone.end1, bone.end2, bone.radius + _HAND_FLESH_M, _SKIN)
+        else:
+            pen.capsule(bone.body, *_shortened(bone.end1, bone.end2, bone.radius), _BONE)
     draw_devices(spec, devices)
     for row in tables.muscles:
         tendon = spec.tendon(f"{row.name}_tendon")
@@ -92,10 +129,33 @@ def draw_devices(spec: mujoco.MjSpec, devices: Sequence[str]) -> None:
     """Draws worn devices on the bodies of their names."""
     pen = _Pen(spec)
     if "headset" in devices:
-        _draw_headset(pen)
+        # In the device frame: x forward, y left, z up; the origin is near the front plate.
+        pen.box("headset", [-0.028, 0, 0.0], [0.040, 0.086, 0.044], _DEVICE)
+        for y in (-0.086, 0.086):
+            pen.capsule("headset", [-0.068, y, -0.030], [-0.068, y, 0.030], 0.010, _DEVICE)
+        for y in (-0.066, 0.066):
+            for z in (-0.028, 0.028):
+                pen.cylinder("headset", [0.010, y, z], [0.014, y, z], 0.007, _LENS)
+        angles = np.linspace(-np.pi / 2, np.pi / 2, 9)
+        band = [[-0.115 - 0.105 * np.cos(a), 0.082 * np.sin(a), 0.012] for a in angles]
+        pen.line("headset", [[-0.06, -0.082, 0.0], *band, [-0.06, 0.082, 0.0]], 0.009, _STRAP)
+        arch = np.linspace(0.08 * np.pi, 0.95 * np.pi, 8)
+        top = [[-0.125 + 0.088 * np.cos(a), 0.0, 0.012 + 0.082 * np.sin(a)] for a in arch]
+        pen.line("headset", top, 0.008, _STRAP)
     for name, side in (("controller_right", 1.0), ("controller_left", -1.0)):
         if name in devices:
-            _draw_controller(pen, name, side)
+            # A handle through the fist, a head with a thumb stick and a tracking ring.
+            pen.capsule(
+                name, [-0.045, 0.008 * side, -0.066], [0.018, 0.002 * side, -0.030], 0.014, _DEVICE
+            )
+            pen.ellipsoid(name, [0.020, 0.000, -0.022], [0.020, 0.024, 0.018], _DEVICE)
+            pen.capsule(name, [0.022, 0.0, -0.01], [0.024, 0.0, 0.004], 0.006, _LENS)
+            controller_angles = np.linspace(0, 2 * np.pi, 15)
+            ring = [
+                [0.024, side * (-0.006 + 0.048 * np.sin(a)), 0.018 - 0.046 * np.cos(a)]
+                for a in controller_angles
+            ]
+            pen.line(name, ring, 0.0055, _DEVICE)
 
 
 def colour_muscles(
@@ -266,97 +326,11 @@ def picture_settings(spec: mujoco.MjSpec) -> None:
     spec.visual.map.zfar = 30.0
 
 
-def _draw_torso(pen: _Pen, seat: str, neck: str) -> None:
-    """Draws neck, trunk and pelvis; a trunk that moves on its seat ends at the waist."""
-    outline = (
-        _TORSO_OUTLINE if seat == "thorax" else _TORSO_OUTLINE[_TORSO_OUTLINE[:, 0] > _WAIST_M]
-    )
-    pen.loft("thorax", "shirt", outline, _SHIRT)
-    if seat != "thorax":
-        pen.ellipsoid("thorax", [-0.040, _WAIST_M + 0.005, 0], [0.094, 0.075, 0.138], _SHIRT)
-    pen.capsule(neck, [-0.045, 0.0, 0], [-0.028, 0.11, 0], 0.046, _SKIN)
-    pen.ellipsoid(seat, [-0.035, -0.470, 0], [0.100, 0.085, 0.150], _TROUSERS)
-
-
-def _draw_left_arm(pen: _Pen) -> None:
-    shoulder, elbow, wrist = [-0.02, -0.015, -0.165], [-0.04, -0.275, -0.215], [0.19, -0.385, -0.15]
-    pen.ellipsoid("thorax", shoulder, [0.052, 0.052, 0.052], _SHIRT)
-    pen.capsule("thorax", shoulder, [-0.03, -0.15, -0.192], 0.043, _SHIRT)
-    pen.capsule("thorax", [-0.03, -0.15, -0.192], elbow, 0.037, _SKIN)
-    pen.capsule("thorax", elbow, wrist, 0.031, _SKIN)
-    pen.ellipsoid("thorax", [0.245, -0.398, -0.135], [0.062, 0.020, 0.040], _SKIN)
-
-
-def _draw_legs_and_stool(pen: _Pen, seat: str) -> None:
-    for side in (-1.0, 1.0):
-        hip, knee = [-0.02, -0.485, side * 0.085], [0.37, -0.465, side * 0.115]
-        ankle, toe = [0.33, -0.925, side * 0.115], [0.50, -0.965, side * 0.135]
-        pen.capsule(seat, hip, knee, 0.068, _TROUSERS)
-        pen.capsule(seat, knee, ankle, 0.047, _TROUSERS)
-        pen.capsule(seat, [0.31, -0.963, side * 0.115], toe, 0.034, _SHOES)
-    # The thorax is 1 m above the ground with its y upwards; the stool grows with who sits on it.
-    pen.cylinder(seat, [-0.03, -0.60, 0], [-0.03, -0.56, 0], 0.19, _WOOD)
-    pen.cylinder(seat, [-0.03, -0.98, 0], [-0.03, -0.60, 0], 0.025, _SHOES)
-    pen.cylinder(seat, [-0.03, -1.0, 0], [-0.03, -0.98, 0], 0.20, _SHOES)
-
-
-def _draw_head(pen: _Pen) -> None:
-    pen.ellipsoid("skull", [-0.018, 0.200, 0], [0.092, 0.086, 0.074], _SKIN)
-    pen.ellipsoid("skull", [0.020, 0.145, 0], [0.054, 0.070, 0.056], _SKIN)
-    pen.ellipsoid("skull", [0.038, 0.094, 0], [0.030, 0.022, 0.032], _SKIN)
-    pen.ellipsoid("skull", [0.074, 0.148, 0], [0.016, 0.012, 0.012], _SKIN)
-    pen.capsule("skull", [0.058, 0.115, -0.015], [0.058, 0.115, 0.015], 0.009, _LIPS)
-    for side in (-1.0, 1.0):
-        pen.ellipsoid("skull", [-0.022, 0.165, side * 0.073], [0.016, 0.026, 0.009], _SKIN)
-
-
-def _draw_arms(pen: _Pen, tables: ModelTables) -> None:
-    for bone in tables.bones:
-        if bone.body in _COVERED_BODIES:
-            continue
-        if bone.body.removesuffix("_r").removesuffix("_l") in _HAND_BODIES:
-            pen.capsule(bone.body, bone.end1, bone.end2, bone.radius + _HAND_FLESH_M, _SKIN)
-        else:
-            pen.capsule(bone.body, *_shortened(bone.end1, bone.end2, bone.radius), _BONE)
-
-
 def _shortened(end1: Point, end2: Point, radius: float) -> tuple[Point, Point, float]:
     """Pulls the ends in by the radius, so that the round caps end where the bone does."""
     a, b = np.asarray(end1), np.asarray(end2)
     axis = (b - a) / np.linalg.norm(b - a)
     return (a + radius * axis).tolist(), (b - radius * axis).tolist(), radius
-
-
-def _draw_headset(pen: _Pen) -> None:
-    """In the device frame: x forward, y left, z up; the origin is near the front plate."""
-    pen.box("headset", [-0.028, 0, 0.0], [0.040, 0.086, 0.044], _DEVICE)
-    for y in (-0.086, 0.086):
-        pen.capsule("headset", [-0.068, y, -0.030], [-0.068, y, 0.030], 0.010, _DEVICE)
-    for y in (-0.066, 0.066):
-        for z in (-0.028, 0.028):
-            pen.cylinder("headset", [0.010, y, z], [0.014, y, z], 0.007, _LENS)
-    angles = np.linspace(-np.pi / 2, np.pi / 2, 9)
-    band = [[-0.115 - 0.105 * np.cos(a), 0.082 * np.sin(a), 0.012] for a in angles]
-    pen.line("headset", [[-0.06, -0.082, 0.0], *band, [-0.06, 0.082, 0.0]], 0.009, _STRAP)
-    arch = np.linspace(0.08 * np.pi, 0.95 * np.pi, 8)
-    top = [[-0.125 + 0.088 * np.cos(a), 0.0, 0.012 + 0.082 * np.sin(a)] for a in arch]
-    pen.line("headset", top, 0.008, _STRAP)
-
-
-def _draw_controller(pen: _Pen, name: str, side: float) -> None:
-    """A handle through the fist, a head with a thumb stick and a tracking ring.
-
-    Args:
-        pen: draws.
-        name: the device's body.
-        side: 1 for the right hand, -1 for the left one, which is mirrored along y.
-    """
-    pen.capsule(name, [-0.045, 0.008 * side, -0.066], [0.018, 0.002 * side, -0.030], 0.014, _DEVICE)
-    pen.ellipsoid(name, [0.020, 0.000, -0.022], [0.020, 0.024, 0.018], _DEVICE)
-    pen.capsule(name, [0.022, 0.0, -0.01], [0.024, 0.0, 0.004], 0.006, _LENS)
-    angles = np.linspace(0, 2 * np.pi, 15)
-    ring = [[0.024, side * (-0.006 + 0.048 * np.sin(a)), 0.018 - 0.046 * np.cos(a)] for a in angles]
-    pen.line(name, ring, 0.0055, _DEVICE)
 
 
 CAMERAS = ("front", "side", "arm", "third_person", "play")

@@ -4,8 +4,6 @@ A user's motion depends on its own seed and actions only: neither the number of 
 other users of the batch change a single bit of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
@@ -264,7 +262,11 @@ class UserBatch:
         ids = np.flatnonzero(~self._physics.diverged)
         before = self._physics.kept(ids)
         self._apply(np.clip(action[ids], -1.0, 1.0), ids)
-        self._begin_head(ids)
+        if self._head is not None:
+            pos, quat = self._worn.poses("headset", -1)
+            hands = self._worn.hands(-1)
+            factors = self.who.head_movement[ids]
+            self._head.begin(ids, (pos[ids], quat[ids]), hands[ids], factors)
         self._worn.resize(pose_samples)
         cuts = np.round(np.cumsum(shares) * len(ids)).astype(int)
         for begin, end in pairwise([0, *cuts[:-1], len(ids)]):
@@ -299,13 +301,6 @@ class UserBatch:
             physics.put_back(ids[lost], tuple(part[lost] for part in before))
             self._worn.copy(ids[lost], slice(None))
         physics.copy_forces(ids[~lost])
-
-    def _begin_head(self, ids: IntArray) -> None:
-        if self._head is not None:
-            pos, quat = self._worn.poses("headset", -1)
-            hands = self._worn.hands(-1)
-            factors = self.who.head_movement[ids]
-            self._head.begin(ids, (pos[ids], quat[ids]), hands[ids], factors)
 
     def _apply(self, action: FloatArray, ids: IntArray) -> None:
         """Sets the controls of these users."""

@@ -1,7 +1,5 @@
 """Validation of the users and actions that a batch receives."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence, Sized
 from typing import Any
 

@@ -5,8 +5,6 @@ The cost is subtracted from the task reward, and `weight` scales it. Formulas fo
 paper and its User-in-the-Box reference.
 """
 
-from __future__ import annotations
-
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -65,7 +63,11 @@ class EffortModel(ABC):
             raise ValueError(f"n: got {n}, expected at least 1 user")
         self.actuator_count = muscle_count if actuator_count is None else actuator_count
         self.weight = _not_negative("weight", self.default_weight if weight is None else weight)
-        self.dt = _positive("dt", dt)
+        field = "dt"
+        value = dt
+        if not (np.isfinite(value) and value > 0):
+            raise ValueError(f"{field}: got {value}, expected a finite number above 0")
+        self.dt = float(value)
         self.n = n
         self.muscle_count = muscle_count
 
@@ -95,7 +97,15 @@ class EffortModel(ABC):
             ValueError: the array that the model reads has another shape, or is missing.
         """
         given = {"act": act, "ctrl": ctrl, "force": force}[self.reads]
-        return self.weight * self._cost(self._check(self.reads, given, ids), ids)
+        field = self.reads
+        rows = len(np.arange(self.n)[ids if isinstance(ids, slice) else np.asarray(ids, int)])
+        shape = None if given is None else np.shape(given)
+        columns = self.muscle_count if field == "act" else self.actuator_count
+        if shape != (rows, columns):
+            got = "None" if shape is None else f"shape {shape}"
+            raise ValueError(f"{field}: got {got}, expected shape ({rows}, {columns})")
+        check = np.asarray(given, dtype=np.float64)
+        return self.weight * self._cost(check, ids)
 
     @abstractmethod
     def _cost(self, values: FloatArray, ids: Ids) -> FloatArray:
@@ -130,15 +140,6 @@ class EffortModel(ABC):
     def _arrays(self) -> dict[str, FloatArray]:
         """The live arrays that make up the state; none for a model without memory."""
         return {}
-
-    def _check(self, field: str, values: FloatArray | None, ids: Ids) -> FloatArray:
-        rows = len(np.arange(self.n)[ids if isinstance(ids, slice) else np.asarray(ids, int)])
-        shape = None if values is None else np.shape(values)
-        columns = self.muscle_count if field == "act" else self.actuator_count
-        if shape != (rows, columns):
-            got = "None" if shape is None else f"shape {shape}"
-            raise ValueError(f"{field}: got {got}, expected shape ({rows}, {columns})")
-        return np.asarray(values, dtype=np.float64)
 
 
 class Zero(EffortModel):
@@ -428,12 +429,6 @@ def _endurance_inputs(body: Body) -> dict[str, Any]:
             "(effort: {peak_forces: {...}})"
         )
     return {"peak_forces": body.peak_forces, "lifting": indices}
-
-
-def _positive(field: str, value: float) -> float:
-    if not (np.isfinite(value) and value > 0):
-        raise ValueError(f"{field}: got {value}, expected a finite number above 0")
-    return float(value)
 
 
 def _not_negative(field: str, value: float) -> float:

@@ -11,8 +11,6 @@ oscillator with an aim that changes with each user step; where it is within a st
 form, so that the number of app frames changes no bit of it.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Literal
 

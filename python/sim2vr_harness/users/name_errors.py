@@ -1,7 +1,5 @@
 """Words for names that are not known, with the nearest that is."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable
 

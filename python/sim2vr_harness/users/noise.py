@@ -5,8 +5,6 @@ standard deviation is 0.103 times the control, and constant noise of 0.185 that 
 "White" noise is drawn afresh each step, "red" noise adds up over the episode.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args

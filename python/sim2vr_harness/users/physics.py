@@ -1,7 +1,5 @@
 """The MuJoCo simulations of N users: how they are now, how they go on, and which of them broke."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -139,18 +139,33 @@ class UserRenderer:
             self._learn(scene)
         self._pose(qpos, activations)
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
+        # MuJoCo's camera of a name, or of a view.
+        view = mujoco.MjvCamera()
+        if isinstance(camera, str):
+            view.type = mujoco.mjtCamera.mjCAMERA_FIXED
+            view.fixedcamid = self._model.camera(camera).id
+        else:
+            view.type = mujoco.mjtCamera.mjCAMERA_FREE
+            view.lookat[:], view.distance = camera.towards_m, camera.distance_m
+            view.azimuth, view.elevation = camera.azimuth_deg, camera.elevation_deg
         mujoco.mjv_updateScene(
             self._model,
             self._data,
             self._options,
             None,
-            self._view(camera),
+            view,
             everything,
             self._scene,
         )
         if scene is not None:
             put_objects(self._model, self._scene, scene, self._meshes)
-        return self._pixels(self._painter)
+        # Scene as (height, width, 3) RGB.
+        self._context.make_current()
+        window = mujoco.MjrRect(0, 0, self.width, self.height)
+        mujoco.mjr_render(window, self._scene, self._painter)
+        image = np.empty((self.height, self.width, 3), dtype=np.uint8)
+        mujoco.mjr_readPixels(image, None, window, self._painter)
+        return np.ascontiguousarray(image[::-1])
 
     def _pose(
         self,
@@ -170,27 +185,6 @@ class UserRenderer:
         mujoco.mj_fwdPosition(self._model, self._data)
         relaxed = np.zeros(len(self._muscles))
         colour_muscles(self._model, self._muscles, relaxed if activations is None else activations)
-
-    def _view(self, camera: str | OrbitView) -> mujoco.MjvCamera:
-        """Return MuJoCo's camera of a name, or of a view."""
-        view = mujoco.MjvCamera()
-        if isinstance(camera, str):
-            view.type = mujoco.mjtCamera.mjCAMERA_FIXED
-            view.fixedcamid = self._model.camera(camera).id
-        else:
-            view.type = mujoco.mjtCamera.mjCAMERA_FREE
-            view.lookat[:], view.distance = camera.towards_m, camera.distance_m
-            view.azimuth, view.elevation = camera.azimuth_deg, camera.elevation_deg
-        return view
-
-    def _pixels(self, painter: mujoco.MjrContext) -> NDArray[np.uint8]:
-        """Return the scene as (height, width, 3) RGB."""
-        self._context.make_current()
-        window = mujoco.MjrRect(0, 0, self.width, self.height)
-        mujoco.mjr_render(window, self._scene, painter)
-        image = np.empty((self.height, self.width, 3), dtype=np.uint8)
-        mujoco.mjr_readPixels(image, None, window, painter)
-        return np.ascontiguousarray(image[::-1])  # OpenGL's first row is the bottom one
 
     def close(self) -> None:
         """Frees the OpenGL context. Safe to call twice."""

@@ -1,7 +1,5 @@
 """An app's objects in the pictures of a user: both in one scene, in MuJoCo's world."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import mujoco

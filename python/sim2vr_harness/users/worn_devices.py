@@ -1,7 +1,5 @@
 """Device poses of N users, sampled during the last step."""
 
-from __future__ import annotations
-
 import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray

@@ -4,8 +4,6 @@ Of a muscle it is the activation, of a motor its smoothed target; both are share
 range, so that one body model can have either, or both.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

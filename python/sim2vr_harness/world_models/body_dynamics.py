@@ -6,8 +6,6 @@ every limb by itself; motors' targets and how joint angles place the hands are e
 action rules and the body's chains of joints.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
@@ -356,7 +354,9 @@ def fit_body(
     learned = nn.ParameterList(body.learned()).requires_grad_(True)
     device = device or LearningDevice("cpu")
     optimizer = torch.optim.Adam(learned, lr=learning_rate, fused=device.is_gpu or None)
-    schedule = _schedule(optimizer, learning_rate, minibatches)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(
+        optimizer, learning_rate, total_steps=minibatches, pct_start=0.1
+    )
 
     def set_gradients() -> None:
         loss = body.loss(steps.rows(known[torch.randint(len(known), (batch_size,))]))
@@ -374,14 +374,6 @@ def fit_body(
         schedule.step()
     learned.requires_grad_(False)
     return _measure(body, steps.rows(test))
-
-
-def _schedule(
-    optimizer: torch.optim.Optimizer, highest: float, minibatches: int
-) -> torch.optim.lr_scheduler.OneCycleLR:
-    return torch.optim.lr_scheduler.OneCycleLR(
-        optimizer, highest, total_steps=minibatches, pct_start=0.1
-    )
 
 
 def _measure(body: BodyModel, test: TransitionStore) -> dict[str, float]:

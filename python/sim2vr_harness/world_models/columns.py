@@ -1,7 +1,5 @@
 """Columns of tensors; all of them in order cost nothing."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Effort of imagined users: differentiable by what their actuators do."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import torch

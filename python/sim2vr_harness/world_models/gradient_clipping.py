@@ -5,8 +5,6 @@ sixteen of its steps now and then a hundred thousand times too long: one user th
 every user's policy goes. Of the others nothing is changed.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import torch

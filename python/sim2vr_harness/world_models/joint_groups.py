@@ -6,8 +6,6 @@ Arms and a head on a moving trunk are carried by it. The trunk's motion, with th
 included, is a model of its own, and theirs depends on it and on nothing else beside them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -194,30 +192,23 @@ def _alike(body: Body, one: JointGroup, other: JointGroup) -> bool:
             (drives, one.actuators, other.actuators),
         ):
             values[list(second)] = values[list(first)]
-        moved = _accelerations(body, angles, speeds, drives)
+        # (J,) of the independent joints, rad/s^2, with the dependent joints at rest.
+        model = body.physics_model
+        data = mujoco.MjData(model)
+        data.qpos[:] = body.coupled_qpos(angles)
+        data.qvel[body.qvel_independent] = speeds
+        for name, drive in zip(body.action_names, drives, strict=True):
+            i = model.actuator(name).id
+            accelerations_low, accelerations_high = (
+                model.actuator_ctrlrange[i] if model.actuator_ctrllimited[i] else (0.0, 1.0)
+            )
+            data.ctrl[i] = accelerations_low + drive * (accelerations_high - accelerations_low)
+            if model.actuator_actadr[i] >= 0:
+                data.act[model.actuator_actadr[i]] = drive
+        mujoco.mj_forward(model, data)
+        accelerations: NDArray[np.float64] = data.qacc[body.qvel_independent].copy()
+        moved = accelerations
         mine, others = moved[list(one.joints)], moved[list(other.joints)]
         if np.abs(mine - others).max() > _ALIKE * np.abs(mine).max():
             return False
     return True
-
-
-def _accelerations(
-    body: Body,
-    angles: NDArray[np.float64],
-    speeds: NDArray[np.float64],
-    drives: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """(J,) of the independent joints, rad/s^2, with the dependent joints at rest."""
-    model = body.physics_model
-    data = mujoco.MjData(model)
-    data.qpos[:] = body.coupled_qpos(angles)
-    data.qvel[body.qvel_independent] = speeds
-    for name, drive in zip(body.action_names, drives, strict=True):
-        i = model.actuator(name).id
-        low, high = model.actuator_ctrlrange[i] if model.actuator_ctrllimited[i] else (0.0, 1.0)
-        data.ctrl[i] = low + drive * (high - low)
-        if model.actuator_actadr[i] >= 0:
-            data.act[model.actuator_actadr[i]] = drive
-    mujoco.mj_forward(model, data)
-    accelerations: NDArray[np.float64] = data.qacc[body.qvel_independent].copy()
-    return accelerations

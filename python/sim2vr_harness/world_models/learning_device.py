@@ -122,24 +122,21 @@ class Window:
             self._warm = True
             return self._run()
         if self._graph is None:
-            self._capture()
+            self._kept = [capture_part.state_dict() for capture_part in self._parts]
+            self._pool = self._pool or torch.cuda.graph_pool_handle()
+            self._graph = torch.cuda.CUDAGraph()
+            with torch.cuda.graph(self._graph, pool=self._pool, stream=self._stream):
+                self._take()
+                self._returned = self._run()
+                for capture_kept, capture_part in zip(self._kept, self._parts, strict=True):
+                    _copy(capture_part.state_dict(), capture_kept)
+            self._take()
         for kept, part in zip(self._kept, self._parts, strict=True):
             _copy(part.state_dict(), kept)
         assert self._graph is not None
         self._graph.replay()
         self._take()
         return self._returned
-
-    def _capture(self) -> None:
-        self._kept = [part.state_dict() for part in self._parts]
-        self._pool = self._pool or torch.cuda.graph_pool_handle()
-        self._graph = torch.cuda.CUDAGraph()
-        with torch.cuda.graph(self._graph, pool=self._pool, stream=self._stream):
-            self._take()
-            self._returned = self._run()
-            for kept, part in zip(self._kept, self._parts, strict=True):
-                _copy(part.state_dict(), kept)
-        self._take()  # capturing computes nothing
 
     def _take(self) -> None:
         for kept, part in zip(self._kept, self._parts, strict=True):

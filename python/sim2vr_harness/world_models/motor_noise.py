@@ -1,7 +1,5 @@
 """Motor noise of imagined users."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

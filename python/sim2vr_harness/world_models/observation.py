@@ -1,7 +1,5 @@
 """Observations of imagined users: past states, delayed like their senses."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from typing import Any

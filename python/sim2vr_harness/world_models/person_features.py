@@ -1,7 +1,5 @@
 """Persons of imagined users: features a network observes, and exact factors."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """B imagined users: bodies of a learned model, moved by a policy's actions."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

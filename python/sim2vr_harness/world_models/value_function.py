@@ -1,7 +1,5 @@
 """Value function: the critic behind a window of imagined user steps."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable
 

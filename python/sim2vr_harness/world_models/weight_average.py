@@ -1,7 +1,5 @@
 """The mean of weights over the last updates."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 

@@ -1,7 +1,5 @@
 """Unmodified OpenXR programs in lockstep: a runtime of our own inside them."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from pathlib import Path
@@ -77,7 +75,19 @@ class _Programs:
         if place.executable is None:
             raise AppRefused("app.executable: got none, expected an OpenXR program")
         virtual = options["virtual_clock"] == "true"
-        preload = self._preload(virtual)
+        names = []
+        if virtual or ProgramValues(self._wanted.values).of_lines:
+            names.append(CLOCK_LIBRARY)
+        if self._options["xvfb"] == "true":
+            names.append(MODES_LIBRARY)
+        found = {name: find_library(name) for name in names}
+        for name, file in found.items():
+            if file is None:
+                raise AppRefused(
+                    f"OpenXR programs: got no {name}, expected the package's own; run: "
+                    f"{paths.rebuild_command()}"
+                )
+        preload = [file for file in found.values() if file is not None]
         environment = {
             "PYTHONUNBUFFERED": "1",
             "QT_FORCE_STDERR_LOGGING": "1",
@@ -105,21 +115,6 @@ class _Programs:
             start_timeout_s=place.start_timeout_s,
             depth_unit_m=_unit_m(options.get("depth_unit_m")),
         )
-
-    def _preload(self, virtual: bool) -> list[Path]:
-        names = []
-        if virtual or ProgramValues(self._wanted.values).of_lines:
-            names.append(CLOCK_LIBRARY)
-        if self._options["xvfb"] == "true":
-            names.append(MODES_LIBRARY)
-        found = {name: find_library(name) for name in names}
-        for name, file in found.items():
-            if file is None:
-                raise AppRefused(
-                    f"OpenXR programs: got no {name}, expected the package's own; run: "
-                    f"{paths.rebuild_command()}"
-                )
-        return [file for file in found.values() if file is not None]
 
 
 def _unit_m(text: str | None) -> float | None:

@@ -1,7 +1,5 @@
 """An unmodified OpenXR program as an app in lockstep."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -113,13 +111,30 @@ class OpenXRApp(UnsavedApp):
         self._program = program = self._started(self._command(seed))
         self._values.begin()
         program.greet()
-        self._take_session(program)
+        assert program.about is not None and program.session is not None
+        name = program.about.application or program.name
+        self._described = f"{name} over OpenXR ({program.session.graphics})"
+        self._shared = None
+        if program.session.graphics != "headless" and self._wanted.renderer != "null":
+            shape = (self._wanted.eyes, self._wanted.height, self._wanted.width, 4)
+            if program.link.file is not None:
+                self._shared = map_file(program.link.file, shape)
+            if self._shared is None:
+                raise program.malformed("it sent no memory that its images fit into")
         self._playing, self._last_ns, self._poses = True, 0, rows[-1]
         frames = _FIRST_FRAMES + self._pipelined
         times = np.arange(1 - frames, 1, dtype=np.int64) * self._period_ns
         self._send([(times, np.repeat(rows, frames, 0), np.repeat(inputs, frames, 0))], poses)
         reply = self.finish_step()
-        self._start_ahead(seed)
+        # Start the next round's program, where that takes long and needs no seed.
+        command = self._command(seed)
+        ahead_program = self._program
+        assert ahead_program is not None and ahead_program.started_s is not None
+        slow = self._ahead == "true" or (
+            self._ahead == "auto" and ahead_program.started_s > _AHEAD_S
+        )
+        if slow and command == self._command(seed + 1):
+            self._spare = command, Program(replace(self._launch, command=command))
         return reply
 
     @property
@@ -178,7 +193,22 @@ class OpenXRApp(UnsavedApp):
             except SessionEnded as end:
                 self._awaited.clear()
                 self._playing = False
-                self._left = self._end_words(program, end)
+                # How the program left.
+                program.link.give_up(end)
+                assert program.about is not None and program.session is not None
+                name = program.about.application or program.name
+                first = self._last_ns == 0
+                when = "before its first frame" if first else f"after {self._last_ns * 1e-9:.1f} s"
+                words = f"{name}: the program ended its session ({end}) {when}"
+                if program.process.wait(_EXIT_S):
+                    words += f", {end_words(program.process.exit_status)}"
+                    if program.process.exit_status != 0:
+                        raise AppDied(words + program.process.log_words())
+                if first:
+                    headless = program.session.graphics == "headless"
+                    seen = "; this one has no graphics (XR_MND_headless)" if headless else ""
+                    raise AppRefused(f"{words}, expected one that ends frames (xrEndFrame){seen}")
+                self._left = words
                 break
             except BaseException:
                 self._awaited.clear()
@@ -200,29 +230,6 @@ class OpenXRApp(UnsavedApp):
             values=self._values.take(Happened(self._poses, pulses, labels, lines)),
             left=self._left,
         )
-
-    def _end_words(self, program: Program, end: SessionEnded) -> str:
-        """How the program left.
-
-        Raises:
-            AppDied: its exit status is another than 0.
-            AppRefused: it left before the round's first frame.
-        """
-        program.link.give_up(end)
-        assert program.about is not None and program.session is not None
-        name = program.about.application or program.name
-        first = self._last_ns == 0
-        when = "before its first frame" if first else f"after {self._last_ns * 1e-9:.1f} s"
-        words = f"{name}: the program ended its session ({end}) {when}"
-        if program.process.wait(_EXIT_S):
-            words += f", {end_words(program.process.exit_status)}"
-            if program.process.exit_status != 0:
-                raise AppDied(words + program.process.log_words())
-        if first:
-            headless = program.session.graphics == "headless"
-            seen = "; this one has no graphics (XR_MND_headless)" if headless else ""
-            raise AppRefused(f"{words}, expected one that ends frames (xrEndFrame){seen}")
-        return words
 
     def _answer(self, program: Program) -> StepAnswer:
         kind, body = program.link.receive(_DOING, self._wanted.place.timeout_s, _HINT)
@@ -261,15 +268,6 @@ class OpenXRApp(UnsavedApp):
             spare[1].kill()
         return Program(replace(self._launch, command=command))
 
-    def _start_ahead(self, seed: int) -> None:
-        """Start the next round's program, where that takes long and needs no seed."""
-        command = self._command(seed)
-        program = self._program
-        assert program is not None and program.started_s is not None
-        slow = self._ahead == "true" or (self._ahead == "auto" and program.started_s > _AHEAD_S)
-        if slow and command == self._command(seed + 1):
-            self._spare = command, Program(replace(self._launch, command=command))
-
     def _greet_spare(self, program: Program) -> None:
         """Answer what it says; one that fails is started again when its turn comes."""
         try:
@@ -277,18 +275,6 @@ class OpenXRApp(UnsavedApp):
         except (AppError, AppRefused, SessionEnded):
             self._spare = None
             program.kill()
-
-    def _take_session(self, program: Program) -> None:
-        assert program.about is not None and program.session is not None
-        name = program.about.application or program.name
-        self._described = f"{name} over OpenXR ({program.session.graphics})"
-        self._shared = None
-        if program.session.graphics != "headless" and self._wanted.renderer != "null":
-            shape = (self._wanted.eyes, self._wanted.height, self._wanted.width, 4)
-            if program.link.file is not None:
-                self._shared = map_file(program.link.file, shape)
-            if self._shared is None:
-                raise program.malformed("it sent no memory that its images fit into")
 
     def _end_program(self) -> None:
         self._playing = False

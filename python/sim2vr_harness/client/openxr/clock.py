@@ -1,7 +1,5 @@
 """Virtual time of a program: a page of memory that the preloaded library reads."""
 
-from __future__ import annotations
-
 import mmap
 import os
 import struct

@@ -1,7 +1,5 @@
 """An X server without a screen, for programs that need a window (``xvfb``)."""
 
-from __future__ import annotations
-
 import os
 import secrets
 import select
@@ -53,34 +51,34 @@ class Display:
             )
             os.close(theirs)
             theirs = -1
-            self.number = self._number(ours, start_timeout_s)
+            timeout_s = start_timeout_s
+            deadline = time.monotonic() + timeout_s
+            said = b""
+            while not said.endswith(b"\n"):
+                ready, _, _ = select.select([ours], [], [], max(0.0, deadline - time.monotonic()))
+                got = os.read(ours, 64) if ready else b""
+                if not got:
+                    ended = bool(ready) and self._process.wait(1.0)
+                    error = (
+                        self._process.death("while it started")
+                        if ended
+                        else AppTimeout(f"{self._process} was not ready within {timeout_s:g} s")
+                    )
+                    self._process.kill()
+                    raise error
+                said += got
+            self.number = int(said)
         finally:
             os.close(ours)
             if theirs >= 0:
                 os.close(theirs)
-        made = _files(self.number)
+        number = self.number
+        named = Path(f"/tmp/.X11-unix/X{number}"), Path(f"/tmp/.X{number}-lock")
+        made = {file: file.lstat().st_ino for file in named if file.exists()}
         outside = self._folder.path / OUTSIDE_FILE
         outside.write_text("".join(f"{inode} {file}\n" for file, inode in made.items()))
         # Runs before the process's own finalizer, which ends it without a chance to clear up.
         self._finalizer = weakref.finalize(self, _remove_files, made, os.getpid())
-
-    def _number(self, descriptor: int, timeout_s: float) -> int:
-        deadline = time.monotonic() + timeout_s
-        said = b""
-        while not said.endswith(b"\n"):
-            ready, _, _ = select.select([descriptor], [], [], max(0.0, deadline - time.monotonic()))
-            got = os.read(descriptor, 64) if ready else b""
-            if not got:
-                ended = bool(ready) and self._process.wait(1.0)
-                error = (
-                    self._process.death("while it started")
-                    if ended
-                    else AppTimeout(f"{self._process} was not ready within {timeout_s:g} s")
-                )
-                self._process.kill()
-                raise error
-            said += got
-        return int(said)
 
     @property
     def environment(self) -> dict[str, str]:
@@ -96,12 +94,6 @@ class Display:
         """End it; idempotent."""
         self._process.terminate(_STOP_S)
         self._finalizer()
-
-
-def _files(number: int) -> dict[Path, int]:
-    """Files of a display, with inodes; a server that picks its number makes no lock."""
-    named = Path(f"/tmp/.X11-unix/X{number}"), Path(f"/tmp/.X{number}-lock")
-    return {file: file.lstat().st_ino for file in named if file.exists()}
 
 
 def _remove_files(made: Mapping[Path, int], owner: int) -> None:

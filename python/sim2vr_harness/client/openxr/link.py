@@ -4,8 +4,6 @@ Nothing waits for ever: the end of the process is seen at once, silence after a 
 a failure nothing more is asked.
 """
 
-from __future__ import annotations
-
 import os
 import select
 import socket

@@ -1,7 +1,5 @@
 """One start of an OpenXR program: its process, the greeting, and what it prints."""
 
-from __future__ import annotations
-
 import json
 import os
 import socket

@@ -1,7 +1,5 @@
 """Paths of the OpenXR runtime and of the libraries that programs preload."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Iterator

@@ -9,8 +9,6 @@ An expression is one of these, with a comparison behind it if it shall be a trut
 - ``pose("head.y")``: a coordinate of a device, x y z in metres, app frame.
 """
 
-from __future__ import annotations
-
 import operator
 import re
 from abc import ABC, abstractmethod

@@ -3,8 +3,6 @@
 A message is its length (u32, of what follows), its kind (u8) and a body, little-endian.
 """
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass
 from enum import IntEnum

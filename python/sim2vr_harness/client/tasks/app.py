@@ -1,10 +1,7 @@
 """An app that a task judges: an :class:`AppClient` with another reward, end and log."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +10,6 @@ from sim2vr_harness.base.python_classes import words_of
 from sim2vr_harness.client.base import (
     AppClient,
     AppReply,
-    AppValue,
     Int64Array,
     OptionValue,
     ThirdPersonView,
@@ -107,42 +103,6 @@ class TaskedApp(SplitStep):
             outcome = self.task.step(moment)
         except Exception as error:
             raise self._wrong("step", words_of(error), "an Outcome") from error
-        return self._reply(reply, moment, self._checked(outcome))
-
-    def _moment(self, reply: AppReply, poses: DevicePoses, time_s: float) -> TaskMoment:
-        before_s, self._time_s = self._time_s, time_s - self._start_s
-        return TaskMoment(
-            time_s=self._time_s,
-            step_s=self._time_s - before_s,
-            poses=poses,
-            haptics=reply.haptics,
-            sounds=reply.sounds,
-            values=self._values(reply),
-            log=reply.log,
-            app_reward=reply.reward,
-            app_finished=reply.finished,
-            picture=self.app.image,
-        )
-
-    def _values(self, reply: AppReply) -> dict[str, AppValue]:
-        """What the app answers; of an app without expressions the numbers of its log."""
-        if reply.values or not self.task.values:
-            return dict(reply.values)
-        for expression in self.task.values.values():
-            if "locate(" in expression:
-                raise AppUnsupported(f"{FIELD}: {expression} asks for an object, which pages have")
-            if reply.log and expression not in reply.log:
-                raise unknown_name(FIELD, expression, reply.log)
-        return {name: reply.log.get(number) for name, number in self.task.values.items()}
-
-    def _keep(self, moment: TaskMoment) -> None:
-        if self.moments is not None:
-            kept = {**vars(moment), "picture": moment.picture.copy()}
-            self.moments.append(TaskMoment(**kept))
-
-    # --- outcomes ------------------------------------------------------------------------------
-
-    def _checked(self, outcome: Any) -> Outcome:
         if not isinstance(outcome, Outcome):
             raise self._wrong("step", type(outcome).__name__, "an Outcome")
         numbers = {"reward": outcome.reward, **outcome.log}
@@ -155,7 +115,41 @@ class TaskedApp(SplitStep):
                 finite = False
             if not finite:
                 raise self._wrong("step", f"{name}={number!r}", "finite numbers")
-        return outcome
+        checked = outcome
+        return self._reply(reply, moment, checked)
+
+    def _moment(self, reply: AppReply, poses: DevicePoses, time_s: float) -> TaskMoment:
+        before_s, self._time_s = self._time_s, time_s - self._start_s
+        if reply.values or not self.task.values:
+            values = dict(reply.values)
+        else:
+            for expression in self.task.values.values():
+                if "locate(" in expression:
+                    raise AppUnsupported(
+                        f"{FIELD}: {expression} asks for an object, which pages have"
+                    )
+                if reply.log and expression not in reply.log:
+                    raise unknown_name(FIELD, expression, reply.log)
+            values = {name: reply.log.get(number) for name, number in self.task.values.items()}
+        return TaskMoment(
+            time_s=self._time_s,
+            step_s=self._time_s - before_s,
+            poses=poses,
+            haptics=reply.haptics,
+            sounds=reply.sounds,
+            values=values,
+            log=reply.log,
+            app_reward=reply.reward,
+            app_finished=reply.finished,
+            picture=self.app.image,
+        )
+
+    def _keep(self, moment: TaskMoment) -> None:
+        if self.moments is not None:
+            kept = {**vars(moment), "picture": moment.picture.copy()}
+            self.moments.append(TaskMoment(**kept))
+
+    # --- outcomes ------------------------------------------------------------------------------
 
     def _reply(self, reply: AppReply, moment: TaskMoment, outcome: Outcome) -> AppReply:
         length_s = self.task.round_seconds

@@ -1,7 +1,5 @@
 """Check of a task: it judges recorded steps twice."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 
@@ -21,23 +19,6 @@ def check_task(task: Task, moments: Sequence[TaskMoment], seed: int = 1) -> list
         moments: of one round that was played, the reset's first (:meth:`TaskedApp.record`).
         seed: of the round.
     """
-    problems = _in_what_it_says(task)
-    if len(moments) < 2:
-        return [*problems, f"moments: got {len(moments)}, expected a reset and steps"]
-    first, wrong = _played(task, moments, seed)
-    problems += wrong
-    if wrong:
-        return problems
-    again, wrong = _played(task, moments, seed)
-    if wrong or [vars(one) for one in again] != [vars(one) for one in first]:
-        problems.append(
-            "reset: got other outcomes when the same round was judged again, expected equal ones: "
-            "reset has to begin everything anew"
-        )
-    return problems + _in_outcomes(task, moments, first)
-
-
-def _in_what_it_says(task: Task) -> list[str]:
     problems = []
     if not isinstance(task.values, Mapping) or not all(
         isinstance(name, str) and isinstance(value, str) and value.strip()
@@ -59,7 +40,19 @@ def _in_what_it_says(task: Task) -> list[str]:
     names = [one.name for one in measures if isinstance(one, Measure)]
     if task.score is not None and task.score not in names:
         problems.append(f"score: got {task.score!r}, expected one of {', '.join(names) or 'none'}")
-    return problems
+    if len(moments) < 2:
+        return [*problems, f"moments: got {len(moments)}, expected a reset and steps"]
+    first, wrong = _played(task, moments, seed)
+    problems += wrong
+    if wrong:
+        return problems
+    again, wrong = _played(task, moments, seed)
+    if wrong or [vars(one) for one in again] != [vars(one) for one in first]:
+        problems.append(
+            "reset: got other outcomes when the same round was judged again, expected equal ones: "
+            "reset has to begin everything anew"
+        )
+    return problems + _in_outcomes(task, moments, first)
 
 
 def _played(

@@ -1,7 +1,5 @@
 """Facts that a task publishes of its app, in the form of a game's."""
 
-from __future__ import annotations
-
 from sim2vr_harness.client.games import Condition, GameFacts
 from sim2vr_harness.client.tasks.task import Task
 

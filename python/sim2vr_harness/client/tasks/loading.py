@@ -1,7 +1,5 @@
 """Tasks from files: ``file.py:Class``, or rules in YAML."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pydantic

@@ -64,7 +64,11 @@ class RewardRule(Settings):
 
     @model_validator(mode="after")
     def _one_kind(self) -> RewardRule:
-        kinds = [k for k in ("expression", "haptics", "distance", "seconds") if self._has(k)]
+        kinds = [
+            k
+            for k in ("expression", "haptics", "distance", "seconds")
+            if (getattr(self, k) is not None)
+        ]
         if len(kinds) != 1:
             raise ValueError(
                 f"got {' and '.join(kinds) or 'none of them'}, expected one of expression, "
@@ -73,9 +77,6 @@ class RewardRule(Settings):
         if self.per is not None and kinds[0] in ("haptics", "seconds"):
             raise ValueError(f"per: got {self.per!r} for {kinds[0]}, expected none")
         return self
-
-    def _has(self, kind: str) -> bool:
-        return getattr(self, kind) is not None
 
     @property
     def label(self) -> str:
@@ -232,27 +233,26 @@ class RuleTask(Task):
         total = 0.0
         log: dict[str, float] = {}
         for rule in self.rules.reward:
-            part = rule.weight * self._grown(rule, moment)
+            if rule.seconds:
+                grown = moment.step_s
+            elif rule.haptics is not None:
+                grown = float(
+                    sum(
+                        pulse.amplitude > 0.0 and rule.haptics in ("any", pulse.hand)
+                        for pulse in moment.haptics
+                    )
+                )
+            else:
+                amount = _amount(rule, moment)
+                before, self._before[rule.label] = self._before[rule.label], amount
+                grown = _PER[rule.per or "change"](amount, before, moment.step_s)
+            part = rule.weight * grown
             total += part
             name = f"reward_{rule.label}"
             self._sums[name] = self._sums.get(name, 0.0) + part
             log |= {name: part, f"{name}Sum": self._sums[name]}
         finished = bool(moment.values.get(_FINISHED))
         return Outcome(total, finished, log={**log, **self._events.step(moment)})
-
-    def _grown(self, rule: RewardRule, moment: TaskMoment) -> float:
-        if rule.seconds:
-            return moment.step_s
-        if rule.haptics is not None:
-            return float(
-                sum(
-                    pulse.amplitude > 0.0 and rule.haptics in ("any", pulse.hand)
-                    for pulse in moment.haptics
-                )
-            )
-        amount = _amount(rule, moment)
-        before, self._before[rule.label] = self._before[rule.label], amount
-        return _PER[rule.per or "change"](amount, before, moment.step_s)
 
 
 _FINISHED = "is_finished"

@@ -1,7 +1,5 @@
 """Base class of tasks, which reward apps that report no reward."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

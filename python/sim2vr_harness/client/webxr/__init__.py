@@ -1,7 +1,5 @@
 """WebXR pages in lockstep: a headless browser, a device and a clock of our own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from sim2vr_harness.client.base import AppClient

@@ -1,7 +1,5 @@
 """A WebXR page as an app in lockstep: :class:`~sim2vr_harness.client.base.AppClient`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -165,7 +163,11 @@ class WebXRApp(UnsavedApp):
         number, self._awaited = self._awaited, None
         reply = self._page.finish_step(number, bool(self._wanted.values))
         if reply.picture is not None:
-            self._take_picture(reply.picture)
+            wanted = self._wanted
+            both = np.frombuffer(reply.picture, np.uint8).reshape(
+                wanted.height, wanted.eyes, wanted.width, 4
+            )
+            self._image[...] = both.swapaxes(0, 1) if wanted.eyes == 2 else both[:, 0]
         self._playing = not reply.ended
         self._left = self._end_words() if reply.ended else ""
         for name, why in reply.lacking.items():
@@ -208,11 +210,6 @@ class WebXRApp(UnsavedApp):
             ]
             for k in range(count)
         ]
-
-    def _take_picture(self, content: bytes) -> None:
-        wanted = self._wanted
-        both = np.frombuffer(content, np.uint8).reshape(wanted.height, wanted.eyes, wanted.width, 4)
-        self._image[...] = both.swapaxes(0, 1) if wanted.eyes == 2 else both[:, 0]
 
     def _without_value(self, name: str, why: str) -> Exception:
         """The error for an expression without a value: the task's at first, then the page's."""

@@ -1,7 +1,5 @@
 """One headless browser: found, started without a way out, ended with everything it has."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from pathlib import Path

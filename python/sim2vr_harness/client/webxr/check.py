@@ -1,7 +1,5 @@
 """A look at a page before anything else: what it asks for, what it is made of, whether it plays."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

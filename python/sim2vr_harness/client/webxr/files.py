@@ -1,7 +1,5 @@
 """Local files for the addresses of a page; other requests are refused and named."""
 
-from __future__ import annotations
-
 import mimetypes
 import os
 from collections.abc import Mapping

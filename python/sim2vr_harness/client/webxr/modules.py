@@ -1,7 +1,5 @@
 """npm packages as the JavaScript modules that some hosts make of them, with imports by address."""
 
-from __future__ import annotations
-
 import os
 import posixpath
 import re
@@ -85,7 +83,18 @@ def _copy(job: _Copying, start: str) -> None:
             word, quote, target = found.groups()
             if "://" in target or target.startswith(("data:", "/")):
                 return found[0]
-            inner = _inner(job, name, target)
+            if target.startswith("."):
+                path = posixpath.normpath(posixpath.join(posixpath.dirname(name), target))
+                ends = ("", ".js", ".mjs", "/index.js")
+                inner = next(
+                    (one for end in ends if (one := _file_of(job.place, path + end))), None
+                )
+            else:
+                own, rest = _split(target)
+                if own != job.content.get("name"):
+                    inner = None
+                else:
+                    inner = _entry(job.content, job.place, rest)
             if inner is not None:
                 left.append(inner)
                 target = job.own + inner
@@ -97,18 +106,6 @@ def _copy(job: _Copying, start: str) -> None:
         to = job.to / name
         to.parent.mkdir(parents=True, exist_ok=True)
         to.write_text(text)
-
-
-def _inner(job: _Copying, name: str, target: str) -> str | None:
-    """Return the file of the same package that an import means; None: of another one."""
-    if target.startswith("."):
-        path = posixpath.normpath(posixpath.join(posixpath.dirname(name), target))
-        ends = ("", ".js", ".mjs", "/index.js")
-        return next((one for end in ends if (one := _file_of(job.place, path + end))), None)
-    own, rest = _split(target)
-    if own != job.content.get("name"):
-        return None
-    return _entry(job.content, job.place, rest)
 
 
 def _address_of(job: _Copying, target: str) -> str:

@@ -1,7 +1,5 @@
 """Find the npm package behind an address, by the rules of the host."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass

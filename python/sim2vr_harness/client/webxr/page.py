@@ -1,7 +1,5 @@
 """A page in a browser of its own: loaded, brought into VR, played step by step."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -126,7 +124,16 @@ class Page:
             raise self._refused(f"cannot be loaded ({found['errorText']})")
         failure = None
         try:
-            self._wait_for_load()
+            # Wait until the page has loaded; it goes on as long as it asks for files.
+            deadline = time.monotonic() + self._start_timeout_s
+            while not self._watch.loaded:
+                before = self._watch.requests
+                left_s = max(0.001, min(self._silence_s, deadline - time.monotonic()))
+                self._tools.wait_until(
+                    lambda: self._watch.loaded or self._watch.requests > before,  # noqa: B023
+                    f"loading {self._name}",
+                    left_s,
+                )
             self._watch.loading = None
             failure = self._enter_vr()
         except AppTimeout as error:
@@ -152,18 +159,6 @@ class Page:
             raise self._refused(f"script error: {self._watch.errors.first}")
         self._evaluate("__sim2vr.begin()")
         _played.add(self._name)
-
-    def _wait_for_load(self) -> None:
-        """Wait until the page has loaded; it goes on as long as it asks for files."""
-        deadline = time.monotonic() + self._start_timeout_s
-        while not self._watch.loaded:
-            before = self._watch.requests
-            left_s = max(0.001, min(self._silence_s, deadline - time.monotonic()))
-            self._tools.wait_until(
-                lambda: self._watch.loaded or self._watch.requests > before,  # noqa: B023
-                f"loading {self._name}",
-                left_s,
-            )
 
     def _enter_vr(self) -> str | None:
         """Bring the page into VR; return why it does not get there."""

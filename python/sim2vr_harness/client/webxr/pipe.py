@@ -4,8 +4,6 @@
 zero byte. While a reply is waited for, events are handled and the process is watched.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import select
@@ -183,21 +181,18 @@ class DevTools:
             message = bytes(self._buffer[:end])
             del self._buffer[: end + 1]
             self._searched = 0
-            self._handle(message)
+            try:
+                content = object_in("a message", message)
+            except BadReply as error:
+                raise self.give_up(ProtocolError(f"{self.process} sent {error}")) from error
+            if "id" in content:
+                if content["id"] in self._awaited:
+                    self._replies[content["id"]] = content
+            elif (handler := self._handlers.get(content.get("method", ""))) is not None:
+                handler(content.get("params", {}))
         self._searched = len(self._buffer)
         if len(self._buffer) > _MOST_BYTES:
             raise self.give_up(ProtocolError(f"{self.process} sends a message without an end"))
-
-    def _handle(self, message: bytes) -> None:
-        try:
-            content = object_in("a message", message)
-        except BadReply as error:
-            raise self.give_up(ProtocolError(f"{self.process} sent {error}")) from error
-        if "id" in content:
-            if content["id"] in self._awaited:
-                self._replies[content["id"]] = content
-        elif (handler := self._handlers.get(content.get("method", ""))) is not None:
-            handler(content.get("params", {}))
 
     def give_up(self, error: Exception) -> Exception:
         """End the conversation because of ``error``, which later calls repeat; returns it."""

@@ -1,7 +1,5 @@
 """Print a page of our own as a PDF, by the browser that shows WebXR pages."""
 
-from __future__ import annotations
-
 import base64
 import time
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Software rendering in a browser, in one thread for each user."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import dataclass

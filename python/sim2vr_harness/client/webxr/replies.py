@@ -1,7 +1,5 @@
 """Validation of a page's replies: its scripts may have replaced anything."""
 
-from __future__ import annotations
-
 import base64
 import math
 from collections.abc import Collection

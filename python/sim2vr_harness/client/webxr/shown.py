@@ -1,7 +1,5 @@
 """Meshes of a page as boxes in a scene, for pictures of the body beside them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -47,7 +45,9 @@ def scene_of(boxes: Sequence[Box], head: NDArray[np.float64]) -> AppScene:
         rotation = (
             np.array(box.rotation) / length if length > 0.0 else np.array([0.0, 0.0, 0.0, 1.0])
         )
-        away = _turned_back(rotation, head - np.array(box.place))
+        way = head - np.array(box.place)
+        axis, w = -rotation[:3], rotation[3]
+        away = way + 2.0 * np.cross(axis, np.cross(axis, way) + w * way)
         size = np.array(box.size)
         within = (np.abs(away) <= size / 2.0).all()
         floor = size.min() < _FLOOR_M and abs(box.place[1]) < _FLOOR_M and size.max() > 1.0
@@ -57,9 +57,3 @@ def scene_of(boxes: Sequence[Box], head: NDArray[np.float64]) -> AppScene:
         color = np.array(box.color, np.float32)
         objects.append(SceneObject(number, box.name, 0, 0, pose, size, color, unlit=False))
     return AppScene(tuple(objects), (_CUBE,))
-
-
-def _turned_back(rotation: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a way in the axes of a frame that is rotated so (x y z w)."""
-    axis, w = -rotation[:3], rotation[3]
-    return way + 2.0 * np.cross(axis, np.cross(axis, way) + w * way)

@@ -1,7 +1,5 @@
 """A tab of a browser that stores and downloads nothing, and the scripts that its pages get."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from contextlib import suppress

@@ -3,8 +3,6 @@
 npm itself fetches: from its cache where it can, without running any script of a package.
 """
 
-from __future__ import annotations
-
 import base64
 import gzip
 import hashlib
@@ -16,7 +14,7 @@ import shutil
 import subprocess
 import tarfile
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -148,7 +146,19 @@ def _map_minified(
 def _file_of(package: PackageAddress, place: Path) -> Path | None:
     """Return the one file that an address means within a package."""
     if not package.path:
-        return _main_of(package, place)
+        # Package's own main file, as the host of the address reads it.
+        description_content = read_json(place / "package.json", "a package's description")
+        content = description_content if isinstance(description_content, dict) else {}
+        host = urlsplit(package.prefix).netloc
+        keys = ("jsdelivr", "browser", "main") if "jsdelivr" in host else ("unpkg", "main")
+        for key in keys:
+            name = content.get(key)
+            if not isinstance(name, str):
+                continue
+            for end in ("", ".js", "/index.js"):
+                if file := file_inside(place, f"{name}{end}"):
+                    return file
+        return file_inside(place, "index.js")
     if file := file_inside(place, package.path):
         return file
     name = Path(package.path).name
@@ -164,26 +174,6 @@ def _file_of(package: PackageAddress, place: Path) -> Path | None:
         if found:
             return min(found, key=lambda one: (len(one.parts), str(one)))
     return None
-
-
-def _main_of(package: PackageAddress, place: Path) -> Path | None:
-    """Return a package's own main file, as the host of the address reads it."""
-    content = _description(place)
-    host = urlsplit(package.prefix).netloc
-    keys = ("jsdelivr", "browser", "main") if "jsdelivr" in host else ("unpkg", "main")
-    for key in keys:
-        name = content.get(key)
-        if not isinstance(name, str):
-            continue
-        for end in ("", ".js", "/index.js"):
-            if file := file_inside(place, f"{name}{end}"):
-                return file
-    return file_inside(place, "index.js")
-
-
-def _description(place: Path) -> Mapping[str, Any]:
-    content = read_json(place / "package.json", "a package's description")
-    return content if isinstance(content, dict) else {}
 
 
 def _fetch(package: PackageAddress, folder: Path) -> Path | str:

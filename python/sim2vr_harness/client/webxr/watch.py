@@ -1,7 +1,5 @@
 """Serve a page's requests; keep its errors, navigations, windows and memory in view."""
 
-from __future__ import annotations
-
 import base64
 import logging
 from collections.abc import Mapping

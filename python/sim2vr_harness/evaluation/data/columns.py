@@ -1,7 +1,5 @@
 """Columns of a table, each with its type, unit and meaning, and tables that are made of them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -59,20 +57,17 @@ def columns_of(values: Mapping[str, Any], told: Mapping[str, tuple[str, str]]) -
     found = []
     for name, value in values.items():
         unit, description = told.get(name, ("", ""))
-        kind = _kind_of(value)
+        if value is None:
+            kind = None
+        elif isinstance(value, bool):
+            kind = "boolean"
+        elif isinstance(value, int):
+            kind = "integer"
+        else:
+            kind = "number" if isinstance(value, float) else "text"
         if kind is not None:
             found.append(Column(name, kind, unit, description))
     return found
-
-
-def _kind_of(value: Any) -> Kind | None:
-    if value is None:
-        return None
-    if isinstance(value, bool):
-        return "boolean"
-    if isinstance(value, int):
-        return "integer"
-    return "number" if isinstance(value, float) else "text"
 
 
 def merged(columns: Iterable[Column]) -> list[Column]:

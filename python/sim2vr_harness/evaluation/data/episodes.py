@@ -1,7 +1,5 @@
 """The table of episodes: who played what, under which circumstances, and every measure of it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -76,7 +74,14 @@ def episode_rows(
         row |= {f"person_{key}": value for key, value in person.items()}
         row |= {f"option_{column_name(key)}": _plain(options[key]) for key in sorted(options)}
         row |= result.values
-        rows.append(row | _grids(result, facts))
+        found: dict[str, float | None] = {}
+        for measure in facts.grids:
+            if result.ended != "app_failed" and any(
+                k.startswith(measure.log_key) for k in result.log
+            ):
+                values = measure.values([result.log])
+                found |= {f"{measure.name}_{i}": value for i, value in enumerate(values)}
+        rows.append(row | found)
     return rows
 
 
@@ -89,15 +94,6 @@ def _options_of(facts: GameFacts, condition: str) -> Mapping[str, Any]:
 
 def _plain(value: Any) -> Any:
     return json.dumps(value) if isinstance(value, (list, tuple, dict)) else value
-
-
-def _grids(result: Round, facts: GameFacts) -> dict[str, float | None]:
-    found: dict[str, float | None] = {}
-    for measure in facts.grids:
-        if result.ended != "app_failed" and any(k.startswith(measure.log_key) for k in result.log):
-            values = measure.values([result.log])
-            found |= {f"{measure.name}_{i}": value for i, value in enumerate(values)}
-    return found
 
 
 def episode_columns(rows: Sequence[Mapping[str, Any]], facts: GameFacts) -> list[Column]:

@@ -1,7 +1,5 @@
 """The folder of an evaluation's tables: written, added to, read again."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -80,7 +78,15 @@ class DataFolder:
             InputError: A table that is there, or the manifest, cannot be read.
         """
         new = {str(row["episode"]) for row in tables["episodes"][0]}
-        manifest = self._manifest_with(new)
+        # The manifest with episodes of now, which earlier ones of the same keys make room for.
+        here, own, others = versions(), set(new), []
+        for known in _recorded_with(self.root):
+            with_kept = set(known["episodes"]) - new
+            if known["versions"] == here:
+                own |= with_kept
+            elif with_kept:
+                others.append({"versions": known["versions"], "episodes": sorted(with_kept)})
+        manifest = {"recorded_with": [*others, {"versions": here, "episodes": sorted(own)}]}
         written = {}
         for name, (rows, columns) in tables.items():
             table = row_table(rows, columns)
@@ -93,17 +99,6 @@ class DataFolder:
             write_atomically(self.root / f"{name}.parquet", parquet_bytes(table))
         write_atomically(self.root / _MANIFEST, (json.dumps(manifest, indent=2) + "\n").encode())
         self._write_dictionary({name: columns_in(t.schema) for name, t in written.items()})
-
-    def _manifest_with(self, new: set[str]) -> dict[str, Any]:
-        """The manifest with episodes of now, which earlier ones of the same keys make room for."""
-        here, own, others = versions(), set(new), []
-        for known in _recorded_with(self.root):
-            kept = set(known["episodes"]) - new
-            if known["versions"] == here:
-                own |= kept
-            elif kept:
-                others.append({"versions": known["versions"], "episodes": sorted(kept)})
-        return {"recorded_with": [*others, {"versions": here, "episodes": sorted(own)}]}
 
     def _write_dictionary(self, tables: Mapping[str, Sequence[Column]]) -> None:
         kept: dict[str, list[Column]] = {name: list(columns) for name, columns in tables.items()}

@@ -1,7 +1,5 @@
 """The app's own log of poses (``states.csv``) as a table: a row per frame of the app."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

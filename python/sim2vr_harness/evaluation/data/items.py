@@ -5,8 +5,6 @@ a value that is no number (``kind: left box``); which events and fields mean wha
 publishes (:class:`~sim2vr_harness.client.LoggedItem`).
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -108,7 +106,9 @@ def item_rows(episode: str, log: Sequence[LogLine], facts: GameFacts) -> list[di
         places = _places(log, item)
         for line in log:
             numbers = line.numbers(item.id_field)
-            if line.event not in _events_of(item) or not numbers:
+            found = {outcome.event for outcome in item.outcomes} | set(item.counted_events)
+            events_of = found | ({item.begin_event} if item.begin_event else set())
+            if line.event not in events_of or not numbers:
                 continue
             number = int(numbers[0])
             row = rows.setdefault(
@@ -127,11 +127,6 @@ def item_rows(episode: str, log: Sequence[LogLine], facts: GameFacts) -> list[di
         if row.get("begin_s") is not None and row.get("end_s") is not None:
             row["latency_s"] = row["end_s"] - row["begin_s"]
     return ordered
-
-
-def _events_of(item: LoggedItem) -> set[str]:
-    found = {outcome.event for outcome in item.outcomes} | set(item.counted_events)
-    return found | ({item.begin_event} if item.begin_event else set())
 
 
 def _count_name(event: str) -> str:

@@ -1,7 +1,5 @@
 """Steps as OpenSim's tables: joint angles (``.mot``), activations and forces (``.sto``)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

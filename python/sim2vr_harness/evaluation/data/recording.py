@@ -1,7 +1,5 @@
 """From the rounds of an evaluation to its tables."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -58,15 +56,13 @@ class DataRecorder:
         """
         for result in rounds:
             if result.log_folder is not None:
-                self._take_events(result, self._out / result.log_folder)
+                folder = self._out / result.log_folder
+                try:
+                    self._events += events_of_episode(result.key, folder, self._facts)
+                except InputError as error:
+                    self.unread.append(str(error))
                 if self._keep:
                     self._take_frames(result, self._out / result.log_folder)
-
-    def _take_events(self, result: Round, folder: Path) -> None:
-        try:
-            self._events += events_of_episode(result.key, folder, self._facts)
-        except InputError as error:
-            self.unread.append(str(error))
 
     def _take_frames(self, result: Round, folder: Path) -> None:
         try:

@@ -1,7 +1,5 @@
 """Steps of an evaluation as sessions: a frame per user step."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

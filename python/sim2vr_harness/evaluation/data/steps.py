@@ -1,7 +1,5 @@
 """Table of user steps: poses, joints, muscles, fatigue, rewards."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -101,24 +99,6 @@ class BodySource:
         self.columns: list[Column] = []
         self._takes: list[Take] = []
         self._add_devices()
-        self._add_joints()
-        self._add_muscles()
-
-    def take(self) -> NDArray[Any]:
-        """(N, C) of now, fresh."""
-        return np.concatenate([take() for take in self._takes], axis=1)
-
-    def _add_devices(self) -> None:
-        for device in self._users.body.devices:
-            name = _DEVICE_NAMES.get(device, device)
-            self.columns += pose_columns(name, f"the {device.replace('_', ' ')}")
-
-            def take(device: str = device) -> NDArray[Any]:
-                return pose_to_app(*self._users.device_poses(device))
-
-            self._takes.append(take)
-
-    def _add_joints(self) -> None:
         model = self._users.body.physics_model
         simple = (mujoco.mjtJoint.mjJNT_HINGE.value, mujoco.mjtJoint.mjJNT_SLIDE.value)
         joints = [model.joint(i) for i in range(model.njnt) if model.jnt_type[i] in simple]
@@ -137,6 +117,21 @@ class BodySource:
         angles = np.array([int(model.jnt_qposadr[joint.id]) for joint in joints])
         speeds = np.array([int(model.jnt_dofadr[joint.id]) for joint in joints])
         self._takes += [lambda: self._users.qpos[:, angles], lambda: self._users.qvel[:, speeds]]
+        self._add_muscles()
+
+    def take(self) -> NDArray[Any]:
+        """(N, C) of now, fresh."""
+        return np.concatenate([take() for take in self._takes], axis=1)
+
+    def _add_devices(self) -> None:
+        for device in self._users.body.devices:
+            name = _DEVICE_NAMES.get(device, device)
+            self.columns += pose_columns(name, f"the {device.replace('_', ' ')}")
+
+            def take(device: str = device) -> NDArray[Any]:
+                return pose_to_app(*self._users.device_poses(device))
+
+            self._takes.append(take)
 
     def _add_muscles(self) -> None:
         body = self._users.body
@@ -173,7 +168,14 @@ class _Source:
         self.columns: list[Column] = list(body.columns)
         self._takes: list[Take] = [body.take]
         self._terms = [term.log_key for term in facts.reward_terms]
-        self._add_inputs(simulation)
+        # The controllers' inputs that the user's fingers work.
+        names = simulation.config.user.inputs
+        if names:
+            self.columns += [
+                Column(f"input_{column_name(name)}", "single", "", f"The input {name}, -1 to 1")
+                for name in names
+            ]
+            self._takes.append(lambda: simulation.actions.input_values.copy())
         self._add_game(simulation)
         self.columns += [
             Column("reward", "single", "reward", "Game's reward minus effort cost, of the step"),
@@ -206,16 +208,6 @@ class _Source:
         parts = [take() for take in self._takes]
         return np.concatenate([*parts, np.array(rewards)], axis=1, dtype=np.float32)
 
-    def _add_inputs(self, simulation: Simulation) -> None:
-        """The controllers' inputs that the user's fingers work."""
-        names = simulation.config.user.inputs
-        if names:
-            self.columns += [
-                Column(f"input_{column_name(name)}", "single", "", f"The input {name}, -1 to 1")
-                for name in names
-            ]
-            self._takes.append(lambda: simulation.actions.input_values.copy())
-
     def _add_game(self, simulation: Simulation) -> None:
         """The game's privileged numbers, of apps in this process."""
         batch: Any = getattr(simulation.apps[0], "batch", None)
@@ -227,7 +219,7 @@ class _Source:
             Column(
                 f"game_{column_name(names[i])}",
                 "single",
-                _unit_of(names[i]),
+                _UNITS.get(names[i].rpartition("_")[2], ""),
                 f"The game's privileged number {names[i]} (its page says what it is)",
             )
             for i in shown
@@ -236,7 +228,3 @@ class _Source:
 
 
 _UNITS = {"mps": "m/s", "m": "m", "s": "s", "deg": "deg", "bits": "bit", "bps": "bit/s"}
-
-
-def _unit_of(name: str) -> str:
-    return _UNITS.get(name.rpartition("_")[2], "")

@@ -1,7 +1,5 @@
 """Blades that meet boxes: contacts, what cuts are worth, and the strokes that lead to them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch

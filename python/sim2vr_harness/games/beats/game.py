@@ -1,7 +1,5 @@
 """The resident: what the fast recipe asks of Beats."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ the reward is relaxed, so that it has a gradient: a cut counts with the probabil
 happen if blade and box met a little elsewhere, a little faster or at a little other angle.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
@@ -235,16 +233,14 @@ class ImaginedBeats(State):
         lane.box_gone, lane.mine_gone = lane.box_gone | boxes, lane.mine_gone | mines
         self._tip_velocity = (after.tip - before.tip) / self._step_s
         self._before = after
-        self._next_levels(torch.nonzero(over).flatten())
-        return reward
-
-    def _next_levels(self, ids: Tensor) -> None:
+        ids = torch.nonzero(over).flatten()
         if len(ids):
             self.lane.begin(ids)
             for name in ("_box_left", "_mine_left", "_wall_left"):
                 fresh = getattr(self, name).clone()
                 fresh[ids] = 1.0
                 setattr(self, name, fresh)
+        return reward
 
     def _judge_boxes(self, before: Blades, after: Blades, head: Tensor, soft: Relaxation) -> Tensor:
         lane, levels = self.lane, self.lane.levels
@@ -257,64 +253,7 @@ class ImaginedBeats(State):
         )
         across, cut = lane.of(levels.box, coming), lane.of(levels.box_cut, coming)
         half = lane.of(levels.box_half, coming)
-        contact = self._contact(before, after, across, cut, half, coming)
-        own = torch.eye(2).repeat_interleave(TOLD_BOXES, 1)  # (blade, box): hand is the box's
-        there = coming.there[:, None]
-        self._cut_boxes(contact, coming, own)
-        left = self._box_left.gather(1, coming.which)
-        chance = there * contact.chance(soft)
-        worth = own * contact.worth(soft) - (1.0 - own) * soft.error
-        reward = (left[:, None] * chance * worth).sum((1, 2))
-        left = left * (1.0 - chance).prod(1)
-        self._box_left = self._box_left.scatter(1, coming.which, left)
-        if soft.near > 0.0:
-            arrives = torch.exp(-(coming.until_s / _NEAR_S).square())[:, None]
-            around = torch.exp(-aside(after, across, cut, half) / _NEAR_M)
-            towards = 0.5 + 0.5 * torch.tanh(contact.forward / _NEAR_MPS)
-            near = own * there * arrives * around * towards * left.detach()[:, None]
-            reward = reward + soft.near * near.sum((1, 2))
-        if soft.stroke > 0.0:
-            first = slice(None, None, TOLD_BOXES)  # the next box of each hand
-            until_s = coming.until_s[:, first] - self._step_s
-            off = off_stroke(after, across[:, first], cut[:, first], until_s)
-            due = coming.there[:, first] & (until_s.abs() < _STROKE_S)
-            reward = reward + soft.stroke * (due * (1.0 - off / _STROKE_OFF_M)).sum(1)
-        return reward
-
-    def _cut_boxes(self, contact: Contact, coming: Coming, own: Tensor) -> None:
-        """Take cut boxes away and count them, by the true rules."""
-        lane = self.lane
-        cuts = coming.there[:, None] & contact.cuts()
-        right = cuts & (contact.angle <= ANGLE_LIMIT_DEG) & (own > 0)
-        self._count("sliced", right)
-        self._count("wrong hand", (cuts & (own == 0)).any(1) & ~right.any(1))
-        self._count("wrong direction", cuts & (own > 0) & ~right)
-        gone, sliced = cuts.any(1), right.any(1)
-        for row, ended in enumerate((sliced, gone & ~sliced)):
-            self.counts[row, :, 0].index_add_(0, lane.condition, ended.sum(1).float())
-        lane.box_gone = lane.box_gone.scatter(
-            1, coming.which, lane.box_gone.gather(1, coming.which) | gone
-        )
-
-    def _contact(
-        self,
-        before: Blades,
-        after: Blades,
-        across: Tensor,
-        cut: Tensor,
-        half: Tensor,
-        coming: Coming,
-    ) -> Contact:
-        """Blades and boxes in this frame.
-
-        Args:
-            before: (B, 2, 3) at the last frame.
-            after: (B, 2, 3) at this one.
-            across: (B, K, 2) x and y of the boxes.
-            cut: (B, K, 2) demanded directions.
-            half: (B, K) of their edges, m.
-            coming: which boxes.
-        """
+        # Blades and boxes in this frame.
         shares = torch.tensor(_MOMENTS)
         blades = swing(before, after, shares)
         middles = self._during(across, coming, shares)
@@ -334,7 +273,41 @@ class ImaginedBeats(State):
         angle = torch.atan2((sideways.square() + 1e-8).sqrt(), forward).rad2deg()
         angle = torch.where(flat.detach().norm(dim=-1) < STAB_MPS, 180.0, angle)
         angle = torch.where(free[:, None], 0.0, angle)
-        return Contact(apart, speed, angle, forward)
+        contact = Contact(apart, speed, angle, forward)
+        own = torch.eye(2).repeat_interleave(TOLD_BOXES, 1)  # (blade, box): hand is the box's
+        there = coming.there[:, None]
+        # Take cut boxes away and count them, by the true rules.
+        boxes_lane = self.lane
+        cuts = coming.there[:, None] & contact.cuts()
+        right = cuts & (contact.angle <= ANGLE_LIMIT_DEG) & (own > 0)
+        self._count("sliced", right)
+        self._count("wrong hand", (cuts & (own == 0)).any(1) & ~right.any(1))
+        self._count("wrong direction", cuts & (own > 0) & ~right)
+        gone, sliced = cuts.any(1), right.any(1)
+        for row, ended in enumerate((sliced, gone & ~sliced)):
+            self.counts[row, :, 0].index_add_(0, boxes_lane.condition, ended.sum(1).float())
+        boxes_lane.box_gone = boxes_lane.box_gone.scatter(
+            1, coming.which, boxes_lane.box_gone.gather(1, coming.which) | gone
+        )
+        left = self._box_left.gather(1, coming.which)
+        chance = there * contact.chance(soft)
+        worth = own * contact.worth(soft) - (1.0 - own) * soft.error
+        reward = (left[:, None] * chance * worth).sum((1, 2))
+        left = left * (1.0 - chance).prod(1)
+        self._box_left = self._box_left.scatter(1, coming.which, left)
+        if soft.near > 0.0:
+            arrives = torch.exp(-(coming.until_s / _NEAR_S).square())[:, None]
+            around = torch.exp(-aside(after, across, cut, half) / _NEAR_M)
+            towards = 0.5 + 0.5 * torch.tanh(contact.forward / _NEAR_MPS)
+            near = own * there * arrives * around * towards * left.detach()[:, None]
+            reward = reward + soft.near * near.sum((1, 2))
+        if soft.stroke > 0.0:
+            first = slice(None, None, TOLD_BOXES)  # the next box of each hand
+            until_s = coming.until_s[:, first] - self._step_s
+            off = off_stroke(after, across[:, first], cut[:, first], until_s)
+            due = coming.there[:, first] & (until_s.abs() < _STROKE_S)
+            reward = reward + soft.stroke * (due * (1.0 - off / _STROKE_OFF_M)).sum(1)
+        return reward
 
     def _during(self, across: Tensor, coming: Coming, shares: Tensor) -> Tensor:
         """(B, K, S, 3) middles at moments of the frame that begins now, from the origin."""

@@ -1,7 +1,5 @@
 """Positions of a level's boxes, mines and walls, for a batch of rounds."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch

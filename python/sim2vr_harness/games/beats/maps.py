@@ -1,7 +1,5 @@
 """Write lists of boxes as maps, which the option ``level`` of Beats reads."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass

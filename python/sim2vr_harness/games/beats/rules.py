@@ -3,8 +3,6 @@
 ``tests/python/games/test_beats_rules.py`` asks the running app for them.
 """
 
-from __future__ import annotations
-
 import math
 
 CELL_WIDTH_M, CELL_HEIGHT_M, MIDDLE_ROW_M = 0.40, 0.35, -0.30

@@ -1,7 +1,5 @@
 """Poses of the sabers, distances to boxes and speeds; differentiable."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch

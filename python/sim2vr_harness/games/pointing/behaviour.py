@@ -1,7 +1,5 @@
 """Description of pointing for the measures of its players' behaviour: Fitts' law."""
 
-from __future__ import annotations
-
 from sim2vr_harness.games.behaviour import Behaviour
 
 _SHOWN = (

@@ -6,8 +6,6 @@ worth what it would be on average if the tip came through the plane a little els
 it is paid ahead, by the probability that it would happen if the tip came a little deeper.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import torch

@@ -1,7 +1,5 @@
 """Settings of the game model of pointing (``teacher.imagined.game``)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from sim2vr_harness.base.settings import Settings

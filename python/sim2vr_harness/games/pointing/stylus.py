@@ -1,7 +1,5 @@
 """Position of the stylus' tip from the poses of controller and headset."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

@@ -1,7 +1,5 @@
 """Target areas of the conditions, as tensors."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import torch

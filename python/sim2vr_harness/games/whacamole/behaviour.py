@@ -1,7 +1,5 @@
 """Description of Whac-A-Mole for the measures of its players' behaviour."""
 
-from __future__ import annotations
-
 from sim2vr_harness.games.behaviour import Behaviour, Contrast, Ratings
 
 _SPACING_M = 0.125

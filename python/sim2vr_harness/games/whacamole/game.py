@@ -1,7 +1,5 @@
 """The resident: what the fast recipe asks of Whac-A-Mole."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

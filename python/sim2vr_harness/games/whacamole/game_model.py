@@ -121,10 +121,7 @@ class ImaginedWhacAMole(State):
         self._foregone = torch.zeros(len(conditions), LAST_FRAME + 1)
         """What hitting a target takes away, in hits at that age; by condition and age."""
         self.names = _names()
-        self._begin(n)
-
-    def _begin(self, n: int) -> None:
-        """Make the state of rounds in which nothing has happened."""
+        # Make the state of rounds in which nothing has happened.
         self.condition = torch.zeros(n, dtype=torch.long)
         self._velocity, self._root, self._face = (torch.zeros(n, 3) for _ in range(3))
         self._age = torch.full((n, CELLS), -1)
@@ -148,7 +145,19 @@ class ImaginedWhacAMole(State):
             self._velocity[ids] = self.velocity_of(fields)
             self.condition[ids] = condition
             self._root[ids], self._face[ids] = points(*self.hammer(place))
-            self._age[ids] = self._first_ages(ids, condition, cell)
+            # (K, cells) ages of the targets that some users begin with, in frames.
+            count, generator = len(ids), self.generator
+            rows, ages = torch.arange(count), torch.full((count, CELLS), -1)
+            weights = self.spawn_weights[condition]
+            first = torch.multinomial(weights, 1, generator=generator)[:, 0]
+            first = torch.where(cell >= 0, cell, first)
+            ages[rows, first] = torch.randint(0, LAST_FRAME // 2, (count,), generator=generator)
+            more = torch.randint(-LAST_FRAME, LAST_FRAME, (count, CELLS), generator=generator)
+            more = more.clamp(min=-1)
+            allowed = (torch.where(self._single, 1, self._most[self.condition]) - 1)[ids]
+            order = torch.rand(count, CELLS, generator=generator).argsort(1).argsort(1)
+            others = (order < allowed[:, None]) & (torch.arange(CELLS) != first[:, None])
+            self._age[ids] = torch.where(others, more, ages)
             count = len(ids)
             self._fading[ids] = 0
             self._ban_s[ids] = BAN_S * torch.rand(count, generator=self.generator)
@@ -157,21 +166,6 @@ class ImaginedWhacAMole(State):
     def begin(self, ids: Tensor) -> None:
         """See the protocol: the first target comes at once."""
         self._age[ids], self._ban_s[ids] = -1, -FRAME_S
-
-    def _first_ages(self, ids: Tensor, condition: Tensor, cell: Tensor) -> Tensor:
-        """(K, cells) ages of the targets that some users begin with, in frames."""
-        count, generator = len(ids), self.generator
-        rows, ages = torch.arange(count), torch.full((count, CELLS), -1)
-        weights = self.spawn_weights[condition]
-        first = torch.multinomial(weights, 1, generator=generator)[:, 0]
-        first = torch.where(cell >= 0, cell, first)
-        ages[rows, first] = torch.randint(0, LAST_FRAME // 2, (count,), generator=generator)
-        more = torch.randint(-LAST_FRAME, LAST_FRAME, (count, CELLS), generator=generator)
-        more = more.clamp(min=-1)
-        allowed = (torch.where(self._single, 1, self._most[self.condition]) - 1)[ids]
-        order = torch.rand(count, CELLS, generator=generator).argsort(1).argsort(1)
-        others = (order < allowed[:, None]) & (torch.arange(CELLS) != first[:, None])
-        return torch.where(others, more, ages)
 
     def cut(self) -> None:
         """See the protocol."""
@@ -279,7 +273,26 @@ class ImaginedWhacAMole(State):
 
     def play(self, places: Tensor, soft: Relaxation) -> Tensor:
         """Advance by one user step; see :meth:`step`."""
-        self._next_frame()
+        # Targets of the next frame, after hits at the poses of this one.
+        old = (self._age >= LAST_FRAME) & ~self._hit
+        for number, ended in enumerate((self._hit, old)):
+            self.counts[number].index_add_(0, self.condition, ended.float())
+        gone = self._hit | old
+        self._age = torch.where(gone, -1, torch.where(self._age >= 0, self._age + 1, self._age))
+        self._fading = torch.where(gone, FADING_FRAMES, (self._fading - 1).clamp(min=0))
+        self._ban_s = self._ban_s - FRAME_S
+        free = (self._age < 0) & (self._fading == 0)
+        most = torch.where(self._single, 1, self._most[self.condition])
+        wanted = ((~free).sum(1) < most) & (self._ban_s < 0.0)
+        # The largest of the logarithms plus Gumbel noise: a draw by the weights.
+        noise = torch.rand(self.n, CELLS, generator=self.generator).clamp(1e-9, 1.0 - 1e-7)
+        scores = self.spawn_weights[self.condition].log() - (-noise.log()).log()
+        cell = torch.where(free, scores, -1e9).argmax(1)
+        new = wanted[:, None] & (torch.arange(CELLS) == cell[:, None])
+        self._age = torch.where(new, 0, self._age)
+        ban = BAN_S * torch.rand(self.n, generator=self.generator)
+        self._ban_s = torch.where(wanted, ban, self._ban_s)
+        self._left = torch.where(gone | new, 1.0, self._left)
         targets = self._targets()
         b, frames = places.shape[:2]
         marker, axes = self.hammer(places.flatten(0, 1))
@@ -308,7 +321,9 @@ class ImaginedWhacAMole(State):
         self._earned.index_add_(0, self.condition, (worths.detach() * self._hit).sum(1))
         gained = worths * chance
         if soft.foregone > 0.0:
-            gained = gained - soft.foregone * self._given_up(chance)
+            later = self._foregone[self.condition].gather(1, self._age.clamp(min=0))
+            given_up = later * self._hit * (chance - chance.detach())
+            gained = gained - soft.foregone * given_up
         hits = self.settings.values.hit_reward * (values * gained * self._left).sum(1)
         worth = hits + self._shaped(targets, last, depth[:, -1], touch, soft)
         self._left = self._left * (1.0 - chance)
@@ -326,28 +341,6 @@ class ImaginedWhacAMole(State):
         return (
             central(targets, middle, soft.centre) * hard * facing(targets, axes, soft.face)[:, None]
         )
-
-    def _next_frame(self) -> None:
-        """Targets of the next frame, after hits at the poses of this one."""
-        old = (self._age >= LAST_FRAME) & ~self._hit
-        for number, ended in enumerate((self._hit, old)):
-            self.counts[number].index_add_(0, self.condition, ended.float())
-        gone = self._hit | old
-        self._age = torch.where(gone, -1, torch.where(self._age >= 0, self._age + 1, self._age))
-        self._fading = torch.where(gone, FADING_FRAMES, (self._fading - 1).clamp(min=0))
-        self._ban_s = self._ban_s - FRAME_S
-        free = (self._age < 0) & (self._fading == 0)
-        most = torch.where(self._single, 1, self._most[self.condition])
-        wanted = ((~free).sum(1) < most) & (self._ban_s < 0.0)
-        # The largest of the logarithms plus Gumbel noise: a draw by the weights.
-        noise = torch.rand(self.n, CELLS, generator=self.generator).clamp(1e-9, 1.0 - 1e-7)
-        scores = self.spawn_weights[self.condition].log() - (-noise.log()).log()
-        cell = torch.where(free, scores, -1e9).argmax(1)
-        new = wanted[:, None] & (torch.arange(CELLS) == cell[:, None])
-        self._age = torch.where(new, 0, self._age)
-        ban = BAN_S * torch.rand(self.n, generator=self.generator)
-        self._ban_s = torch.where(wanted, ban, self._ban_s)
-        self._left = torch.where(gone | new, 1.0, self._left)
 
     def _judge(self, depth: Tensor, strike: Tensor, soft: Relaxation) -> _Touch:
         """What hits in a frame, by the true rules; and what it is worth, relaxed."""
@@ -392,11 +385,6 @@ class ImaginedWhacAMole(State):
     def _worth_at(self, age: Tensor) -> Tensor:
         """The worth of a hit by how old its target is, frames; 1 after a third of its life."""
         return torch.exp(self.settings.values.delay_gain_per_s * (FRAME_S * age - LIFE_S / 3.0))
-
-    def _given_up(self, chance: Tensor) -> Tensor:
-        """(B, cells) nothing, with the gradient of what true hits take away; chances as given."""
-        later = self._foregone[self.condition].gather(1, self._age.clamp(min=0))
-        return later * self._hit * (chance - chance.detach())
 
 
 @dataclass(frozen=True)

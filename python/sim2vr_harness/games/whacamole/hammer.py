@@ -1,7 +1,5 @@
 """Pose of the hammer, and its depth in a target."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import torch

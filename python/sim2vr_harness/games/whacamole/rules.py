@@ -3,8 +3,6 @@
 ``tests/python/games/test_whacamole_rules.py`` asks the running app for every one of them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

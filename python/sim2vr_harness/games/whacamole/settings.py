@@ -1,7 +1,5 @@
 """Settings of the game model of Whac-A-Mole (``teacher.imagined.game``)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

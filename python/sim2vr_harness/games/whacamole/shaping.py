@@ -1,7 +1,5 @@
 """Reward shaping of imagined Whac-A-Mole: the worth of a hit, and terms between hits."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch

@@ -1,7 +1,5 @@
 """From what users see, and a choice among it, to what their muscles do."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """Action values of every motor option at every cell of the image."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional

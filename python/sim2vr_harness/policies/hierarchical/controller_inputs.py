@@ -1,7 +1,5 @@
 """Fingers: from what hands do with triggers, sticks and buttons to a user's actions."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Geometry of the image cells: the headset's depth image as positions in the world."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import reduce
 

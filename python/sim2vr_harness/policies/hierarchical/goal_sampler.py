@@ -1,7 +1,5 @@
 """Training goals of the motor policy: sequences of goals within reach."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -139,7 +137,17 @@ class GoalSampler:
         )
         tip = self._tips(count)
         here = tips(place, tip)
-        pose = self._reachable(hand, tip)
+        # (K, 4, 4) of devices, drawn of what the body can do, mostly before it.
+        reachable_count = len(tip)
+        reachable_shape = (_CANDIDATES, reachable_count)
+        rows = torch.randint(len(self._poses), reachable_shape, generator=self.generator)
+        candidates = self._poses[rows, hand]  # (C, K, 4, 4)
+        places = tips(candidates, tip.expand(*reachable_shape, 3))
+        weights = torch.where(places[..., 0] > _FRONT_M, torch.ones(()), torch.tensor(_BEHIND))
+        hard = self._wrong_m[_regions(candidates[..., :3, 3])] / _USUAL_M
+        weights = (weights * hard.clamp(0.4, _HARDEST)).T
+        chosen = torch.multinomial(weights, 1, generator=self.generator)[:, 0]
+        pose = candidates[chosen, torch.arange(reachable_count)]
         there = tips(pose, tip)
         near = here + 0.12 * self._randn(count, 3)
         there = torch.where(self._rand(count, 1) < 0.2, near, there)
@@ -159,7 +167,17 @@ class GoalSampler:
         struck = self._between(_STRIKE_MPS, count, 1) * onwards
         velocity = torch.where(strikes, struck, velocity)
         follows = kind == _FOLLOW
-        waves, begin = self._paths(count)
+        # (K, 3, 3, WAVES) waves, and (K, 3) where they are at time 0, from their middle.
+        swings = self._rand(count, 1, 1) < (_SWINGS if self._strikes else 0.0)
+        shape = (count, 3, _WAVES)
+        most = torch.where(swings, torch.tensor(_SWING_M), torch.tensor(_SLOW_M))
+        amplitude = most * self._rand(*shape) * self._rand(count, 1, 1)
+        slow, fast = self._between(_SLOW_HZ, *shape), self._between(_SWING_HZ, *shape)
+        rate = 2.0 * torch.pi * torch.where(swings, fast, slow)
+        paths_speed = (amplitude * rate).sum((1, 2)).clamp(min=1e-6)
+        amplitude = amplitude * (_FASTEST_MPS / paths_speed).clamp(max=1.0)[:, None, None]
+        phase = 2.0 * torch.pi * self._rand(*shape)
+        waves, begin = torch.stack([amplitude, rate, phase], 1), (amplitude * phase.sin()).sum(-1)
         pointed = self._rand(count, 1) < 0.25
         axis = torch.where(pointed, pose[:, :3, 0], torch.zeros(()))
         goals = replace(
@@ -183,35 +201,9 @@ class GoalSampler:
         self._set("_hand_goal", ids, hand, pose[:, :3, 3])
         self._show_paths()
 
-    def _paths(self, count: int) -> tuple[Tensor, Tensor]:
-        """(K, 3, 3, WAVES) waves, and (K, 3) where they are at time 0, from their middle."""
-        swings = self._rand(count, 1, 1) < (_SWINGS if self._strikes else 0.0)
-        shape = (count, 3, _WAVES)
-        most = torch.where(swings, torch.tensor(_SWING_M), torch.tensor(_SLOW_M))
-        amplitude = most * self._rand(*shape) * self._rand(count, 1, 1)
-        slow, fast = self._between(_SLOW_HZ, *shape), self._between(_SWING_HZ, *shape)
-        rate = 2.0 * torch.pi * torch.where(swings, fast, slow)
-        speed = (amplitude * rate).sum((1, 2)).clamp(min=1e-6)
-        amplitude = amplitude * (_FASTEST_MPS / speed).clamp(max=1.0)[:, None, None]
-        phase = 2.0 * torch.pi * self._rand(*shape)
-        return torch.stack([amplitude, rate, phase], 1), (amplitude * phase.sin()).sum(-1)
-
     def _between(self, bounds: tuple[float, float], *shape: int) -> Tensor:
         low, high = bounds
         return low + (high - low) * self._rand(*shape)
-
-    def _reachable(self, hand: int, tip: Tensor) -> Tensor:
-        """(K, 4, 4) of devices, drawn of what the body can do, mostly before it."""
-        count = len(tip)
-        shape = (_CANDIDATES, count)
-        rows = torch.randint(len(self._poses), shape, generator=self.generator)
-        candidates = self._poses[rows, hand]  # (C, K, 4, 4)
-        places = tips(candidates, tip.expand(*shape, 3))
-        weights = torch.where(places[..., 0] > _FRONT_M, torch.ones(()), torch.tensor(_BEHIND))
-        hard = self._wrong_m[_regions(candidates[..., :3, 3])] / _USUAL_M
-        weights = (weights * hard.clamp(0.4, _HARDEST)).T
-        chosen = torch.multinomial(weights, 1, generator=self.generator)[:, 0]
-        return candidates[chosen, torch.arange(count)]
 
     def _set(self, name: str, ids: Tensor, hand: int, values: Tensor) -> None:
         changed = getattr(self, name).clone()
@@ -271,9 +263,25 @@ class GoalSampler:
         reward = (worth * (arrived.float() + _STEP_SHARE * follows.float())).sum(1)
         with torch.no_grad():
             self._measure(arrived, follows & (self._clock_s > 0.3), off, slow)
-            self._learn_regions(arrived, off)
+            # Take in how far arrivals were off in the regions where the hands should be.
+            where = _regions(self._hand_goal[arrived])
+            for region, error in zip(where.tolist(), off[arrived].tolist(), strict=True):
+                self._wrong_m[region] += _FORGET * (error - float(self._wrong_m[region]))
             goals.left_s = (goals.left_s - self._step_s).clamp(min=0.0)
-            self._go_on(over, arrived, place)
+            still = self.goals.velocity.abs().sum(-1) == 0.0
+            stays = arrived & still & (self._rand(*over.shape) < _HELD)
+            for hand in range(self.hands):
+                ids = torch.nonzero(stays[:, hand]).flatten()
+                if len(ids):
+                    # Let hands stay where they were to arrive: a path that stands still.
+                    self._set("_center", ids, hand, self.goals.place[ids, hand])
+                    self._set("_waves", ids, hand, torch.zeros(len(ids), 3, 3, _WAVES))
+                    self._set("_kind", ids, hand, torch.full((len(ids),), _FOLLOW))
+                    self._set("_clock_s", ids, hand, torch.zeros(len(ids)))
+                    self._set("_until_s", ids, hand, 0.3 + 0.5 * self._rand(len(ids)))
+                ids = torch.nonzero(over[:, hand] & ~stays[:, hand]).flatten()
+                if len(ids):
+                    self._draw(ids, hand, place[ids, hand].detach())
             self._show_paths()
         return reward
 
@@ -281,31 +289,6 @@ class GoalSampler:
         self._errors["place_m"].append(off[arrived].detach())
         self._errors["speed_mps"].append(slow[arrived].detach())
         self._errors["follow_m"].append(off[follows].detach())
-
-    def _learn_regions(self, arrived: Tensor, off: Tensor) -> None:
-        """Take in how far arrivals were off in the regions where the hands should be."""
-        where = _regions(self._hand_goal[arrived])
-        for region, error in zip(where.tolist(), off[arrived].tolist(), strict=True):
-            self._wrong_m[region] += _FORGET * (error - float(self._wrong_m[region]))
-
-    def _go_on(self, over: Tensor, arrived: Tensor, place: Tensor) -> None:
-        still = self.goals.velocity.abs().sum(-1) == 0.0
-        stays = arrived & still & (self._rand(*over.shape) < _HELD)
-        for hand in range(self.hands):
-            ids = torch.nonzero(stays[:, hand]).flatten()
-            if len(ids):
-                self._hold(ids, hand)
-            ids = torch.nonzero(over[:, hand] & ~stays[:, hand]).flatten()
-            if len(ids):
-                self._draw(ids, hand, place[ids, hand].detach())
-
-    def _hold(self, ids: Tensor, hand: int) -> None:
-        """Let hands stay where they were to arrive: a path that stands still."""
-        self._set("_center", ids, hand, self.goals.place[ids, hand])
-        self._set("_waves", ids, hand, torch.zeros(len(ids), 3, 3, _WAVES))
-        self._set("_kind", ids, hand, torch.full((len(ids),), _FOLLOW))
-        self._set("_clock_s", ids, hand, torch.zeros(len(ids)))
-        self._set("_until_s", ids, hand, 0.3 + 0.5 * self._rand(len(ids)))
 
     def observe(self, place: Tensor, soon: Tensor) -> Tensor:
         """(B, H * GOAL_SIZE) what the layer knows of its goals."""

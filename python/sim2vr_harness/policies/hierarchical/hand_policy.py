@@ -5,8 +5,6 @@ where the goal is or in which direction: its inputs are lengths and angles, its 
 combination of the way to the goal, the hand's velocity and the velocity wanted.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor, nn
 

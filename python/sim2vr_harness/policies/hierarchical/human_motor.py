@@ -242,7 +242,24 @@ class HumanHands:
         """
         policy = self.policy
         with torch.no_grad():
-            believed = self._believed(now)
+            # The present as users believe it to be, with what their model gets wrong taken off.
+            if self._felt is None:
+                self._felt = now
+            new, felt = self._new[:, None], self._felt
+            if self._predicted is not None:
+                believed_error = felt.speeds - self._predicted.speeds
+                adapted = self._bias + _ADAPTS * (believed_error - self._bias)
+                self._bias = torch.where(self._fresh[:, None], self._bias, adapted)
+            self._bias = torch.where(new, torch.zeros(()), self._bias)
+            self._fresh = self._new
+            raw = self._predicted = self.policy.predicted(felt, self._did)
+            half = 0.5 * self.policy.step_s
+            believed = Motion(
+                torch.where(new, now.angles, raw.angles + half * self._bias),
+                torch.where(new, now.speeds, raw.speeds + self._bias),
+                torch.where(new, now.drives, raw.drives),
+                now.persons,
+            )
             place, velocity = policy.inverse.velocities(believed, goals.tip)
             way, turning = goals.place - place, None
             if goals.rays.any():
@@ -272,23 +289,3 @@ class HumanHands:
             self._did = torch.from_numpy(done).float()
             self._felt, self._new = now, torch.zeros_like(self._new)
         return self._did.numpy(), torch.sigmoid(over)
-
-    def _believed(self, now: Motion) -> Motion:
-        """The present as users believe it to be, with what their model gets wrong taken off."""
-        if self._felt is None:
-            self._felt = now
-        new, felt = self._new[:, None], self._felt
-        if self._predicted is not None:
-            error = felt.speeds - self._predicted.speeds
-            adapted = self._bias + _ADAPTS * (error - self._bias)
-            self._bias = torch.where(self._fresh[:, None], self._bias, adapted)
-        self._bias = torch.where(new, torch.zeros(()), self._bias)
-        self._fresh = self._new
-        raw = self._predicted = self.policy.predicted(felt, self._did)
-        half = 0.5 * self.policy.step_s
-        return Motion(
-            torch.where(new, now.angles, raw.angles + half * self._bias),
-            torch.where(new, now.speeds, raw.speeds + self._bias),
-            torch.where(new, now.drives, raw.drives),
-            now.persons,
-        )

@@ -5,8 +5,6 @@ bring points of the hands to their velocities, the cheapest are taken by regular
 (paired forward and inverse models: Wolpert and Kawato 1998, Neural Networks 11).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch

@@ -1,7 +1,5 @@
 """The motor layer of a body: goals of its hands in, actions of its muscles or motors out."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Motor layers in files: those that ship with the package, and those of a run."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -267,21 +267,19 @@ class HierarchicalPolicy(nn.Module):
             observations: key -> (N, ...).
             memory: of these users.
         """
-        self._require({key: value[0] for key, value in observations.items()})
+        # Check one user's observation; of frames an image may hold more than the newest.
+        observation = {key: value[0] for key, value in observations.items()}
+        vision = observation.get("vision")
+        image = () if vision is None else vision.shape
+        newest = self._wanted["vision"]
+        channels = max(newest[0], image[0] if len(image) == 3 else 0)
+        require_observation({**self._wanted, "vision": (channels, *newest[1:])}, observation)
         with torch.no_grad():
             moment = self._feel(observations)
         memory.age += 1
         pictures = torch.from_numpy(np.array(observations["vision"]))
         memory.seen = [*memory.seen, (pictures, moment.head)][-1 - int(moment.decides.max()) :]
         return moment
-
-    def _require(self, observation: Observation) -> None:
-        """Check one user's observation; of frames an image may hold more than the newest."""
-        vision = observation.get("vision")
-        image = () if vision is None else vision.shape
-        newest = self._wanted["vision"]
-        channels = max(newest[0], image[0] if len(image) == 3 else 0)
-        require_observation({**self._wanted, "vision": (channels, *newest[1:])}, observation)
 
     def _feel(self, observations: Observation) -> Moment:
         angles, speeds, drives = self._read(observations["proprioception"])

@@ -4,8 +4,6 @@ An option at a place (:data:`PLACED`) is chosen together with a cell of the pict
 (:data:`FREE`) work a controller's stick or buttons while the hand goes on with what it does.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

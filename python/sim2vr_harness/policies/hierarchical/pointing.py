@@ -8,8 +8,6 @@ Rays are (H, 2, 3): of each hand the origin (m) and the direction, in the device
 the same of all hands.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

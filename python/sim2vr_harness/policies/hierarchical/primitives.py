@@ -137,11 +137,6 @@ def points(move: Tensor) -> Tensor:
     return move == _POINT
 
 
-def _comes(move: Tensor) -> Tensor:
-    """Whether moves, by number, come to a place and stay there."""
-    return torch.isin(move, _ARRIVING)
-
-
 def _at(place: Tensor, point: Tensor) -> Tensor:
     """(N, H, 3) where points (H, 3) of devices at (N, H, 4, 4) are."""
     return tips(place, point.expand(len(place), *point.shape))
@@ -318,8 +313,21 @@ class PrimitiveController:
         pushes = (choice.move == _PUSH)[..., None]
         swings = manner.swing_mps * _SIDEWAYS[choice.move]
         directions = torch.where(pushes, manner.push_mps * away, swings)
-        touches = _comes(choice.move)[..., None]
-        goals.place = choice.place + self._depth(choice, away, now, velocity) * away * touches
+        touches = torch.isin(choice.move, _ARRIVING)[..., None]
+        way = now - choice.place
+        along = (way * away).sum(-1, keepdim=True)
+        sideways = way - along * away
+        beside = sideways.norm(dim=-1, keepdim=True)
+        lift_m = self.manner.lift_m
+        if self.manner.by_width:
+            depth = _inside(beside, 0.5 * choice.width[..., None], lift_m * self.lifts)
+        else:
+            lifted = ((beside - _ABOVE_M) / lift_m).clamp(0.0, 1.0)
+            closing = -(velocity * sideways).sum(-1, keepdim=True) / beside.clamp(min=1e-6)
+            coming = (closing / _COMING_MPS).clamp(0.0, 1.0)
+            lifted = torch.where(lifted < 1.0, lifted * coming, lifted) * self.lifts
+            depth = _DEEPER_M - lifted * (_DEEPER_M + lift_m)
+        goals.place = choice.place + depth * away * touches
         back = (choice.move == _PULL) & (choice.closed > 0)
         goals.place = torch.where(back[..., None], choice.closed_at + _BACK, goals.place)
         pointing = points(choice.move)
@@ -327,7 +335,17 @@ class PrimitiveController:
         goals.width = torch.where(touches[..., 0] | pointing, aimed, goals.width)
         goals.velocity = directions
         if manner.by_hand:
-            now, velocity = _push_by_hand(goals, pushes, away, (place, soon), (now, velocity))
+            # Let hands push that carry their tools along; return where what pushes is, and its
+            # velocity.
+            placed = (place, soon)
+            moving = (now, velocity)
+            hand_now, hand_velocity = moving
+            hand, later = placed[0][..., :3, 3], placed[1][..., :3, 3]
+            carried = goals.place - _AHEAD_M * away + hand - hand_now
+            goals.place = torch.where(pushes, carried, goals.place)
+            goals.tip = torch.where(pushes, torch.zeros(()), goals.tip)
+            hand_velocity = torch.where(pushes, (later - hand) / MOMENT_S, hand_velocity)
+            now, velocity = torch.where(pushes, hand, hand_now), hand_velocity
         self._run_up(goals, now, velocity)
         way = goals.place - now
         far = way.norm(dim=-1)
@@ -355,7 +373,14 @@ class PrimitiveController:
             return np.zeros((len(place), 0), np.float32)
         steps = [round(time_s / self.layer.step_s) for time_s in (_PULL_S, _LET_GO_S, _AGAIN_S)]
         pull, let_go, again = (max(1, count) for count in steps)
-        arrived = self._arrived(choice, place)
+        # (N, H) hands that are where they go for, or whose ray is on it.
+        near = (_at(place, self.tool[:, 0]) - choice.place).norm(dim=-1) < _ARRIVED_M
+        beside, along = off_ray(place, choice.seen, self.rays)
+        within = (_ON_RAD * along).clamp(min=_ON_M)
+        if self.manner.by_width:
+            within = torch.maximum(within, 0.5 * _ENTERED * choice.width)
+        met = (along > 0.0) & (beside < within)
+        arrived = torch.where(points(choice.move), met, near)
         move = choice.move
 
         def does(name: str) -> Tensor:
@@ -366,7 +391,17 @@ class PrimitiveController:
         pulls = (does("press") | does("point")) & ready
         choice.pulled[pulls] = again
         choice.pulled_at[pulls] = choice.seen[pulls]
-        self._squeeze(choice, place, does("grab") | does("pull"), does("release"))
+        # Close and open hands; those that have pulled open.
+        closes = does("grab") | does("pull")
+        opens = does("release")
+        tip = _at(place, self.tool[:, 0])
+        back = (tip - choice.closed_at - _BACK).norm(dim=-1) < _ARRIVED_M
+        late = choice.closed >= round(_PULLED_S / self.layer.step_s)
+        pulled = (choice.move == _PULL) & (choice.closed > 0) & (back | late)
+        begins = closes & (choice.closed == 0)
+        choice.closed_at[begins] = tip[begins]
+        choice.closed += ((choice.closed > 0) | closes).long()
+        choice.closed[opens | pulled] = 0
         values = torch.zeros(*move.shape, len(ROLES))
         pulled = (choice.pulled > again - pull) | does("hold")
         values[..., ROLES.index("trigger")] = pulled.float()
@@ -377,49 +412,10 @@ class PrimitiveController:
         choice.free_left = (choice.free_left - 1).clamp(min=0)
         return self._inputs.actions(values)
 
-    def _squeeze(self, choice: OptionChoice, place: Tensor, closes: Tensor, opens: Tensor) -> None:
-        """Close and open hands; those that have pulled open."""
-        tip = _at(place, self.tool[:, 0])
-        back = (tip - choice.closed_at - _BACK).norm(dim=-1) < _ARRIVED_M
-        late = choice.closed >= round(_PULLED_S / self.layer.step_s)
-        pulled = (choice.move == _PULL) & (choice.closed > 0) & (back | late)
-        begins = closes & (choice.closed == 0)
-        choice.closed_at[begins] = tip[begins]
-        choice.closed += ((choice.closed > 0) | closes).long()
-        choice.closed[opens | pulled] = 0
-
     def begin_free(self, choice: OptionChoice, which: Tensor, option: Tensor) -> None:
         """Let hands (N, H) begin options without a place, by their positions in the set."""
         choice.free = torch.where(which, option, choice.free)
         choice.free_left[which] = max(1, round(_PULL_S / self.layer.step_s))
-
-    def _arrived(self, choice: OptionChoice, place: Tensor) -> Tensor:
-        """(N, H) hands that are where they go for, or whose ray is on it."""
-        near = (_at(place, self.tool[:, 0]) - choice.place).norm(dim=-1) < _ARRIVED_M
-        beside, along = off_ray(place, choice.seen, self.rays)
-        within = (_ON_RAD * along).clamp(min=_ON_M)
-        if self.manner.by_width:
-            within = torch.maximum(within, 0.5 * _ENTERED * choice.width)
-        met = (along > 0.0) & (beside < within)
-        return torch.where(points(choice.move), met, near)
-
-    def _depth(self, choice: OptionChoice, away: Tensor, now: Tensor, velocity: Tensor) -> Tensor:
-        """(N, H, 1) how far behind the surface they go for hands aim; before it: negative, m.
-
-        A hand that is nearly there, but comes no nearer, touches where it is.
-        """
-        way = now - choice.place
-        along = (way * away).sum(-1, keepdim=True)
-        sideways = way - along * away
-        beside = sideways.norm(dim=-1, keepdim=True)
-        lift_m = self.manner.lift_m
-        if self.manner.by_width:
-            return _inside(beside, 0.5 * choice.width[..., None], lift_m * self.lifts)
-        lifted = ((beside - _ABOVE_M) / lift_m).clamp(0.0, 1.0)
-        closing = -(velocity * sideways).sum(-1, keepdim=True) / beside.clamp(min=1e-6)
-        coming = (closing / _COMING_MPS).clamp(0.0, 1.0)
-        lifted = torch.where(lifted < 1.0, lifted * coming, lifted) * self.lifts
-        return _DEEPER_M - lifted * (_DEEPER_M + lift_m)
 
     def _run_up(self, goals: MotorGoals, now: Tensor, velocity: Tensor) -> None:
         """Send hands back that are about to go through their place too slowly.
@@ -452,28 +448,3 @@ def _inside(beside: Tensor, radius: Tensor, lift_m: Tensor) -> Tensor:
     behind = _WELL_BEHIND_M * ((_ENTERS - share) / (_ENTERS - _ENTERED)).clamp(max=1.0)
     before = lift_m * ((beside - _ENTERS * radius) / _LIFTED_M).clamp(max=1.0)
     return torch.where(share < _ENTERS, behind, -before)
-
-
-def _push_by_hand(
-    goals: MotorGoals,
-    pushes: Tensor,
-    away: Tensor,
-    placed: tuple[Tensor, Tensor],
-    moving: tuple[Tensor, Tensor],
-) -> tuple[Tensor, Tensor]:
-    """Let hands push that carry their tools along; return where what pushes is, and its velocity.
-
-    Args:
-        goals: changed in place.
-        pushes: (N, H, 1) which hands push.
-        away: (N, H, 3) directions from the head to the places.
-        placed: (N, H, 4, 4) devices now, and ``MOMENT_S`` later.
-        moving: (N, H, 3) tips now, and their velocities.
-    """
-    now, velocity = moving
-    hand, later = placed[0][..., :3, 3], placed[1][..., :3, 3]
-    carried = goals.place - _AHEAD_M * away + hand - now
-    goals.place = torch.where(pushes, carried, goals.place)
-    goals.tip = torch.where(pushes, torch.zeros(()), goals.tip)
-    velocity = torch.where(pushes, (later - hand) / MOMENT_S, velocity)
-    return torch.where(pushes, hand, now), velocity

@@ -5,8 +5,6 @@ A ray is a point of the policy in space as hands are. Its way is the angle to th
 ray the place is does not count.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import torch

@@ -5,8 +5,6 @@ point is transformed into each device's frame. A point that keeps its position i
 to the device; points that stand in the world do not keep it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Reachable positions of a body's hands."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from torch import Tensor

@@ -1,7 +1,5 @@
 """Users without training by name: idle, random, or a script."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

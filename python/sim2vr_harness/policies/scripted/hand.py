@@ -1,7 +1,5 @@
 """A hand of a scripted user: it follows places, with the controller, a tool, or the aim ray."""
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 import numpy as np

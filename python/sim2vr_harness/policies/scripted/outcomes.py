@@ -1,7 +1,5 @@
 """Outcomes of scripted steps, in words and for JSON."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """Find the objects of an app by name: of pages, and of apps whose scene is known."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -10,7 +8,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.base.errors import InputError, closest
 from sim2vr_harness.client import AppRefused, WebXRApp
 from sim2vr_harness.client.frames import position_to_mujoco
-from sim2vr_harness.client.scene import PLAYER_LAYER, SceneObject
+from sim2vr_harness.client.scene import PLAYER_LAYER
 from sim2vr_harness.policies.scripted.steps import Place
 from sim2vr_harness.users.kinematics.posture_controller import DeviceRay, page_ray
 
@@ -86,9 +84,7 @@ class Places:
                 return position_to_mujoco(self._app.locate(place))
             except AppRefused:
                 return None
-        return self._in_scene(place, hand)
-
-    def _in_scene(self, name: str, hand: FloatArray) -> FloatArray | None:
+        name = place
         scene = self._app.scene()
         named = scene.named(name) or scene.named(f"*/{name}")
         fitting = [one for one in named if one.layer != PLAYER_LAYER]
@@ -96,7 +92,14 @@ class Places:
         if not shown:
             return None
         kept = [one for one in shown if one.id == self._kept.get(name)]
-        chosen = kept[0] if kept else min(shown, key=lambda one: _distance(one, hand))
+        chosen = (
+            kept[0]
+            if kept
+            else min(
+                shown,
+                key=lambda one: float(np.linalg.norm(position_to_mujoco(one.pose[:3]) - hand)),
+            )
+        )
         self._kept[name] = chosen.id
         return position_to_mujoco(chosen.pose[:3])
 
@@ -111,10 +114,6 @@ class Places:
         hint = f" (did you mean {best!r}?)" if best else ""
         listed = ", ".join(known[:_SHOWN]) or "none"
         return InputError("--user", f"no object {name!r}", f"one of {listed}{hint}")
-
-
-def _distance(one: SceneObject, hand: FloatArray) -> float:
-    return float(np.linalg.norm(position_to_mujoco(one.pose[:3]) - hand))
 
 
 def _names_in(page: WebXRApp, name: str) -> list[str]:

@@ -220,7 +220,13 @@ class Episode:
                     outcome.by = "ray" if self._hand.beyond_m(where) else "touch"
                 if outcome.by == "ray":
                     self._hand.ray = own_ray(self._simulation, outcome.hand, self._user)
-                    outcome.ray_off_deg = _angle_deg(self._hand.ray.direction, AIM_RAY.direction)
+                    outcome.ray_off_deg = float(
+                        np.degrees(
+                            np.arccos(
+                                np.clip(self._hand.ray.direction @ AIM_RAY.direction, -1.0, 1.0)
+                            )
+                        )
+                    )
                 return ""
             yield
         name = str(step.place)
@@ -329,10 +335,6 @@ class Episode:
 
     def _user_steps(self, seconds: float) -> int:
         return max(1, round(seconds * self._hz))
-
-
-def _angle_deg(first: FloatArray, second: FloatArray) -> float:
-    return float(np.degrees(np.arccos(np.clip(first @ second, -1.0, 1.0))))
 
 
 def _distance(first: FloatArray, second: FloatArray) -> float:

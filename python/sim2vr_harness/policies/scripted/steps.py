@@ -1,10 +1,7 @@
 """Steps of scripted users: ``touch NAME``, ``press NAME by ray``, and scripts of them in YAML."""
 
-from __future__ import annotations
-
 import difflib
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -70,7 +67,10 @@ def is_script(user: str) -> bool:
     words = user.split()
     if user.endswith((".yaml", ".yml")):
         return True
-    return bool(words) and (words[0] in _KINDS or (len(words) > 1 and bool(_near(words[0]))))
+    return bool(words) and (
+        words[0] in _KINDS
+        or (len(words) > 1 and bool(difflib.get_close_matches(words[0], _KINDS, n=1, cutoff=0.6)))
+    )
 
 
 def read_steps(user: str) -> tuple[Step, ...]:
@@ -142,16 +142,14 @@ def _of_entry(content: Any, field: str) -> list[Step]:
     }
     steps = [replace(parse_step(text, field), **common) for text in texts]
     for step in steps:
-        _check_input(step, field)
+        # Refuse an input that no hand, or not the step's, has.
+        for name in step.inputs or ():
+            hands = [hand for hand in HANDS if f"{hand}.{name}" in INPUT_NAMES]
+            if step.hand is not None and step.hand not in hands:
+                raise InputError(
+                    f"{field}.input", f"{name!r} of the {step.hand} hand", "another input"
+                )
     return steps * entry.repeats
-
-
-def _check_input(step: Step, field: str) -> None:
-    """Refuse an input that no hand, or not the step's, has."""
-    for name in step.inputs or ():
-        hands = [hand for hand in HANDS if f"{hand}.{name}" in INPUT_NAMES]
-        if step.hand is not None and step.hand not in hands:
-            raise InputError(f"{field}.input", f"{name!r} of the {step.hand} hand", "another input")
 
 
 def parse_step(text: str, field: str) -> Step:
@@ -202,10 +200,6 @@ def _number(word: str) -> float | None:
         return float(word)
     except ValueError:
         return None
-
-
-def _near(word: str) -> Sequence[str]:
-    return difflib.get_close_matches(word, _KINDS, n=1, cutoff=0.6)
 
 
 def _forms() -> str:

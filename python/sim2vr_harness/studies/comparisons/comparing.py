@@ -1,7 +1,5 @@
 """The comparisons that a study asks for: which values of which units, and by which test."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import combinations
 from typing import Any
@@ -84,7 +82,11 @@ def compare(
         else:
             for stratum in _strata(data, comparison):
                 found += _tests(data, comparison, measure, stratum)
-    _adjust(found)
+    # Correct by Holm's method over all measures, strata and pairs of one comparison.
+    for tests in (_PAIRS, _OVERALL):
+        _correct([r for r in found if r["test"] in tests and r["p"] is not None])
+    effects = [effect for r in found for effect in r.get("effects", ())[1:]]
+    _correct([effect for effect in effects if effect["p"] is not None])
     return [result | _read_with(result) for result in found]
 
 
@@ -311,14 +313,6 @@ def _mixed(data: StudyData, comparison: ComparisonConfig, measure: str) -> dict[
         notes = [f"left out, because a condition has no {measure} of them: {out}"]
         found["note"] = "; ".join([*notes, *missing_notes(rows, measure)])
     return found
-
-
-def _adjust(results: list[dict[str, Any]]) -> None:
-    """Correct by Holm's method over all measures, strata and pairs of one comparison."""
-    for tests in (_PAIRS, _OVERALL):
-        _correct([r for r in results if r["test"] in tests and r["p"] is not None])
-    effects = [effect for r in results for effect in r.get("effects", ())[1:]]
-    _correct([effect for effect in effects if effect["p"] is not None])
 
 
 def _correct(family: list[dict[str, Any]]) -> None:

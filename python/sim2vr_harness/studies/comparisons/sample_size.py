@@ -1,7 +1,5 @@
 """Sample sizes of a study's comparisons for given differences."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial

@@ -1,7 +1,5 @@
 """Means, deviations and intervals of a study's conditions over its units."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """From episodes to one value per unit: the person, or the training."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -40,12 +38,14 @@ def independent(study: StudyConfig, factor: str, levels: Sequence[str]) -> bool:
     players = []
     for level in levels:
         settings = study.factors[factor].settings(level)
-        players.append({key: value for key, value in settings.items() if _decides_who(key)})
+        players.append(
+            {
+                key: value
+                for key, value in settings.items()
+                if (key in ("user", "config") or key.startswith("training."))
+            }
+        )
     return any(player != players[0] for player in players)
-
-
-def _decides_who(key: str) -> bool:
-    return key in ("user", "config") or key.startswith("training.")
 
 
 def rows_of(data: StudyData, where: Mapping[str, str]) -> Any:

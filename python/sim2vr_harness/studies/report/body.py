@@ -1,7 +1,5 @@
 """Muscles and motors: who tires, who works, drawn on the body that played."""
 
-from __future__ import annotations
-
 import base64
 import io
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -143,7 +141,8 @@ def figures_of_body(
         return
     first = told[0][1]
     labels = [group.label for group, _ in told]
-    parts = _parts_of(body, first.names)
+    of_parts = {} if body is None else muscles_by_part(body, first.names)
+    parts = {full_name(part): own for part, own in of_parts.items() if f"{part}_r" not in of_parts}
     order = np.argsort(-np.mean([load.values for _, load in told], axis=0), kind="stable")
     high = float(max(load.values.max() for _, load in told)) or 1.0
     rows = [full_name(first.names[i]) for i in order]
@@ -184,12 +183,6 @@ def _over_time(groups: Sequence[Group]) -> Iterator[Layer]:
             at = np.linspace(curves[0][0][0], end, _OVER_TIME)
             mean = np.mean([np.interp(at, *curve) for curve in curves], axis=0)
             yield Line(group.label, at, mean, colour_of(index))
-
-
-def _parts_of(body: Body | None, names: Sequence[str]) -> dict[str, NDArray[np.int64]]:
-    """Part of the body, in words -> indices of what moves it; those of one side where known."""
-    parts = {} if body is None else muscles_by_part(body, names)
-    return {full_name(part): own for part, own in parts.items() if f"{part}_r" not in parts}
 
 
 def _effort_split(

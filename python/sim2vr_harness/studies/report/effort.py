@@ -1,7 +1,5 @@
 """Figures of the parts of the reward and of the effort."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Examples to watch: excerpts of films, or strips of their pictures, small enough for a page."""
 
-from __future__ import annotations
-
 import base64
 import subprocess
 import tempfile

@@ -1,7 +1,5 @@
 """The paragraph for a paper's methods section, and its citations."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -185,19 +183,6 @@ def varied_in(env: EnvConfig) -> tuple[str, ...]:
     )
 
 
-def _population(source: ReportSource, users: Sequence[PlayedBy]) -> str:
-    """Return what the simulated persons differ in, as far as it is known."""
-    n = len(source.units)
-    told = [
-        f"differ in {_and(user.differs)}" if user.differs else "do not differ"
-        for user in users
-        if user.differs is not None
-    ]
-    if not told:
-        return f"Users were simulated persons (n = {n})."
-    return f"Users were simulated persons (n = {n}); they {' or '.join(dict.fromkeys(told))}."
-
-
 def _and(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
@@ -223,7 +208,19 @@ def methods_of(source: ReportSource, users: list[PlayedBy]) -> str:
         f"were {_actions(source, users)}.",
     ]
     if source.unit == "person":
-        parts.append(_population(source, users))
+        n = len(source.units)
+        told = [
+            f"differ in {_and(user.differs)}" if user.differs else "do not differ"
+            for user in users
+            if user.differs is not None
+        ]
+        if not told:
+            population = f"Users were simulated persons (n = {n})."
+        else:
+            population = (
+                f"Users were simulated persons (n = {n}); they {' or '.join(dict.fromkeys(told))}."
+            )
+        parts.append(population)
     parts += [f"{line[0].upper()}{line[1:]}" for line in warnings_of(source)]
     if source.search is not None:
         count = len(source.search.trials)

@@ -1,7 +1,5 @@
 """Means over the players of a group, and words for numbers."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Figures of outcomes: measures by group beside people's, and places of the outcomes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -38,7 +36,7 @@ def figures_of_outcomes(source: ReportSource, published: Published) -> Iterator[
     panels = [
         _measure_panel(source.groups, measure, published)
         for measure in source.measures
-        if _varies(source.groups, measure)
+        if any(any(known(group.values(measure.name))) for group in source.groups)
     ]
     if panels:
         people = " Grey: the range of the people, and their mean (diamond)." if _people(
@@ -63,11 +61,6 @@ def _people(source: ReportSource, published: Published) -> bool:
         for group in source.groups
         for measure in source.measures
     )
-
-
-def _varies(groups: Sequence[Group], measure: Measure) -> bool:
-    """Whether there is something to see: a number that is not zero in all rounds."""
-    return any(any(known(group.values(measure.name))) for group in groups)
 
 
 def _measure_panel(groups: Sequence[Group], measure: Measure, published: Published) -> Panel:

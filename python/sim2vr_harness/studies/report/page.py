@@ -1,7 +1,5 @@
 """The page: one HTML file with everything in it, which opens without a network."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
@@ -67,8 +65,23 @@ def page_of(content: Content) -> str:
     others = [figure for figure in content.figures if figure not in (*searched, *first)]
     sections = [
         ("summary", "In plain words", _summary(content)),
-        *((f.key, f.title, _figure(f, panels) + _trials(content, f)) for f in searched),
-        *((f.key, f.title, _measures(content, f, panels)) for f in first),
+        *(
+            (
+                f.key,
+                f.title,
+                _figure(f, panels)
+                + (trial_table(content.source) if f.key == "search_parallel" else ""),
+            )
+            for f in searched
+        ),
+        *(
+            (
+                f.key,
+                f.title,
+                (_figure(f, panels) + measure_table(content.source, content.published)),
+            )
+            for f in first
+        ),
         *((f.key, f.title, _figure(f, panels, _bodies(content, f))) for f in others),
         ("examples", "Examples", _examples(content)),
         ("beside", "Beside people and publications", _beside(content)),
@@ -141,14 +154,6 @@ def _figure(figure: Figure, panels: list[dict], more: str = "") -> str:
     caption = f'<p class="caption">{escape(figure.caption)}</p>'
     roomy = " roomy" if any(panel.crowded for panel in figure.panels) else ""
     return f'{caption}{more}<div class="panels{roomy}">{"".join(parts)}</div>'
-
-
-def _measures(content: Content, figure: Figure, panels: list[dict]) -> str:
-    return _figure(figure, panels) + measure_table(content.source, content.published)
-
-
-def _trials(content: Content, figure: Figure) -> str:
-    return trial_table(content.source) if figure.key == "search_parallel" else ""
 
 
 def _bodies(content: Content, figure: Figure) -> str:

@@ -1,7 +1,5 @@
 """Users beside people in words: where in their distribution, and where the two disagree."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

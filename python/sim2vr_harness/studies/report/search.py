@@ -1,7 +1,5 @@
 """Figures of a search: progress or Pareto front, slices, parallel coordinates."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -74,7 +72,47 @@ def figures_of_search(source: ReportSource) -> Iterator[Figure]:
     rule = " Diamonds: the best."
     rule += f" Grey crosses: beyond a limit ({limits})." if limits else ""
     objectives = [_measure_axis(source, search, name) for name in search.wanted.objectives]
-    yield _objectives_figure(search, objectives, rule)
+    if len(objectives) == 1:
+        objective = objectives[0]
+        numbers = _Axis("trial", [float(n) for n in search.trials["trial"]])
+        (way,) = search.wanted.objectives.values()
+        better = min if way == "min" else max
+        best: float | None = None
+        line: list[float | None] = []
+        for value, keeps in zip(objective.values, search.trials["keeps_limits"], strict=True):
+            if keeps and value is not None:
+                best = value if best is None else better(best, value)
+            line.append(best)
+        progress = Panel(
+            "",
+            [
+                Line("best so far", numbers.values, line, _BEST, stepped=True),
+                *_points(search, numbers, objective),
+            ],
+            "trial",
+            objective.name,
+            legend=True,
+            wide=True,
+        )
+        objectives_figure = Figure(
+            "search",
+            "The search",
+            f"Every trial, and the best so far that keeps the limits.{rule}",
+            [progress],
+        )
+    else:
+        objectives_figure = Figure(
+            "search",
+            "The best compromises",
+            "Every trial; on the line (the Pareto front) none is better in one objective without "
+            f"being worse in another.{rule}",
+            [
+                _front(search, first, second)
+                for k, first in enumerate(objectives)
+                for second in objectives[k + 1 :]
+            ],
+        )
+    yield objectives_figure
     parameters = [_parameter_axis(search, name) for name in search.wanted.parameters]
     constraints = [
         _measure_axis(source, search, name)
@@ -97,28 +135,6 @@ def figures_of_search(source: ReportSource) -> Iterator[Figure]:
         "Parallel coordinates of all parameters",
         "A line per trial, from the least to the greatest value of each; the best are coloured.",
         [_parallel(search, [*parameters, *constraints, *objectives])],
-    )
-
-
-def _objectives_figure(search: Search, objectives: Sequence[_Axis], rule: str) -> Figure:
-    """Progress of one objective, or the Pareto front of several."""
-    if len(objectives) == 1:
-        return Figure(
-            "search",
-            "The search",
-            f"Every trial, and the best so far that keeps the limits.{rule}",
-            [_progress(search, objectives[0])],
-        )
-    return Figure(
-        "search",
-        "The best compromises",
-        "Every trial; on the line (the Pareto front) none is better in one objective without "
-        f"being worse in another.{rule}",
-        [
-            _front(search, first, second)
-            for k, first in enumerate(objectives)
-            for second in objectives[k + 1 :]
-        ],
     )
 
 
@@ -171,29 +187,6 @@ def _points(search: Search, x: _Axis, y: _Axis) -> list[Layer]:
             )
         )
     return layers
-
-
-def _progress(search: Search, objective: _Axis) -> Panel:
-    numbers = _Axis("trial", [float(n) for n in search.trials["trial"]])
-    (way,) = search.wanted.objectives.values()
-    better = min if way == "min" else max
-    best: float | None = None
-    line: list[float | None] = []
-    for value, keeps in zip(objective.values, search.trials["keeps_limits"], strict=True):
-        if keeps and value is not None:
-            best = value if best is None else better(best, value)
-        line.append(best)
-    return Panel(
-        "",
-        [
-            Line("best so far", numbers.values, line, _BEST, stepped=True),
-            *_points(search, numbers, objective),
-        ],
-        "trial",
-        objective.name,
-        legend=True,
-        wide=True,
-    )
 
 
 def _front(search: Search, x: _Axis, y: _Axis) -> Panel:

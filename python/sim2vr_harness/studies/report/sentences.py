@@ -1,7 +1,5 @@
 """The summary of a report: answers to what was asked, each with its numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """Data of a report: the tables of an evaluation or a study, in groups to compare."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,7 +16,6 @@ from sim2vr_harness.evaluation.data import EvaluationData, read_data
 from sim2vr_harness.play.round import PLAYER_MEASURES
 from sim2vr_harness.studies.data import (
     STUDY_FILE,
-    StudyData,
     factor_column,
     read_study,
     results_in,
@@ -229,10 +226,6 @@ def read_source(folder: str | Path) -> ReportSource:
     data = read_data(root)
     if not len(data.episodes):
         raise InputError(file_name(root), "no episodes in its tables", "at least one")
-    return _of_evaluation(root, data)
-
-
-def _of_evaluation(root: Path, data: EvaluationData) -> ReportSource:
     episodes, events = data.episodes, data.events
     several = episodes["user"].nunique() > 1
     groups = []
@@ -244,7 +237,29 @@ def _of_evaluation(root: Path, data: EvaluationData) -> ReportSource:
     facts = facts_of_outside(str(episodes["game"].iloc[0]))
     told = results_in(data.root.parent, groups[0].condition)
     facts = replace(facts, score=told.get("score_measure") or facts.score)
-    measures = _told_measures(facts, data)
+    known = [*facts.scalars, *PLAYER_MEASURES]
+    found = [m for m in known if m.name in data.episodes and data.episodes[m.name].notna().any()]
+    found = [replace(m, unit=_unit(m.unit)) for m in found]
+    if facts.scalars:
+        measures = found
+    else:
+        measures_own = PLAYER_MEASURES[0].name
+        rows = data.dictionary[data.dictionary["table"] == "episodes"]
+        names = list(rows["column"])
+        begin, end = names.index("log_folder") + 1, names.index(measures_own)
+        measures_told = {row.column: row for row in rows.itertuples()}
+        of_game = [
+            Measure(
+                name,
+                measures_told[name].description.partition(":")[0],
+                unit=measures_told[name].unit,
+                digits=2,
+            )
+            for name in names[begin:end]
+            if measures_told[name].type in ("number", "integer")
+            and not name.startswith(("option_", "person_"))
+        ]
+        measures = [*of_game, *found]
     title = f"{', '.join(map(str, episodes['user'].unique()))} in {facts.name}"
     grids = [grid for grid in facts.grids if f"{grid.name}_0" in episodes]
     persons = episodes["person"].notna().all()
@@ -261,7 +276,12 @@ def _of_study(root: Path) -> ReportSource:
     shown = [name for name in factors if study.cells[name].nunique() > 1] or factors
     cells = study.cells
     labels = [", ".join(_level(name, row[name]) for name in shown) for _, row in cells.iterrows()]
-    search = _search_of(study)
+    about = study.about.get("search")
+    if about is None:
+        search = None
+    else:
+        wanted = OptimiseConfig.model_validate(about["optimise"])
+        search = Search(wanted, study.trials, str(about["sampler"]))
     wanted = list(dict.fromkeys(labels)) if search is None else search.shown
     groups = []
     for label in wanted:
@@ -295,14 +315,6 @@ def _of_study(root: Path) -> ReportSource:
     )
 
 
-def _search_of(study: StudyData) -> Search | None:
-    about = study.about.get("search")
-    if about is None:
-        return None
-    wanted = OptimiseConfig.model_validate(about["optimise"])
-    return Search(wanted, study.trials, str(about["sampler"]))
-
-
 def _level(column: str, label: Any) -> str:
     """A level's label; where it is a number alone, with its factor: ``weight 0.01``."""
     try:
@@ -321,26 +333,6 @@ def _measure(told: Mapping[str, Any]) -> Measure:
 def _unit(unit: str) -> str:
     """Return the unit for people: a range of numbers is none."""
     return PROPORTION if unit == "0-1" else "" if unit == "0-2" else unit
-
-
-def _told_measures(facts: GameFacts, data: EvaluationData) -> list[Measure]:
-    """The measures that these episodes have; of an unknown game by the data dictionary."""
-    known = [*facts.scalars, *PLAYER_MEASURES]
-    found = [m for m in known if m.name in data.episodes and data.episodes[m.name].notna().any()]
-    found = [replace(m, unit=_unit(m.unit)) for m in found]
-    if facts.scalars:
-        return found
-    own = PLAYER_MEASURES[0].name
-    rows = data.dictionary[data.dictionary["table"] == "episodes"]
-    names = list(rows["column"])
-    begin, end = names.index("log_folder") + 1, names.index(own)
-    told = {row.column: row for row in rows.itertuples()}
-    of_game = [
-        Measure(name, told[name].description.partition(":")[0], unit=told[name].unit, digits=2)
-        for name in names[begin:end]
-        if told[name].type in ("number", "integer") and not name.startswith(("option_", "person_"))
-    ]
-    return [*of_game, *found]
 
 
 def changes_of(group: Group) -> list[str]:

@@ -1,7 +1,5 @@
 """Figures of strategy: the tool's depth over time, its paths, times and speeds."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -55,7 +53,10 @@ def depth_of(group: Group) -> list[Depth]:
     front of it, on the player's side); where these lie in no plane, how far the tool is in front
     of the headset.
     """
-    tool = _tool_of(group)
+    # The pose in the app's log that belongs to no device; None without one.
+    names = [c.removesuffix("_x_m") for c in group.columns("frames") if c.endswith("_x_m")]
+    others = [name for name in names if name not in _DEVICES]
+    tool = others[0] if others else None
     table = "frames" if tool is not None else "steps"
     name = tool or "right"
     columns = [f"{part}_{axis}" for part in (name, "head") for axis in _AXES]
@@ -83,13 +84,6 @@ def depth_of(group: Group) -> list[Depth]:
             )
         found.append(Depth(times_s - times_s[0], values, what, places))
     return found
-
-
-def _tool_of(group: Group) -> str | None:
-    """The pose in the app's log that belongs to no device; None without one."""
-    names = [c.removesuffix("_x_m") for c in group.columns("frames") if c.endswith("_x_m")]
-    others = [name for name in names if name not in _DEVICES]
-    return others[0] if others else None
 
 
 def _plane(group: Group) -> tuple[FloatArray, FloatArray] | None:

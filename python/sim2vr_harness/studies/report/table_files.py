@@ -1,7 +1,5 @@
 """The tables of a report as files for papers: CSV, and LaTeX with booktabs."""
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Iterator, Sequence
@@ -32,9 +30,53 @@ Rows = list[list[str]]
 def write_tables(source: ReportSource, folder: Path) -> Iterator[Path]:
     """Write measures and tests as ``NAME.csv`` (all digits) and ``NAME.tex``; yield the files."""
     folder.mkdir(parents=True, exist_ok=True)
-    tables = {"table_measures": (_measures(source), _shown_measures(source))}
+    rows = [["measure", "unit", "group", "mean", "sd", "n", "rounds"]]
+    for measure in source.measures:
+        for group in source.groups:
+            found = summary_of(group, measure.name)
+            if found is not None:
+                measures_numbers = (found.mean, found.spread, found.n, found.rounds)
+                rows.append(
+                    [measure.name, measure.unit, group.label, *map(_text, measures_numbers)]
+                )
+    measures_rows = [["", *(group.label for group in source.groups)]]
+    for measures_measure in source.measures:
+        cells = [
+            with_spread(
+                summary_of(group, measures_measure.name), measures_measure, len(set(group.units))
+            )
+            for group in source.groups
+        ]
+        measures_rows.append([measures_measure.heading, *cells])
+    tables = {"table_measures": (rows, measures_rows)}
     if source.comparisons:
-        tables["table_tests"] = (_tests(source), _shown_tests(source))
+        tests_numbers = ("statistic", "p", "p_holm", "effect")
+        tests_rows = [
+            [
+                "measure",
+                "compared",
+                "within",
+                "n",
+                "test",
+                *_DIFFERENCE,
+                *tests_numbers,
+                "effect_name",
+            ]
+        ]
+        for one in source.comparisons:
+            difference = dict(one.get("difference") or {})
+            difference.setdefault("estimate", difference.get("mean"))
+            tests_rows.append([
+                str(one["measure"]),
+                " - ".join(map(str, one.get("levels") or ())),
+                place_of(one).strip(" ()"),
+                _count(one["n"]),
+                str(one["test"]),
+                *(_text(difference.get(key)) for key in _DIFFERENCE),
+                *(_text(one.get(key)) for key in tests_numbers),
+                str(one.get("effect_name") or ""),
+            ])  # fmt: skip
+        tables["table_tests"] = (tests_rows, _shown_tests(source))
     for name, (numbers, shown) in tables.items():
         file = folder / f"{name}.csv"
         with naming(file), file.open("w", newline="", encoding="utf-8") as stream:
@@ -60,47 +102,6 @@ def latex_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 def _escaped(text: str) -> str:
     minus = re.sub(r"(?<!\w)-(?=\d)", "−", text)
     return "".join(_SPECIAL.get(letter, letter) for letter in minus)
-
-
-def _measures(source: ReportSource) -> Rows:
-    rows = [["measure", "unit", "group", "mean", "sd", "n", "rounds"]]
-    for measure in source.measures:
-        for group in source.groups:
-            found = summary_of(group, measure.name)
-            if found is not None:
-                numbers = (found.mean, found.spread, found.n, found.rounds)
-                rows.append([measure.name, measure.unit, group.label, *map(_text, numbers)])
-    return rows
-
-
-def _shown_measures(source: ReportSource) -> Rows:
-    rows = [["", *(group.label for group in source.groups)]]
-    for measure in source.measures:
-        cells = [
-            with_spread(summary_of(group, measure.name), measure, len(set(group.units)))
-            for group in source.groups
-        ]
-        rows.append([measure.heading, *cells])
-    return rows
-
-
-def _tests(source: ReportSource) -> Rows:
-    numbers = ("statistic", "p", "p_holm", "effect")
-    rows = [["measure", "compared", "within", "n", "test", *_DIFFERENCE, *numbers, "effect_name"]]
-    for one in source.comparisons:
-        difference = dict(one.get("difference") or {})
-        difference.setdefault("estimate", difference.get("mean"))
-        rows.append([
-            str(one["measure"]),
-            " - ".join(map(str, one.get("levels") or ())),
-            place_of(one).strip(" ()"),
-            _count(one["n"]),
-            str(one["test"]),
-            *(_text(difference.get(key)) for key in _DIFFERENCE),
-            *(_text(one.get(key)) for key in numbers),
-            str(one.get("effect_name") or ""),
-        ])  # fmt: skip
-    return rows
 
 
 def _shown_tests(source: ReportSource) -> Rows:

@@ -1,7 +1,5 @@
 """The tables of a report, as HTML."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
@@ -169,27 +167,26 @@ def test_table(source: ReportSource) -> str | None:
             if note not in notes:
                 notes.append(note)
             counted += f" <sup>{notes.index(note) + 1}</sup>"
-        rows.append(_test_row(result, measure, counted))
+        sign = {"less": " < ", "greater": " > "}.get(str(result.get("alternative")), " – ")
+        means = ", ".join(
+            "–" if m is None else number(m, measure) for m in result.get("means") or ()
+        )
+        detectable = (result.get("difference") or {}).get("detectable")
+        test_row = [
+            f"{measure.label if measure else result['measure']}{place_of(result)}",
+            sign.join(map(str, result.get("levels") or ())),
+            means,
+            difference_words(result, measure, "[]"),
+            Html(counted),
+            str(result["test"]),
+            *_outcome(result),
+            "" if detectable is None else number(detectable, measure),
+        ]
+        rows.append(test_row)
     headings = ["Measure", "Compared", "Means", "Difference [95 %]", "n", "Test", "Statistic", "p"]
     items = "".join(f"<li>{escape(note)}</li>" for note in notes)
     below = f'<ol class="notes">{items}</ol>' if notes else ""
     return table([*headings, "p, Holm (tests)", "Effect", "Found with power .8"], rows) + below
-
-
-def _test_row(result: Mapping[str, Any], measure: Measure | None, counted: str) -> list[str]:
-    sign = {"less": " < ", "greater": " > "}.get(str(result.get("alternative")), " – ")
-    means = ", ".join("–" if m is None else number(m, measure) for m in result.get("means") or ())
-    detectable = (result.get("difference") or {}).get("detectable")
-    return [
-        f"{measure.label if measure else result['measure']}{place_of(result)}",
-        sign.join(map(str, result.get("levels") or ())),
-        means,
-        difference_words(result, measure, "[]"),
-        Html(counted),
-        str(result["test"]),
-        *_outcome(result),
-        "" if detectable is None else number(detectable, measure),
-    ]
 
 
 def _outcome(result: Mapping[str, Any]) -> list[str]:

@@ -1,7 +1,5 @@
 """Writes the report of an evaluation or a study: a page, and its figures for papers."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -4,8 +4,6 @@ The state of its samplers is rebuilt by asking and telling again from the first 
 costs milliseconds beside what is played, and needs no file that a kill could spoil.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -76,17 +74,15 @@ class Optimiser:
                 elif trial.state == "stopped" and trial.reports:
                     asked.set_user_attr(_CONSTRAINTS, [])
                     step, value = trial.reports[-1]
-                    asked.report(self._as_objective(value), step)
+                    # A report with the sign that makes it good where the objective is.
+                    assert self._search.stop is not None
+                    (way,) = self._search.objectives.values()
+                    same = (way == "max") == (self._search.stop.better == "higher")
+                    as_objective = value if same else -value
+                    asked.report(as_objective, step)
                     self._study.tell(asked, state=states.PRUNED)
                 else:
                     self._study.tell(asked, state=states.FAIL)
-
-    def _as_objective(self, value: float) -> float:
-        """A report with the sign that makes it good where the objective is."""
-        assert self._search.stop is not None
-        (way,) = self._search.objectives.values()
-        same = (way == "max") == (self._search.stop.better == "higher")
-        return value if same else -value
 
 
 class _quiet:

@@ -1,7 +1,5 @@
 """Runs a search: batch after batch is chosen, played and told."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,12 +12,12 @@ from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.base.files import read_json
 from sim2vr_harness.client import Measure
 from sim2vr_harness.evaluation.data.folder import FOLDER, read_table
-from sim2vr_harness.runs.config import TrainingConfig, parse_config
+from sim2vr_harness.runs.config import parse_config
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.studies.config import StudyConfig
 from sim2vr_harness.studies.executor import Executor
 from sim2vr_harness.studies.factors import FactorConfig
-from sim2vr_harness.studies.jobs import CELLS, TRAININGS, CellTask, TrainingTask
+from sim2vr_harness.studies.jobs import CELLS, TRAININGS, CellTask
 from sim2vr_harness.studies.plan import StudyPlan, plan_of
 from sim2vr_harness.studies.policy_selection import Users
 from sim2vr_harness.studies.search.config import OptimiseConfig, Value
@@ -122,7 +120,14 @@ class _Search:
         known = plan.known
         self._check_measures(known)
         for training in plan.trainings:
-            self._check_stop(training)
+            stop = self._wanted.stop
+            import yaml
+
+            config_of = parse_config(yaml.safe_load(training.config))
+            total = config_of.total_timesteps
+            if stop is not None and stop.at[-1] >= total:
+                got = f"{stop.at[-1]} with a training of {total} user steps"
+                raise InputError("optimise.stop.at", got, f"steps below {total}")
         return bool(plan.trainings)
 
     def _check_measures(self, known: Sequence[Measure]) -> None:
@@ -144,13 +149,6 @@ class _Search:
                     field = f"optimise.constraints.{name}"
                     got = f"{key} {value:g}, which nothing can keep"
                     raise InputError(field, got, f"a limit between {low:g} and {high:g}")
-
-    def _check_stop(self, training: TrainingTask) -> None:
-        stop = self._wanted.stop
-        total = _config_of(training).total_timesteps
-        if stop is not None and stop.at[-1] >= total:
-            got = f"{stop.at[-1]} with a training of {total} user steps"
-            raise InputError("optimise.stop.at", got, f"steps below {total}")
 
     # --- a batch ---------------------------------------------------------------------------------
 
@@ -192,7 +190,20 @@ class _Search:
                 nothing = dict.fromkeys(self._wanted.measures)
                 found.append(Trial(number, one, nothing, (), "stopped", report))
             else:
-                measures = self._measured(task)
+                # Means over players of means over their rounds, of those whose app did not fail.
+                table = read_table(
+                    self._doing.root / CELLS / task.key / FOLDER / "episodes.parquet"
+                )
+                rows = table.to_pandas()
+                rows = rows[rows["ended"] != "app_failed"]
+                measured_found: dict[str, float | None] = {}
+                for name in self._wanted.measures:
+                    measured_found[name] = None
+                    if name in rows:
+                        people = rows["person"].fillna(-1)
+                        mean = float(rows.groupby(people)[name].mean().mean())
+                        measured_found[name] = mean if np.isfinite(mean) else None
+                measures = measured_found
                 found.append(judged(self._wanted, number, one, measures, report))
         self._optimiser.tell(found)
         self._trials += found
@@ -222,20 +233,6 @@ class _Search:
         mark = self._doing.root / TRAININGS / task.training / "trained.json"
         return "stopped_at" in read_json(mark, _EXPECTED)
 
-    def _measured(self, task: CellTask) -> dict[str, float | None]:
-        """Means over players of means over their rounds, of those whose app did not fail."""
-        table = read_table(self._doing.root / CELLS / task.key / FOLDER / "episodes.parquet")
-        rows = table.to_pandas()
-        rows = rows[rows["ended"] != "app_failed"]
-        found: dict[str, float | None] = {}
-        for name in self._wanted.measures:
-            found[name] = None
-            if name in rows:
-                people = rows["person"].fillna(-1)
-                mean = float(rows.groupby(people)[name].mean().mean())
-                found[name] = mean if np.isfinite(mean) else None
-        return found
-
     # --- all of it -------------------------------------------------------------------------------
 
     def _whole(self) -> StudyPlan:
@@ -262,12 +259,6 @@ class _Search:
             tuple(measures),
             first.known,
         )
-
-
-def _config_of(training: TrainingTask) -> TrainingConfig:
-    import yaml
-
-    return parse_config(yaml.safe_load(training.config))
 
 
 def _range_of(measure: Measure) -> tuple[float, float]:

@@ -5,8 +5,6 @@ batches only: they are over when it begins, so that no one has to wait, workers 
 each other, and the result does not depend on who was how fast.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

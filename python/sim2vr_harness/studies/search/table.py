@@ -1,7 +1,5 @@
 """The table ``trials`` of a search."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Trials of a search: what was tried, what came of it, and which are the best."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """A self-signed certificate for a server on the local network, made by ``openssl``."""
 
-from __future__ import annotations
-
 import hashlib
 import shutil
 import socket

@@ -1,7 +1,5 @@
 """The parts of a session as a page sends them: kept in files until the session is written."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -90,42 +88,39 @@ class Parts:
             raise RefusedPart(400, "Query: expected session, part and last.")
         session, number, last = match[1], int(match[2]), match[3] == "1"
         with self._lock:
-            self._check(session, number, len(content))
+            size = len(content)
+            now_s = time.monotonic()
+            gained = (now_s - self._asked_s) * PARTS_PER_SECOND
+            self._allowance, self._asked_s = min(BURST, self._allowance + gained), now_s
+            if self._allowance < 1.0:
+                raise RefusedPart(429, f"Parts: got more than {PARTS_PER_SECOND:g} a second.")
+            self._allowance -= 1.0
+            if self._session and session != self._session:
+                raise RefusedPart(
+                    409, "Session: another page is recorded; start the command again."
+                )
+            if number >= MAX_PARTS or (self._last is not None and number > self._last):
+                most = MAX_PARTS if self._last is None else self._last + 1
+                raise RefusedPart(
+                    413, f"Part: got number {number}, expected no more parts than {most}."
+                )
+            if size > MAX_PART_BYTES or self._bytes + size > MAX_BYTES:
+                raise RefusedPart(413, f"Size: got over {MAX_BYTES >> 20} MB, expected a session.")
             self._session = session
             if number not in self._kept:
-                self._keep(number, content)
+                # Write a part to the disk, all of it or nothing.
+                try:
+                    write_atomically(self.folder / f"{number:05}.part", content)
+                except OSError as error:
+                    why = f"cannot be written ({reason(error)})"
+                    notice_once(f"{self.folder}: a part {why}; make room, the page sends it again")
+                    raise RefusedPart(507, f"Part: {why}, expected to be sent again.") from error
+                self._kept.add(number)
+                self._bytes += len(content)
             if last:
                 self._last = number
             if self._last is not None and len(self._kept) == self._last + 1:
                 self.complete.set()
-
-    def _check(self, session: str, number: int, size: int) -> None:
-        now_s = time.monotonic()
-        gained = (now_s - self._asked_s) * PARTS_PER_SECOND
-        self._allowance, self._asked_s = min(BURST, self._allowance + gained), now_s
-        if self._allowance < 1.0:
-            raise RefusedPart(429, f"Parts: got more than {PARTS_PER_SECOND:g} a second.")
-        self._allowance -= 1.0
-        if self._session and session != self._session:
-            raise RefusedPart(409, "Session: another page is recorded; start the command again.")
-        if number >= MAX_PARTS or (self._last is not None and number > self._last):
-            most = MAX_PARTS if self._last is None else self._last + 1
-            raise RefusedPart(
-                413, f"Part: got number {number}, expected no more parts than {most}."
-            )
-        if size > MAX_PART_BYTES or self._bytes + size > MAX_BYTES:
-            raise RefusedPart(413, f"Size: got over {MAX_BYTES >> 20} MB, expected a session.")
-
-    def _keep(self, number: int, content: bytes) -> None:
-        """Write a part to the disk, all of it or nothing."""
-        try:
-            write_atomically(self.folder / f"{number:05}.part", content)
-        except OSError as error:
-            why = f"cannot be written ({reason(error)})"
-            notice_once(f"{self.folder}: a part {why}; make room, the page sends it again")
-            raise RefusedPart(507, f"Part: {why}, expected to be sent again.") from error
-        self._kept.add(number)
-        self._bytes += len(content)
 
     def session(self) -> Session | None:
         """Return the session so far, read and checked; None: nothing has come.

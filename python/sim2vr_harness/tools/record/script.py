@@ -1,7 +1,5 @@
 """The recorder's JavaScript: in a page that is served, as a script tag, as a bookmarklet."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Serve a page's folder with the recorder in the page, and receive its session."""
 
-from __future__ import annotations
-
 import hmac
 import math
 import secrets
@@ -240,7 +238,9 @@ class _Handler(BaseHTTPRequestHandler):
         length = self.headers.get("Content-Length", "")
         try:
             path = self._admitted(reads=False)
-            self._check_origin()
+            origins = self.headers.get_all("Origin") or []
+            if len(origins) != 1 or origins[0].lower() not in self.server.owner.origins:
+                raise Refused(f"Origin: got {origins!r:.200}, expected the page's own.")
             if urlsplit(path).path != f"{_OWN}part":
                 raise RefusedPart(404, "Path: expected the recorder's.")
             if not (length.isascii() and length.isdigit() and int(length) <= MAX_PART_BYTES):
@@ -271,11 +271,6 @@ class _Handler(BaseHTTPRequestHandler):
         behind = owner.gate.admit(path, hosts, origins, reached)
         self.server.admit(self.client_address)
         return behind
-
-    def _check_origin(self) -> None:
-        origins = self.headers.get_all("Origin") or []
-        if len(origins) != 1 or origins[0].lower() not in self.server.owner.origins:
-            raise Refused(f"Origin: got {origins!r:.200}, expected the page's own.")
 
     @property
     def _cookie_name(self) -> str:

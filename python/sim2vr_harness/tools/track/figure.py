@@ -1,7 +1,5 @@
 """Summary figure of a tracked recording: error over time, hand path, most loaded muscles."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

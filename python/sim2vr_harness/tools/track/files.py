@@ -1,7 +1,5 @@
 """Output files of motion tracking: tables, OpenSim files, a summary, pictures."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

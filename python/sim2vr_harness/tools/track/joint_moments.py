@@ -1,7 +1,5 @@
 """Moments that muscles and motors exert about joints, from their forces and moment arms."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco

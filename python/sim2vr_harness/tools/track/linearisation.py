@@ -143,7 +143,26 @@ class Perturbations:
         known = self._known.get(step)
         if known is None or (np.abs(point - known.point) > nearness * self._same).any():
             self._known[step] = known = _Measured(point, *self._measured(moment, shares, step))
-        return self._shared_out(moment, shares, known.moved, known.errors)
+        j, muscles = self._joints, self._drives.muscles
+        size, count = 2 * j + len(muscles), self._drives.count
+        by_motion, by_control = np.zeros((size, size)), np.zeros((size, count))
+        by_motion[: 2 * j, : 2 * j] = known.moved[: 2 * j, : 2 * j].T
+        by_control[: 2 * j] = known.moved[2 * j :, : 2 * j].T
+        error_by_motion = np.zeros((known.errors.shape[1], size))
+        error_by_motion[:, : 2 * j] = known.errors[: 2 * j].T
+        error_by_control = known.errors[2 * j :].T.copy()
+        if len(muscles):
+            early, late, kept, taken = self._muscles.parts(moment.act, shares[muscles])
+            for rows, part in ((slice(0, j), late), (slice(j, 2 * j), early)):
+                both = by_control[rows][:, muscles]
+                by_motion[rows, 2 * j :] = part * both
+                by_control[rows, muscles] = (1.0 - part) * both
+            both = error_by_control[:, muscles]
+            error_by_motion[:, 2 * j :] = late * both
+            error_by_control[:, muscles] = (1.0 - late) * both
+            by_motion[2 * j :, 2 * j :] = np.diag(kept)
+            by_control[np.arange(2 * j, size), muscles] = taken
+        return Response(by_motion, by_control, error_by_motion, error_by_control)
 
     def forget_before(self, step: int) -> None:
         """Drop what was measured of earlier steps, which are done."""
@@ -154,7 +173,12 @@ class Perturbations:
     ) -> tuple[FloatArray, FloatArray]:
         bodies, j, muscles = self._bodies, self._joints, self._drives.muscles
         at, controls = moment.times(bodies.n), np.repeat(shares[None], bodies.n, 0)
-        together = self._coupled(moment.qpos)
+        # (J, nv) how all joints move when one of the independent ones does.
+        body = self._bodies.body
+        angles = moment.qpos[body.qpos_independent]
+        rows = np.concatenate([angles[None], angles + _SLIGHT * np.eye(self._joints)])
+        full = body.coupled_qpos(rows)
+        together = np.asarray((full[1:] - full[0]) / _SLIGHT)
         at.qpos[1 : 1 + j] += _ANGLE * together
         at.qvel[1 + j : 1 + 2 * j] += _SPEED * together
         drives = shares.copy()
@@ -171,38 +195,6 @@ class Perturbations:
         broken = bodies.diverged[1:] | bodies.diverged[0]
         moved[broken], errors[broken] = 0.0, 0.0
         return moved, errors
-
-    def _shared_out(
-        self, moment: DynamicsState, shares: FloatArray, moved: FloatArray, errors: FloatArray
-    ) -> Response:
-        j, muscles = self._joints, self._drives.muscles
-        size, count = 2 * j + len(muscles), self._drives.count
-        by_motion, by_control = np.zeros((size, size)), np.zeros((size, count))
-        by_motion[: 2 * j, : 2 * j] = moved[: 2 * j, : 2 * j].T
-        by_control[: 2 * j] = moved[2 * j :, : 2 * j].T
-        error_by_motion = np.zeros((errors.shape[1], size))
-        error_by_motion[:, : 2 * j] = errors[: 2 * j].T
-        error_by_control = errors[2 * j :].T.copy()
-        if len(muscles):
-            early, late, kept, taken = self._muscles.parts(moment.act, shares[muscles])
-            for rows, part in ((slice(0, j), late), (slice(j, 2 * j), early)):
-                both = by_control[rows][:, muscles]
-                by_motion[rows, 2 * j :] = part * both
-                by_control[rows, muscles] = (1.0 - part) * both
-            both = error_by_control[:, muscles]
-            error_by_motion[:, 2 * j :] = late * both
-            error_by_control[:, muscles] = (1.0 - late) * both
-            by_motion[2 * j :, 2 * j :] = np.diag(kept)
-            by_control[np.arange(2 * j, size), muscles] = taken
-        return Response(by_motion, by_control, error_by_motion, error_by_control)
-
-    def _coupled(self, qpos: FloatArray) -> FloatArray:
-        """(J, nv) how all joints move when one of the independent ones does."""
-        body = self._bodies.body
-        angles = qpos[body.qpos_independent]
-        rows = np.concatenate([angles[None], angles + _SLIGHT * np.eye(self._joints)])
-        full = body.coupled_qpos(rows)
-        return np.asarray((full[1:] - full[0]) / _SLIGHT)
 
 
 class _Muscles:

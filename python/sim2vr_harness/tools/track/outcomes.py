@@ -1,7 +1,5 @@
 """Game outcomes of a tracked hand: the recorded round, replayed with the body's controller."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Literal

@@ -7,8 +7,6 @@ All end as poses in the app's frame (Unity: left-handed, x right, y up, z forwar
 in metres, rotation x y z w.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -108,17 +106,12 @@ def _of_session(session: Session) -> RecordedPath:
     hands = {
         name: each[first:][rows]
         for name, each in poses.items()
-        if each is not None and _moves(each)
+        if each is not None and bool(np.ptp(each[:, :3], axis=0).max() > 1e-6)
     }
     if not hands:
         raise InputError(file_name(path), "controllers that never move", "one that does")
     head = session.head[first:][rows]
     return RecordedPath(session.name.replace("/", "-"), path, times_s, hands, head, session=session)
-
-
-def _moves(poses: FloatArray) -> bool:
-    """Whether a device was on; one that was off stays where it is."""
-    return bool(np.ptp(poses[:, :3], axis=0).max() > 1e-6)
 
 
 def first_of_play(times_s: FloatArray) -> int:
@@ -161,7 +154,12 @@ def read_table_of_poses(file: Path, frame: Frame = "app") -> RecordedPath:
     columns = {device: _columns(file, header, device) for device in _DEVICES}
     rows = _numbers(file, lines, header, columns)
     times_s = rows[:, header.index("time_s")]
-    _check_times(file, lines, times_s)
+    back = np.flatnonzero(np.diff(times_s) <= 0.0)
+    if len(back):
+        i = int(back[0]) + 1
+        got = f"{times_s[i]:g} after {times_s[i - 1]:g}"
+        raise InputError(f"{file_name(file)}, line {lines[i + 1][0]}, time_s", got, "a later time")
+    check_duration(times_s, f"{file_name(file)}, time_s")
     poses: dict[str, FloatArray] = {}
     turned = True
     for device, found in columns.items():
@@ -170,10 +168,23 @@ def read_table_of_poses(file: Path, frame: Frame = "app") -> RecordedPath:
         values = np.full((len(rows), 7), 0.0)
         values[:, 6] = 1.0
         values[:, : len(found)] = rows[:, found]
-        _check_places(file, lines, device, values)
+        far = np.flatnonzero(np.abs(values[:, :3]).max(axis=1) > _FURTHEST_M)
+        if len(far):
+            place = f"{file_name(file)}, line {lines[int(far[0]) + 1][0]}, {device}"
+            places_got = f"{np.abs(values[far[0], :3]).max():g}"
+            raise InputError(place, places_got, f"metres, at most {_FURTHEST_M:g} from the origin")
+        length = np.linalg.norm(values[:, 3:], axis=1)
+        wrong = np.flatnonzero(np.abs(length - 1.0) > _QUATERNION)
+        if len(wrong):
+            place = f"{file_name(file)}, line {lines[int(wrong[0]) + 1][0]}, {device}"
+            places_got = f"a rotation of length {length[wrong[0]]:.3g}"
+            raise InputError(place, places_got, "a quaternion x y z w of length 1")
         if device != "headset":
             turned = turned and len(found) == 7
-        poses[device] = _in_app_frame(values, frame)
+        if frame == "app":
+            poses[device] = values
+        else:
+            poses[device] = values * np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0, 1.0])
     headset = poses.pop("headset", None)
     if not poses:
         expected = "columns of a hand: controller_right_x, _y and _z, in m"
@@ -237,35 +248,3 @@ def _number(place: str, column: str, cell: str) -> float:
     if not math.isfinite(value):
         raise InputError(f"{place}, {column}", shown(cell, 30) if cell else "nothing", "a number")
     return value
-
-
-def _check_times(file: Path, lines: list[tuple[int, str]], times_s: FloatArray) -> None:
-    back = np.flatnonzero(np.diff(times_s) <= 0.0)
-    if len(back):
-        i = int(back[0]) + 1
-        got = f"{times_s[i]:g} after {times_s[i - 1]:g}"
-        raise InputError(f"{file_name(file)}, line {lines[i + 1][0]}, time_s", got, "a later time")
-    check_duration(times_s, f"{file_name(file)}, time_s")
-
-
-def _check_places(
-    file: Path, lines: list[tuple[int, str]], device: str, values: FloatArray
-) -> None:
-    far = np.flatnonzero(np.abs(values[:, :3]).max(axis=1) > _FURTHEST_M)
-    if len(far):
-        place = f"{file_name(file)}, line {lines[int(far[0]) + 1][0]}, {device}"
-        got = f"{np.abs(values[far[0], :3]).max():g}"
-        raise InputError(place, got, f"metres, at most {_FURTHEST_M:g} from the origin")
-    length = np.linalg.norm(values[:, 3:], axis=1)
-    wrong = np.flatnonzero(np.abs(length - 1.0) > _QUATERNION)
-    if len(wrong):
-        place = f"{file_name(file)}, line {lines[int(wrong[0]) + 1][0]}, {device}"
-        got = f"a rotation of length {length[wrong[0]]:.3g}"
-        raise InputError(place, got, "a quaternion x y z w of length 1")
-
-
-def _in_app_frame(poses: FloatArray, frame: Frame) -> FloatArray:
-    """Poses (N, 7) of a frame, in the app's; a mirrored z turns the other way about x and y."""
-    if frame == "app":
-        return poses
-    return poses * np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0, 1.0])

@@ -1,7 +1,5 @@
 """A posture to begin in, and whether places can be reached at all."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from numpy.typing import NDArray

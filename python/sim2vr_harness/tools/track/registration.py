@@ -1,7 +1,5 @@
 """Registration of a recorded world to that of a body, by the person's head."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -82,7 +80,10 @@ def place(
     facing = 0.0
     if path.headset is not None:
         head = np.median(position_to_mujoco(path.headset[:, :3]), axis=0)
-        facing = _facing(path.headset)
+        # Angle to the right, rad, that a head looks at in the middle of the time.
+        w, x, y, z = pose_to_mujoco(path.headset)[1].T
+        ahead, left = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)
+        facing = float(np.arctan2(-np.median(left), np.median(ahead)))
         at = np.array(body_head_m, dtype=np.float64)
         if yaw != "head" and abs(np.degrees(facing) - yaw) > 45.0:
             notes.append(
@@ -113,13 +114,6 @@ def estimated_stature_m(path: RecordedPath) -> float | None:
     if height is None or height < STANDING_M:
         return None
     return float(np.clip(height / EYE_SHARE, 1.0, 2.5))
-
-
-def _facing(headset: FloatArray) -> float:
-    """Angle to the right, rad, that a head looks at in the middle of the time."""
-    w, x, y, z = pose_to_mujoco(headset)[1].T
-    ahead, left = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)
-    return float(np.arctan2(-np.median(left), np.median(ahead)))
 
 
 def _turn(left_rad: float) -> FloatArray:

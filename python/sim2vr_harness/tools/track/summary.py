@@ -1,7 +1,5 @@
 """Summary of motion tracking: sentences and rows of tables."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sim2vr_harness.tools.track.postures import REACHED_M
@@ -33,24 +31,21 @@ def facts_of(one: Tracked) -> list[str]:
         f"  effort {summary['effort']:.2f} ({summary['effort_per_s']:.3f} per s), mean activation "
         f"{_mean(one.followed.activations):.3f}{fatigue}"
     )
-    return lines + [f"  {note}" for note in _cut_short(one)]
-
-
-def _cut_short(one: Tracked) -> list[str]:
-    """Hands whose fastest strokes the body does not follow (docs/reference/tools.md, "Track")."""
+    # Hands whose fastest strokes the body does not follow (docs/reference/tools.md, "Track").
     helps = []
     if not one.settings.refined:
         helps.append("without --no-refine")
     if one.muscles:
         helps.append("--set env.user.person.strength=1.5")
     mending = f"; closer, perhaps, {' or '.join(helps)} (docs/reference/tools.md)" if helps else ""
-    return [
+    cut_short = [
         f"{hand.hand.removeprefix('controller_')} hand: one step in twenty is more than "
         f"{1e3 * hand.reachable_most_m:.0f} mm off within reach. Its fastest strokes are cut "
         f"short, and the load of those moments is underestimated{mending}"
         for hand in one.hands
         if hand.reachable_most_m is not None and hand.reachable_most_m > _CUT_SHORT_M
     ]
+    return lines + [f"  {note}" for note in cut_short]
 
 
 def _mean(values: np.ndarray) -> float:

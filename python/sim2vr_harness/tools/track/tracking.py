@@ -1,7 +1,5 @@
 """A recording from file to figures: who follows it, how near, and what it asks of the muscles."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -186,7 +184,23 @@ def track(
     Raises:
         InputError: no motor layer fits the body, or it has none of the recorded hands.
     """
-    env, stature_m, estimated = _cut(path, env, settings)
+    own = env.user.person.stature_m
+    stature, cut_estimated = settings.stature_m, False
+    if stature is None and own is None:
+        stature = estimated_stature_m(path)
+        cut_estimated = stature is not None
+    changes = {"stature_m": stature, "mass_kg": settings.mass_kg}
+    cut_known = {key: value for key, value in changes.items() if value is not None}
+    if not cut_known:
+        env, stature_m, estimated = env, own, False
+    else:
+        person = env.user.person.model_validate({**env.user.person.model_dump(), **cut_known})
+        user = env.user.model_copy(update={"person": person})
+        env, stature_m, estimated = (
+            env.model_copy(update={"user": user}),
+            person.stature_m,
+            cut_estimated,
+        )
     body = _body(env)
     step_s = 1.0 / env.action_frequency_hz
     layer = layer_for(body, step_s)
@@ -207,7 +221,13 @@ def track(
         seed=settings.seed,
         on_progress=on_progress,
     )
-    beyond = _beyond_m(body, followed, settings.seed)
+    # (K, H) how far the wanted places are beyond reach, m; 0 of hands that rest.
+    beyond, wanted = np.zeros(followed.errors_m.shape), followed.wanted
+    for hand in np.flatnonzero(wanted.followed):
+        targets = followed.targets[:, hand]
+        beyond[:, hand] = beyond_reach_m(
+            body, wanted.hands[hand], targets, followed.angles, settings.seed
+        )
     known = path.session is not None and is_recorded_round(path.session)
     game = path.session if settings.play and known else None
     return Tracked(
@@ -236,33 +256,6 @@ def _bodies(body: Body, env: EnvConfig, step_s: float, n: int) -> UserBatch:
         effort_params=env.user.effort.options(),
         substeps=round(step_s / body.timestep),
     )
-
-
-def _beyond_m(body: Body, followed: Followed, seed: int) -> FloatArray:
-    """(K, H) how far the wanted places are beyond reach, m; 0 of hands that rest."""
-    beyond, wanted = np.zeros(followed.errors_m.shape), followed.wanted
-    for hand in np.flatnonzero(wanted.followed):
-        targets = followed.targets[:, hand]
-        beyond[:, hand] = beyond_reach_m(body, wanted.hands[hand], targets, followed.angles, seed)
-    return beyond
-
-
-def _cut(
-    path: RecordedPath, env: EnvConfig, settings: TrackingSettings
-) -> tuple[EnvConfig, float | None, bool]:
-    """The environment with the person's body, its stature, and whether that is an estimate."""
-    own = env.user.person.stature_m
-    stature, estimated = settings.stature_m, False
-    if stature is None and own is None:
-        stature = estimated_stature_m(path)
-        estimated = stature is not None
-    changes = {"stature_m": stature, "mass_kg": settings.mass_kg}
-    known = {key: value for key, value in changes.items() if value is not None}
-    if not known:
-        return env, own, False
-    person = env.user.person.model_validate({**env.user.person.model_dump(), **known})
-    user = env.user.model_copy(update={"person": person})
-    return env.model_copy(update={"user": user}), person.stature_m, estimated
 
 
 def _hands(followed: Followed, beyond_m: FloatArray) -> tuple[HandError, ...]:

@@ -1,7 +1,5 @@
 """A body follows a hand's path: its motor policy receives where the hand shall be next."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -167,7 +165,10 @@ def wanted_of(
         before, after = (_at(clock, points, times_s + d) for d in (-_SLOPE_S, _SLOPE_S))
         velocities[:, hand] = (after - before) / (2.0 * _SLOPE_S)
         if pointed and path.turned:
-            axes[:, hand] = _unit(_at(clock, _forward(placement.turns(poses)), times_s))
+            vectors = _at(clock, _forward(placement.turns(poses)), times_s)
+            axes[:, hand] = np.asarray(
+                vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9)
+            )
     return Wanted(hands, followed, times_s, places, velocities, axes, first)
 
 
@@ -375,7 +376,3 @@ def _forward(quats: FloatArray) -> FloatArray:
     return np.stack(
         [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)], axis=1
     )
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9))

@@ -9,8 +9,6 @@ is control-limited differential dynamic programming
 feedback keeps the body to it. Like the correction of goals it needs to know what comes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

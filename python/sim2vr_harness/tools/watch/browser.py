@@ -1,7 +1,5 @@
 """Play in the browser, by viser: one scene to walk around in, and what drives it beside it."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import logging
@@ -117,7 +115,13 @@ class ViewerStage:
             if mesh != one.mesh:
                 if handle is not None:
                     handle.remove()
-                handle = self._new_object(moment, key, one.mesh)
+                vertices, triangles = moment.scene.meshes[one.mesh].in_mujoco()
+                handle = self._scene.add_mesh_simple(
+                    f"/app/{key[0]}_{key[1]}",
+                    vertices.astype(np.float32),
+                    triangles.astype(np.uint32),
+                    side="double",
+                )
                 self._objects[key] = one.mesh, handle
             assert handle is not None
             handle.position, handle.wxyz = position, quat
@@ -129,15 +133,6 @@ class ViewerStage:
         for key, (_, handle) in self._objects.items():
             if key not in shown:
                 handle.visible = False
-
-    def _new_object(self, moment: ViewerFrame, key: tuple[int, int], number: int) -> Any:
-        vertices, triangles = moment.scene.meshes[number].in_mujoco()
-        return self._scene.add_mesh_simple(
-            f"/app/{key[0]}_{key[1]}",
-            vertices.astype(np.float32),
-            triangles.astype(np.uint32),
-            side="double",
-        )
 
 
 class Viewer:
@@ -284,22 +279,19 @@ class Viewer:
             ]
             last = events[-_LAST_EVENTS:][::-1]
             self._events.content = "\n".join(f"- {line}" for line in last) or "None yet."
-            self._draw_bars(moment)
+            self._bar_folder.visible = bool(moment.bars)
+            for name, share in moment.bars.items():
+                if name not in self._bars:
+                    with self._bar_folder:
+                        text = self._server.gui.add_markdown("")
+                        self._bars[name] = text, self._server.gui.add_progress_bar(0.0)
+                text, bar = self._bars[name]
+                text.content = f"{name}: {100.0 * share:.1f} %"
+                bar.value = 100.0 * float(np.clip(share, 0.0, 1.0))
             self._sliding = True
             self._slider.max = max(0.1, self.playback.moments[-1].time_s)
             self._slider.value = min(moment.time_s, self._slider.max)
             self._sliding = False
-
-    def _draw_bars(self, moment: ViewerFrame) -> None:
-        self._bar_folder.visible = bool(moment.bars)
-        for name, share in moment.bars.items():
-            if name not in self._bars:
-                with self._bar_folder:
-                    text = self._server.gui.add_markdown("")
-                    self._bars[name] = text, self._server.gui.add_progress_bar(0.0)
-            text, bar = self._bars[name]
-            text.content = f"{name}: {100.0 * share:.1f} %"
-            bar.value = 100.0 * float(np.clip(share, 0.0, 1.0))
 
     def turn(self, seconds: float) -> None:
         """Do what was requested in the browser, let time go by, and draw what changed."""

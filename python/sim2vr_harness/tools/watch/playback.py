@@ -1,7 +1,5 @@
 """Playback control of frames: pause, step, speed, back and forth."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from sim2vr_harness.tools.watch.frames import Playlist, ViewerFrame

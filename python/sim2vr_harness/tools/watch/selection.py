@@ -1,7 +1,5 @@
 """Selection of what to watch: a trained user, a body, a recorded round, a page or a game."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -54,7 +52,10 @@ def choose(
         env = player.env(app, overrides, game=game, trust_app=trust_app)
         return user_show(player, with_condition(env, condition), seed=seed)
     if run is not None and _recorded(Path(run)):
-        _refuse_with_recording(person, game, condition)
+        if person:
+            raise InputError("--try", "it with a recording", "it with a game, a user, or alone")
+        if game is not None or condition is not None:
+            raise InputError("--game or --condition", "it with a recording", "neither of them")
         return recorded_show(Path(run))
     who = run or "mobl_arms_wrist"
     env = _environment(who, game, condition, overrides, trust_app=trust_app)
@@ -82,13 +83,6 @@ def recorded_show(path: Path) -> Playlist:
     if is_recorded_round(session):
         session = with_clock(session, closed_loop=False)
     return session_show(session, name)
-
-
-def _refuse_with_recording(person: bool, game: str | None, condition: str | None) -> None:
-    if person:
-        raise InputError("--try", "it with a recording", "it with a game, a user, or alone")
-    if game is not None or condition is not None:
-        raise InputError("--game or --condition", "it with a recording", "neither of them")
 
 
 def _environment(

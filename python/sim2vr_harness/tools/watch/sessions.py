@@ -1,7 +1,5 @@
 """A recorded session of any app to watch, alone or beside a user."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import product

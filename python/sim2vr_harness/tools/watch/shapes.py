@@ -1,7 +1,5 @@
 """A body's drawn shapes as triangles, for viewers outside MuJoCo."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mujoco
@@ -103,7 +101,9 @@ def body_shapes(body: Body) -> list[BodyShape]:
     model = body.model
     parts: dict[tuple[int, tuple[int, int, int]], list[tuple[FloatArray, IntArray]]] = {}
     for geom in range(model.ngeom):
-        rgba = _color(model, geom)
+        material = int(model.geom_matid[geom])
+        color_rgba = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+        rgba = np.asarray(color_rgba, dtype=np.float64)
         if model.geom_group[geom] not in _SEEN_GROUPS or rgba[3] < _LEAST_ALPHA:
             continue
         shape = _shape(model, geom)
@@ -125,12 +125,6 @@ def body_shapes(body: Body) -> list[BodyShape]:
         name = f"{model.body(part).name}_{bytes(color).hex()}"
         shapes.append(BodyShape(part, name, vertices, faces, color))
     return shapes
-
-
-def _color(model: mujoco.MjModel, geom: int) -> FloatArray:
-    material = int(model.geom_matid[geom])
-    rgba = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
-    return np.asarray(rgba, dtype=np.float64)
 
 
 def _shape(model: mujoco.MjModel, geom: int) -> tuple[FloatArray, IntArray] | None:

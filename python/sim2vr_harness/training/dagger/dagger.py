@@ -7,8 +7,6 @@ as which targets are there. Ross, Gordon & Bagnell (2011), "A Reduction of Imita
 Structured Prediction to No-Regret Online Learning".
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections import deque
@@ -152,10 +150,19 @@ class Student(State):
             extractor: Any = policy.features_extractor
             width = extractor.picture_features
             self._heads = nn.Linear(width, self._facts).to(self._device) if self._facts else None
-            self._tell = self._telling(policy)
+            if self.config.numbers_weight == 0.0:
+                self._tell = None
+            else:
+                told = self.guide.numbers(self.simulation).shape[1]
+                self._tell = nn.Linear(policy.features_dim, told).to(self._device)
             self._crops: AttentionCrops | None = extractor.attention_crops
             self._looked_at = self._looking()
-            self._read = self._reading()
+            if self._crops is None or self._tell is None:
+                self._read = None
+            else:
+                columns = self.guide.crop_columns[: self._looked_at]
+                heads = [nn.Linear(self._crops.features, len(which)) for which in columns]
+                self._read = nn.ModuleList(heads).to(self._device)
         mlp: Any = policy.mlp_extractor
         self._parameters = [
             *policy.features_extractor.parameters(),
@@ -167,18 +174,8 @@ class Student(State):
         self._optimizer = torch.optim.AdamW(
             self._parameters, config.learning_rate, weight_decay=_WEIGHT_DECAY, fused=True
         )
-        self.store = self._frame_store(folder)
-        self.round = 0
-        # Rounds end at different times, so that every minibatch has all phases of a round in it.
-        longest = min(simulation.max_steps, config.stagger_steps)
-        self._cut = self._rng.integers(1, longest + 1, self.n)
-        self._acted = np.zeros(self.n)
-        self._episodes: deque[dict[str, Any]] = deque(maxlen=_STATISTICS_EPISODES)
-        self._ended = 0
-
-    def _frame_store(self, folder: Path) -> ReplayStore:
-        """Return the store of observations and of what the student learns from them."""
-        config, each = self.config, self.n * _ROLLOUT_STEPS
+        # Store of observations and of what the student learns from them.
+        store_config, each = self.config, self.n * _ROLLOUT_STEPS
         observation = self.simulation.observation()
         shapes = {key: (value.shape[1:], value.dtype) for key, value in observation.items()}
         sizes = {
@@ -187,25 +184,26 @@ class Student(State):
             "numbers": (self._tell.out_features if self._tell else 0,),
             "crop_places": (self._looked_at, 3),
         }
-        return ReplayStore(
+        self.store = ReplayStore(
             folder / PICTURE_FILES,
-            -(-min(config.frames, config.kept_frames or config.frames) // each) * each,
+            -(-min(store_config.frames, store_config.kept_frames or store_config.frames) // each)
+            * each,
             shapes | {name: (size, np.float32) for name, size in sizes.items()},
-            slack=CHECKPOINT_ROUNDS * each if config.kept_frames else 0,
+            slack=CHECKPOINT_ROUNDS * each if store_config.kept_frames else 0,
         )
+        self.round = 0
+        # Rounds end at different times, so that every minibatch has all phases of a round in it.
+        longest = min(simulation.max_steps, config.stagger_steps)
+        self._cut = self._rng.integers(1, longest + 1, self.n)
+        self._acted = np.zeros(self.n)
+        self._episodes: deque[dict[str, Any]] = deque(maxlen=_STATISTICS_EPISODES)
+        self._ended = 0
 
     @property
     def _dropped(self) -> dict[str, nn.Module]:
         """The heads that there are; only this stage has them."""
         heads = {"heads": self._heads, "tell": self._tell, "read": self._read}
         return {name: head for name, head in heads.items() if head is not None}
-
-    def _telling(self, policy: VisualActorCritic) -> nn.Linear | None:
-        """The head that tells what the teacher knows, from all of the student's features."""
-        if self.config.numbers_weight == 0.0:
-            return None
-        told = self.guide.numbers(self.simulation).shape[1]
-        return nn.Linear(policy.features_dim, told).to(self._device)
 
     def _looking(self) -> int:
         """How many things are looked at; from now on it is learned where they are."""
@@ -220,17 +218,6 @@ class Student(State):
             )
         self._crops.teach(True)
         return count
-
-    def _reading(self) -> nn.ModuleList | None:
-        """Heads that predict the facts of each thing that is looked at, from its crop alone.
-
-        In the loss over all facts of a game, those of one thing would hardly count.
-        """
-        if self._crops is None or self._tell is None:
-            return None
-        columns = self.guide.crop_columns[: self._looked_at]
-        heads = [nn.Linear(self._crops.features, len(which)) for which in columns]
-        return nn.ModuleList(heads).to(self._device)
 
     @property
     def finished(self) -> bool:
@@ -247,7 +234,29 @@ class Student(State):
         """
         began = time.monotonic()
         with torch_threads(1):
-            share = self._collect(on_progress)
+            config = self.config
+            late = self.round - _TEACHER_ROUNDS
+            collect_share = (
+                1.0 if late < 0 else config.teacher_share * config.teacher_share_decay**late
+            )
+            noisy = np.arange(self.n) < _NOISY_USERS * self.n
+            shown = 0
+            for step in range(_ROLLOUT_STEPS):
+                on_progress(COLLECTED * step / _ROLLOUT_STEPS)
+                observation = self.simulation.observation()
+                label = np.clip(self.guide.actions(self.simulation), -1.0, 1.0)
+                facts = self.guide.facts(self.simulation)
+                told = {"label": label, "facts": facts, "numbers": self._told()}
+                self.store.append({**observation, **told, "crop_places": self._crop_places()})
+                # Whole stretches by one of the two would show fewer of the student's mistakes.
+                by_teacher = self._rng.random(self.n) < collect_share
+                noise = self._rng.standard_normal(label.shape).astype(np.float32)
+                action = np.where(by_teacher[:, None], label, self.act(observation))
+                action = action + noise * (config.noise_std * noisy[:, None])
+                outcome = self.simulation.step(np.clip(action, -1.0, 1.0))
+                self._count(outcome, by_teacher)
+                shown += int(by_teacher.sum())
+            share = shown / (_ROLLOUT_STEPS * self.n)
         collected = time.monotonic()
         with torch_threads(1 if self.policy.in_shards else torch.get_num_threads()):
             errors = self._learn(on_progress)
@@ -265,29 +274,6 @@ class Student(State):
             collect_seconds=collected - began,
             learn_seconds=time.monotonic() - collected,
         )
-
-    def _collect(self, on_progress: Callable[[float], None]) -> float:
-        config = self.config
-        late = self.round - _TEACHER_ROUNDS
-        share = 1.0 if late < 0 else config.teacher_share * config.teacher_share_decay**late
-        noisy = np.arange(self.n) < _NOISY_USERS * self.n
-        shown = 0
-        for step in range(_ROLLOUT_STEPS):
-            on_progress(COLLECTED * step / _ROLLOUT_STEPS)
-            observation = self.simulation.observation()
-            label = np.clip(self.guide.actions(self.simulation), -1.0, 1.0)
-            facts = self.guide.facts(self.simulation)
-            told = {"label": label, "facts": facts, "numbers": self._told()}
-            self.store.append({**observation, **told, "crop_places": self._crop_places()})
-            # Whole stretches by one of the two would show fewer of the student's mistakes.
-            by_teacher = self._rng.random(self.n) < share
-            noise = self._rng.standard_normal(label.shape).astype(np.float32)
-            action = np.where(by_teacher[:, None], label, self.act(observation))
-            action = action + noise * (config.noise_std * noisy[:, None])
-            outcome = self.simulation.step(np.clip(action, -1.0, 1.0))
-            self._count(outcome, by_teacher)
-            shown += int(by_teacher.sum())
-        return shown / (_ROLLOUT_STEPS * self.n)
 
     def _told(self) -> NDArray[np.float32]:
         """(N, K) what the student learns to tell; K may be 0."""
@@ -347,7 +333,35 @@ class Student(State):
         }
         for number, batch in enumerate(self._minibatches(minibatches)):
             on_progress(COLLECTED + (1.0 - COLLECTED) * number / minibatches)
-            losses = self._losses(batch)
+            # The errors that there are, each a number.
+            observation = {key: value for key, value in batch.items() if key not in _TARGETS}
+            if self.policy.in_shards:
+                losses_weights = [weight for weight in self._parameters if weight.requires_grad]
+                answers = in_shards(self._network, losses_weights, observation, self.policy.workers)
+            else:
+                answers = self._network(observation)
+            left = list(answers)
+            losses = {"imitation": nn.functional.mse_loss(left.pop(0), batch["label"])}
+            if self._heads is not None:
+                logits = left.pop(0)
+                losses["facts"] = nn.functional.binary_cross_entropy_with_logits(
+                    logits, batch["facts"]
+                )
+            if self._tell is not None:
+                losses["numbers"] = nn.functional.mse_loss(left.pop(0), batch["numbers"])
+            if self._crops is not None:
+                places = batch["crop_places"]
+                losses["crops"] = self._crops.loss(left.pop(0), places[..., :2], places[..., 2])
+            if self._read is not None:
+                numbers = batch["numbers"]
+                there = places[..., 2]
+                errors = torch.zeros(())
+                for k, (read, columns) in enumerate(
+                    zip(left, self.guide.crop_columns, strict=False)
+                ):
+                    wrong = (read - numbers[:, columns]).square().mean(1)
+                    errors = errors + (wrong * there[:, k]).sum()
+                losses["reading"] = errors / there.sum().clamp(min=1.0)
             loss = torch.stack([weights[name] * loss for name, loss in losses.items()]).sum()
             self._optimizer.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
@@ -381,35 +395,6 @@ class Student(State):
                 yield {
                     key: value.to(self._device, non_blocking=True) for key, value in batch.items()
                 }
-
-    def _losses(self, batch: dict[str, Tensor]) -> dict[str, Tensor]:
-        """The errors that there are, each a number."""
-        observation = {key: value for key, value in batch.items() if key not in _TARGETS}
-        if self.policy.in_shards:
-            weights = [weight for weight in self._parameters if weight.requires_grad]
-            answers = in_shards(self._network, weights, observation, self.policy.workers)
-        else:
-            answers = self._network(observation)
-        left = list(answers)
-        losses = {"imitation": nn.functional.mse_loss(left.pop(0), batch["label"])}
-        if self._heads is not None:
-            logits = left.pop(0)
-            losses["facts"] = nn.functional.binary_cross_entropy_with_logits(logits, batch["facts"])
-        if self._tell is not None:
-            losses["numbers"] = nn.functional.mse_loss(left.pop(0), batch["numbers"])
-        if self._crops is not None:
-            places = batch["crop_places"]
-            losses["crops"] = self._crops.loss(left.pop(0), places[..., :2], places[..., 2])
-        if self._read is not None:
-            losses["reading"] = self._reading_error(left, batch["numbers"], places[..., 2])
-        return losses
-
-    def _reading_error(self, told: list[Tensor], numbers: Tensor, there: Tensor) -> Tensor:
-        errors = torch.zeros(())
-        for k, (read, columns) in enumerate(zip(told, self.guide.crop_columns, strict=False)):
-            wrong = (read - numbers[:, columns]).square().mean(1)
-            errors = errors + (wrong * there[:, k]).sum()
-        return errors / there.sum().clamp(min=1.0)
 
     def _network(self, batch: dict[str, Tensor]) -> tuple[Tensor, ...]:
         """Mean actions (B, A), facts' logits (B, F), numbers (B, K), places (B, G, 3, cells).

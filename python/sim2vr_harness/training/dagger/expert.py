@@ -1,7 +1,5 @@
 """A trained teacher beside a student: what it would do, and what the picture shows."""
 
-from __future__ import annotations
-
 import fnmatch
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The stage in which a policy that sees learns from the teacher."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """User steps of simulated users, which the body model is fitted to."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

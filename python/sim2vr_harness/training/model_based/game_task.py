@@ -1,7 +1,5 @@
 """A game as the task of a model-based training: its rounds, and users who play the true one."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

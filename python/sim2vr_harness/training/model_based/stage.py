@@ -1,7 +1,5 @@
 """Stages of model-based trainings: cycle after cycle, saved after each."""
 
-from __future__ import annotations
-
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Cycles of collecting user steps, fitting the body model, and learning from imagined rollouts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any, Generic, TypeVar
 
@@ -139,9 +137,16 @@ class ModelBasedTrainer(State, Generic[AnyTask]):
             self.users.rest_as(self._seen[0].before.drives)
             self.task.calibrate(self._seen[0])
         self._threads.measure()
+        fit_first, later = self._seen[0], self._seen[1:]
+        if not later:
+            to_fit = fit_first
+        else:
+            parts = (fit_first, TransitionStore.joined(later), TransitionStore.joined(later[-3:]))
+            count = self.config.fit_minibatches * 300
+            to_fit = TransitionStore.joined([part.drawn(count) for part in parts])
         fit = fit_body(
             self.body,
-            self._to_fit(),
+            to_fit,
             minibatches=config.first_fit_minibatches if first else config.fit_minibatches,
             learning_rate=4e-3 if first else 1.5e-3,
             device=self._device,
@@ -150,9 +155,20 @@ class ModelBasedTrainer(State, Generic[AnyTask]):
                 "fitting the body model", _PLAYED + share * (_FITTED - _PLAYED)
             ),
         )
-        self._choose_pool()
+        # Choose states to start from: of the last cycles, and of the first.
+        recent = TransitionStore.joined(self._seen[1:][-8:] or self._seen[:1])
+        early = self._seen[0].drawn(len(recent) // self.task.recent_per_early)
+        self._pool = TransitionStore.joined([recent, early])
+        self.task.begin_updates(self._pool)
         if first:
-            self._first_starts()
+            # Start all imagined users, and set the policy's statistics by what they observe.
+            seen = []
+            with torch.no_grad():
+                for _ in range(self.task.starts):
+                    self._restart(torch.arange(self.users.n))
+                    seen.append(self.task.observe())
+            if seen:
+                self.task.normalise(torch.cat(seen[:_STATISTICS_STARTS]))
         self._window.forget()  # delays, noise and costs are those of the next cycle
         self._threads.measure()
         for update in range(config.updates):
@@ -196,39 +212,13 @@ class ModelBasedTrainer(State, Generic[AnyTask]):
             weights = {name: value.clone() for name, value in self.task.policy.state_dict().items()}
             self._best = (rate, weights)
 
-    def _to_fit(self) -> TransitionStore:
-        """User steps to fit the body to: of the first cycle, of all others, of the last ones."""
-        first, later = self._seen[0], self._seen[1:]
-        if not later:
-            return first
-        parts = (first, TransitionStore.joined(later), TransitionStore.joined(later[-3:]))
-        count = self.config.fit_minibatches * 300
-        return TransitionStore.joined([part.drawn(count) for part in parts])
-
     # --- where imagined rollouts start -------------------------------------------------------
-
-    def _choose_pool(self) -> None:
-        """Choose states to start from: of the last cycles, and of the first."""
-        recent = TransitionStore.joined(self._seen[1:][-8:] or self._seen[:1])
-        early = self._seen[0].drawn(len(recent) // self.task.recent_per_early)
-        self._pool = TransitionStore.joined([recent, early])
-        self.task.begin_updates(self._pool)
 
     def _restart(self, ids: Tensor) -> None:
         """Let imagined users ``ids`` (K,) continue from states of simulated ones."""
         assert self._pool is not None
         rows = torch.randint(len(self._pool), (len(ids),), device="cpu")
         self.task.start(ids, self._pool, rows)
-
-    def _first_starts(self) -> None:
-        """Start all imagined users, and set the policy's statistics by what they observe."""
-        seen = []
-        with torch.no_grad():
-            for _ in range(self.task.starts):
-                self._restart(torch.arange(self.users.n))
-                seen.append(self.task.observe())
-        if seen:
-            self.task.normalise(torch.cat(seen[:_STATISTICS_STARTS]))
 
     # --- learning ----------------------------------------------------------------------------
 
@@ -247,13 +237,6 @@ class ModelBasedTrainer(State, Generic[AnyTask]):
     def _cut(self) -> None:
         self.users.cut()
         self.task.cut()
-
-    def _warm_up(self, done: float) -> None:
-        """Give users who have just started a past of their own."""
-        with torch.no_grad():
-            for _ in range(self.task.warm_up):
-                _, actions = self._act()
-                self.advance(actions, done)
 
     def _roll_window(self, done: float) -> tuple[Tensor, Tensor, Tensor]:
         """Advance all imagined users by a window of T user steps, differentiably.
@@ -289,7 +272,11 @@ class ModelBasedTrainer(State, Generic[AnyTask]):
             delays; (T, B) rewards.
         """
         done = self._done
-        self._warm_up(done)
+        # Give users who have just started a past of their own.
+        with torch.no_grad():
+            for _ in range(self.task.warm_up):
+                _, actions = self._act()
+                self.advance(actions, done)
         self._cut()
         total, seen, rewards = self._roll_window(done)
         self._optimizer.zero_grad()

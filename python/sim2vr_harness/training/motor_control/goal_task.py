@@ -1,7 +1,5 @@
 """Goals of hands as the task of a model-based training, whose policy is a motor policy."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar

@@ -5,8 +5,6 @@ policy learns by gradients through whole movements. A movement ends with the pro
 policy says; what it earns is the expected value over these ends.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

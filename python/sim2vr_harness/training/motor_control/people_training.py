@@ -4,8 +4,6 @@ In each cycle simulated persons move, at first at random and then to goals, and 
 fitted to what they did. Then the policy in space learns with the noise and delays of persons.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -155,39 +153,35 @@ class PeopleTrainer(State):
             collected = _Collection(self, rng)
             steps = config.random_steps if first else config.goal_steps
             self._seen.append(collected.steps(steps, randomly=first, on_progress=on_progress))
-            model_m = self._fit(on_progress)
+            fit_first, later, model = self._seen[0], self._seen[1:], self.policy.forward_model
+            if not later:
+                model.scale_by(fit_first)
+            count = self.config.fit_minibatches * 300
+            known = [fit_first, *([TransitionStore.joined(later), later[-1]] if later else [])]
+            fit_steps = (
+                fit_first if not later else TransitionStore.joined([x.drawn(count) for x in known])
+            )
+            found = fit_body(
+                model,
+                fit_steps,
+                minibatches=self.config.fit_minibatches * (1 if later else 3),
+                learning_rate=2e-3 if later else 4e-3,
+                batch_size=_ARMS // self._hands,
+                on_progress=lambda share: on_progress("fitting the forward model", share),
+            )
+            model_m = found["place_m"]
             self.cycle += 1
             if self.finished:
-                self._train(on_progress)
+                train_hand_policy(
+                    self.policy.hand_policy,
+                    self.config,
+                    Execution(),
+                    self.policy.step_s,
+                    updates=self.config.updates,
+                    seed=self._seed,
+                    on_progress=lambda share: on_progress("learning to reach", share),
+                )
         return PeopleCycle(self.cycle, model_m, collected.velocity_mps)
-
-    def _fit(self, on_progress: Callable[[str, float], None]) -> float:
-        first, later, model = self._seen[0], self._seen[1:], self.policy.forward_model
-        if not later:
-            model.scale_by(first)
-        count = self.config.fit_minibatches * 300
-        known = [first, *([TransitionStore.joined(later), later[-1]] if later else [])]
-        steps = first if not later else TransitionStore.joined([x.drawn(count) for x in known])
-        found = fit_body(
-            model,
-            steps,
-            minibatches=self.config.fit_minibatches * (1 if later else 3),
-            learning_rate=2e-3 if later else 4e-3,
-            batch_size=_ARMS // self._hands,
-            on_progress=lambda share: on_progress("fitting the forward model", share),
-        )
-        return found["place_m"]
-
-    def _train(self, on_progress: Callable[[str, float], None]) -> None:
-        train_hand_policy(
-            self.policy.hand_policy,
-            self.config,
-            Execution(),
-            self.policy.step_s,
-            updates=self.config.updates,
-            seed=self._seed,
-            on_progress=lambda share: on_progress("learning to reach", share),
-        )
 
     # --- exact resume ------------------------------------------------------------------------
 
@@ -243,7 +237,11 @@ class _Collection:
             then = (after.angles, after.speeds, after.drives, now.persons, control[:, :0])
             rows.append(tuple(values[kept] for values in (*before, *then)))
             if not randomly:
-                self._note(after)
+                hands = self._hands
+                _, reached = self._policy.inverse.velocities(after, self._tip)
+                wanted, believed = hands.wanted, hands.velocity
+                note_rows = (wanted - believed, believed, reached - believed)
+                self._rows.append(tuple(values[::2].flatten(0, 1) for values in note_rows))
             age += 1
             over = np.flatnonzero((age >= longest) | users.diverged)
             age[over] = 0
@@ -302,13 +300,6 @@ class _Collection:
 
         actions, _ = self._hands.act(now, goals, rule=straight)
         return actions.astype(np.float64)
-
-    def _note(self, after: Motion) -> None:
-        hands = self._hands
-        _, reached = self._policy.inverse.velocities(after, self._tip)
-        wanted, believed = hands.wanted, hands.velocity
-        rows = (wanted - believed, believed, reached - believed)
-        self._rows.append(tuple(values[::2].flatten(0, 1) for values in rows))  # type: ignore[arg-type]
 
     @property
     def velocity_mps(self) -> float:

@@ -1,7 +1,5 @@
 """The stage that trains the motor policy of a body for which none ships."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Exploratory decisions: random tries that go to rare colours more often than to common ones."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -72,7 +70,13 @@ class Exploration:
         if not len(users):
             none = np.zeros((0, self._sight.cells))
             return none, none
-        rare = self._rarity(scene, users)
+        # (K, cells) how rare the rarest colour in each cell is.
+        rarity_rare = 1.0 / (0.002 + self.colours / self.colours.sum())
+        rows, columns = self._sight.rows, self._sight.columns
+        own = scene.pictures.numpy()[users][:, :, : rows * CELL_PX, : columns * CELL_PX]
+        each = rarity_rare[_colours(own)].reshape(-1, rows, CELL_PX, columns, CELL_PX)
+        rarest: NDArray[np.float64] = each.max((2, 4)).reshape(len(users), -1)
+        rare = rarest
         flat = scene.places[users].flatten(2).transpose(1, 2).reshape(-1, 3)
         reach = self._policy.primitives.near(flat, _TRIED_M).reshape(len(users), -1)
         there = np.where(scene.something.numpy()[users], 1.0, 1e-9)
@@ -84,15 +88,6 @@ class Exploration:
         pictures = scene.pictures.numpy()[:, :, ::2, ::2]
         seen = np.bincount(_colours(pictures).ravel(), minlength=_COLOURS**3)
         self.colours = 0.999 * self.colours + seen / seen.sum()
-
-    def _rarity(self, scene: OptionScene, users: NDArray[np.int64]) -> NDArray[np.float64]:
-        """(K, cells) how rare the rarest colour in each cell is."""
-        rare = 1.0 / (0.002 + self.colours / self.colours.sum())
-        rows, columns = self._sight.rows, self._sight.columns
-        own = scene.pictures.numpy()[users][:, :, : rows * CELL_PX, : columns * CELL_PX]
-        each = rare[_colours(own)].reshape(-1, rows, CELL_PX, columns, CELL_PX)
-        rarest: NDArray[np.float64] = each.max((2, 4)).reshape(len(users), -1)
-        return rarest
 
 
 def _colours(pictures: NDArray[np.uint8]) -> NDArray[np.int64]:

@@ -1,7 +1,5 @@
 """Durations of decisions and manners of hands: those that earn most."""
 
-from __future__ import annotations
-
 from sim2vr_harness.base.progress import View
 from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy
 from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS, OptionQLearning

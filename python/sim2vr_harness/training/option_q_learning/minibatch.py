@@ -1,7 +1,5 @@
 """Draw the decisions of a minibatch: some come from before rewards."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

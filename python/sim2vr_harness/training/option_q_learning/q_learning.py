@@ -6,8 +6,6 @@ decide adds up to what the user gets (Sunehag et al. 2018, value decomposition).
 rare colours more often than to common ones, and are seen through.
 """
 
-from __future__ import annotations
-
 import json
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -166,27 +164,6 @@ class OptionQLearning(State):
         """Return what users see by which they decide."""
         return self.policy.scene(moment, self._memory[0], moment.decides)
 
-    def _decide(self, scene: OptionScene, explore: float) -> NDArray[np.int64]:
-        """(N, H) what every user chooses; cells and moves in one number, the last one rests."""
-        primitives, choice = self.policy.primitives, self._memory[0].choice
-        with torch.no_grad():
-            values = self.net.values(*scene.inputs(self.net))
-            chosen = committed(values, scene.something, choice, scene.places, primitives).numpy()
-        still = self._trying > 0  # the place stays the one that was tried
-        changed = ~still
-        chosen[still] = self._tried[still]
-        anew = changed & (self.rng.random((self.n, self.hands)) < explore)
-        users = np.flatnonzero(anew.any(1))
-        self._exploration.note_colours(scene)
-        weights = self._exploration.curiosity(scene, users)
-        for i, near, far in zip(users, *weights, strict=True):
-            for hand in np.flatnonzero(anew[i]):
-                chosen[i, hand] = self._tried[i, hand] = self._exploration.draw(near, far)
-                self._trying[i, hand] = self._exploration.steps(int(chosen[i, hand]))
-        self._trying -= DECIDE_STEPS
-        choose(choice, chosen, scene.places, primitives, changed, scene.aims(choice, chosen))
-        return chosen
-
     # --- a decision and what comes of it -----------------------------------------------------
 
     @property
@@ -218,7 +195,26 @@ class OptionQLearning(State):
         doing("choosing options")
         explore, moment = self.explore, self._sense()
         scene = self._scene(moment)
-        chosen = self._decide(scene, explore)
+        # (N, H) what every user chooses; cells and moves in one number, the last one rests.
+        primitives, choice = self.policy.primitives, self._memory[0].choice
+        with torch.no_grad():
+            decide_values = self.net.values(*scene.inputs(self.net))
+            chosen = committed(
+                decide_values, scene.something, choice, scene.places, primitives
+            ).numpy()
+        still = self._trying > 0  # the place stays the one that was tried
+        changed = ~still
+        chosen[still] = self._tried[still]
+        anew = changed & (self.rng.random((self.n, self.hands)) < explore)
+        users = np.flatnonzero(anew.any(1))
+        self._exploration.note_colours(scene)
+        weights = self._exploration.curiosity(scene, users)
+        for i, near, far in zip(users, *weights, strict=True):
+            for hand in np.flatnonzero(anew[i]):
+                chosen[i, hand] = self._tried[i, hand] = self._exploration.draw(near, far)
+                self._trying[i, hand] = self._exploration.steps(int(chosen[i, hand]))
+        self._trying -= DECIDE_STEPS
+        choose(choice, chosen, scene.places, primitives, changed, scene.aims(choice, chosen))
         seen = {name: getattr(scene, name).numpy()[None] for name in SCENE}
         seen["pictures"] = seen["pictures"].transpose(0, 1, 3, 4, 2)
         self._decisions.append({**seen, "chosen": chosen[None]})

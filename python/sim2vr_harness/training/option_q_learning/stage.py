@@ -1,7 +1,5 @@
 """The Q-learning stage of the recipe ``skills``, which follows that of the motor policy."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Mapping
@@ -11,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.progress import View
@@ -233,7 +230,15 @@ class QLearningStage(Stage):
             rays = rays_of(simulation, layer.hands)
         if off := apart(rays):
             callbacks.say(f"Hands point with the page's own ray, {off} from WebXR's.")
-        tools = self._tools(simulation, policy, rays)
+        wanted, tools_layer, poses = self._config.skills.tool, policy.layer, policy.poses
+        if wanted == "auto":
+            tools = find_tools(simulation, tools_layer, poses, seed=self._config.seed, rays=rays)
+        elif wanted == "none":
+            tools = [
+                Tool(np.zeros((0, 3)), "nothing, as skills.tool says") for _ in tools_layer.hands
+            ]
+        else:
+            tools = [straight_tool(wanted) for _ in tools_layer.hands]
         points = np.array([[tool.tip, tool.middle] for tool in tools])
         for hand, held in zip(layer.hands, tools, strict=True):
             callbacks.say(f"In the hand of {hand}: {held.why}.")
@@ -253,17 +258,6 @@ class QLearningStage(Stage):
         policy.tool.copy_(tool)
         policy.rays.copy_(rays)
         return earned
-
-    def _tools(
-        self, simulation: Simulation, policy: HierarchicalPolicy, rays: Tensor
-    ) -> list[Tool]:
-        """What each hand holds, as ``skills.tool`` says or as it is seen."""
-        wanted, layer, poses = self._config.skills.tool, policy.layer, policy.poses
-        if wanted == "auto":
-            return find_tools(simulation, layer, poses, seed=self._config.seed, rays=rays)
-        if wanted == "none":
-            return [Tool(np.zeros((0, 3)), "nothing, as skills.tool says") for _ in layer.hands]
-        return [straight_tool(wanted) for _ in layer.hands]
 
     def _learn(
         self,

@@ -4,8 +4,6 @@ What hands decide adds up to what the user gets (Sunehag et al. 2018, value deco
 network chooses what is best next, a slow copy says what that is worth (van Hasselt et al. 2016).
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable, Iterable
 from typing import Any

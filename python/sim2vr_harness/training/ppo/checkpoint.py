@@ -4,8 +4,6 @@ The rollout buffer is empty between two iterations. Besides the weights, a check
 generators, the last observation, episode statistics and the environment's state.
 """
 
-from __future__ import annotations
-
 import copy
 import io
 import json
@@ -131,7 +129,12 @@ def restore(path: Path, model: PPO) -> None:
     try:
         model.policy.load_state_dict(weights)
         model.policy.optimizer.load_state_dict(optimizer)
-        _require_same_shapes(model.policy.optimizer)
+        # Check what torch does not: that moments have the shape of their weights.
+        for weight, state in model.policy.optimizer.state.items():
+            for name, value in state.items():
+                if isinstance(value, torch.Tensor) and value.dim() and value.shape != weight.shape:
+                    shapes = f"{tuple(value.shape)}, expected {tuple(weight.shape)}"
+                    raise ValueError(f"{name} of the optimiser of shape {shapes}")
         model.num_timesteps = int(header["num_timesteps"])
         model._n_updates = int(header["n_updates"])
         model._current_progress_remaining = float(header["progress_remaining"])
@@ -161,15 +164,6 @@ def load_moment(model: BaseAlgorithm, env: SimulationVecEnv, arrays: dict[str, N
         for key, value in env.simulation.observation().items():
             observation[key][anew] = value[anew]
     model._last_obs, model._last_episode_starts = observation, starts
-
-
-def _require_same_shapes(optimizer: torch.optim.Optimizer) -> None:
-    """Check what torch does not: that moments have the shape of their weights."""
-    for weight, state in optimizer.state.items():
-        for name, value in state.items():
-            if isinstance(value, torch.Tensor) and value.dim() and value.shape != weight.shape:
-                shapes = f"{tuple(value.shape)}, expected {tuple(weight.shape)}"
-                raise ValueError(f"{name} of the optimiser of shape {shapes}")
 
 
 @contextmanager

@@ -5,8 +5,6 @@ its critic's included, and takes some thousand user steps more. What the policy 
 it is (:mod:`sim2vr_harness.envs.contract`); effort, noise and the game's options may change.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

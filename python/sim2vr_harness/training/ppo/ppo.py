@@ -1,7 +1,5 @@
 """Stable-Baselines3's PPO with the reference's schedule and one log row per iteration."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -7,8 +7,6 @@ arrays are kept. Images lie channels last, as the network wants them: turned onc
 instead of in every epoch. Minibatches have the same values to the bit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Generator
 
 import numpy as np
@@ -17,7 +15,6 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.buffers import BaseBuffer, DictRolloutBuffer, RolloutBuffer
 from stable_baselines3.common.type_aliases import DictRolloutBufferSamples
-from stable_baselines3.common.vec_env import VecNormalize
 
 _SMALL = ("actions", "values", "log_probs", "advantages", "returns")
 
@@ -55,7 +52,14 @@ class FrameRolloutBuffer(DictRolloutBuffer):
     ) -> None:
         """Append one step of every environment; arrays are (n_envs, ...)."""
         for key, stored in self.observations.items():
-            _copy(stored[self.pos], obs[key])
+            target = stored[self.pos]
+            source = obs[key]
+            if target.ndim == 4 and not target.flags.c_contiguous and source.flags.c_contiguous:
+                # Channel by channel: ten times as quick as NumPy's loop over pixels of a few bytes.
+                for channel in range(target.shape[1]):
+                    target[:, channel] = source[:, channel]
+            else:
+                target[...] = source
         self.actions[self.pos] = action.reshape((self.n_envs, self.action_dim))
         self.rewards[self.pos] = reward
         self.episode_starts[self.pos] = episode_start
@@ -85,23 +89,20 @@ class FrameRolloutBuffer(DictRolloutBuffer):
             self.generator_ready = True
         size = batch_size or total
         for start in range(0, total, size):
-            yield self._get_samples(indices[start : start + size])
-
-    def _get_samples(  # type: ignore[override]
-        self, batch_inds: NDArray, env: VecNormalize | None = None
-    ) -> DictRolloutBufferSamples:
-        envs, steps = np.divmod(batch_inds, self.buffer_size)
-        return DictRolloutBufferSamples(
-            observations={
-                key: _rows(stored, steps, envs).to(self.device)
-                for key, stored in self.observations.items()
-            },
-            actions=self.to_torch(self.actions[batch_inds].astype(np.float32, copy=False)),
-            old_values=self.to_torch(self.values[batch_inds].flatten()),
-            old_log_prob=self.to_torch(self.log_probs[batch_inds].flatten()),
-            advantages=self.to_torch(self.advantages[batch_inds].flatten()),
-            returns=self.to_torch(self.returns[batch_inds].flatten()),
-        )
+            batch_inds = indices[start : start + size]
+            envs, steps = np.divmod(batch_inds, self.buffer_size)
+            samples = DictRolloutBufferSamples(
+                observations={
+                    key: _rows(stored, steps, envs).to(self.device)
+                    for key, stored in self.observations.items()
+                },
+                actions=self.to_torch(self.actions[batch_inds].astype(np.float32, copy=False)),
+                old_values=self.to_torch(self.values[batch_inds].flatten()),
+                old_log_prob=self.to_torch(self.log_probs[batch_inds].flatten()),
+                advantages=self.to_torch(self.advantages[batch_inds].flatten()),
+                returns=self.to_torch(self.returns[batch_inds].flatten()),
+            )
+            yield samples
 
 
 def _zeros(shape: tuple[int, ...], dtype: np.dtype | None) -> NDArray:
@@ -110,15 +111,6 @@ def _zeros(shape: tuple[int, ...], dtype: np.dtype | None) -> NDArray:
         return np.zeros(shape, dtype)
     steps, envs, channels, height, width = shape
     return np.moveaxis(np.zeros((steps, envs, height, width, channels), dtype), -1, 2)
-
-
-def _copy(target: NDArray, source: NDArray) -> None:
-    if target.ndim == 4 and not target.flags.c_contiguous and source.flags.c_contiguous:
-        # Channel by channel: ten times as quick as NumPy's loop over pixels of a few bytes.
-        for channel in range(target.shape[1]):
-            target[:, channel] = source[:, channel]
-    else:
-        target[...] = source
 
 
 def _rows(stored: NDArray, steps: NDArray, envs: NDArray) -> torch.Tensor:

@@ -1,7 +1,5 @@
 """The stage that learns by PPO, from checkpoints that continue exactly."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -91,7 +89,14 @@ class PPOStage(Stage):
     def run(self, callbacks: Callbacks) -> None:
         """Go through the iterations that are left."""
         model, kept = self._learner, self._config.checkpoint
-        start = self._restore(model)
+        if self.begun:
+            checkpoint.restore(self._run.latest_checkpoint(), model)
+            self._run.drop_metrics_after(model.num_timesteps)
+            start = model.num_timesteps
+        else:
+            self._run.drop_metrics_after(0)
+            self._begin(model.policy)
+            start = 0
         logger = make_logger(self._config, self._run, start)
         model.set_logger(logger)
         tracker = ProgressCallback(callbacks, start, self.stop)
@@ -118,15 +123,6 @@ class PPOStage(Stage):
             logger.close()
             if tracker.failures:
                 callbacks.note(app_failures=tracker.failures)
-
-    def _restore(self, model: ppo.PPO) -> int:
-        if self.begun:
-            checkpoint.restore(self._run.latest_checkpoint(), model)
-            self._run.drop_metrics_after(model.num_timesteps)
-            return model.num_timesteps
-        self._run.drop_metrics_after(0)
-        self._begin(model.policy)
-        return 0
 
     def save(self) -> None:
         """Write the checkpoint of the last iteration, unless it is on disk."""
@@ -245,14 +241,11 @@ class CheckpointCallback(BaseCallback):
         if not file.is_file():
             self._snapshot.write(file, self.model)
             self._on_written(file, step)
-            self._remove_old()
+            if self._keep is not None:
+                for old_file in self._folder.checkpoints()[: -self._keep]:
+                    old_file.unlink(missing_ok=True)
         self._written_step = step
         return file
-
-    def _remove_old(self) -> None:
-        if self._keep is not None:
-            for file in self._folder.checkpoints()[: -self._keep]:
-                file.unlink(missing_ok=True)
 
 
 class ProgressCallback(BaseCallback):
@@ -335,12 +328,7 @@ class ProgressCallback(BaseCallback):
     def _on_step(self) -> bool:
         self._played += self.model.n_envs
         self._share = self._played / (self.model.n_envs * self.model.n_steps)
-        self._report_failures()
-        self._show()
-        return True
-
-    def _report_failures(self) -> None:
-        """Say which apps failed since the last step; their users go on with new ones."""
+        # Say which apps failed since the last step; their users go on with new ones.
         failed = getattr(self._env.simulation, "app_failures", [])
         for failure in failed[len(self.failures) :]:
             self.failures.append(
@@ -355,6 +343,8 @@ class ProgressCallback(BaseCallback):
                 f"User {failure.user}: {failure.error.splitlines()[0]}\n"
                 "Its round is over; the app is started again and the training goes on."
             )
+        self._show()
+        return True
 
     def _on_rollout_end(self) -> None:
         if self.failures:

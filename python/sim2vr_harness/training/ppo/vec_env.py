@@ -1,7 +1,5 @@
 """Stable-Baselines3's vector environment over a :class:`Simulation`."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -16,19 +14,6 @@ from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.envs.protocols import SimulationLike
 
 _SUMS = ("game_reward", "effort_cost")
-
-
-def _alike(options: Sequence[Mapping[str, Any]]) -> list[list[int]]:
-    """Users in groups of equal options, in the order of each group's first."""
-    groups: list[list[int]] = []
-    for i, one in enumerate(options):
-        for group in groups:
-            if options[group[0]] == one:
-                group.append(i)
-                break
-        else:
-            groups.append([i])
-    return groups
 
 
 class SimulationVecEnv(VecEnv):
@@ -83,7 +68,16 @@ class SimulationVecEnv(VecEnv):
         seeds, options = list(self._seeds), [dict(one) for one in self._options]
         self._reset_seeds()
         self._reset_options()
-        for ids in _alike(options):
+        # Users in groups of equal options, in the order of each group's first.
+        groups: list[list[int]] = []
+        for alike_i, alike_one in enumerate(options):
+            for group in groups:
+                if options[group[0]] == alike_one:
+                    group.append(alike_i)
+                    break
+            else:
+                groups.append([alike_i])
+        for ids in groups:
             infos = self.simulation.reset(
                 ids=ids, seeds=[seeds[i] for i in ids], options=options[ids[0]] or None
             )

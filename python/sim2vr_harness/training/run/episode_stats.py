@@ -1,7 +1,5 @@
 """Means over finished episodes, and what they are called in logs."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Devices of a run's stages, and how long they are expected to take."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Loggers of iterations: JSON lines, TensorBoard and, if requested, Weights & Biases."""
 
-from __future__ import annotations
-
 import math
 import uuid
 from collections.abc import Mapping

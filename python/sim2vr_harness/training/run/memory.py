@@ -1,7 +1,5 @@
 """Memory: what a training needs of it, and keeping what was freed for the next minibatch."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import platform

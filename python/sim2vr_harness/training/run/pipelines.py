@@ -1,7 +1,5 @@
 """Recipes: which stages a run is made of. A new recipe is one function and one line."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import cast

@@ -1,7 +1,5 @@
 """One training session: from a configuration, or a run to continue, to a saved user."""
 
-from __future__ import annotations
-
 import shlex
 import time
 from collections.abc import Callable, Sequence
@@ -120,10 +118,37 @@ def train(
     """
     console = console or Console(stderr=True)
     until = config.last_stage_steps if timesteps is None else timesteps
-    _check(config, until)
+    # Refuse settings that this machine cannot train with.
+    if until < 1:
+        raise InputError("--timesteps", str(until), "at least 1")
+    if config.wandb.enabled:
+        require_wandb()
+    if config.device == "cuda" and not torch.cuda.is_available():
+        raise InputError("device", "'cuda', but torch finds no GPU", "'cpu' or 'auto'")
+    people = config.env.user.people
+    if people is not None and people.left_handed:
+        expected = "0: left-handers are mirror images of those who learn; evaluate them"
+        raise InputError("env.user.people.left_handed", f"{people.left_handed:g}", expected)
+    require_memory(config)
     folder = RunFolder(out)
     if resume:
-        _check_resumable(folder, config)
+        if not folder.exists:
+            resumable_expected = "a folder with a run in it"
+            if folder.run_file.is_file():
+                resumable_expected += (
+                    "; a run that was killed before it began is begun again without --resume"
+                )
+            raise InputError(
+                "--resume", f"{str(folder.path)!r}, which holds no run", resumable_expected
+            )
+        difference = first_difference(config, folder.load_config(), ignore=CHANGEABLE)
+        if difference is not None:
+            key, new, old = difference
+            raise InputError(
+                key,
+                repr(new),
+                f"{old!r} as in {folder.config_file}: a resumed run keeps its settings",
+            )
     elif not overwrite:
         folder.require_free()
     keep_freed_memory()
@@ -160,7 +185,12 @@ class _Session:
                 except UnusableFile as error:
                     if not set_aside:
                         raise _with_offer(error, folder) from error
-                    _put_aside(error, self.console)
+                    aside = _aside(error.file)
+                    error.file.rename(aside)
+                    text = (
+                        f"{error.file} cannot be used ({error.reason}); it is kept as {aside.name}."
+                    )
+                    self.console.print(text, highlight=False, markup=False, soft_wrap=True)
                     stages = self._stages(resumed=True)
         return _result(folder, stages, outcome, began)
 
@@ -211,21 +241,6 @@ class _Session:
                 folder.store_config(self.config)
 
 
-def _check(config: TrainingConfig, until: int) -> None:
-    """Refuse settings that this machine cannot train with."""
-    if until < 1:
-        raise InputError("--timesteps", str(until), "at least 1")
-    if config.wandb.enabled:
-        require_wandb()
-    if config.device == "cuda" and not torch.cuda.is_available():
-        raise InputError("device", "'cuda', but torch finds no GPU", "'cpu' or 'auto'")
-    people = config.env.user.people
-    if people is not None and people.left_handed:
-        expected = "0: left-handers are mirror images of those who learn; evaluate them"
-        raise InputError("env.user.people.left_handed", f"{people.left_handed:g}", expected)
-    require_memory(config)
-
-
 def _with_offer(error: UnusableFile, folder: RunFolder) -> UnusableFile:
     """Return the error with the command that goes on all the same."""
     command = f"sim2vr-harness train --resume {shlex.quote(str(folder.path))} --set-aside"
@@ -234,13 +249,6 @@ def _with_offer(error: UnusableFile, folder: RunFolder) -> UnusableFile:
     changed = UnusableFile(error.file, error.reason, error.expected, error.instead)
     changed.args = (f"{changed}{offer}",)
     return changed
-
-
-def _put_aside(error: UnusableFile, console: Console) -> None:
-    aside = _aside(error.file)
-    error.file.rename(aside)
-    text = f"{error.file} cannot be used ({error.reason}); it is kept as {aside.name}."
-    console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
 def _aside(file: Path) -> Path:
@@ -264,17 +272,3 @@ def _result(
         stage=outcome.stage,
         saved=outcome.saved,
     )
-
-
-def _check_resumable(folder: RunFolder, config: TrainingConfig) -> None:
-    if not folder.exists:
-        expected = "a folder with a run in it"
-        if folder.run_file.is_file():
-            expected += "; a run that was killed before it began is begun again without --resume"
-        raise InputError("--resume", f"{str(folder.path)!r}, which holds no run", expected)
-    difference = first_difference(config, folder.load_config(), ignore=CHANGEABLE)
-    if difference is not None:
-        key, new, old = difference
-        raise InputError(
-            key, repr(new), f"{old!r} as in {folder.config_file}: a resumed run keeps its settings"
-        )

@@ -1,7 +1,5 @@
 """The teacher's world: users in the true game, with privileged numbers and a curriculum."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from typing import Any
@@ -11,7 +9,6 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.state import State
-from sim2vr_harness.client import GameFacts, OptionValue
 from sim2vr_harness.envs.config import EnvConfig, SenseConfig, body_of
 from sim2vr_harness.envs.games import game_facts, with_hand
 from sim2vr_harness.envs.privileged import OBSERVATION, Lag, PrivilegedSenses
@@ -51,7 +48,7 @@ def game_of(env: EnvConfig) -> ImaginedGame:
     facts = game_facts(app)
     playing = with_hand(env, body_of(env.user)).app.options
     hand = playing.get(facts.hand_option or "", "right")
-    missing = [device for device in game.devices if device not in _worn(facts, hand)]
+    missing = [device for device in game.devices if device not in ("headset", *facts.needs(hand))]
     if facts.devices and missing:
         raise InputError(
             "recipe",
@@ -59,10 +56,6 @@ def game_of(env: EnvConfig) -> ImaginedGame:
             f"one with {missing[0]}, which its differentiable model is made for, or recipe: ppo",
         )
     return game
-
-
-def _worn(facts: GameFacts, hand: OptionValue) -> tuple[str, ...]:
-    return ("headset", *facts.needs(hand))
 
 
 def blind_env(env: EnvConfig) -> EnvConfig:

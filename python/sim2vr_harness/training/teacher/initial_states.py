@@ -1,7 +1,5 @@
 """Postures in which a user is about to act: reference-state initialisation for a teacher."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

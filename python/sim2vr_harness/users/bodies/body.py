@@ -1,7 +1,5 @@
 """Interface of bodies: one protocol, and its plain data."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol

@@ -5,8 +5,6 @@ are shared. The left arm is what `mirror` makes of the right one, and so is the 
 equal angles and activations left and right make mirrored postures and forces.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -70,7 +68,23 @@ def both_arms(
             **settings,
         },
     )
-    return tables, _other_hand(held, left)
+    hand_name = swapped(held.name)
+    body = left.body(hand_name)
+    flip = np.array([1.0, -1.0, 1.0])  # devices' frames have y to the left
+    low, high = np.array(held.box_min) * flip, np.array(held.box_max) * flip
+    other_hand = DeviceRow(
+        name=hand_name,
+        pos=_numbers(body.pos),
+        quat_wxyz=_numbers(body.quat),
+        mass=held.mass,
+        com=_numbers(body.ipos),
+        inertia_quat_wxyz=_numbers(body.iquat),
+        inertia=_numbers(body.inertia),
+        openxr_offset=_numbers(left.site(hand_name).pos),
+        box_min=_numbers(np.minimum(low, high)),
+        box_max=_numbers(np.maximum(low, high)),
+    )
+    return tables, other_hand
 
 
 class _Arm:
@@ -164,25 +178,6 @@ def _body(row: BodyRow, model: mujoco.MjModel) -> BodyRow:
         com=_numbers(body.ipos),
         inertia_quat_wxyz=_numbers(body.iquat),
         inertia=_numbers(body.inertia),
-    )
-
-
-def _other_hand(held: DeviceRow, model: mujoco.MjModel) -> DeviceRow:
-    name = swapped(held.name)
-    body = model.body(name)
-    flip = np.array([1.0, -1.0, 1.0])  # devices' frames have y to the left
-    low, high = np.array(held.box_min) * flip, np.array(held.box_max) * flip
-    return DeviceRow(
-        name=name,
-        pos=_numbers(body.pos),
-        quat_wxyz=_numbers(body.quat),
-        mass=held.mass,
-        com=_numbers(body.ipos),
-        inertia_quat_wxyz=_numbers(body.iquat),
-        inertia=_numbers(body.inertia),
-        openxr_offset=_numbers(model.site(name).pos),
-        box_min=_numbers(np.minimum(low, high)),
-        box_max=_numbers(np.maximum(low, high)),
     )
 
 

@@ -1,7 +1,5 @@
 """Bodies made of someone's MJCF, as a YAML file describes them (`description.py`)."""
 
-from __future__ import annotations
-
 import fnmatch
 import math
 from collections.abc import Iterable, Mapping
@@ -31,7 +29,7 @@ from sim2vr_harness.users.bodies.locking import Lock, lock_joints
 from sim2vr_harness.users.bodies.meshes import compose
 from sim2vr_harness.users.bodies.options import LEAST_STEP_S, MOST_STEP_S, BodyOptions
 from sim2vr_harness.users.bodies.person import Anatomy, Segment
-from sim2vr_harness.users.bodies.posture import StillLegs, idle_actuators, still_legs
+from sim2vr_harness.users.bodies.posture import idle_actuators, still_legs
 from sim2vr_harness.users.bodies.reading import check_finite, compiled, read_model
 from sim2vr_harness.users.bodies.rules import usual_rule
 from sim2vr_harness.users.bodies.spec_body import MEAN_IPD_M, BodyPlan
@@ -92,10 +90,34 @@ class _Described:
                 )
             )
         )
-        self._legs = self._still_legs(model)
-        self._groups = self._actuator_groups(model)
+        posture, yaw = self._description.posture, math.radians(self._description.place.yaw_deg)
+        left = np.array([math.sin(yaw), math.cos(yaw), 0.0])  # turned by yaw it is along y
+        self._legs = still_legs(model, posture, left) if posture else None
+        wanted = self._description.actuators
+        idle = idle_actuators(model, self._legs.locks, self._parts.actuators) if self._legs else ()
+        groups: list[ActuatorGroup] = []
+        for group in wanted or (ActuatorsDescription(names=("*",)),):
+            for name in _found("actuators", group.names, self._parts.actuators):
+                if name in idle:
+                    continue
+                rule = group.rule or usual_rule(model, model.actuator(name).id)
+                if groups and groups[-1].rule == rule:
+                    groups[-1] = ActuatorGroup(rule, (*groups[-1].actuators, name))
+                else:
+                    groups.append(ActuatorGroup(rule, (name,)))
+        if not groups:
+            raise ValueError(
+                "actuators: got none in the model that moves a joint, expected at least one"
+            )
+        self._groups = tuple(groups)
         self._locked = self._locked_joints(model)
-        self._devices = self._worn()
+        wearable = tuple(
+            worn_name for worn_name in DEVICES if worn_name in self._description.devices
+        )
+        worn = wearable if self._options.devices is None else self._options.devices
+        for worn_name in worn:
+            _known("device", worn_name, wearable)
+        self._devices = worn
         for name in self._devices:
             self._check_device(name)
         for segment in description.anatomy.segments.values():
@@ -145,46 +167,58 @@ class _Described:
 
     def _build(self, appearance: bool) -> mujoco.MjSpec:
         spec = self._source.copy()
-        self._strip(spec)
+        # Takes away what no one uses: other actuators and their tendons, sensors, keyframes.
+        used = {name for group in self._groups for name in group.actuators}
+        idle = [actuator for actuator in spec.actuators if actuator.name not in used]
+        targets = {actuator.target for actuator in idle}
+        kept = {actuator.target for actuator in spec.actuators if actuator.name in used}
+        for element in [*spec.sensors, *spec.keys, *idle]:
+            spec.delete(element)
+        for tendon in list(spec.tendons):
+            passive = not (np.any(tendon.stiffness) or np.any(tendon.damping))
+            if tendon.name in targets - kept and passive and not _coupled(spec, tendon.name):
+                spec.delete(tendon)
         lock_joints(spec, self._locked)
         self._place(spec)
-        self._attach(spec)
+        rows = load_device_rows()
+        model = compiled(spec)
+        for attach_name in self._devices:
+            device = self._description.devices[attach_name]  # type: ignore[index]
+            pose = np.array(device.pos_m), _unit(device.quat_wxyz)
+            if device.site is not None:
+                site = model.site(device.site)
+                parent = spec.body(model.body(int(site.bodyid[0])).name)
+                pose = compose((np.array(site.pos), np.array(site.quat)), pose)
+            else:
+                parent = spec.body(device.body)
+            if attach_name == "headset":
+                half = math.radians(self._options.skull_rotation_deg) / 2.0
+                down = np.array([math.cos(half), 0.0, math.sin(half), 0.0])
+                pose = compose(pose, (np.zeros(3), down))
+            attach_device(
+                parent, rows[attach_name], pose[0].tolist(), pose[1].tolist(), device.weight
+            )
         # A diverged state must stay visible to the caller: no silent reset to the start pose.
         flags = mujoco.mjtDisableBit.mjDSBL_AUTORESET
         if not self._description.contacts:
             flags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         spec.option.disableflags = int(spec.option.disableflags) | int(flags)
         if appearance:
-            _dress(spec, self._devices)
+            # Draws the devices, and a room where the model has none.
+            if not any(geom.type == mujoco.mjtGeom.mjGEOM_PLANE for geom in spec.geoms):
+                looks.draw_room(spec)
+            else:
+                looks.picture_settings(spec)
+            for camera in list(spec.cameras):
+                if camera.name in looks.CAMERAS:
+                    spec.delete(camera)
+            looks.add_cameras(spec)
+            looks.draw_devices(spec, self._devices)
         else:
             spec.discard_visual()
         return spec
 
     # --- what the description says -----------------------------------------------------------
-
-    def _actuator_groups(self, model: mujoco.MjModel) -> tuple[ActuatorGroup, ...]:
-        wanted = self._description.actuators
-        idle = idle_actuators(model, self._legs.locks, self._parts.actuators) if self._legs else ()
-        groups: list[ActuatorGroup] = []
-        for group in wanted or (ActuatorsDescription(names=("*",)),):
-            for name in _found("actuators", group.names, self._parts.actuators):
-                if name in idle:
-                    continue
-                rule = group.rule or usual_rule(model, model.actuator(name).id)
-                if groups and groups[-1].rule == rule:
-                    groups[-1] = ActuatorGroup(rule, (*groups[-1].actuators, name))
-                else:
-                    groups.append(ActuatorGroup(rule, (name,)))
-        if not groups:
-            raise ValueError(
-                "actuators: got none in the model that moves a joint, expected at least one"
-            )
-        return tuple(groups)
-
-    def _still_legs(self, model: mujoco.MjModel) -> StillLegs | None:
-        posture, yaw = self._description.posture, math.radians(self._description.place.yaw_deg)
-        left = np.array([math.sin(yaw), math.cos(yaw), 0.0])  # turned by yaw it is along y
-        return still_legs(model, posture, left) if posture else None
 
     def _locked_joints(self, model: mujoco.MjModel) -> dict[str, Lock]:
         locked: dict[str, Lock] = dict(self._legs.locks) if self._legs else {}
@@ -202,13 +236,6 @@ class _Described:
                 )
         return locked
 
-    def _worn(self) -> tuple[str, ...]:
-        wearable = tuple(name for name in DEVICES if name in self._description.devices)
-        worn = wearable if self._options.devices is None else self._options.devices
-        for name in worn:
-            _known("device", name, wearable)
-        return worn
-
     def _check_device(self, name: str) -> None:
         device = self._description.devices[name]  # type: ignore[index]
         if device.site is not None:
@@ -223,19 +250,6 @@ class _Described:
                 )
 
     # --- what is made of it ------------------------------------------------------------------
-
-    def _strip(self, spec: mujoco.MjSpec) -> None:
-        """Takes away what no one uses: other actuators and their tendons, sensors, keyframes."""
-        used = {name for group in self._groups for name in group.actuators}
-        idle = [actuator for actuator in spec.actuators if actuator.name not in used]
-        targets = {actuator.target for actuator in idle}
-        kept = {actuator.target for actuator in spec.actuators if actuator.name in used}
-        for element in [*spec.sensors, *spec.keys, *idle]:
-            spec.delete(element)
-        for tendon in list(spec.tendons):
-            passive = not (np.any(tendon.stiffness) or np.any(tendon.damping))
-            if tendon.name in targets - kept and passive and not _coupled(spec, tendon.name):
-                spec.delete(tendon)
 
     def _place(self, spec: mujoco.MjSpec) -> None:
         place = self._description.place
@@ -256,37 +270,6 @@ class _Described:
                 own = np.array(poses[0][i]), np.array(poses[1][i])
                 poses[0][i], poses[1][i] = compose(whole, own)
         spec.copy_back(model)
-
-    def _attach(self, spec: mujoco.MjSpec) -> None:
-        rows = load_device_rows()
-        model = compiled(spec)
-        for name in self._devices:
-            device = self._description.devices[name]  # type: ignore[index]
-            pose = np.array(device.pos_m), _unit(device.quat_wxyz)
-            if device.site is not None:
-                site = model.site(device.site)
-                parent = spec.body(model.body(int(site.bodyid[0])).name)
-                pose = compose((np.array(site.pos), np.array(site.quat)), pose)
-            else:
-                parent = spec.body(device.body)
-            if name == "headset":
-                half = math.radians(self._options.skull_rotation_deg) / 2.0
-                down = np.array([math.cos(half), 0.0, math.sin(half), 0.0])
-                pose = compose(pose, (np.zeros(3), down))
-            attach_device(parent, rows[name], pose[0].tolist(), pose[1].tolist(), device.weight)
-
-
-def _dress(spec: mujoco.MjSpec, devices: tuple[str, ...]) -> None:
-    """Draws the devices, and a room where the model has none."""
-    if not any(geom.type == mujoco.mjtGeom.mjGEOM_PLANE for geom in spec.geoms):
-        looks.draw_room(spec)
-    else:
-        looks.picture_settings(spec)
-    for camera in list(spec.cameras):
-        if camera.name in looks.CAMERAS:
-            spec.delete(camera)
-    looks.add_cameras(spec)
-    looks.draw_devices(spec, devices)
 
 
 def _coupled(spec: mujoco.MjSpec, tendon: str) -> bool:

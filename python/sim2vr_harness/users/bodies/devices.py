@@ -4,8 +4,6 @@ Departure from the reference, which holds free bodies by soft welds that slip by
 and start every episode at the pose of the zero posture (SIM2VR paper's release).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import mujoco

@@ -1,7 +1,5 @@
 """A body as an MJCF file, for MuJoCo's own viewer or other programs."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

@@ -1,10 +1,7 @@
 """Bodies that are rebuilt from tables: one arm or both, on a trunk that stands still or moves."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
-from typing import Any
 
 import mujoco
 
@@ -65,8 +62,21 @@ def table_body(options: BodyOptions) -> Body:
         effort_inputs=EffortInputs(lifting=tuple(settings.get("lifting", ()))),
     )
     if options.torso:
-        plan = _upright(plan, options.skull_rotation_deg)
-    return tailored_body(plan, build, options, _anatomy(settings["anatomy"]))
+        # Has the trunk begin upright and stay so, until its motors get other targets.
+        posture = {**plan.reset_rule.posture, NOD: math.radians(options.skull_rotation_deg)}
+        plan = replace(
+            plan,
+            reset_rule=replace(plan.reset_rule, posture=posture, held=TORSO_MOTORS),
+            effort_inputs=replace(plan.effort_inputs, loads=TORSO_MOTORS),
+            nod=NOD,
+        )
+    table = settings["anatomy"]
+    segments = {
+        name: Segment(tuple(row["bodies"]), row["start"], row["end"])
+        for name, row in table["segments"].items()
+    }
+    anatomy = Anatomy(table["stature_m"], table["mass_kg"], segments)
+    return tailored_body(plan, build, options, anatomy)
 
 
 def _tables(name: str) -> tuple[ModelTables, dict[str, DeviceRow]]:
@@ -78,17 +88,6 @@ def _tables(name: str) -> tuple[ModelTables, dict[str, DeviceRow]]:
     one = load_model_tables(settings["both_arms_of"])
     tables, left = both_arms(one, known["controller_right"], settings)
     return tables, {**known, left.name: left}
-
-
-def _upright(plan: BodyPlan, looking_down_deg: float) -> BodyPlan:
-    """Has the trunk begin upright and stay so, until its motors get other targets."""
-    posture = {**plan.reset_rule.posture, NOD: math.radians(looking_down_deg)}
-    return replace(
-        plan,
-        reset_rule=replace(plan.reset_rule, posture=posture, held=TORSO_MOTORS),
-        effort_inputs=replace(plan.effort_inputs, loads=TORSO_MOTORS),
-        nod=NOD,
-    )
 
 
 def _groups(tables: ModelTables) -> tuple[ActuatorGroup, ...]:
@@ -106,11 +105,3 @@ def _pitched_down(degrees: float) -> tuple[float, float, float, float] | None:
         return None
     half = math.radians(degrees) / 2.0
     return (math.cos(half), 0.0, 0.0, -math.sin(half))
-
-
-def _anatomy(table: dict[str, Any]) -> Anatomy:
-    segments = {
-        name: Segment(tuple(row["bodies"]), row["start"], row["end"])
-        for name, row in table["segments"].items()
-    }
-    return Anatomy(table["stature_m"], table["mass_kg"], segments)

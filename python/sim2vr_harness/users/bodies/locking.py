@@ -1,7 +1,5 @@
 """Joints that do not move: folded into the poses of their bodies and taken away."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import mujoco
@@ -47,35 +45,37 @@ def lock_joints(spec: mujoco.MjSpec, locks: Mapping[str, Lock]) -> None:
             pose = compose(pose, moved)
             # T_1 T_locked = T_locked (T_locked^-1 T_1 T_locked): earlier joints turn against it.
             for earlier in joints[:place]:
-                _turn_back(model, earlier, moved)
+                back = inverse(moved)
+                axis, anchor = np.zeros(3), np.zeros(3)
+                mujoco.mju_rotVecQuat(axis, np.array(model.jnt_axis[earlier]), back[1])
+                mujoco.mju_trnVecPose(anchor, *back, np.array(model.jnt_pos[earlier]))
+                model.jnt_axis[earlier], model.jnt_pos[earlier] = axis, anchor
         model.body_pos[body], model.body_quat[body] = pose
     spec.copy_back(model)
     for equality in list(spec.equalities):
         if equality.type == _JOINT_EQUALITY and equality.name1 in locked:
             spec.delete(equality)
-    _cut_tendons(spec, locked)
-    for name in locked:
-        spec.delete(spec.joint(name))
-
-
-def _cut_tendons(spec: mujoco.MjSpec, locked: Mapping[str, Lock]) -> None:
-    """Delete the fixed tendons whose joints are all locked: their length is a constant."""
+    # Delete the fixed tendons whose joints are all locked: their length is a constant.
     for tendon in list(spec.tendons):
-        joints = [w.target.name for w in tendon.path if w.type == mujoco.mjtWrap.mjWRAP_JOINT]
-        moving = [name for name in joints if name not in locked]
-        if not joints or len(moving) == len(joints):
+        tendons_joints = [
+            w.target.name for w in tendon.path if w.type == mujoco.mjtWrap.mjWRAP_JOINT
+        ]
+        moving = [name for name in tendons_joints if name not in locked]
+        if not tendons_joints or len(moving) == len(tendons_joints):
             continue
         if moving:
-            still = next(name for name in joints if name in locked)
+            still = next(name for name in tendons_joints if name in locked)
             raise ValueError(
                 f"locked_joints: got {still!r}, which the tendon {tendon.name!r} joins to "
                 f"{moving[0]!r}; expected both locked, or an MJCF without the tendon"
             )
-        for equality in list(spec.equalities):
-            names = (equality.name1, equality.name2)
-            if equality.type == mujoco.mjtEq.mjEQ_TENDON and tendon.name in names:
-                spec.delete(equality)
+        for tendons_equality in list(spec.equalities):
+            names = (tendons_equality.name1, tendons_equality.name2)
+            if tendons_equality.type == mujoco.mjtEq.mjEQ_TENDON and tendon.name in names:
+                spec.delete(tendons_equality)
         spec.delete(tendon)
+    for name in locked:
+        spec.delete(spec.joint(name))
 
 
 def with_followers(model: mujoco.MjModel, locks: Mapping[str, Lock]) -> dict[str, Lock]:
@@ -121,11 +121,3 @@ def _motion(model: mujoco.MjModel, joint: int, lock: Lock) -> Pose:
         mujoco.mju_axisAngle2Quat(turned, axis, moved)
     mujoco.mju_rotVecQuat(away, anchor, turned)
     return anchor - away, turned
-
-
-def _turn_back(model: mujoco.MjModel, joint: int, moved: Pose) -> None:
-    back = inverse(moved)
-    axis, anchor = np.zeros(3), np.zeros(3)
-    mujoco.mju_rotVecQuat(axis, np.array(model.jnt_axis[joint]), back[1])
-    mujoco.mju_trnVecPose(anchor, *back, np.array(model.jnt_pos[joint]))
-    model.jnt_axis[joint], model.jnt_pos[joint] = axis, anchor

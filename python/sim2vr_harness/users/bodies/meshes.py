@@ -4,8 +4,6 @@ MuJoCo moves a mesh to its centre of mass when it compiles, so a geom's compiled
 pose followed by the mesh's. Here own poses are changed, and meshes by their scale.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import mujoco
@@ -79,22 +77,19 @@ def rescale_meshes(
         for number, (factors, users) in enumerate(sizes.items()):
             mesh = original
             if number:
-                mesh = _copy(spec, model, name, f"{name}_size{number}")
+                # Adds a mesh with the vertices and faces that the model has of another one.
+                copy = f"{name}_size{number}"
+                i = model.mesh(name).id
+                first, count = int(model.mesh_vertadr[i]), int(model.mesh_vertnum[i])
+                face, faces = int(model.mesh_faceadr[i]), int(model.mesh_facenum[i])
+                rotation = np.zeros(9)
+                mujoco.mju_quat2Mat(rotation, model.mesh_quat[i])
+                vertices = model.mesh_vert[first : first + count] @ rotation.reshape(3, 3).T
+                copy_mesh = spec.add_mesh(name=copy)
+                copy_mesh.uservert = (vertices + model.mesh_pos[i]).ravel()
+                copy_mesh.userface = np.array(model.mesh_face[face : face + faces]).ravel()
+                copy_mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+                mesh = copy_mesh
                 for geom in users:
                     spec.geoms[geom].meshname = mesh.name
             mesh.scale = (scale if number == 0 else np.ones(3)) * factors
-
-
-def _copy(spec: mujoco.MjSpec, model: mujoco.MjModel, name: str, copy: str) -> mujoco.MjsMesh:
-    """Adds a mesh with the vertices and faces that the model has of another one."""
-    i = model.mesh(name).id
-    first, count = int(model.mesh_vertadr[i]), int(model.mesh_vertnum[i])
-    face, faces = int(model.mesh_faceadr[i]), int(model.mesh_facenum[i])
-    rotation = np.zeros(9)
-    mujoco.mju_quat2Mat(rotation, model.mesh_quat[i])
-    vertices = model.mesh_vert[first : first + count] @ rotation.reshape(3, 3).T
-    mesh = spec.add_mesh(name=copy)
-    mesh.uservert = (vertices + model.mesh_pos[i]).ravel()
-    mesh.userface = np.array(model.mesh_face[face : face + faces]).ravel()
-    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
-    return mesh

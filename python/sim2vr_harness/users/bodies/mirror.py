@@ -8,8 +8,6 @@ range, a muscle its activations. All of it changes signs only, so the motion is 
 of each operation.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +31,17 @@ def mirror(spec: mujoco.MjSpec) -> None:
     """
     model = spec.compile()
     _refuse_what_cannot_be_mirrored(model)
-    flips = _flips(model)
+    # (nbody, 3) signs of each body's reflection: -1 for the axis nearest to the world's y.
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    lateral = np.abs(data.xmat.reshape(-1, 3, 3)[:, 1, :])
+    lateral[:, 1] += 1e-6  # of two equally near ones the y axis, as the world's
+    flips = np.ones((model.nbody, 3))
+    flips[np.arange(model.nbody), lateral.argmax(axis=1)] = -1.0
+    for name in DEVICES:  # their frames are the devices' own: x forward, y left, z up
+        i = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
+        if i >= 0:
+            flips[i] = [1.0, -1.0, 1.0]
     parents = flips[model.body_parentid]
     for body in range(1, model.nbody):
         model.body_pos[body] *= parents[body]
@@ -60,7 +68,15 @@ def mirror(spec: mujoco.MjSpec) -> None:
         return pose[0] * flips[body], _mirrored(pose[1], flips[body], flips[body])
 
     shown = change_mesh_geoms(model, mirrored)
-    _mirror_views(model, flips)
+    # Cameras look along their -z with x to the right: their x is mirrored, whatever the body's.
+    for camera in range(model.ncam):
+        views_flip = flips[model.cam_bodyid[camera]]
+        model.cam_pos[camera] *= views_flip
+        x_flip = np.array([-1.0, 1.0, 1.0])
+        model.cam_quat[camera] = _mirrored(model.cam_quat[camera], views_flip, x_flip)
+    lights = flips[model.light_bodyid]
+    model.light_pos[:] *= lights
+    model.light_dir[:] *= lights
     model.opt.gravity[1] *= -1.0
     model.opt.wind[1] *= -1.0
     spec.copy_back(model)
@@ -71,21 +87,6 @@ def mirror(spec: mujoco.MjSpec) -> None:
 def swapped(name: str) -> str:
     """Returns what a device is called when it has changed hands."""
     return _SWAP.get(name, name)
-
-
-def _flips(model: mujoco.MjModel) -> FloatArray:
-    """(nbody, 3) signs of each body's reflection: -1 for the axis nearest to the world's y."""
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    lateral = np.abs(data.xmat.reshape(-1, 3, 3)[:, 1, :])
-    lateral[:, 1] += 1e-6  # of two equally near ones the y axis, as the world's
-    flips = np.ones((model.nbody, 3))
-    flips[np.arange(model.nbody), lateral.argmax(axis=1)] = -1.0
-    for name in DEVICES:  # their frames are the devices' own: x forward, y left, z up
-        i = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
-        if i >= 0:
-            flips[i] = [1.0, -1.0, 1.0]
-    return flips
 
 
 def _mirrored(quaternion: FloatArray, outer: FloatArray, inner: FloatArray) -> FloatArray:
@@ -104,18 +105,6 @@ def _mirrored(quaternion: FloatArray, outer: FloatArray, inner: FloatArray) -> F
 def _mirror_poses(positions: FloatArray, quaternions: FloatArray, flips: FloatArray) -> None:
     positions[:] *= flips
     quaternions[:, 1:] *= -flips
-
-
-def _mirror_views(model: mujoco.MjModel, flips: FloatArray) -> None:
-    """Cameras look along their -z with x to the right: their x is mirrored, whatever the body's."""
-    for camera in range(model.ncam):
-        flip = flips[model.cam_bodyid[camera]]
-        model.cam_pos[camera] *= flip
-        x_flip = np.array([-1.0, 1.0, 1.0])
-        model.cam_quat[camera] = _mirrored(model.cam_quat[camera], flip, x_flip)
-    lights = flips[model.light_bodyid]
-    model.light_pos[:] *= lights
-    model.light_dir[:] *= lights
 
 
 def _swap_controllers(spec: mujoco.MjSpec) -> None:

@@ -1,11 +1,9 @@
 """An MJCF before MuJoCo reads it: bounds of its numbers, and the files that it names."""
 
-from __future__ import annotations
-
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -107,7 +105,12 @@ class _Check:
         """Check everything; returns the number of elements."""
         elements = list(self._elements())
         names = {element.xml.get("name") for element in elements}
-        places = self._asset_folders(elements)
+        # Where the files of assets may be.
+        bases = dict.fromkeys([self._path.parent, *(element.file.parent for element in elements)])
+        kinds = ("assetdir", "meshdir", "texturedir")
+        compilers = [element.xml for element in elements if element.xml.tag == "compiler"]
+        named = [xml.get(kind, "") for xml in compilers for kind in kinds]
+        places = [base / folder for base in bases for folder in dict.fromkeys(["", *named])]
         attached: dict[str, int] = {}
         total = 0
         for element in sorted(elements, key=lambda element: element.xml.tag != "model"):
@@ -120,7 +123,14 @@ class _Check:
                         attached[name] = self._attached(field, file)
                 elif value not in names and element.xml.tag != "text":
                     _check_numbers(field, element.xml.tag, attribute, value)
-            total += element.copies * _made(element.xml, attached)
+            xml = element.xml
+            if xml.tag == "attach":
+                made = attached.get(xml.get("model", ""), 1)
+            elif xml.tag in ("composite", "flexcomp"):
+                made = max(1, int(math.prod(_numbers(xml.get("count", "")))))
+            else:
+                made = 1
+            total += element.copies * made
             if total > MOST_ELEMENTS:
                 raise ValueError(
                     f"mjcf: {element}: got more than {MOST_ELEMENTS} elements up to here, copies "
@@ -152,14 +162,6 @@ class _Check:
             raise ValueError(f"{field}: got {file.name!r}, which attaches itself, expected another")
         return _Check(file, self._folders, self._chain).run()
 
-    def _asset_folders(self, elements: Sequence[_Element]) -> list[Path]:
-        """Where the files of assets may be."""
-        bases = dict.fromkeys([self._path.parent, *(element.file.parent for element in elements)])
-        kinds = ("assetdir", "meshdir", "texturedir")
-        compilers = [element.xml for element in elements if element.xml.tag == "compiler"]
-        named = [xml.get(kind, "") for xml in compilers for kind in kinds]
-        return [base / folder for base in bases for folder in dict.fromkeys(["", *named])]
-
     def _inside(self, field: str, name: str, places: Sequence[Path]) -> Path | None:
         """The file of that name in one of the places; None if there is none."""
         found = [place for folder in places if (place := (folder / name).resolve()).is_file()]
@@ -173,15 +175,6 @@ class _Check:
         for place in found:
             _check_file(field, place)
         return found[0] if found else None
-
-
-def _made(xml: ET.Element, attached: Mapping[str, int]) -> int:
-    """How many elements one becomes."""
-    if xml.tag == "attach":
-        return attached.get(xml.get("model", ""), 1)
-    if xml.tag in ("composite", "flexcomp"):
-        return max(1, int(math.prod(_numbers(xml.get("count", "")))))
-    return 1
 
 
 def _parsed(path: Path) -> ET.Element:
@@ -222,12 +215,12 @@ def _check_numbers(field: str, tag: str, attribute: str, value: str) -> None:
     if min(numbers) < (least := LEAST.get(key, -math.inf)):
         raise ValueError(f"{field}: got {value!r}, expected at least {least:g}")
     greatest = math.prod(numbers) if "count" in attribute else max(numbers)
-    if greatest > (most := _most(key)):
+    if greatest > (
+        most := min(
+            (most for name, most in MOST.items() if fnmatchcase(key, name)), default=math.inf
+        )
+    ):
         raise ValueError(f"{field}: got {value!r}, expected at most {most:.12g}")
-
-
-def _most(key: str) -> float:
-    return min((most for name, most in MOST.items() if fnmatchcase(key, name)), default=math.inf)
 
 
 def _numbers(value: str) -> list[float]:

@@ -1,7 +1,5 @@
 """Moment arms of actuators, as a matrix."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Python packages that have models of bodies: found without being run, imported if known."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 from importlib.util import find_spec

@@ -8,8 +8,6 @@ length scale with its path (as OpenSim's scale tool does), so its fibres work in
 their range.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -65,7 +63,15 @@ def resize(spec: mujoco.MjSpec, person: Physique, anatomy: Anatomy) -> None:
     ):
         return
     model = spec.compile()
-    _refuse_what_cannot_follow(model)
+    for i in range(model.neq):
+        if model.eq_type[i] != _JOINT_EQUALITY:
+            kind = mujoco.mjtEq(int(model.eq_type[i])).name.removeprefix("mjEQ_").lower()
+            raise ValueError(
+                f"person: got a body with the equality {model.equality(i).name!r} ({kind}), "
+                "expected couplings of joints only"
+            )
+    if model.nflex:
+        raise ValueError("person: got a body with a flex, expected rigid parts only")
     whole, mass = _whole(person, anatomy)
     lengths = np.full(model.nbody, whole)
     for name, length_m in person.segment_lengths_m.items():
@@ -166,18 +172,6 @@ def _whole(person: Physique, anatomy: Anatomy) -> tuple[float, float]:
     return length, length**2
 
 
-def _refuse_what_cannot_follow(model: mujoco.MjModel) -> None:
-    for i in range(model.neq):
-        if model.eq_type[i] != _JOINT_EQUALITY:
-            kind = mujoco.mjtEq(int(model.eq_type[i])).name.removeprefix("mjEQ_").lower()
-            raise ValueError(
-                f"person: got a body with the equality {model.equality(i).name!r} ({kind}), "
-                "expected couplings of joints only"
-            )
-    if model.nflex:
-        raise ValueError("person: got a body with a flex, expected rigid parts only")
-
-
 def _scale(
     spec: mujoco.MjSpec,
     model: mujoco.MjModel,
@@ -211,37 +205,29 @@ def _scale(
     model.geom_pos[shapes] *= factor
     model.geom_size[shapes] *= factor
     shown = change_mesh_geoms(model, lambda body, pose: (pose[0] * lengths[body], pose[1]))
-    _scale_slides(model, lengths)
-    _scale_tendons(model, before)
-    spec.copy_back(model)
-    rescale_meshes(spec, model, shown, lambda body: (float(lengths[body]),) * 3)
-
-
-def _scale_slides(model: mujoco.MjModel, lengths: FloatArray) -> None:
-    """Ranges, references and couplings of slides carry lengths."""
-    factor = np.where(model.jnt_type == _SLIDE, lengths[model.jnt_bodyid], 1.0)
-    model.jnt_range[:] *= factor[:, None]
+    # Ranges, references and couplings of slides carry lengths.
+    slides_factor = np.where(model.jnt_type == _SLIDE, lengths[model.jnt_bodyid], 1.0)
+    model.jnt_range[:] *= slides_factor[:, None]
     for joint in np.flatnonzero(model.jnt_type == _SLIDE).tolist():
         address = model.jnt_qposadr[joint]
-        model.qpos0[address] *= factor[joint]
-        model.qpos_spring[address] *= factor[joint]
-    for i in range(model.neq):
-        driver = int(model.eq_obj2id[i])
-        of_driver = factor[driver] if driver >= 0 else 1.0
-        of_dependent = factor[model.eq_obj1id[i]]
-        model.eq_data[i, :5] *= of_dependent / of_driver ** np.arange(5)
-    for i in np.flatnonzero(model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT).tolist():
-        model.actuator_lengthrange[i] *= factor[model.actuator_trnid[i, 0]]
-
-
-def _scale_tendons(model: mujoco.MjModel, before: FloatArray) -> None:
-    """Rest lengths, limits and length ranges follow the path's length in the reference posture."""
+        model.qpos0[address] *= slides_factor[joint]
+        model.qpos_spring[address] *= slides_factor[joint]
+    for slides_i in range(model.neq):
+        driver = int(model.eq_obj2id[slides_i])
+        of_driver = slides_factor[driver] if driver >= 0 else 1.0
+        of_dependent = slides_factor[model.eq_obj1id[slides_i]]
+        model.eq_data[slides_i, :5] *= of_dependent / of_driver ** np.arange(5)
+    for slides_i in np.flatnonzero(model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT).tolist():
+        model.actuator_lengthrange[slides_i] *= slides_factor[model.actuator_trnid[slides_i, 0]]
+    # Rest lengths, limits and length ranges follow the path's length in the reference posture.
     after = _tendon_lengths(model)
-    factor = np.divide(after, before, out=np.ones_like(after), where=before > 0)
-    model.tendon_lengthspring[:] *= factor[:, None]
-    model.tendon_range[:] *= factor[:, None]
-    for i in np.flatnonzero(model.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON).tolist():
-        model.actuator_lengthrange[i] *= factor[model.actuator_trnid[i, 0]]
+    tendons_factor = np.divide(after, before, out=np.ones_like(after), where=before > 0)
+    model.tendon_lengthspring[:] *= tendons_factor[:, None]
+    model.tendon_range[:] *= tendons_factor[:, None]
+    for tendons_i in np.flatnonzero(model.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON).tolist():
+        model.actuator_lengthrange[tendons_i] *= tendons_factor[model.actuator_trnid[tendons_i, 0]]
+    spec.copy_back(model)
+    rescale_meshes(spec, model, shown, lambda body: (float(lengths[body]),) * 3)
 
 
 def _tendon_lengths(model: mujoco.MjModel) -> FloatArray:

@@ -1,7 +1,5 @@
 """Bodies with legs that sit or stand still: what is locked, where, and which actuators go."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

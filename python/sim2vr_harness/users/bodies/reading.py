@@ -1,7 +1,5 @@
 """Models of others, read from an MJCF file or from a package."""
 
-from __future__ import annotations
-
 import itertools
 import warnings
 from collections.abc import Sequence
@@ -45,7 +43,14 @@ def read_model(description: BodyDescription, file: Path) -> mujoco.MjSpec:
         ValueError: there is no such model, or it cannot be read; names the key.
     """
     spec = _read(description, file)
-    _name_all(spec)
+    # Name the elements without names by kind and number, such as joint_0.
+    for kind, many in _KINDS.items():
+        elements = getattr(spec, many)
+        taken = {element.name for element in elements}
+        free = (name for i in itertools.count() if (name := f"{kind}_{i}") not in taken)
+        for element in elements:
+            if not element.name:
+                element.name = next(free)
     return spec
 
 
@@ -74,17 +79,6 @@ def check_finite(model: mujoco.MjModel) -> None:
                     f"mjcf: got NaN in {prefix}{name}[{row}] of the compiled model, expected "
                     "finite numbers"
                 )
-
-
-def _name_all(spec: mujoco.MjSpec) -> None:
-    """Name the elements without names by kind and number, such as ``joint_0``."""
-    for kind, many in _KINDS.items():
-        elements = getattr(spec, many)
-        taken = {element.name for element in elements}
-        free = (name for i in itertools.count() if (name := f"{kind}_{i}") not in taken)
-        for element in elements:
-            if not element.name:
-                element.name = next(free)
 
 
 def _read(description: BodyDescription, file: Path) -> mujoco.MjSpec:

@@ -1,7 +1,5 @@
 """Every body there is, by name or by the file that describes it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path

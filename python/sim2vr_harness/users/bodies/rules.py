@@ -9,8 +9,6 @@ the starting posture hold it no better, as the balance is unstable, and a minute
 (docs/research/people.md).
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar

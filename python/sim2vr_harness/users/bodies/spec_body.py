@@ -1,7 +1,5 @@
 """A body made of a specification: everything that can be read off a compiled model."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -89,8 +87,23 @@ class SpecBody:
         self.appearance = appearance
         self._build = build
         self._check(plan)
-        self.independent_joints = self._independent()
-        self._check_posture(plan.reset_rule.posture)
+        model = self.physics_model
+        follows = {coupling.dependent for coupling in self.couplings}
+        scalar = [i for i in range(model.njnt) if model.jnt_type[i] in _SCALAR]
+        self.independent_joints = tuple(
+            n for n in (model.joint(i).name for i in scalar) if n not in follows
+        )
+        # Check that episodes can start in it: joints that move freely, within their limits.
+        for name, angle in plan.reset_rule.posture.items():
+            if name not in self.independent_joints:
+                raise ValueError(unknown_name("reset.posture", name, self.independent_joints))
+            joint = self.physics_model.joint(name)
+            low, high = joint.range.tolist() if joint.limited[0] else (-np.inf, np.inf)
+            if not low <= angle <= high:
+                raise ValueError(
+                    f"reset.posture.{name}: got {angle:g}, expected an angle (rad; slides m) "
+                    f"within the joint's limits, {low:.4g} to {high:.4g}"
+                )
         self.observed_joints = (
             self.independent_joints if plan.observed_joints is None else plan.observed_joints
         )
@@ -143,19 +156,6 @@ class SpecBody:
                 raise ValueError(unknown_name("rule", group.rule, RULES))
             RULES[group.rule](model, group.actuators)
 
-    def _check_posture(self, posture: Mapping[str, float]) -> None:
-        """Check that episodes can start in it: joints that move freely, within their limits."""
-        for name, angle in posture.items():
-            if name not in self.independent_joints:
-                raise ValueError(unknown_name("reset.posture", name, self.independent_joints))
-            joint = self.physics_model.joint(name)
-            low, high = joint.range.tolist() if joint.limited[0] else (-np.inf, np.inf)
-            if not low <= angle <= high:
-                raise ValueError(
-                    f"reset.posture.{name}: got {angle:g}, expected an angle (rad; slides m) "
-                    f"within the joint's limits, {low:.4g} to {high:.4g}"
-                )
-
     # --- actuators ---------------------------------------------------------------------------
 
     @cached_property
@@ -192,12 +192,6 @@ class SpecBody:
         return float("nan")
 
     # --- joints ------------------------------------------------------------------------------
-
-    def _independent(self) -> tuple[str, ...]:
-        model = self.physics_model
-        follows = {coupling.dependent for coupling in self.couplings}
-        scalar = [i for i in range(model.njnt) if model.jnt_type[i] in _SCALAR]
-        return tuple(n for n in (model.joint(i).name for i in scalar) if n not in follows)
 
     @cached_property
     def dependent_joints(self) -> tuple[str, ...]:
@@ -256,7 +250,24 @@ class SpecBody:
         found: dict[str, Coupling] = {}
         for i in range(model.neq):
             if model.eq_type[i] == _JOINT and model.eq_active0[i]:
-                coupling = _coupling(model, i)
+                # Reads an equality of joints; MuJoCo's polynomial is about the reference angles.
+                dependent, driver = int(model.eq_obj1id[i]), int(model.eq_obj2id[i])
+                coefficients = np.array(model.eq_data[i, :5])
+                if driver < 0:
+                    coefficients[1:] = 0.0
+                start = float(model.qpos0[model.jnt_qposadr[dependent]])
+                about = float(model.qpos0[model.jnt_qposadr[driver]]) if driver >= 0 else 0.0
+                if about:
+                    shifted = np.polynomial.Polynomial(coefficients)(
+                        np.polynomial.Polynomial([-about, 1.0])
+                    )
+                    coefficients = np.resize(np.append(shifted.coef, np.zeros(5)), 5)
+                coefficients[0] += start
+                coupling = Coupling(
+                    dependent=model.joint(dependent).name,
+                    driver=model.joint(driver).name if driver >= 0 else "",
+                    coefficients=tuple(coefficients.tolist()),
+                )
                 found[coupling.dependent] = coupling
         ordered: dict[str, Coupling] = {}
         while found:
@@ -329,22 +340,3 @@ def muscle_peak_force(model: mujoco.MjModel, i: int) -> float:
 
 def _names(model: mujoco.MjModel, kind: str, count: int) -> list[str]:
     return [getattr(model, kind)(i).name for i in range(count)]
-
-
-def _coupling(model: mujoco.MjModel, i: int) -> Coupling:
-    """Reads an equality of joints; MuJoCo's polynomial is about the reference angles."""
-    dependent, driver = int(model.eq_obj1id[i]), int(model.eq_obj2id[i])
-    coefficients = np.array(model.eq_data[i, :5])
-    if driver < 0:
-        coefficients[1:] = 0.0
-    start = float(model.qpos0[model.jnt_qposadr[dependent]])
-    about = float(model.qpos0[model.jnt_qposadr[driver]]) if driver >= 0 else 0.0
-    if about:
-        shifted = np.polynomial.Polynomial(coefficients)(np.polynomial.Polynomial([-about, 1.0]))
-        coefficients = np.resize(np.append(shifted.coef, np.zeros(5)), 5)
-    coefficients[0] += start
-    return Coupling(
-        dependent=model.joint(dependent).name,
-        driver=model.joint(driver).name if driver >= 0 else "",
-        coefficients=tuple(coefficients.tolist()),
-    )

@@ -6,8 +6,6 @@ spatial tendons through points fixed to the bones (no wrapping surfaces), exactl
 reference, and VR devices are rigid child bodies of the body that wears or holds them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -36,22 +34,7 @@ def build_spec(
     """
     spec = mujoco.MjSpec()
     spec.modelname = "sim2vr_user"
-    _set_options(spec, tables.settings)
-    bodies = _add_bodies(spec, tables, skull_rotation_wxyz)
-    _add_joints(spec, bodies, tables)
-    if tables.muscles:
-        _add_muscles(spec, bodies, tables)
-    _add_motors(spec, tables)
-    for tip in tables.settings.get("sites", ()):
-        bodies[tip["body"]].add_site(
-            name=tip["name"], pos=tip["pos_m"], quat=tip["quat_wxyz"], size=[0.004] * 3, group=4
-        )
-    for device, wearer in devices:
-        attach_device(bodies[wearer], device, device.pos, device.quat_wxyz)
-    return spec
-
-
-def _set_options(spec: mujoco.MjSpec, settings: dict[str, Any]) -> None:
+    settings = tables.settings
     option = spec.option
     option.timestep = settings["timestep_s"]
     option.gravity = settings["gravity_mps2"]
@@ -69,11 +52,6 @@ def _set_options(spec: mujoco.MjSpec, settings: dict[str, Any]) -> None:
     spec.compiler.degree = False
     # Length ranges are given; without this the compiler would replace them by simulated ones.
     spec.compiler.LRopt.mode = mujoco.mjtLRMode.mjLRMODE_NONE
-
-
-def _add_bodies(
-    spec: mujoco.MjSpec, tables: ModelTables, skull_rotation_wxyz: Sequence[float] | None
-) -> dict[str, mujoco.MjsBody]:
     bodies: dict[str, mujoco.MjsBody] = {"world": spec.worldbody}
     for row in tables.bodies:
         turned = row.name == "skull" and skull_rotation_wxyz is not None
@@ -87,7 +65,30 @@ def _add_bodies(
             inertia=row.inertia,
             explicitinertial=True,
         )
-    return bodies
+    _add_joints(spec, bodies, tables)
+    if tables.muscles:
+        _add_muscles(spec, bodies, tables)
+    # Adds position servos: torque = kp (target - angle) - kd speed.
+    for motors_row in tables.motors:
+        actuator = spec.add_actuator(name=motors_row.name)
+        actuator.trntype = mujoco.mjtTrn.mjTRN_JOINT
+        actuator.target = motors_row.joint
+        actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+        actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+        actuator.gainprm = _padded([motors_row.kp])
+        actuator.biasprm = _padded([0.0, -motors_row.kp, -motors_row.kd])
+        actuator.ctrllimited = True
+        actuator.ctrlrange = motors_row.limits
+        if motors_row.torques is not None:
+            actuator.forcelimited = True
+            actuator.forcerange = motors_row.torques
+    for tip in tables.settings.get("sites", ()):
+        bodies[tip["body"]].add_site(
+            name=tip["name"], pos=tip["pos_m"], quat=tip["quat_wxyz"], size=[0.004] * 3, group=4
+        )
+    for device, wearer in devices:
+        attach_device(bodies[wearer], device, device.pos, device.quat_wxyz)
+    return spec
 
 
 def _add_joints(
@@ -145,23 +146,6 @@ def _add_muscles(
         actuator.lengthrange = row.length_range
         actuator.ctrllimited = True
         actuator.ctrlrange = [0.0, 1.0]
-
-
-def _add_motors(spec: mujoco.MjSpec, tables: ModelTables) -> None:
-    """Adds position servos: torque = kp (target - angle) - kd speed."""
-    for row in tables.motors:
-        actuator = spec.add_actuator(name=row.name)
-        actuator.trntype = mujoco.mjtTrn.mjTRN_JOINT
-        actuator.target = row.joint
-        actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
-        actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-        actuator.gainprm = _padded([row.kp])
-        actuator.biasprm = _padded([0.0, -row.kp, -row.kd])
-        actuator.ctrllimited = True
-        actuator.ctrlrange = row.limits
-        if row.torques is not None:
-            actuator.forcelimited = True
-            actuator.forcerange = row.torques
 
 
 def _force_curve(curve: dict[str, Any], row: MuscleRow) -> list[float]:

@@ -7,8 +7,6 @@ numbers separated by spaces.
 Units: m, kg, s, rad, N. Quaternions are w x y z. World frame: z up, x forward, y left (MuJoCo).
 """
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import dataclass

@@ -1,15 +1,12 @@
 """A body cut to a person: the options of `load_body` that every body shares."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
 import mujoco
 
-from sim2vr_harness.users.bodies.body import ResetRule
 from sim2vr_harness.users.bodies.mirror import mirror, swapped
-from sim2vr_harness.users.bodies.options import BodyOptions, ResetOptions
+from sim2vr_harness.users.bodies.options import BodyOptions
 from sim2vr_harness.users.bodies.person import Anatomy, change_joints, resize, strengthen
 from sim2vr_harness.users.bodies.rules import Motor
 from sim2vr_harness.users.bodies.spec_body import BodyPlan, SpecBody
@@ -54,12 +51,8 @@ def tailored_body(
         )
     if person.ipd_m is not None:
         plan = replace(plan, ipd_m=person.ipd_m)
-    plan = replace(plan, reset_rule=_beginning(plan, options.reset))
-    return SpecBody(plan, made, options.appearance)
-
-
-def _beginning(plan: BodyPlan, reset: ResetOptions) -> ResetRule:
-    """The body's own way to begin, changed by what `reset` sets; joints left out stay."""
+    # The body's own way to begin, changed by what `reset` sets; joints left out stay.
+    reset = options.reset
     rule = plan.reset_rule
     if reset.posture is not None and reset.posture not in plan.postures:
         raise ValueError(unknown_name("reset.posture", reset.posture, plan.postures))
@@ -76,7 +69,8 @@ def _beginning(plan: BodyPlan, reset: ResetOptions) -> ResetRule:
     if reset.hold:
         motors = (g.actuators for g in plan.actuator_groups if g.rule == Motor.name)
         rule = replace(rule, held=tuple(name for names in motors for name in names))
-    return rule
+    plan = replace(plan, reset_rule=rule)
+    return SpecBody(plan, made, options.appearance)
 
 
 def _own_hand(plan: BodyPlan) -> str:

@@ -12,8 +12,6 @@ fourth's effect depends on the posture, so it stays: the arm's effective inertia
 without a torso.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from sim2vr_harness.users.bodies.tables import (

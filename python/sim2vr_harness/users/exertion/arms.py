@@ -1,7 +1,5 @@
 """The arms of a body: posture, and the torque that gravity and motion put on the shoulder."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mujoco
@@ -46,21 +44,18 @@ def arms_of(body: Body) -> tuple[Arm, ...]:
     for side in ("right", "left"):
         if f"controller_{side}" not in body.devices:
             continue
-        chain = _chain(body.physics_model, f"controller_{side}")
+        site = f"controller_{side}"
+        names, part = [], int(body.physics_model.site(site).bodyid[0])
+        while part:
+            names.append(body.physics_model.body(part).name)
+            part = int(body.physics_model.body_parentid[part])
+        chain = names
         upper = [name for name in chain if name.startswith("humerus")]
         fore = [name for name in chain if name.startswith("ulna")]
         bones = [i for i, name in enumerate(chain) if name.startswith(("ulna", "radius"))]
         if upper and fore and bones and bones[0] > 0:
             found.append(Arm(side, upper[0], fore[0], chain[bones[0] - 1]))
     return tuple(found)
-
-
-def _chain(model: mujoco.MjModel, site: str) -> list[str]:
-    names, part = [], int(model.site(site).bodyid[0])
-    while part:
-        names.append(model.body(part).name)
-        part = int(model.body_parentid[part])
-    return names
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,6 @@ Sources:
 Angles are in degrees, torques in Nm, times in s; arrays broadcast.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bounded linear least squares of a few dozen unknowns, such as activations of muscles."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear

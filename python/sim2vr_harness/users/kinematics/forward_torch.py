@@ -1,7 +1,5 @@
 """Forward kinematics of worn devices in PyTorch: exact and differentiable."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Postures that bring a point to a place: bounded least squares, for many places at once."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,8 +4,6 @@ Inverse kinematics finds a posture. Muscles then move the joints there as critic
 would (computed torque), and the posture's remaining error is fed back.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -168,7 +166,16 @@ class PostureController:
             begin = np.clip(one, low + 1e-6, high - 1e-6)
 
             def wrong(x: FloatArray, begin: FloatArray = begin) -> FloatArray:
-                errors = self._errors(self._whole(start, x), place, aim_at, tip_m, ray)
+                angles = self._whole(start, x)
+                tip, device, origin, along = self._reached(angles, tip_m, ray)
+                errors = []
+                if place is not None:
+                    errors.append(_PLACE_PER_M * (tip - place))
+                if aim_at is not None:
+                    errors.append(_AIM_PER_RAD * (along - _unit(aim_at - origin)))
+                    head = self._tried.site("headset").xpos
+                    held = head + _COMFORT_M * [1.0, self._side, 1.0]
+                    errors.append(_COMFORT_PER_M * (device - held))
                 middle, half = (low + high) / 2.0, (high - low) / 2.0
                 rest = [_LIMITS * ((x - middle) / half) ** 3, _NEAR_PER_RAD * (x - begin)]
                 return np.concatenate([*errors, *rest])
@@ -201,25 +208,6 @@ class PostureController:
         device = data.site_xpos[self._site].copy()
         tip = device + turn @ np.asarray(tip_m, dtype=np.float64)
         return tip, device, device + turn @ ray.origin_m, turn @ ray.direction
-
-    def _errors(
-        self,
-        angles: FloatArray,
-        place: FloatArray | None,
-        aim_at: FloatArray | None,
-        tip_m: ArrayLike,
-        ray: DeviceRay,
-    ) -> list[FloatArray]:
-        tip, device, origin, along = self._reached(angles, tip_m, ray)
-        errors = []
-        if place is not None:
-            errors.append(_PLACE_PER_M * (tip - place))
-        if aim_at is not None:
-            errors.append(_AIM_PER_RAD * (along - _unit(aim_at - origin)))
-            head = self._tried.site("headset").xpos
-            held = head + _COMFORT_M * [1.0, self._side, 1.0]
-            errors.append(_COMFORT_PER_M * (device - held))
-        return errors
 
     def _judged(
         self,
@@ -304,7 +292,27 @@ class PostureController:
         mujoco.mj_forward(model, data)
         slack = data.actuator_force[ids].copy()
         moments = moment_arms(self._model, self._data)[ids]
-        free = self._free_directions()
+        directions_model, directions_data = self._model, self._data
+        if directions_data.ne == 0:
+            free = np.eye(directions_model.nv)
+        else:
+            jacobian = np.zeros((directions_data.nefc, directions_model.nv))
+            if mujoco.mj_isSparse(directions_model):
+                mujoco.mju_sparse2dense(
+                    jacobian,
+                    directions_data.efc_J,
+                    directions_data.efc_J_rownnz,
+                    directions_data.efc_J_rowadr,
+                    directions_data.efc_J_colind,
+                )
+            else:
+                jacobian[:] = directions_data.efc_J.reshape(
+                    directions_data.nefc, directions_model.nv
+                )
+            _, sizes, rows = np.linalg.svd(jacobian[: directions_data.ne])
+            rank = int((sizes > 1e-8 * sizes[0]).sum())
+            free: FloatArray = rows[rank:].T
+            free = free
         pulls = free.T @ (moments * (full - slack)[:, None]).T
         return free, pulls, moments.T @ slack
 
@@ -312,23 +320,6 @@ class PostureController:
         """(nv,) of gravity and of what the joints' springs leave."""
         torques: FloatArray = self._data.qfrc_bias - self._data.qfrc_passive
         return torques
-
-    def _free_directions(self) -> FloatArray:
-        """(nv, F) directions in which joints can move that hang together by equalities."""
-        model, data = self._model, self._data
-        if data.ne == 0:
-            return np.eye(model.nv)
-        jacobian = np.zeros((data.nefc, model.nv))
-        if mujoco.mj_isSparse(model):
-            mujoco.mju_sparse2dense(
-                jacobian, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind
-            )
-        else:
-            jacobian[:] = data.efc_J.reshape(data.nefc, model.nv)
-        _, sizes, rows = np.linalg.svd(jacobian[: data.ne])
-        rank = int((sizes > 1e-8 * sizes[0]).sum())
-        free: FloatArray = rows[rank:].T
-        return free
 
 
 class _TrunkServo:

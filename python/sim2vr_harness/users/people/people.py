@@ -1,7 +1,5 @@
 """People as a distribution, of which every member can be requested by its number."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Annotated, Any, get_args
 

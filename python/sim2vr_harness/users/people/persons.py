@@ -1,7 +1,5 @@
 """Present persons of N users: bodies, features and the factors that act on them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache

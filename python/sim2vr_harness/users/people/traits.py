@@ -5,8 +5,6 @@ and men; where the sexes differ, that mean moves by `sex_offset` up for men and 
 docs/concepts/people.md has the table with the sources' numbers.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal

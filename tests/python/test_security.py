@@ -30,7 +30,7 @@ from python.users.bodies import OWN_ARM
 from sim2vr_harness.base import paths
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client.tasks import load_task
-from sim2vr_harness.envs.states import unpacked
+from sim2vr_harness.envs.simulation import unpacked
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.playing import UserPolicy
 from sim2vr_harness.studies import load_study, run_study

@@ -35,7 +35,7 @@ from sim2vr_harness.base.bounded_yaml import parse_yaml
 from sim2vr_harness.cli.errors import report
 from sim2vr_harness.cli.main import app
 from sim2vr_harness.evaluation.curves import plot
-from sim2vr_harness.evaluation.results import EvaluationResults
+from sim2vr_harness.evaluation.evaluate import EvaluationResults
 from sim2vr_harness.policies.store import open_packed
 from sim2vr_harness.runs.config import defaults, load_config, to_yaml
 from sim2vr_harness.runs.run_folder import RunFolder

@@ -325,7 +325,6 @@ class Measured:
 
     Attributes:
         body: whose reach it is.
-        point: of what.
         reach: everything that the joints' limits allow.
         extent_m: (2, 3) least and greatest right, up, ahead: the app's frame, m.
         volume: the cells that can be reached.
@@ -382,8 +381,6 @@ def measure(
     """Measure how far a point of a body reaches.
 
     Args:
-        body: The body.
-        point: The point.
         targets: Places to judge; those that follow the head are where it is at rest.
         people: As of :class:`Measured`; None: no persons.
         cell_m: Edge of the cells that the room is divided into.
@@ -520,7 +517,6 @@ def write(found: Measured, out: Path) -> list[Path]:
     """Write what was found.
 
     Args:
-        found: It.
         out: Folder for ``targets.csv`` (verdicts; right, up, ahead in m, angles in degrees),
             ``hull.csv`` (the cells on the surface of what can be reached), ``hull.html`` and
             ``hull.png``.

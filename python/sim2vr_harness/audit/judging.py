@@ -186,7 +186,6 @@ def judge(
 
     Args:
         crowd: The persons.
-        targets: The targets.
         limitation: Of all persons.
         pace: Uses of a target in a minute; None: not known.
         muscles: Whether to search for postures that the model's own muscles hold.

@@ -147,7 +147,6 @@ class Group:
     """Persons of the headline who have something in common.
 
     Attributes:
-        name: What.
         members: (M,) numbers of the persons.
     """
 

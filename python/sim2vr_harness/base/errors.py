@@ -27,7 +27,6 @@ class UnusableFile(InputError):
     """A file of a run cannot be used: cut off, damaged, not finite, of another network.
 
     Attributes:
-        file: which one.
         reason: why.
         instead: the newest one of the same kind that can be used; None without any.
     """

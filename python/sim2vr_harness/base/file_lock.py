@@ -30,7 +30,6 @@ def sole_training(folder: Path, lock_file: Path, what: str = "training") -> Iter
 
     Args:
         folder: of the run; empty folders that were made here go again if nothing came into them.
-        lock_file: in it.
         what: what works there, for people, where it is no training.
 
     Raises:

@@ -101,8 +101,8 @@ def _input_error(problem: Any, below: Sequence[str], model: type[BaseModel]) -> 
         # One of names that is most like name, the first of equals; None if none.
         name = location[-1]
         likeness = [difflib.SequenceMatcher(None, name, each).ratio() for each in known]
-        best = max(likeness, default=0.0)
-        near = known[likeness.index(best)] if best >= _LIKE else None
+        alike = max(likeness, default=0.0)
+        near = known[likeness.index(alike)] if alike >= _LIKE else None
         here = prefix + near if near else None
         # What was written without its mapping is meant wherever it is; else it is meant here.
         best = here if prefix and here else _elsewhere(location[-1], root) or here

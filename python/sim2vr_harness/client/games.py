@@ -90,7 +90,6 @@ class Condition:
     Attributes:
         name: What people call it.
         description: In a line.
-        options: The options.
         draws: Conditions that a round may turn out to be, where that is not this one itself.
         evaluated: Whether evaluations play it when no one says which.
     """

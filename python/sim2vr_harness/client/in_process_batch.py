@@ -276,7 +276,6 @@ class InProcessBatch:
         )
 
     def load(self, index: int, state: bytes) -> None:
-        """See :meth:`AppClient.load`."""
         self.native.load(index, state)
         self._find_logs()
 
@@ -322,7 +321,6 @@ class InProcessBatchApp:
 
     @property
     def renderer_description(self) -> str:
-        """See :class:`AppClient`."""
         return str(self.batch.native.renderer_description)
 
     @property
@@ -344,7 +342,6 @@ class InProcessBatchApp:
         *,
         time_ns: int = 0,
     ) -> AppReply:
-        """See :class:`AppClient`."""
         batch = self.batch
         batch.reset_rounds(
             [self._index], [checked_seed(seed)], _one_app(poses), options, time_ns=time_ns
@@ -352,12 +349,10 @@ class InProcessBatchApp:
         return batch.reply(self._index)
 
     def step(self, time_ns: int, poses: DevicePoses) -> AppReply:
-        """See :class:`AppClient`."""
         rows = [None if row is None else np.asarray(row)[None, None] for row in _arguments(poses)]
         return self._run(np.array([[time_ns]]), rows, -1)
 
     def step_frames(self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1) -> AppReply:
-        """See :class:`AppClient`."""
         return self._run(np.asarray(times_ns)[None], _arguments(_one_app(poses)), drawn)
 
     def _run(
@@ -375,25 +370,21 @@ class InProcessBatchApp:
         self.batch.start(self._index, times_ns, poses, drawn)
 
     def finish_step(self) -> AppReply:
-        """See :class:`AppClient`."""
         return self.batch.finish(self._index)
 
     def head_request(
         self, seed: int, options: Mapping[str, OptionValue] | None = None
     ) -> float | None:
-        """See :class:`AppClient`."""
         require_capability(self.capabilities, "head_request")
         pitch = self.batch.head_requests([self._index], [checked_seed(seed)], options)[0]
         return None if np.isnan(pitch) else float(pitch)
 
     def render_headset(self, width: int, height: int) -> UInt8Array:
-        """See :class:`AppClient`."""
         return self._render("headset", width, height)
 
     def render_third_person(
         self, width: int, height: int, view: ThirdPersonView = "spectator"
     ) -> UInt8Array:
-        """See :class:`AppClient`."""
         return self._render(view, width, height)
 
     def _render(self, view: str, width: int, height: int) -> UInt8Array:
@@ -402,7 +393,6 @@ class InProcessBatchApp:
         return image
 
     def scene(self) -> AppScene:
-        """See :class:`AppClient`."""
         require_capability(self.capabilities, "scene")
         native = self.batch.native
         columns = native.shown(self._index)
@@ -412,22 +402,18 @@ class InProcessBatchApp:
         return AppScene.of_columns(columns, self._meshes)
 
     def save(self) -> bytes:
-        """See :class:`AppClient`."""
         require_capability(self.capabilities, "save")
         return bytes(self.batch.native.save(self._index))
 
     def load(self, state: bytes) -> None:
-        """See :class:`AppClient`."""
         require_capability(self.capabilities, "save")
         self.batch.load(self._index, state)
 
     def state_hash(self) -> int:
-        """See :class:`AppClient`."""
         require_capability(self.capabilities, "save")
         return int(self.batch.native.state_hash(self._index))
 
     def close(self) -> None:
-        """See :class:`AppClient`."""
         if self._batch is not None:
             self._batch.let_go(self._index)
             self._batch = None

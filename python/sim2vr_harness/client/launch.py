@@ -52,7 +52,6 @@ class StartingApp:
     """A process that was started and is not known to listen yet.
 
     Args:
-        process: the process.
         port: the port it has to take, or None when it says itself where it listens.
     """
 
@@ -131,7 +130,6 @@ def options_beside(
     """Return the options of our server's game that its arguments do not set.
 
     Args:
-        game: the game.
         options: of the configuration.
         arguments: given by the user; ``-condition``, ``-adaptive`` and ``-sparse`` win.
     """

@@ -131,7 +131,6 @@ class Protocol1App(SplitStep):
 
     @property
     def renderer_description(self) -> str:
-        """See :class:`AppClient`."""
         return f"{self._channel.app} (protocol 1)"
 
     @property
@@ -145,7 +144,6 @@ class Protocol1App(SplitStep):
     def head_request(
         self, seed: int, options: Mapping[str, OptionValue] | None = None
     ) -> float | None:
-        """See :class:`AppClient`."""
         wanted = {"seed": seed, "options": dict(options or {})}
         reply = self._extra("head_request", "the head's pitch", {"headRequest": wanted})
         with self._checking():
@@ -275,13 +273,11 @@ class Protocol1App(SplitStep):
         )
 
     def save(self) -> bytes:
-        """See :class:`AppClient`."""
         reply = self._extra("save", "saving", {"save": True})
         with self._checking():
             return base64.b64decode(field_in(reply, "state", str), validate=True)
 
     def load(self, state: bytes) -> None:
-        """See :class:`AppClient`."""
         reply = self._extra(
             "save", "loading", {"load": base64.b64encode(state).decode()}, image=True
         )
@@ -289,7 +285,6 @@ class Protocol1App(SplitStep):
             self._image = decode_png(reply["image"], self._shape)
 
     def state_hash(self) -> int:
-        """See :class:`AppClient`."""
         reply = self._extra("save", "the hash", {"stateHash": True})
         with self._checking():
             return int(field_in(reply, "stateHash", str), 16)
@@ -303,7 +298,6 @@ class Protocol1App(SplitStep):
     def render_third_person(
         self, width: int, height: int, view: ThirdPersonView = "spectator"
     ) -> UInt8Array:
-        """See :class:`AppClient`."""
         return self._render(view, width, height)
 
     def _render(self, view: str, width: int, height: int) -> UInt8Array:

@@ -44,7 +44,6 @@ class Protocol2App(SplitStep):
 
     @property
     def renderer_description(self) -> str:
-        """See :class:`AppClient`."""
         connection = self._open()
         return f"{connection.renderer_description} (protocol 2, {connection.channel.app})"
 
@@ -56,7 +55,6 @@ class Protocol2App(SplitStep):
     def head_request(
         self, seed: int, options: Mapping[str, OptionValue] | None = None
     ) -> float | None:
-        """See :class:`AppClient`."""
         return self._open().head_request(self._index, seed, options)
 
     @property
@@ -72,7 +70,6 @@ class Protocol2App(SplitStep):
         *,
         time_ns: int = 0,
     ) -> AppReply:
-        """See :class:`AppClient`."""
         checked_seed(seed)
         return self._open().reset(self._index, seed, poses, options, time_ns)
 
@@ -83,33 +80,26 @@ class Protocol2App(SplitStep):
         self._open().start_step(self._index, frame_times(times_ns), poses, drawn)
 
     def finish_step(self) -> AppReply:
-        """See :class:`AppClient`."""
         return self._open().finish_step(self._index)
 
     def render_headset(self, width: int, height: int) -> UInt8Array:
-        """See :class:`AppClient`."""
         return self._open().render(self._index, "headset", width, height)
 
     def render_third_person(
         self, width: int, height: int, view: ThirdPersonView = "spectator"
     ) -> UInt8Array:
-        """See :class:`AppClient`."""
         return self._open().render(self._index, view, width, height)
 
     def scene(self) -> AppScene:
-        """See :class:`AppClient`."""
         return self._open().scene(self._index)
 
     def save(self) -> bytes:
-        """See :class:`AppClient`."""
         return self._open().save(self._index)
 
     def load(self, state: bytes) -> None:
-        """See :class:`AppClient`."""
         self._open().load(self._index, state)
 
     def state_hash(self) -> int:
-        """See :class:`AppClient`."""
         return self._open().state_hash(self._index)
 
     def close(self) -> None:

@@ -70,7 +70,6 @@ class AppsWanted:
     """The apps of N users.
 
     Attributes:
-        n: N.
         game: its name.
         options: the game's.
         width: of one eye's image, pixels.

@@ -34,7 +34,6 @@ class UnsavedApp(SplitStep):
 
     @property
     def image(self) -> UInt8Array:
-        """See :class:`AppClient`."""
         return self._image
 
     def head_request(
@@ -85,5 +84,4 @@ class UnsavedApp(SplitStep):
             raise AppError(f"step: {self._left or 'no round was started'}; call reset first")
 
     def close(self) -> None:
-        """See :class:`AppClient`."""
         self._closed = True

@@ -209,20 +209,17 @@ class BatchGroup:
 
     @property
     def haptics(self) -> Mapping[int, tuple[HapticPulse, ...]]:
-        """See :class:`AppGroup`."""
         batch = self._batch
         return {i: batch.haptics(i) for i in np.flatnonzero(batch.haptic_counts).tolist()}
 
     @property
     def sounds(self) -> Mapping[int, tuple[SoundEvent, ...]]:
-        """See :class:`AppGroup`."""
         batch = self._batch
         return {i: batch.sounds(i) for i in np.flatnonzero(batch.sound_counts).tolist()}
 
     def head_requests(
         self, ids: IntArray, seeds: IntArray, options: Mapping[str, OptionValue] | None
     ) -> NDArray[np.float64]:
-        """See :class:`AppGroup`."""
         return self._batch.head_requests(ids, seeds, options)
 
     def reset(
@@ -232,7 +229,6 @@ class BatchGroup:
         poses: DevicePoses,
         options: Mapping[str, OptionValue] | None,
     ) -> None:
-        """See :class:`AppGroup`."""
         self._batch.reset_rounds(ids, seeds, poses, options)
 
     def step(
@@ -255,15 +251,12 @@ class BatchGroup:
         return ids
 
     def logs(self) -> Logs:
-        """See :class:`AppGroup`."""
         return _LogRows(self._batch.log_names, self._batch.logs.copy())
 
     def save(self, i: int, step: int) -> bytes:
-        """See :class:`AppGroup`."""
         return self.apps[i].save()
 
     def close(self) -> None:
-        """See :class:`AppGroup`."""
         for app in self.apps:
             app.close()
 
@@ -356,7 +349,6 @@ class ClientGroup:
         poses: DevicePoses,
         options: Mapping[str, OptionValue] | None,
     ) -> None:
-        """See :class:`AppGroup`."""
         for k, i in enumerate(ids.tolist()):
             start = partial(_reset, seed=int(seeds[k]), poses=poses[k])
             self._take(i, self._at_a_start(i, start, options))
@@ -393,7 +385,6 @@ class ClientGroup:
         *,
         drawn: int | IntArray = -1,
     ) -> IntArray:
-        """See :class:`AppGroup`."""
         users, frames = ids.tolist(), np.broadcast_to(drawn, len(ids)).tolist()
         for k, i in enumerate(users):
             if i in self.failed:  # found out while the state was saved
@@ -433,11 +424,9 @@ class ClientGroup:
             self.apps[i].close()
 
     def logs(self) -> Logs:
-        """See :class:`AppGroup`."""
         return _LogList(self._logs)
 
     def save(self, i: int, step: int) -> bytes | None:
-        """See :class:`AppGroup`."""
         if i in self.failed or "save" not in self.apps[i].capabilities:
             return None
         state: bytes | None = None
@@ -446,7 +435,6 @@ class ClientGroup:
         return state
 
     def close(self) -> None:
-        """See :class:`AppGroup`."""
         with ExitStack() as stack:  # each one, whatever happens to the others
             for app in self.apps:
                 stack.callback(app.close)

@@ -61,12 +61,10 @@ class MirroredGroup:
 
     @property
     def haptics(self) -> Mapping[int, tuple[HapticPulse, ...]]:
-        """See :class:`AppGroup`."""
         return self._haptics
 
     @property
     def sounds(self) -> Mapping[int, tuple[SoundEvent, ...]]:
-        """See :class:`AppGroup`."""
         return self._sounds
 
     def head_requests(

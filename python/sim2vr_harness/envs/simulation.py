@@ -1,6 +1,8 @@
 """N simulated users in N apps, in lockstep: the one code path behind every environment."""
 
 import copy
+import io
+import pickle
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim2vr_harness.base.cores import budget
+from sim2vr_harness.base.errors import reason
 from sim2vr_harness.client import (
     AppClient,
     OptionValue,
@@ -36,11 +39,60 @@ from sim2vr_harness.envs.games import game_facts, with_hand
 from sim2vr_harness.envs.late_hands import app_options
 from sim2vr_harness.envs.mirrored import MirroredGroup
 from sim2vr_harness.envs.senses import Senses, make_actions, make_perception
-from sim2vr_harness.envs.states import packed, unpacked
 from sim2vr_harness.envs.step_batch import StepBatch
 from sim2vr_harness.perception import Delayed, Proprioception, Sense
 from sim2vr_harness.users import Body, Physique
 from sim2vr_harness.users.batch import UserBatch
+
+_FORMAT = "sim2vr simulation state 4"
+
+
+def packed(n: int, parts: dict[str, Any]) -> bytes:
+    """The parts of a state of ``n`` users, arrays and plain values, as bytes."""
+    return pickle.dumps({"format": _FORMAT, "n": n, **parts})
+
+
+def unpacked(state: bytes, n: int, parts: tuple[str, ...]) -> dict[str, Any]:
+    """The parts again.
+
+    Raises:
+        ValueError: the bytes are of something else, damaged, without one of these parts, or of
+            another number of users.
+    """
+    try:
+        saved = _PlainUnpickler(io.BytesIO(state)).load()
+    except ValueError:
+        raise
+    except Exception as error:  # a damaged pickle raises anything
+        got = f"damaged bytes ({reason(error)})"
+        raise ValueError(f"state: got {got}, expected a '{_FORMAT}'") from error
+    if not isinstance(saved, dict) or saved.get("format") != _FORMAT:
+        raise ValueError(f"state: got other bytes, expected a '{_FORMAT}'")
+    if any(part not in saved for part in ("n", *parts)):
+        raise ValueError("state: got one that lacks a part, expected all of a simulation's")
+    if saved["n"] != n:
+        raise ValueError(f"state: got one of {saved['n']} users, expected {n}")
+    return saved
+
+
+class _PlainUnpickler(pickle.Unpickler):
+    """Reads arrays and plain values only, so that a state file cannot run code."""
+
+    _ALLOWED = frozenset(
+        {
+            ("numpy", "ndarray"),
+            ("numpy", "dtype"),
+            ("numpy._core.multiarray", "_reconstruct"),
+            ("numpy._core.multiarray", "scalar"),
+            ("numpy._core.numeric", "_frombuffer"),
+        }
+    )
+
+    def find_class(self, module: str, name: str) -> Any:
+        if (module, name) not in self._ALLOWED:
+            raise ValueError(f"state: got an object of type {module}.{name}, expected plain data")
+        return super().find_class(module, name)
+
 
 Observation = dict[str, NDArray[Any]]
 IntArray = NDArray[np.int64]
@@ -166,7 +218,6 @@ class Simulation:
 
     @property
     def late_pictures(self) -> Delayed | None:
-        """See :attr:`Perception.late_pictures`."""
         return self._senses.perception.late_pictures
 
     # --- episodes ----------------------------------------------------------------------------

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import re
 import shutil
@@ -12,7 +14,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from sim2vr_harness.base.errors import InputError
+import numpy as np
+
+from sim2vr_harness.base.errors import InputError, shown
+from sim2vr_harness.base.files import file_name, read_json, write_atomically
 from sim2vr_harness.base.progress import progress_of_part
 from sim2vr_harness.client import (
     Condition,
@@ -32,10 +37,12 @@ from sim2vr_harness.evaluation.conditions import (
     facts_of_chosen,
     named_options,
 )
-from sim2vr_harness.evaluation.data.folder import EvaluationData
-from sim2vr_harness.evaluation.data.recording import DataRecorder
+from sim2vr_harness.evaluation.data.columns import Column, number_table
+from sim2vr_harness.evaluation.data.episodes import episode_columns, episode_rows
+from sim2vr_harness.evaluation.data.folder import FOLDER, DataFolder, EvaluationData
+from sim2vr_harness.evaluation.data.items import events_of_episode, item_columns
+from sim2vr_harness.evaluation.data.steps import StepRecorder, pose_columns
 from sim2vr_harness.evaluation.expectations import Planned
-from sim2vr_harness.evaluation.results import EvaluationResults
 from sim2vr_harness.evaluation.training_distribution import met, unpractised
 from sim2vr_harness.play.environment import make_simulation
 from sim2vr_harness.play.exertion import ExertionRecorder, FatigueRecorder
@@ -48,7 +55,202 @@ from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolic
 from sim2vr_harness.policies.hierarchical.pointing import apart, rays_of
 from sim2vr_harness.policies.protocol import Policy
 from sim2vr_harness.runs.config import TrainingConfig
+from sim2vr_harness.sessions.state_log import read_state_log
 from sim2vr_harness.users import effort_weight
+
+_ROUNDING_S = 1e-4
+"""Logged times are binary32."""
+
+
+def frame_table(episode: str, folder: Path, step_s: float) -> Any:
+    """Return the poses that the app logged of a round, tool included; None without a log.
+
+    Args:
+        episode: The key of the episode.
+        folder: With the round's ``states.csv``.
+        step_s: Length of a user step.
+
+    Raises:
+        InputError: The log cannot be read.
+    """
+    file = folder / "states.csv"
+    if not file.is_file():
+        return None
+    log = read_state_log(file)
+    poses = {"head": log.head, "right": log.right, "left": log.left, **log.others}
+    columns = [
+        column
+        for name in poses
+        for column in pose_columns(name, f"what the app's log calls {name!r}")
+    ]
+    times_s = log.times_s - log.times_s[0]
+    steps = [math.ceil((time_s - _ROUNDING_S) / step_s) for time_s in times_s]
+    counts = [
+        (Column("frame", "integer", "", "Frame of the app, from 0; a key"), range(len(times_s))),
+        (
+            Column("step", "integer", "", "The user step that it is part of; 0: before the first"),
+            np.maximum(0, steps),
+        ),
+        (Column("time_s", "number", "s", "Game time of the frame"), log.times_s),
+    ]
+    values = np.concatenate(list(poses.values()), axis=1, dtype=np.float32)
+    return number_table(episode, counts, values, columns)
+
+
+class DataRecorder:
+    """Writes the tables of an evaluation into its folder ``data``.
+
+    Args:
+        out: Folder of the evaluation.
+        facts: What the game publishes.
+        env: What is played in.
+        moments: Whether to write steps and frames, too.
+    """
+
+    def __init__(self, out: Path, facts: GameFacts, env: EnvConfig, *, moments: bool) -> None:
+        self.root = out / FOLDER
+        self._out, self._facts, self._env, self._keep = out, facts, env, moments
+        self._folder = DataFolder(self.root)
+        self._events: list[dict[str, Any]] = []
+        self.unread: list[str] = []
+        """Logs of apps with a format of their own, and why they are not in the tables."""
+
+    @property
+    def watchers(self) -> list[Watcher]:
+        """Who is to look on while rounds are played."""
+        return [StepRecorder(self._facts, self._write_steps)] if self._keep else []
+
+    def clear(self) -> None:
+        """Remove the tables of earlier evaluations."""
+        self._folder.clear()
+
+    def _write_steps(self, result: Round, table: Callable[[str], Any]) -> None:
+        self._folder.write_moments("steps", result.key, table(result.key))
+
+    def take_logs(self, rounds: Sequence[Round]) -> None:
+        """Read the app's logs of the rounds, before they go.
+
+        What cannot be read is left out: rounds were played, and other apps log as they like.
+
+        Args:
+            rounds: With their ``log_folder``.
+        """
+        for result in rounds:
+            if result.log_folder is not None:
+                folder = self._out / result.log_folder
+                try:
+                    self._events += events_of_episode(result.key, folder, self._facts)
+                except InputError as error:
+                    self.unread.append(str(error))
+                if self._keep:
+                    self._take_frames(result, self._out / result.log_folder)
+
+    def _take_frames(self, result: Round, folder: Path) -> None:
+        try:
+            frames = frame_table(result.key, folder, 1.0 / self._env.action_frequency_hz)
+        except InputError as error:
+            self.unread.append(str(error))
+            return
+        if frames is not None:
+            self._folder.write_moments("frames", result.key, frames)
+
+    def finish(
+        self, rounds: Sequence[Round], settings: Mapping[str, Any], effort_weight: float
+    ) -> None:
+        """Write the tables of episodes and events, and the data dictionary.
+
+        Raises:
+            InputError: A table that is there cannot be read.
+        """
+        rows = episode_rows(rounds, settings, self._facts, self._env, effort_weight)
+        self._folder.add(
+            {
+                "episodes": (rows, episode_columns(rows, self._facts)),
+                "events": (self._events, item_columns(self._events)),
+            }
+        )
+
+
+_WHO = ("user", "trained_steps")
+_HOW = ("episodes", "seed", "deterministic", "overrides", "app")
+_PLAYERS = "people"
+"""A setting that results have only where several people played."""
+_WORDS = {
+    "people": "people",
+    "user": "user",
+    "trained_steps": "trained steps",
+    "episodes": "rounds",
+    "seed": "seed",
+    "deterministic": "deterministic",
+    "overrides": "changes",
+    "app": "app",
+}
+
+
+class EvaluationResults:
+    """``results.json`` of a folder: condition -> what was measured of one user.
+
+    Args:
+        folder: Where the file is, or will be.
+
+    Raises:
+        InputError: The file is there and cannot be read.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.file = folder / "results.json"
+        self._there: dict[str, dict[str, Any]] = {}
+        if self.file.exists() or self.file.is_symlink():
+            expected = "results of an evaluation, or another --out"
+            there = read_json(self.file, expected)
+            for condition, summary in there.items():
+                if not isinstance(summary, dict):
+                    got = f"{shown(condition)} of {shown(summary, 40)}"
+                    raise InputError(file_name(self.file), got, expected)
+            self._there = there
+
+    def require_room(self, conditions: Sequence[str], settings: Mapping[str, Any]) -> None:
+        """Check that results with these settings can be added without losing others.
+
+        Results of the same conditions and settings are the same numbers again, and are replaced.
+
+        Args:
+            conditions: To be added.
+            settings: ``user``, ``trained_steps``, ``episodes``, ``seed``, ``deterministic``,
+                ``overrides`` and ``app`` of all of them, and ``people`` where some were requested.
+
+        Raises:
+            InputError: There are results of another user, or of a condition with other settings.
+        """
+        for condition, summary in self._there.items():
+            compared = (*_WHO, *_HOW, _PLAYERS) if condition in conditions else _WHO
+            for key in compared:
+                there, new = summary.get(key), settings.get(key)
+                if there != new:
+                    raise InputError(
+                        "--out",
+                        f"{str(self.file.parent)!r}, which has results of {condition} with "
+                        f"{_WORDS[key]} {_short(there)}, not {_short(new)}",
+                        "another folder, the same settings, or --overwrite to lose those results",
+                    )
+
+    def add(self, summaries: Mapping[str, dict[str, Any]], *, overwrite: bool = False) -> Path:
+        """Write the file with these results beside those that it has.
+
+        Args:
+            summaries: condition -> results.
+            overwrite: Leave out all other results.
+        """
+        kept = {} if overwrite else self._there
+        content = {**kept, **summaries}
+        write_atomically(self.file, (json.dumps(content, indent=2) + "\n").encode())
+        return self.file
+
+
+def _short(value: Any) -> str:
+    text = str(value) if not isinstance(value, (list, dict)) else json.dumps(value)
+    return text if len(text) <= 60 else f"...{text[-57:]}"
+
 
 _LONGEST_NAME = 120
 """Of a folder, in characters."""

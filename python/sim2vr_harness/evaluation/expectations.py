@@ -110,7 +110,6 @@ class Expectation:
         text: As written.
         group: The only condition or cell that it is about; None: all.
         measure: Its name.
-        sign: ``>=``, ``<=``, ``>``, ``<`` or ``==``.
         number: The bound.
     """
 

@@ -37,7 +37,6 @@ class ComparisonRow:
     Attributes:
         group: of people who play by the same rule.
         condition: as people call it.
-        measure: what.
         value: of the user: mean over its persons.
         spread: standard deviation over its persons (ddof 1); None of one person.
         persons: how many of the user's have the number.
@@ -86,7 +85,6 @@ class SampleRow:
     Attributes:
         group: of people who play by the same rule.
         condition: as people call it.
-        sample: of what.
         w1: first Wasserstein distance.
         ratio: the same in units of a person's from the others, at most 10.
         ks: largest difference of the distributions.

@@ -22,7 +22,6 @@ class ContrastRow:
     Attributes:
         group: of people who play by the same rule; of differences between groups, both names.
         contrast: what minus what; between groups the condition, the first group minus the second.
-        measure: of what.
         value: the user's: mean over its persons.
         people_mean: of people's differences (between groups: difference of their means).
         people_low: lower end of the 95 % confidence interval of that mean.

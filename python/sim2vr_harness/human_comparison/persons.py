@@ -71,7 +71,6 @@ class RecordedPerson:
     """What one person does in a condition: the mean over its rounds.
 
     Attributes:
-        name: who.
         values: measure -> number, where it has one.
         samples: of all its rounds together.
         cell_rates: (C,) hit rate of every cell, NaN where nothing came up.

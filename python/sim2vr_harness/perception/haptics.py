@@ -33,7 +33,6 @@ class Haptics(Sensed):
         self._felt_s = np.full(n, -np.inf)  # when it was last looked for
 
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
-        """See :class:`Sense`."""
         self._amplitude[ids] = 0.0
         self._end_s[ids] = self._felt_s[ids] = -np.inf
 

@@ -277,8 +277,9 @@ def make_sense(settings: SenseConfig, around: Surroundings) -> Sense:
     sense = kind.make(settings.name or kind.key, around)
     try:
         if settings.delay_ms:
+            delay: float | OwnDelays
             if settings.delay_ms != "person":
-                delay_of = settings.delay_ms
+                delay = settings.delay_ms
             else:
                 if kind.person_delay is None:
                     late = [name for name, other in SENSES.items() if other.person_delay]
@@ -289,10 +290,10 @@ def make_sense(settings: SenseConfig, around: Surroundings) -> Sense:
                     raise ValueError(
                         "delay_ms: got 'person', expected user.people for users to be persons"
                     )
-                delay_of = around.person_delays[kind.person_delay]
+                delay = around.person_delays[kind.person_delay]
             sense = Delayed(
                 sense,
-                delay_of,
+                delay,
                 timestep_s=around.timestep_s,
                 substeps=around.substeps,
             )

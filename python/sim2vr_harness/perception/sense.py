@@ -182,11 +182,9 @@ class Sensed(RowState):
         """See :class:`Sense`; never requested."""
 
     def take(self, moment: StepContext, ids: IntArray | None) -> None:
-        """See :class:`Sense`."""
         self._values[rows_of(ids)] = self._look(moment, ids)
 
     def observe(self) -> NDArray[Any]:
-        """See :class:`Sense`."""
         return self._values.copy()
 
 

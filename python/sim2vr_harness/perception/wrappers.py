@@ -27,20 +27,16 @@ class _Wrapper(RowState):
 
     @property
     def pauses(self) -> tuple[int, ...]:
-        """See :class:`Sense`."""
         return self.sense.pauses
 
     @property
     def frame(self) -> int | IntArray:
-        """See :class:`Sense`."""
         return self.sense.frame
 
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
-        """See :class:`Sense`."""
         self.sense.reset(ids, seeds)
 
     def sample(self, moment: StepContext, substep: int) -> None:
-        """See :class:`Sense`."""
         self.sense.sample(moment, substep)
 
 
@@ -162,12 +158,10 @@ class Delayed(_Wrapper):
 
     @property
     def pauses(self) -> tuple[int, ...]:
-        """See :class:`Sense`."""
         return () if self._grid else tuple(np.unique(self._substep[self._substep > 0]).tolist())
 
     @property
     def frame(self) -> int | IntArray:
-        """See :class:`Sense`."""
         if not self._grid:
             return -1
         frames = self._substep // self._grid - 1
@@ -192,7 +186,6 @@ class Delayed(_Wrapper):
         return self._longest_back
 
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
-        """See :class:`Sense`."""
         super().reset(ids, seeds)
         self._ring.forget(ids)
         self._plan(ids.tolist())
@@ -208,7 +201,6 @@ class Delayed(_Wrapper):
             self._ring.back[i], self._substep[i] = plan
 
     def sample(self, moment: StepContext, substep: int) -> None:
-        """See :class:`Sense`."""
         if (self._substep == substep).all():
             self.sense.take(moment, None)
             self._sampled = self.sense.observe()
@@ -218,7 +210,6 @@ class Delayed(_Wrapper):
         self._sampled[ids] = self.sense.observe()[ids]
 
     def take(self, moment: StepContext, ids: IntArray | None) -> None:
-        """See :class:`Sense`."""
         if not self.pauses:
             self.sense.take(moment, ids)
             self._ring.push(self.sense.observe()[rows_of(ids)], ids)
@@ -233,7 +224,6 @@ class Delayed(_Wrapper):
         self._ring.push(self._sampled[rows_of(ids)], ids)
 
     def observe(self) -> NDArray[Any]:
-        """See :class:`Sense`."""
         return self._ring.oldest()
 
     def load_state_dict(self, i: int, state: Mapping[str, Any]) -> None:
@@ -295,14 +285,12 @@ class Noisy(_Wrapper):
         self._streams = [np.random.default_rng(i) for i in range(len(self._values))]
 
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
-        """See :class:`Sense`."""
         super().reset(ids, seeds)
         word = zlib.crc32(self.name.encode())
         for i, seed in zip(ids.tolist(), seeds.tolist(), strict=True):
             self._streams[i] = np.random.default_rng([seed, word])
 
     def take(self, moment: StepContext, ids: IntArray | None) -> None:
-        """See :class:`Sense`."""
         self.sense.take(moment, ids)
         clean = self.sense.observe()
         shape, is_bytes = clean.shape[1:], clean.dtype == np.uint8
@@ -318,7 +306,6 @@ class Noisy(_Wrapper):
                 self._values[i] = np.clip(drawn, self.space.low, self.space.high)
 
     def observe(self) -> NDArray[Any]:
-        """See :class:`Sense`."""
         return self._values.copy()
 
 
@@ -332,12 +319,10 @@ class _Remembering(_Wrapper):
         self._ring = Ring(sense.name, len(sense.observe()), sense.space, steps)
 
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
-        """See :class:`Sense`."""
         super().reset(ids, seeds)
         self._ring.forget(ids)
 
     def take(self, moment: StepContext, ids: IntArray | None) -> None:
-        """See :class:`Sense`."""
         self.sense.take(moment, ids)
         self._ring.push(self.sense.observe()[rows_of(ids)], ids)
 
@@ -392,7 +377,6 @@ class History(_Remembering):
         self.space = _times(sense.space, len(self._steps))
 
     def observe(self) -> NDArray[Any]:
-        """See :class:`Sense`."""
         return np.concatenate([self._ring.ago(steps) for steps in self._steps], axis=1)
 
 
@@ -416,6 +400,5 @@ class Stacked(_Remembering):
         self.space = _times(sense.space, steps)
 
     def observe(self) -> NDArray[Any]:
-        """See :class:`Sense`."""
         values = self._ring.all()
         return values.reshape(len(values), -1, *values.shape[3:])

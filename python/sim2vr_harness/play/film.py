@@ -92,7 +92,6 @@ class Panels:
     Where the app draws no views (a SIM2VR app of others) the headset's picture is enlarged.
 
     Args:
-        simulation: The simulation.
         height: Height of every panel, pixels.
     """
 

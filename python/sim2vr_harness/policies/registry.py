@@ -108,7 +108,6 @@ def new_network(
     """Return a network of a trained user's kind with random weights, on the CPU.
 
     Args:
-        user: the user.
         observation_space: of the simulation.
         action_space: of the simulation; None takes the user's own.
     """
@@ -128,7 +127,6 @@ def load_policy(
     """Return the policy of a trained user, on the CPU, and the user steps of its training.
 
     Args:
-        user: the user.
         observation_space: of the simulation.
         action_space: of the simulation; None takes the user's own.
 

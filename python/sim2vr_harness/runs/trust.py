@@ -130,7 +130,6 @@ def remember(app: AppConfig, folder: Path) -> None:
     """Note that this user has started this app, or connected to it.
 
     Args:
-        app: the app.
         folder: of the run, or the configuration's file; a program or library that lies in the same
             folder came with it and is requested every time.
     """
@@ -230,7 +229,11 @@ def _unknown(app: AppConfig, source: str | Path, from_file: Collection[str]) -> 
         key, option = "task", "--task with the same path"
         doing = "code that you have not run before"
     elif "game_library" in from_file:
-        key, what, option = "game_library", app.game_library, "--game-library with the same path"
+        key, what, option = (
+            "game_library",
+            str(app.game_library),
+            "--game-library with the same path",
+        )
         doing = "code that you have not run before"
     elif app.page is not None:
         key, what, option = "page", app.page, "--page with the same path"

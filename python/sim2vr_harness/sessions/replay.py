@@ -62,7 +62,6 @@ def drive(
     """Play a round without a body: start it, and run frames until their end or the round's.
 
     Args:
-        app: the app.
         seed: of the round.
         frames: game time, ns, and devices of each frame; taken as they are needed.
 

@@ -69,13 +69,11 @@ class OnRay:
         self._losses: dict[str, int] = {}
 
     def submit(self, task: Task) -> None:
-        """See :class:`Pool`."""
         if self._storage is not None and isinstance(task, CellTask) and task.training is not None:
             _send(self._root / TRAININGS / task.training, self._storage, TRAININGS, "trained.json")
         self._tasks[self._start(task)] = task
 
     def next(self) -> Done:
-        """See :class:`Pool`."""
         lost = self._ray.exceptions
         while True:
             (ready,), _ = self._ray.wait(list(self._tasks), num_returns=1)
@@ -93,7 +91,6 @@ class OnRay:
             return done
 
     def close(self) -> None:
-        """See :class:`Pool`."""
         for ref in self._tasks:
             self._ray.cancel(ref, force=True)
         self._tasks.clear()

@@ -105,7 +105,6 @@ def check_key_once(field: str, keys: set[str], seen: dict[str, str]) -> None:
 
     Args:
         field: What sets them.
-        keys: Which.
         seen: Key -> what sets it.
 
     Raises:

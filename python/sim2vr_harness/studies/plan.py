@@ -70,7 +70,6 @@ def plan_of(
     """Work out what is to be done, and check all of it.
 
     Args:
-        study: The study.
         folder: Where its file is; users and configurations are looked for there, too.
         users: Those that were looked up before.
         limits: When its trainings are stopped early.

@@ -30,7 +30,6 @@ class Done:
     """A task that has ended.
 
     Attributes:
-        task: Which.
         error: Why it failed, in a line; None: it did not.
     """
 
@@ -59,15 +58,12 @@ class Here:
         self._tasks: deque[Task] = deque()
 
     def submit(self, task: Task) -> None:
-        """See :class:`Pool`."""
         self._tasks.append(task)
 
     def next(self) -> Done:
-        """See :class:`Pool`."""
         return done_by(self._tasks.popleft(), self._root, self._cores)
 
     def close(self) -> None:
-        """See :class:`Pool`."""
         self._tasks.clear()
 
 
@@ -146,7 +142,6 @@ class Processes:
         self._deaths: dict[str, int] = {}
 
     def submit(self, task: Task) -> None:
-        """See :class:`Pool`."""
         self._tasks.append(task)
         self._assign()
 
@@ -164,7 +159,6 @@ class Processes:
             worker.pipe.send(worker.task)
 
     def next(self) -> Done:
-        """See :class:`Pool`."""
         while True:
             self._assign()
             busy = {worker.pipe: worker for worker in self._workers if worker.task is not None}
@@ -193,7 +187,6 @@ class Processes:
         return None
 
     def close(self) -> None:
-        """See :class:`Pool`."""
         for worker in self._workers:
             if worker.task is None:
                 with suppress(OSError):

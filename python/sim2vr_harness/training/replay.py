@@ -83,7 +83,6 @@ class ReplayStore(State):
         """Return a copy of one key of frames, by :attr:`first` to :attr:`count`.
 
         Args:
-            key: which.
             indices: frames, and entries of the axes within them, as NumPy broadcasts them.
         """
         frames, *within = indices

@@ -47,7 +47,6 @@ class UserBatch:
     directory.
 
     Args:
-        body: the body.
         n: number of users N.
         threads: worker threads, 0 for one per CPU.
         effort: name for `make_effort`, or a ready model for N users.

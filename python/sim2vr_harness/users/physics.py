@@ -34,7 +34,6 @@ class Physics:
     substep, or of the start.
 
     Args:
-        body: the body.
         n: number of users N.
         threads: worker threads, 0 for one per CPU.
         actuation: the body's.

@@ -15,7 +15,6 @@ class WornDevices:
     """Poses of every device, end effectors, and heads that were asked to look up or down.
 
     Args:
-        body: the body.
         batch: simulations of it.
     """
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sim2vr_harness.client.webxr.app import scene_of
 from sim2vr_harness.client.webxr.replies import BadReply, Box, boxes_reply
-from sim2vr_harness.client.webxr.shown import scene_of
 
 HEAD = np.array([0.0, 1.2, 0.0])
 STRAIGHT = (0.0, 0.0, 0.0, 1.0)

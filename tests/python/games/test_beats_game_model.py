@@ -12,10 +12,15 @@ from shapings import shaped
 
 from sim2vr_harness.games import imagined_game, imagined_settings
 from sim2vr_harness.games.beats import settings as model_settings
-from sim2vr_harness.games.beats.cuts import points
-from sim2vr_harness.games.beats.game_model import EVENTS, FIELDS, ImaginedBeats
+from sim2vr_harness.games.beats.game_model import (
+    EVENTS,
+    FIELDS,
+    Blades,
+    ImaginedBeats,
+    distances,
+    points,
+)
 from sim2vr_harness.games.beats.levels import Levels, made_of
-from sim2vr_harness.games.beats.sabers import Blades, distances
 from sim2vr_harness.games.beats.settings import GameModelSettings, Relaxation
 
 STEP_S = 0.05

@@ -7,8 +7,8 @@ import pytest
 import torch
 from beats_both import USERS, Played, play
 
-from sim2vr_harness.games.beats import game_model, sabers
-from sim2vr_harness.games.beats.cuts import points
+from sim2vr_harness.games.beats import game_model
+from sim2vr_harness.games.beats.game_model import points
 
 pytest.importorskip("sim2vr_harness._app_runtime")
 
@@ -25,7 +25,7 @@ def played() -> Played:
     """A round of everybody, moving about at random, in the true game and in the model."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(game_model, "_MOMENTS", tuple(np.linspace(0.0, 1.0, 41)[1:].tolist()))
-        patched.setattr(sabers, "_ALONG_M", tuple(np.linspace(-0.5, 0.5, 51).tolist()))
+        patched.setattr(game_model, "_ALONG_M", tuple(np.linspace(-0.5, 0.5, 51).tolist()))
         return play({"level": "first"})
 
 

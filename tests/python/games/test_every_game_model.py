@@ -163,9 +163,9 @@ def test_rewards_agree_on_average(both: Both) -> None:
 
 def test_a_game_model_with_another_rule_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Targets that go away after 0.9 s instead of 1.1 s."""
-    from sim2vr_harness.games.whacamole import game_model
+    from sim2vr_harness.games.whacamole import game
 
-    monkeypatch.setattr(game_model, "LAST_FRAME", 17)
+    monkeypatch.setattr(game, "LAST_FRAME", 17)
     played = play("whacamole")
     wrong = [off(played.true[..., k], played.imagined[..., k]) for k in range(len(played.names))]
     assert max(wrong) > 1.0

@@ -9,10 +9,14 @@ import torch
 
 from sim2vr_harness.games import imagined_game, imagined_settings
 from sim2vr_harness.games.imagined import ImaginedCondition
-from sim2vr_harness.games.pointing.game_model import FIELDS, ImaginedPointing
-from sim2vr_harness.games.pointing.rules import PointingTask, distance_reward
+from sim2vr_harness.games.pointing.game import (
+    FIELDS,
+    ImaginedPointing,
+    PointingTask,
+    Stylus,
+    distance_reward,
+)
 from sim2vr_harness.games.pointing.settings import GameModelSettings, Relaxation
-from sim2vr_harness.games.pointing.stylus import Stylus
 
 STEP_S = 0.05
 SOFT = Relaxation(depth_m=0.004, aim_m=0.003, near=0.0, distance=0.0, error=1.0, behind=0.0)

@@ -13,8 +13,7 @@ from true_users import worn_by
 
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.games.imagined import ImaginedCondition
-from sim2vr_harness.games.pointing.game_model import FIELDS, ImaginedPointing
-from sim2vr_harness.games.pointing.rules import PointingTask
+from sim2vr_harness.games.pointing.game import FIELDS, ImaginedPointing, PointingTask
 from sim2vr_harness.games.pointing.settings import GameModelSettings
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.teacher_config import TeacherConfig

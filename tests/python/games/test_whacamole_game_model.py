@@ -8,10 +8,9 @@ import torch
 from shapings import shaped
 
 from sim2vr_harness.games import imagined_game, imagined_games, imagined_settings
+from sim2vr_harness.games.whacamole import game as whacamole
 from sim2vr_harness.games.whacamole import settings as model_settings
-from sim2vr_harness.games.whacamole import shaping
-from sim2vr_harness.games.whacamole.game_model import FIELDS, ImaginedWhacAMole
-from sim2vr_harness.games.whacamole.hammer import points
+from sim2vr_harness.games.whacamole.game import FIELDS, ImaginedWhacAMole, points
 from sim2vr_harness.games.whacamole.rules import AREA_M, BEHIND, FRAME_S, STRIKE, UP, area_of
 from sim2vr_harness.games.whacamole.settings import GameModelSettings, Relaxation
 
@@ -231,7 +230,7 @@ def test_a_stroke_starts_in_front_of_a_cell_and_is_in_it_when_it_is_due(
     less a / 2 * 0.05^2 in front of it 0.05 s before, 3 cm behind it 0.05 s later, and the whole way
     in front of it between strokes; 0.3 m are worth 1."""
     for run_up_m, off in ((0.1, [0.0, 0.0609, 0.03, 0.1]), (0.3, [0.0, 0.0703, 0.03, 0.2813])):
-        monkeypatch.setattr(shaping, "RUN_UP_M", run_up_m)
+        monkeypatch.setattr(whacamole, "RUN_UP_M", run_up_m)
         rewards = []
         for stroke in (0.0, 2.0):
             game, place = game_at_a_target()

@@ -12,7 +12,7 @@ import torch
 
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.games.whacamole import rules
-from sim2vr_harness.games.whacamole.hammer import depths, points
+from sim2vr_harness.games.whacamole.game import depths, points
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher import env as teacher_env
@@ -200,7 +200,7 @@ def test_the_boxes_that_meet_in_a_hit(
     assert count > 20
     assert wrong == 0
     # The test is as sharp as this: 3 mm more of either box, or of its place, would show.
-    from sim2vr_harness.games.whacamole import hammer as module
+    from sim2vr_harness.games.whacamole import game as module
 
     for name in ("TARGET_HALF_M", "HAMMER_HALF_M", "BOX_M"):
         with monkeypatch.context() as patch:

@@ -31,12 +31,11 @@ from sim2vr_harness.figures.figure import (
 from sim2vr_harness.figures.matplotlib_backend import write_stills
 from sim2vr_harness.figures.plotly_backend import plotly_of
 from sim2vr_harness.games.published import published_of
-from sim2vr_harness.studies.report import outcomes
+from sim2vr_harness.studies.report import write
 from sim2vr_harness.studies.report.body import _view_of
-from sim2vr_harness.studies.report.outcomes import figures_of_outcomes
 from sim2vr_harness.studies.report.source import Group, ReportSource
 from sim2vr_harness.studies.report.strategy import figures_of_strategy
-from sim2vr_harness.studies.report.table_files import write_tables
+from sim2vr_harness.studies.report.write import figures_of_outcomes, write_tables
 from sim2vr_harness.users import load_body
 from sim2vr_harness.users.rendering import OrbitView
 
@@ -144,11 +143,11 @@ def test_every_mark_has_a_legend_and_nothing_is_cut(source: ReportSource) -> Non
 def test_values_of_one_person_are_joined() -> None:
     episodes = pd.DataFrame({"unit": ["p1", "p2"], "score": [1.0, 3.0]})
     groups = [Group(name, "u", "c", episodes, episodes, ()) for name in ("a", "b")]
-    lines = outcomes._pairs(groups, Measure("score", "Score"))
+    lines = write._pairs(groups, Measure("score", "Score"))
     assert [list(line.y) for line in lines] == [[1.0, 1.0], [3.0, 3.0]]
     assert [list(line.x) for line in lines] == [[-0.125, 0.875], [0.125, 1.125]]
     other = Group("b", "u", "c", episodes.assign(unit=["q1", "q2"]), episodes, ())
-    assert outcomes._pairs([groups[0], other], Measure("score", "Score")) == []
+    assert write._pairs([groups[0], other], Measure("score", "Score")) == []
 
 
 def test_tables_for_papers_have_all_digits_and_balanced_latex(

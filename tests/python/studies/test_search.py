@@ -233,7 +233,7 @@ def test_a_limit_that_no_trial_keeps_chooses_none(
 
 @pytest.mark.parametrize("sampler", ["tpe", "nsga2", "random", "gp"])
 def test_samplers_repeat_themselves(sampler: str, trained: Path) -> None:
-    from sim2vr_harness.studies.search.optimiser import Optimiser
+    from sim2vr_harness.studies.search.searching import Optimiser
     from sim2vr_harness.studies.search.trials import judged
 
     wanted = search(trained, sampler=sampler, trials=16).optimise

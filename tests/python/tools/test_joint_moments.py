@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from sim2vr_harness.tools.track.joint_moments import joint_moments, named_joints
+from sim2vr_harness.tools.track.files import joint_moments, named_joints
 from sim2vr_harness.users import load_body
 
 PENDULUM = """

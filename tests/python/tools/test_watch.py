@@ -18,10 +18,8 @@ from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.frames import pose_to_mujoco
 from sim2vr_harness.tools.watch import browser
 from sim2vr_harness.tools.watch import selection as choosing
-from sim2vr_harness.tools.watch.browser import middle_of
+from sim2vr_harness.tools.watch.browser import Playback, Poser, body_shapes, middle_of
 from sim2vr_harness.tools.watch.frames import Hands, Playlist, ViewerFrame
-from sim2vr_harness.tools.watch.playback import Playback
-from sim2vr_harness.tools.watch.shapes import Poser, body_shapes
 from sim2vr_harness.users import Body, load_body
 from webxr_pages import NEEDS_BROWSER, PAGES
 

@@ -19,7 +19,7 @@ from sim2vr_harness.envs.contract import contract
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.perception import Proprioception
 from sim2vr_harness.users import Body, Physique, UserBatch, load_body
-from sim2vr_harness.users.bodies.torso import TORSO_MOTORS
+from sim2vr_harness.users.bodies.registry import TORSO_MOTORS
 
 MOTORS = "mobl_arms_bimanual_motor"
 BODIES = [MOTORS, "mobl_arms_bimanual", "mobl_arms_wrist"]

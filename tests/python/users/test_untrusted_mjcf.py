@@ -11,7 +11,7 @@ import pytest
 
 from python.users.bodies import PENDULUM, PENDULUM_DESCRIPTION, write_body
 from sim2vr_harness.users import load_body
-from sim2vr_harness.users.bodies.reading import check_finite
+from sim2vr_harness.users.bodies.described import check_finite
 
 TRIANGLES = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 

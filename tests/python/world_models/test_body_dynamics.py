@@ -13,10 +13,9 @@ from sim2vr_harness.users import Body, UserBatch, load_body
 from sim2vr_harness.users.kinematics.forward_torch import Chains
 from sim2vr_harness.users.noise import MotorNoiseSettings
 from sim2vr_harness.world_models.actuator_state import ActuatorState
-from sim2vr_harness.world_models.body_dynamics import BodyModel, fit_body
+from sim2vr_harness.world_models.body_dynamics import BodyModel, fit_body, limbs_of
 from sim2vr_harness.world_models.effort import imagined_effort, volume_shares
 from sim2vr_harness.world_models.gradient_clipping import limited, within
-from sim2vr_harness.world_models.joint_groups import limbs_of
 from sim2vr_harness.world_models.rollout_env import ImaginedUsers
 from sim2vr_harness.world_models.transitions import Motion, TransitionStore
 

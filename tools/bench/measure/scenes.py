@@ -20,7 +20,7 @@ from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.training.ppo import ppo
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
 from sim2vr_harness.training.run.loggers import silent_logger
-from sim2vr_harness.training.run.memory import keep_freed_memory
+from sim2vr_harness.training.run.trainer import keep_freed_memory
 from sim2vr_harness.users.actuation import Actuation
 
 

@@ -74,12 +74,10 @@ class OpenXRApp(UnsavedApp):
 
     @property
     def capabilities(self) -> frozenset[str]:
-        """See :class:`AppClient`."""
         return CAPABILITIES
 
     @property
     def renderer_description(self) -> str:
-        """See :class:`AppClient`."""
         return self._described or "OpenXR program, not started yet"
 
     @property
@@ -203,11 +201,13 @@ class OpenXRApp(UnsavedApp):
                 if program.process.wait(_EXIT_S):
                     words += f", {end_words(program.process.exit_status)}"
                     if program.process.exit_status != 0:
-                        raise AppDied(words + program.process.log_words())
+                        raise AppDied(words + program.process.log_words()) from None
                 if first:
                     headless = program.session.graphics == "headless"
                     seen = "; this one has no graphics (XR_MND_headless)" if headless else ""
-                    raise AppRefused(f"{words}, expected one that ends frames (xrEndFrame){seen}")
+                    raise AppRefused(
+                        f"{words}, expected one that ends frames (xrEndFrame){seen}"
+                    ) from None
                 self._left = words
                 break
             except BaseException:

@@ -48,17 +48,14 @@ class TaskedApp(SplitStep):
 
     @property
     def capabilities(self) -> frozenset[str]:
-        """See :class:`AppClient`."""
         return self.app.capabilities - {"save", "privileged"}
 
     @property
     def renderer_description(self) -> str:
-        """See :class:`AppClient`."""
         return self.app.renderer_description
 
     @property
     def image(self) -> UInt8Array:
-        """See :class:`AppClient`."""
         return self.app.image
 
     def record(self) -> None:
@@ -75,7 +72,6 @@ class TaskedApp(SplitStep):
         *,
         time_ns: int = 0,
     ) -> AppReply:
-        """See :class:`AppClient`."""
         reply = self.app.reset(seed, poses, options, time_ns=time_ns)
         self._time_s, self._start_s = 0.0, time_ns * 1e-9
         moment = self._moment(reply, poses, self._start_s)
@@ -89,7 +85,6 @@ class TaskedApp(SplitStep):
     def start_step(
         self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False
     ) -> None:
-        """See :class:`AppClient`."""
         self.app.start_step(times_ns, poses, drawn, last=last)
         self._times_ns, self._poses = np.asarray(times_ns), poses
 
@@ -182,21 +177,17 @@ class TaskedApp(SplitStep):
     def head_request(
         self, seed: int, options: Mapping[str, OptionValue] | None = None
     ) -> float | None:
-        """See :class:`AppClient`."""
         return self.app.head_request(seed, options)
 
     def render_headset(self, width: int, height: int) -> UInt8Array:
-        """See :class:`AppClient`."""
         return self.app.render_headset(width, height)
 
     def render_third_person(
         self, width: int, height: int, view: ThirdPersonView = "spectator"
     ) -> UInt8Array:
-        """See :class:`AppClient`."""
         return self.app.render_third_person(width, height, view)
 
     def scene(self) -> AppScene:
-        """See :class:`AppClient`."""
         return self.app.scene()
 
     def save(self) -> bytes:
@@ -212,5 +203,4 @@ class TaskedApp(SplitStep):
         raise AppUnsupported("save: a round that a task judges cannot be saved")
 
     def close(self) -> None:
-        """See :class:`AppClient`."""
         self.app.close()

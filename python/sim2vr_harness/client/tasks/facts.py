@@ -11,7 +11,6 @@ def task_facts(task: Task, name: str) -> GameFacts:
     """Return what tables, curves and the command line go by.
 
     Args:
-        task: the task.
         name: what the app is called.
     """
     return GameFacts(

@@ -171,11 +171,7 @@ class TaskRules(Settings):
 
 
 class RuleTask(Task):
-    """What :class:`TaskRules` say.
-
-    Args:
-        rules: the rules.
-    """
+    """What :class:`TaskRules` say."""
 
     def __init__(self, rules: TaskRules) -> None:
         self.rules = rules
@@ -220,7 +216,6 @@ class RuleTask(Task):
         self._sums: dict[str, float] = {}
 
     def reset(self, moment: TaskMoment, seed: int) -> None:
-        """See :class:`Task`."""
         self._before = {}
         self._sums = {}
         self._events.reset(moment)
@@ -229,7 +224,6 @@ class RuleTask(Task):
                 self._before[rule.label] = _amount(rule, moment)
 
     def step(self, moment: TaskMoment) -> Outcome:
-        """See :class:`Task`."""
         total = 0.0
         log: dict[str, float] = {}
         for rule in self.rules.reward:

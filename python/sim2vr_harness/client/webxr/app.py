@@ -1,17 +1,18 @@
 """A WebXR page as an app in lockstep: :class:`~sim2vr_harness.client.base.AppClient`."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim2vr_harness.client.base import AppReply, Int64Array, OptionValue
 from sim2vr_harness.client.devices import DevicePoses
 from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported
 from sim2vr_harness.client.poses import checked_rows, later_times, one_frame
 from sim2vr_harness.client.runtime import checked_seed
-from sim2vr_harness.client.scene import AppScene
+from sim2vr_harness.client.scene import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.transport import AppsWanted, checked_options
 from sim2vr_harness.client.unsaved import (
     FARTHEST_M,
@@ -24,8 +25,58 @@ from sim2vr_harness.client.webxr.files import PageFiles
 from sim2vr_harness.client.webxr.hands import Ray, find_rays
 from sim2vr_harness.client.webxr.page import PROFILES, SCRIPT_ERRORS, WINDOW_FRAMES, Page
 from sim2vr_harness.client.webxr.renderers import RENDERERS
-from sim2vr_harness.client.webxr.replies import PageReport, Signs, Thing
-from sim2vr_harness.client.webxr.shown import scene_of
+from sim2vr_harness.client.webxr.replies import Box, PageReport, Signs, Thing
+
+_LARGEST_M = 30.0
+"""What is longer is no thing that people meet."""
+_FLOOR_M = 0.02
+"""Pictures have a floor of their own."""
+
+
+def _cube() -> SceneMesh:
+    """Return a cube of 1 m around the origin."""
+    corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    triangles = []
+    for axis in range(3):
+        for side in (-0.5, 0.5):
+            face = np.flatnonzero(corners[:, axis] == side)
+            for three in (face[[0, 1, 2]], face[[3, 2, 1]]):
+                a, b, c = corners[three]
+                # Clockwise from outside, in a left-handed frame: this product points outwards.
+                outwards = np.cross(b - a, c - a)[axis] * side > 0.0
+                triangles.append(three if outwards else three[::-1])
+    return SceneMesh("box", corners.astype(np.float32), np.array(triangles, np.int64))
+
+
+_CUBE = _cube()
+
+
+def scene_of(boxes: Sequence[Box], head: NDArray[np.float64]) -> AppScene:
+    """Return boxes as a scene; left out are rooms and skies, which the head is in, and floors.
+
+    Args:
+        boxes: the page's.
+        head: (3,) where the head is, app frame, m.
+    """
+    objects = []
+    for number, box in enumerate(boxes):
+        length = float(np.linalg.norm(box.rotation))
+        rotation = (
+            np.array(box.rotation) / length if length > 0.0 else np.array([0.0, 0.0, 0.0, 1.0])
+        )
+        way = head - np.array(box.place)
+        axis, w = -rotation[:3], rotation[3]
+        away = way + 2.0 * np.cross(axis, np.cross(axis, way) + w * way)
+        size = np.array(box.size)
+        within = (np.abs(away) <= size / 2.0).all()
+        floor = size.min() < _FLOOR_M and abs(box.place[1]) < _FLOOR_M and size.max() > 1.0
+        if size.max() > _LARGEST_M or within or floor:
+            continue
+        pose = np.concatenate([box.place, rotation])
+        color = np.array(box.color, np.float32)
+        objects.append(SceneObject(number, box.name, 0, 0, pose, size, color, unlit=False))
+    return AppScene(tuple(objects), (_CUBE,))
+
 
 CAPABILITIES = frozenset({"frames", "inputs", "left_controller", "haptics", "two_eyes", "scene"})
 
@@ -97,12 +148,10 @@ class WebXRApp(UnsavedApp):
 
     @property
     def capabilities(self) -> frozenset[str]:
-        """See :class:`AppClient`."""
         return CAPABILITIES
 
     @property
     def renderer_description(self) -> str:
-        """See :class:`AppClient`."""
         if self._renderer is None:
             self._renderer = f"{self._browser.version}: {self._page.describe_renderer()}"
         return self._renderer

@@ -276,18 +276,15 @@ class Page:
 
     @property
     def notes(self) -> list[str]:
-        """See :attr:`PageWatch.notes`."""
         return self._watch.notes
 
     def log_notes(self) -> None:
-        """See :meth:`PageWatch.log_notes`."""
         self._watch.log_notes()
 
     def _refused(self, what: str) -> AppRefused:
         return AppRefused(f"{self._name}: {what}")
 
     def died(self, what: str) -> Exception:
-        """See :meth:`PageWatch.died`."""
         return self._watch.died(what)
 
     def _checked(self, decode: Callable[..., T], *answer: Any) -> T:

@@ -52,7 +52,6 @@ def open_tab(browser: Browser, timeout_s: float) -> Tab:
     """Open an empty tab that stores and downloads nothing.
 
     Args:
-        browser: in which.
         timeout_s: of every answer.
     """
     ask = browser.request

@@ -57,15 +57,12 @@ def columns_of(values: Mapping[str, Any], told: Mapping[str, tuple[str, str]]) -
     found = []
     for name, value in values.items():
         unit, description = told.get(name, ("", ""))
-        if value is None:
-            kind = None
-        elif isinstance(value, bool):
-            kind = "boolean"
+        if isinstance(value, bool):
+            found.append(Column(name, "boolean", unit, description))
         elif isinstance(value, int):
-            kind = "integer"
-        else:
-            kind = "number" if isinstance(value, float) else "text"
-        if kind is not None:
+            found.append(Column(name, "integer", unit, description))
+        elif value is not None:
+            kind: Kind = "number" if isinstance(value, float) else "text"
             found.append(Column(name, kind, unit, description))
     return found
 

@@ -195,7 +195,6 @@ def read_table(file: Path, columns: Callable[[list[str]], list[str]] | None = No
     """Return the table of a Parquet file.
 
     Args:
-        file: The file.
         columns: Chooses from the names of its columns; None: all.
 
     Raises:

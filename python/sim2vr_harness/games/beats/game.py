@@ -54,7 +54,6 @@ class Beats:
         seed: int,
         gamma: float,
     ) -> ImaginedBeats:
-        """See the protocol."""
         levels: dict[str, Levels] = {}
         for number, condition in enumerate(conditions):
             for k in range(LEVELS):

@@ -6,45 +6,404 @@ happen if blade and box met a little elsewhere, a little faster or at a little o
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from sim2vr_harness.base.state import State
-from sim2vr_harness.games.app_axes import head_of
-from sim2vr_harness.games.beats.cuts import (
-    CONTACT_MARGIN_M,
-    Contact,
-    aside,
-    first_or_closest,
-    off_stroke,
-    turns,
-)
-from sim2vr_harness.games.beats.lane import Coming, Lane
-from sim2vr_harness.games.beats.levels import Levels
+from sim2vr_harness.games.app_axes import head_of, to_app
+from sim2vr_harness.games.beats.levels import NEVER_S, Levels
 from sim2vr_harness.games.beats.rules import (
     ANGLE_LIMIT_DEG,
+    ANGLE_POINTS,
+    BASE_POINTS,
+    BLADE_FROM_M,
+    BLADE_M,
     BLADE_RADIUS_M,
     CUT_PLANE_M,
+    FAR_M,
+    FULL_CUT_MPS,
     HEAD_RADIUS_M,
+    MIN_CUT_MPS,
     MINE_RADIUS_M,
+    SPEED_POINTS,
     STAB_MPS,
     TOLD_BOXES,
     TOLD_MINES,
     TOLD_WALLS,
-)
-from sim2vr_harness.games.beats.sabers import (
-    HANDS,
-    Blades,
-    Sabers,
-    distances,
-    looked_away,
-    nearest,
-    swing,
-    velocities,
+    WALL_BEHIND_M,
 )
 from sim2vr_harness.games.beats.settings import GameModelSettings, Relaxation
+
+HANDS = ("left", "right")
+"""In the order of the boxes' hands."""
+_ALONG_M = (-0.15, 0.0, 0.15)
+"""Points of a blade by which its distance from a box is found, about the one nearest to the box's
+middle: within 2 cm of the exact distance."""
+
+
+@dataclass(frozen=True)
+class Blades:
+    """Both sabers' blades, the app's axes (x right, y up, z forward), from the round's origin.
+
+    Attributes:
+        root: (B, 2, 3) lower ends, m.
+        axis: (B, 2, 3) unit vectors to the tips.
+    """
+
+    root: Tensor
+    axis: Tensor
+
+    @property
+    def tip(self) -> Tensor:
+        """(B, 2, 3) m."""
+        return self.root + BLADE_M * self.axis
+
+
+def looked_away(place: Tensor) -> Tensor:
+    """(B,) how far heads look away from where boxes come from: 1 at 45 degrees, by the square.
+
+    Rolled heads count half.
+    """
+    ahead, up = place[:, -1, 0, 0], place[:, -1, 2, 2]
+    # 2 (1 - cos) is the angle's square, nearly; it has no corner at 0.
+    squares: Tensor = 2.0 * (1.0 - ahead) + (1.0 - up)
+    return squares / (0.25 * torch.pi) ** 2
+
+
+class Sabers:
+    """The blades by the controllers' places: they are fixed to them."""
+
+    def __init__(self) -> None:
+        # Along the grip's forward axis, unless the true game says something else.
+        root = torch.tensor([BLADE_FROM_M, 0.0, 0.0])
+        axis = torch.tensor([1.0, 0.0, 0.0])
+        self.fixed = torch.stack([root, axis]).repeat(2, 1, 1)
+        """(2, 2, 3) of each hand, in the controller's frame (MuJoCo's axes): root and axis."""
+
+    def calibrate(self, place: Tensor, root: Tensor, axis: Tensor) -> None:
+        """Find how the blades are fixed.
+
+        Args:
+            place: (K, D, 4, 4) of both controllers and the headset.
+            root: (K, 2, 3) lower ends from the head.
+            axis: (K, 2, 3).
+        """
+        hands = place[:, :2]
+        rotation = hands[..., :3, :3]
+        head = head_of(place)[:, None]
+        given = torch.stack([root + head, axis], 2)  # (K, 2, 2, 3)
+        back = torch.stack([given[..., 2], -given[..., 0], given[..., 1]], -1)
+        back = torch.stack([back[:, :, 0] - hands[..., :3, 3], back[:, :, 1]], 2)
+        local = torch.einsum("khji,khpj->khpi", rotation, back)
+        self.fixed = local.median(0).values
+        self.fixed[:, 1] /= self.fixed[:, 1].norm(dim=1, keepdim=True)
+
+    def __call__(self, place: Tensor, origin: Tensor) -> Blades:
+        """(B, D, 4, 4) places and (B, 3) the rounds' origins."""
+        hands = place[:, :2]
+        turned = torch.einsum("bhij,hpj->bhpi", hands[..., :3, :3], self.fixed)
+        root = to_app(turned[:, :, 0] + hands[..., :3, 3]) - origin[:, None]
+        return Blades(root, to_app(turned[:, :, 1]))
+
+
+def swing(before: Blades, after: Blades, shares: Tensor) -> Blades:
+    """The blades at moments of a frame: hands move straight and turn at constant rate, nearly.
+
+    Args:
+        before: at the frame before.
+        after: at this one.
+        shares: (S,) of the frame's duration.
+
+    Returns:
+        roots and axes (B, 2, S, 3).
+    """
+    part = shares[:, None]
+    root = before.root[:, :, None] + part * (after.root - before.root)[:, :, None]
+    axis = before.axis[:, :, None] + part * (after.axis - before.axis)[:, :, None]
+    return Blades(root, axis / axis.norm(dim=-1, keepdim=True).clamp(min=0.1))
+
+
+def nearest(blades: Blades, middles: Tensor) -> tuple[Tensor, Tensor]:
+    """How far along a blade the point nearest to a middle is.
+
+    Args:
+        blades: (B, 2, S, 3).
+        middles: (B, K, S, 3) m.
+
+    Returns:
+        (B, 2, K, S) in m from the root, and the middles from the root (B, 2, K, S, 3).
+    """
+    from_root = middles[:, None] - blades.root[:, :, None]
+    along = (from_root * blades.axis[:, :, None]).sum(-1)
+    return along.clamp(0.0, BLADE_M), from_root
+
+
+def distances(
+    blades: Blades, middles: Tensor, turns: Tensor, half_m: Tensor
+) -> tuple[Tensor, Tensor]:
+    """How far the blades' middle lines are from cubes, m; below 0 inside.
+
+    Args:
+        blades: (B, 2, S, 3).
+        middles: (B, K, S, 3) of the cubes.
+        turns: (B, K, 2) cosine and sine of their turn about z.
+        half_m: (B, K) half of an edge.
+
+    Returns:
+        (B, 2, K, S) distances, and how far along the blade the point nearest to the middle is.
+    """
+    along, from_root = nearest(blades, middles)
+    shifts = torch.tensor(_ALONG_M)
+    points = (along[..., None] + shifts).clamp(0.0, BLADE_M)  # (B, 2, K, S, P)
+    axis = blades.axis[:, :, None, :, None]
+    apart = points[..., None] * axis - from_root[..., None, :]
+    cos, sin = turns[:, None, :, None, None, 0], turns[:, None, :, None, None, 1]
+    x = cos * apart[..., 0] + sin * apart[..., 1]
+    y = cos * apart[..., 1] - sin * apart[..., 0]
+    beyond = torch.stack([x, y, apart[..., 2]], -1).abs() - half_m[:, None, :, None, None, None]
+    outside = beyond.clamp(min=0.0).square().sum(-1).add(1e-8).sqrt()
+    deep = beyond.amax(-1).clamp(max=0.0)
+    return (outside + deep).amin(-1), along
+
+
+def velocities(before: Blades, after: Blades, along: Tensor, axis: Tensor, step_s: float) -> Tensor:
+    """(B, 2, K, 3) velocity of blades' points less what is along the blade, m/s.
+
+    Args:
+        before: (B, 2, 3).
+        after: (B, 2, 3).
+        along: (B, 2, K) how far the points are from the roots, m.
+        axis: (B, 2, K, 3) of the blade at that moment.
+        step_s: duration of the frame.
+    """
+    moved = (after.root - before.root)[:, :, None]
+    turned = (after.axis - before.axis)[:, :, None]
+    velocity = (moved + along[..., None] * turned) / step_s
+    return velocity - (velocity * axis).sum(-1, keepdim=True) * axis
+
+
+_BEFORE_S = (0.5, 1.0)
+"""How long before a box arrives busy rounds begin."""
+
+
+@dataclass(frozen=True)
+class Coming:
+    """The next K things of a kind, of B rounds, as they are in the game.
+
+    Attributes:
+        which: (B, K) their places in the level's lists.
+        there: (B, K) whether there is one.
+        until_s: (B, K) time until they arrive.
+    """
+
+    which: Tensor
+    there: Tensor
+    until_s: Tensor
+
+
+class Lane(State):
+    """B rounds' levels and how far they are.
+
+    Args:
+        n: number of rounds B.
+        levels: to choose from.
+        seed: of which level comes when.
+    """
+
+    def __init__(self, n: int, levels: Levels, seed: int) -> None:
+        self.n, self.levels = n, levels
+        self.generator = torch.Generator().manual_seed(seed)
+        self.level = torch.zeros(n, dtype=torch.long)
+        """(B,) which level."""
+        self.time_s = torch.zeros(n)
+        """(B,) the level's time."""
+        self.box_gone = torch.zeros(n, levels.box_time.shape[1], dtype=torch.bool)
+        self.mine_gone = torch.zeros(n, levels.mine_time.shape[1], dtype=torch.bool)
+        self.wall_gone = torch.zeros(n, levels.wall_start.shape[1], dtype=torch.bool)
+        """What was cut, touched or missed; of walls, what the head was in."""
+
+    @property
+    def speed(self) -> Tensor:
+        """(B,) m/s."""
+        return self.levels.speed[self.level]
+
+    @property
+    def condition(self) -> Tensor:
+        """(B,)."""
+        return self.levels.condition[self.level]
+
+    def begin(self, ids: Tensor, *, busy: float | None = None) -> None:
+        """Let rounds ``ids`` play levels drawn anew.
+
+        Args:
+            ids: (K,).
+            busy: share of those that begin shortly before a box arrives, the others at any moment;
+                None: all at the level's start.
+        """
+        count, generator = len(ids), self.generator
+        level = torch.randint(len(self.levels.speed), (count,), generator=generator)
+        self.level[ids] = level
+        if busy is None:
+            self.time_s[ids] = 0.0
+        else:
+            any_s = torch.rand(count, generator=generator) * self.levels.length[level]
+            times = self.levels.box_time[level]
+            real = (times < NEVER_S).float() + 1e-9
+            box = torch.multinomial(real, 1, generator=generator)
+            least, most = _BEFORE_S
+            before_s = least + (most - least) * torch.rand(count, generator=generator)
+            near_s = (times.gather(1, box)[:, 0] - before_s).clamp(min=0.0)
+            hurried = torch.rand(count, generator=generator) < busy
+            self.time_s[ids] = torch.where(hurried & (near_s < NEVER_S / 2), near_s, any_s)
+        arrived = self.time_s[ids, None] + self._late(level)
+        self.box_gone[ids] = self.levels.box_time[level] <= arrived
+        self.mine_gone[ids] = self.levels.mine_time[level] <= arrived
+        self.wall_gone[ids] = self.levels.wall_end[level] <= self.time_s[ids, None]
+
+    def _late(self, level: Tensor) -> Tensor:
+        """(K, 1) how long after its time a box passes the head plane, below 0, s."""
+        return -CUT_PLANE_M / self.levels.speed[level, None]
+
+    def advance(self, step_s: float) -> Tensor:
+        """Let time pass; returns (B,) whether a level is over."""
+        self.time_s = self.time_s + step_s
+        return self.time_s >= self.levels.length[self.level] - 1e-3
+
+    def passed(self) -> tuple[Tensor, Tensor]:
+        """(B, N) boxes and (B, M) mines that have come to the head plane and are not gone."""
+        late = self.time_s[:, None] + self._late(self.level)
+        boxes = (self.levels.box_time[self.level] <= late) & ~self.box_gone
+        return boxes, (self.levels.mine_time[self.level] <= late) & ~self.mine_gone
+
+    def boxes(self, hand: int, head_z: Tensor) -> Coming:
+        """The next boxes of a hand that have been seen; ``head_z`` (B,) m from the origin."""
+        time = self.levels.box_time[self.level]
+        mine = (self.levels.box_hand[self.level] == hand) & ~self.box_gone
+        return self._next(time, mine & self._seen(time, CUT_PLANE_M, head_z), TOLD_BOXES)
+
+    def mines(self, head_z: Tensor) -> Coming:
+        """The next mines that have been seen."""
+        time = self.levels.mine_time[self.level]
+        seen = self._seen(time, CUT_PLANE_M, head_z)
+        return self._next(time, ~self.mine_gone & seen, TOLD_MINES)
+
+    def walls(self, head_z: Tensor) -> Coming:
+        """The next walls that have been seen, whether the head was in them or not."""
+        time, end = self.levels.wall_start[self.level], self.levels.wall_end[self.level]
+        behind_s = WALL_BEHIND_M / self.speed[:, None]
+        there = self._seen(time, 0.0, head_z) & (end + behind_s > self.time_s[:, None])
+        return self._next(time, there, TOLD_WALLS)
+
+    def _seen(self, time: Tensor, at_m: float, head_z: Tensor) -> Tensor:
+        until = time - self.time_s[:, None]
+        away = at_m + self.speed[:, None] * until - head_z[:, None]
+        return (away <= FAR_M) & (until <= self.levels.approach[self.level, None])
+
+    def _next(self, time: Tensor, there: Tensor, count: int) -> Coming:
+        until = torch.where(there, time - self.time_s[:, None], torch.tensor(torch.inf))
+        first = until.topk(count, dim=1, largest=False)
+        present = first.values < torch.inf
+        nothing = time.shape[1] - 1  # the last one never comes: no one else is written over
+        which = torch.where(present, first.indices, nothing)
+        return Coming(which, present, torch.where(present, first.values, 0.0))
+
+    def of(self, values: Tensor, coming: Coming) -> Tensor:
+        """(B, K, ...) the levels' ``values`` (P, N, ...) of what comes."""
+        return values[self.level[:, None], coming.which]
+
+    _state = ("level", "time_s", "box_gone", "mine_gone", "wall_gone", "generator")
+
+
+CONTACT_MARGIN_M, _SPEED_MARGIN_MPS, _ANGLE_MARGIN_DEG = 0.01, 0.1, 5.0
+_STROKE_MPS, _DRAWN_M = 3.0, 0.4
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Where blades and boxes are closest, or meet first, in a frame: (B, 2 blades, K boxes).
+
+    Attributes:
+        apart: distance of the surfaces, m.
+        speed: of the blade across itself, m/s.
+        angle: between the blade's motion and the demanded direction, degrees; 0 for any.
+        forward: speed along the demanded direction, m/s.
+    """
+
+    apart: Tensor
+    speed: Tensor
+    angle: Tensor
+    forward: Tensor
+
+    def cuts(self) -> Tensor:
+        """Which blades cut which boxes, by the true rules."""
+        return (self.apart <= 0.0) & (self.speed >= MIN_CUT_MPS)
+
+    def chance(self, soft: Relaxation) -> Tensor:
+        """How likely each blade cuts each box, relaxed."""
+        touch = torch.sigmoid((CONTACT_MARGIN_M - self.apart) / soft.contact_m - 1.0)
+        speed = (self.speed - MIN_CUT_MPS - _SPEED_MARGIN_MPS) / soft.speed_mps
+        return touch * torch.sigmoid(speed)
+
+    def worth(self, soft: Relaxation) -> Tensor:
+        """What a cut by the right blade is worth, relaxed."""
+        off = ANGLE_LIMIT_DEG - _ANGLE_MARGIN_DEG - self.angle
+        good = torch.sigmoid(off / soft.angle_deg)
+        return good * points(self.speed, self.angle) - (1.0 - good) * soft.error
+
+
+def points(speed: Tensor, angle: Tensor) -> Tensor:
+    """What a correct slice is worth, not rounded."""
+    swift = ((speed - MIN_CUT_MPS) / (FULL_CUT_MPS - MIN_CUT_MPS)).clamp(0.0, 1.0)
+    straight = (1.0 - angle / ANGLE_LIMIT_DEG).clamp(min=0.0)
+    return BASE_POINTS + SPEED_POINTS * swift + ANGLE_POINTS * straight
+
+
+def turns(cut: Tensor) -> Tensor:
+    """(B, K, 2) cosine and sine of how boxes are turned, by their demanded directions."""
+    free = cut.abs().sum(-1, keepdim=True) == 0.0
+    return torch.where(free, torch.tensor([1.0, 0.0]), cut)
+
+
+def aside(blades: Blades, across: Tensor, cut: Tensor, half: Tensor) -> Tensor:
+    """(B, 2, K) how far blades are from where boxes will be in the cut plane, m; 0 inside."""
+    plane = torch.full_like(across[..., :1], CUT_PLANE_M)
+    middles = torch.cat([across, plane], -1)[:, :, None]
+    now = Blades(blades.root[:, :, None], blades.axis[:, :, None])
+    apart, _ = distances(now, middles, turns(cut), half)
+    return apart[..., 0].clamp(min=0.0)
+
+
+def off_stroke(blades: Blades, across: Tensor, cut: Tensor, until_s: Tensor) -> Tensor:
+    """(B, 2) how far each blade is from the stroke that would cut its next box, m.
+
+    The stroke goes through the box's middle in the cut plane when the box is there, at even speed
+    from where it is drawn back to; in the middle itself where any direction will do.
+
+    Args:
+        blades: (B, 2, 3).
+        across: (B, 2, 2) x and y of the next box of each hand.
+        cut: (B, 2, 2) demanded directions.
+        until_s: (B, 2) until they arrive.
+    """
+    drawn = (_STROKE_MPS * until_s).clamp(-_DRAWN_M, _DRAWN_M)
+    plane = torch.full_like(across[..., :1], CUT_PLANE_M)
+    goal = torch.cat([across - drawn[..., None] * cut, plane], -1)
+    from_root = goal - blades.root
+    along = (from_root * blades.axis).sum(-1, keepdim=True).clamp(0.0, BLADE_M)
+    return (from_root - along * blades.axis).square().sum(-1).add(1e-6).sqrt()
+
+
+def first_or_closest(apart: Tensor) -> Tensor:
+    """(..., 1) the first moment of contact, or where there is none the closest."""
+    moments = apart.shape[-1]
+    order = torch.arange(moments, 0, -1)
+    touches = (apart <= 0.0) * order
+    first, closest = touches.argmax(-1, keepdim=True), apart.argmin(-1, keepdim=True)
+    return torch.where(touches.amax(-1, keepdim=True) > 0, first, closest)
+
 
 _HEAD = tuple(f"head.{axis}_m" for axis in "xyz")
 _ROOT = tuple(f"{hand}.root_{axis}_m" for hand in HANDS for axis in "xyz")
@@ -107,7 +466,6 @@ class ImaginedBeats(State):
     # --- rounds ------------------------------------------------------------------------------
 
     def calibrate(self, place: Tensor, fields: Tensor) -> None:
-        """See the protocol."""
         root, axis = (_of(fields, names).reshape(-1, 2, 3) for names in (_ROOT, _AXIS))
         self.sabers.calibrate(place, root, axis)
 
@@ -124,11 +482,9 @@ class ImaginedBeats(State):
             self._before.root[ids], self._before.axis[ids] = blades.root, blades.axis
 
     def begin(self, ids: Tensor) -> None:
-        """See the protocol."""
         self.lane.begin(ids)
 
     def cut(self) -> None:
-        """See the protocol."""
         before = self._before
         if before is not None:
             self._before = Blades(before.root.detach(), before.axis.detach())
@@ -146,7 +502,6 @@ class ImaginedBeats(State):
         return torch.zeros(len(fields), dtype=torch.long)
 
     def clear_counts(self) -> None:
-        """See the protocol."""
         self.counts.zero_()
         self.events.zero_()
 

@@ -270,7 +270,7 @@ class HierarchicalPolicy(nn.Module):
         # Check one user's observation; of frames an image may hold more than the newest.
         observation = {key: value[0] for key, value in observations.items()}
         vision = observation.get("vision")
-        image = () if vision is None else vision.shape
+        image: tuple[int, ...] = () if vision is None else vision.shape
         newest = self._wanted["vision"]
         channels = max(newest[0], image[0] if len(image) == 3 else 0)
         require_observation({**self._wanted, "vision": (channels, *newest[1:])}, observation)

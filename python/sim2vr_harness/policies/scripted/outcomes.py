@@ -18,7 +18,6 @@ class StepOutcome:
         step: As written.
         done: Whether it arrived everywhere, and worked its inputs.
         by: ``touch`` or ``ray``.
-        hand: Which hand.
         arrived_s: Seconds until the hand or its ray was on the place and stayed there.
         gap_m: Of a touch: distance from the place on arrival, or the least one without arrival.
         angle_deg: By ray: angle between the ray and the place, in the same way.

@@ -68,7 +68,6 @@ def sample_sizes(
     """Return how many units each comparison of a study needs.
 
     Args:
-        study: The study.
         measures: Those of comparisons that name none.
         earlier: Its results, if it has been run.
         wanted: Measure -> difference; other measures have standardised ones.

@@ -61,7 +61,6 @@ def with_spread(found: Summary | None, measure: Measure, units: int | None = Non
 
     Args:
         found: The number.
-        measure: Of what.
         units: How many players there are; None: n is not written.
     """
     if found is None:

@@ -280,8 +280,8 @@ def _of_study(root: Path) -> ReportSource:
     if about is None:
         search = None
     else:
-        wanted = OptimiseConfig.model_validate(about["optimise"])
-        search = Search(wanted, study.trials, str(about["sampler"]))
+        goal = OptimiseConfig.model_validate(about["optimise"])
+        search = Search(goal, study.trials, str(about["sampler"]))
     wanted = list(dict.fromkeys(labels)) if search is None else search.shown
     groups = []
     for label in wanted:

@@ -136,7 +136,6 @@ class Perturbations:
         Args:
             moment: of one body.
             shares: (A,) controls.
-            step: which it is.
             nearness: share of the usual distances up to which what was found counts.
         """
         point = motion_of(moment, self._bodies)[: 2 * self._joints]

@@ -131,7 +131,6 @@ def read_table_of_poses(file: Path, frame: Frame = "app") -> RecordedPath:
     evaluations export. Other columns are ignored. What has no numbers in the first row was off.
 
     Args:
-        file: the file.
         frame: of its positions and rotations.
 
     Raises:

@@ -72,7 +72,6 @@ def beyond_reach_m(
     from others drawn at random.
 
     Args:
-        body: the body.
         device: of the hand.
         places: (K, 3) MuJoCo's world, m.
         postures: (K, J) angles of the independent joints, near by.

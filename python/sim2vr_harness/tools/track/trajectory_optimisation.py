@@ -298,7 +298,6 @@ def least_within(
 
     Args:
         curve: (A, A) positive definite.
-        slope: (A,).
         low: (A,) at most 0.
         high: (A,) at least 0.
 

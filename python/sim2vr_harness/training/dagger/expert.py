@@ -48,7 +48,6 @@ class TeacherExpert:
         self._facts = [name for name in self._senses.names if fnmatch.fnmatchcase(name, game.facts)]
 
     def actions(self, simulation: Any) -> NDArray[np.float32]:
-        """See the protocol."""
         return self._policy.act({OBSERVATION: self._senses.observe()})
 
     def facts(self, simulation: Any) -> NDArray[np.float32]:
@@ -77,7 +76,6 @@ class TeacherExpert:
     def proprioception_scale(
         self, simulation: Simulation
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """See the protocol."""
         return proprioception_scale(self, simulation)
 
 

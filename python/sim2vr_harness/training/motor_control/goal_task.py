@@ -166,7 +166,6 @@ class GoalTask(Task):
     # --- simulated bodies --------------------------------------------------------------------
 
     def begin_collecting(self, *, randomly: bool) -> None:
-        """See :class:`Task`."""
         self._random = randomly
         self._played.clear()
         self.restart(np.arange(self.batch.n))
@@ -177,7 +176,6 @@ class GoalTask(Task):
         return _RANDOM_EPISODE_STEPS if self._random else _EPISODE_STEPS
 
     def stagger(self) -> None:
-        """See :class:`Task`."""
         self._age[:] = self.rng.integers(0, self._longest, self.batch.n)
 
     def motion(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
@@ -186,13 +184,11 @@ class GoalTask(Task):
         return angles.numpy(), speeds.numpy(), drives.numpy()
 
     def policy_actions(self) -> NDArray[Any]:
-        """See :class:`Task`."""
         return self.policy.act(self.batch, self._played.goals)
 
     def simulate(
         self, actions: NDArray[Any]
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[Any], NDArray[Any]]:
-        """See :class:`Task`."""
         self.batch.step(np.clip(actions, -1.0, 1.0))
         if not self._random:
             with torch.no_grad():
@@ -219,13 +215,11 @@ class GoalTask(Task):
     def report(
         self, cycle: int, updates: int, success_rates: tuple[float, ...], place_error_m: float
     ) -> MotorTrainingCycle:
-        """See :class:`Task`."""
         return MotorTrainingCycle(cycle, **self._played.measured(), model_m=place_error_m)
 
     # --- imagined users ----------------------------------------------------------------------
 
     def start(self, ids: Tensor, pool: TransitionStore, rows: Tensor) -> None:
-        """See :class:`Task`."""
         begin = pool.rows(rows)
         self.users.start(ids, begin.after)
         with torch.no_grad():
@@ -248,22 +242,18 @@ class GoalTask(Task):
     present = observe
 
     def normalise(self, observations: Tensor) -> None:
-        """See :class:`Task`."""
         self.policy.mean.copy_(observations.mean(0))
         self.policy.std.copy_(observations.std(0).clamp(min=0.05))
 
     def action_mean(self, observation: Tensor) -> Tensor:
-        """See :class:`Task`."""
         mean: Tensor = self.policy(observation)
         return mean
 
     def step(self, actions: Tensor, done: float) -> Tensor:
-        """See :class:`Task`."""
         self._observed = None
         return self.goals.step(*self._places())
 
     def cut(self) -> None:
-        """See :class:`Task`."""
         self._observed = None
 
     # --- exact resume ------------------------------------------------------------------------

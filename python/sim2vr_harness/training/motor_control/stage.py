@@ -64,9 +64,7 @@ class MotorStage(CycleStage):
         )
 
     def describe(self, report: MotorTrainingCycle) -> str:
-        """See :class:`CycleStage`."""
         return report.in_words(round(self.total))
 
     def write_result(self, file: Path, trainer: ModelBasedTrainer[Any], report: Any) -> None:
-        """See :class:`CycleStage`."""
         save_motor_layer(file, trainer.task.policy, **({} if report is None else asdict(report)))

@@ -6,9 +6,10 @@ decide adds up to what the user gets (Sunehag et al. 2018, value decomposition).
 rare colours more often than to common ones, and are seen through.
 """
 
+import copy
 import json
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,24 +18,329 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
+from torch.nn import functional
 
 from sim2vr_harness.base.cores import budget
 from sim2vr_harness.base.state import State
 from sim2vr_harness.play.player import reward_per_minute
-from sim2vr_harness.policies.hierarchical.action_selection import OptionScene, choose, committed
+from sim2vr_harness.policies.hierarchical.action_selection import (
+    OptionScene,
+    best_choices,
+    choose,
+    committed,
+)
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
+from sim2vr_harness.policies.hierarchical.depth_grid import CELL_PX
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, Moment
 from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy
 from sim2vr_harness.runs.option_config import QLearningConfig
-from sim2vr_harness.training.option_q_learning.exploration import Exploration
-from sim2vr_harness.training.option_q_learning.value_learner import (
-    LEARNING_RATE,
-    PARTS,
-    SCENE,
-    ValueLearner,
-)
 from sim2vr_harness.training.replay import ReplayStore
+
+N_STEP = 3
+"""Decisions whose rewards are added up before a value is bootstrapped."""
+_REWARDED_SHARE = 0.25
+"""Share of a minibatch that came before a reward (prioritised replay, Schaul et al. 2016)."""
+
+
+def draw_decisions(
+    rewarded: NDArray[np.bool_], size: int, rng: np.random.Generator
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Draw decisions; rewards are rare at first, so those before them are preferred.
+
+    Args:
+        rewarded: (R, N) whether decisions of N users were rewarded, in order.
+        size: decisions to draw.
+        rng: draws them.
+
+    Returns:
+        Their rows and users, and how much more likely each were if all were drawn alike
+        (importance weights without an exponent; their mean is 1).
+    """
+    first, n = len(rewarded) - N_STEP + 1, rewarded.shape[1]
+    rows, users = rng.integers(0, first, size), rng.integers(0, n, size)
+    when, who = np.nonzero(rewarded)
+    if not len(when):
+        return rows, users, np.ones(size)
+    preferred = round(_REWARDED_SHARE * size)
+    drawn = rng.integers(0, len(when), preferred)
+    before = np.clip(when[:, None] - np.arange(N_STEP), 0, first - 1)
+    rows[:preferred] = before[drawn, rng.integers(0, N_STEP, preferred)]
+    users[:preferred] = who[drawn]
+    ways = np.zeros((first, n))
+    np.add.at(ways, (before, who[:, None]), 1.0)
+    share = preferred / size
+    times = ways[rows, users] * first * n / (N_STEP * len(when))
+    return rows, users, 1.0 / (1.0 - share + share * times)
+
+
+Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+SCENE = ("pictures", "head", "turned", "tips", "velocities")
+"""What a scene is made of, in the order of its fields."""
+LEARNING_RATE = 1e-3
+"""Adam's usual rate."""
+PARTS = 2
+"""Parts of a batch, whose gradients are computed in parallel."""
+_GAMMA = 0.85
+"""Discount factor per decision: rewards follow within about 7 decisions."""
+_BATCH_SIZE = 64
+"""Decisions per minibatch; all shipped users learned from as many."""
+_KEPT_DECISIONS = 24_000
+"""Size of the replay buffer."""
+_TARGET_RATE = 0.01
+"""Rate at which the target network follows."""
+_TRUSTED_PERCENTILE = 99.0
+_TIMED = 3
+
+
+class ValueLearner(State):
+    """Learns the values of options from what N users decided, and what came of it.
+
+    Args:
+        net: the network; changed.
+        decisions: decisions of all users, in order.
+        rng: draws minibatches.
+        users: N.
+    """
+
+    _state = ("slow", "optimizer", "scale", "since")
+
+    def __init__(
+        self,
+        net: ActionValueMap,
+        decisions: ReplayStore,
+        rng: np.random.Generator,
+        users: int,
+    ) -> None:
+        self.net, self.decisions, self._rng = net, decisions, rng
+        self._n = users
+        self.slow = copy.deepcopy(net).requires_grad_(False)
+        """The target network."""
+        self.optimizer = torch.optim.Adam(net.parameters(), LEARNING_RATE, fused=True)
+        self.since = 0
+        """First decision that counts."""
+        self.scale = 1.0
+        """What rewards are divided by."""
+        self.corrected = 0.0
+        """Exponent of the importance weights: 0 at first, 1 at the end (Schaul et al. 2016)."""
+
+    def settle_scale(self) -> None:
+        """Let a good decision be worth about 1."""
+        if self.scale != 1.0:
+            return
+        known = np.abs(self.decisions.read("game_reward", np.arange(self.decisions.count)))
+        known = known[known > 0.0]
+        self.scale = float(np.percentile(known, _TRUSTED_PERCENTILE)) if len(known) else 1.0
+
+    def learn(self, updates: int, rate: float, each: Map) -> float:
+        """Return the loss of the last of so many updates; NaN of none.
+
+        Args:
+            updates: how many.
+            rate: at which it learns.
+            each: maps over the parts of an update, in turn or in parallel.
+        """
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate
+        loss = float("nan")
+        for _ in range(updates if self.decisions.count - self.since > N_STEP else 0):
+            loss = self._update(each)
+        return loss
+
+    def _update(self, each: Map) -> float:
+        """One step of learning, from a batch that is always parted alike."""
+        memory = self.decisions
+        have = min(memory.count - self.since, max(N_STEP + 1, _KEPT_DECISIONS // self._n))
+        first = memory.count - have
+        rewarded = memory.read("game_reward", np.arange(first, memory.count - 1)) > 0.0
+        rows, users, odds = draw_decisions(rewarded, _BATCH_SIZE, self._rng)
+        found = self._shares(first + rows, users, odds**self.corrected, each)
+        self.optimizer.zero_grad()
+        for parameter, *shares in zip(
+            self.net.parameters(), *(grads for _, grads in found), strict=True
+        ):
+            parameter.grad = sum(shares[1:], shares[0]).contiguous()
+        nn.utils.clip_grad_norm_(self.net.parameters(), 5.0)
+        self.optimizer.step()
+        with torch.no_grad():
+            for slow, fast in zip(self.slow.parameters(), self.net.parameters(), strict=True):
+                slow.lerp_(fast, _TARGET_RATE)
+        return sum(loss for loss, _ in found)
+
+    def _shares(
+        self,
+        rows: NDArray[np.int64],
+        users: NDArray[np.int64],
+        weights: NDArray[np.float64],
+        each: Map,
+    ) -> list[tuple[float, tuple[Tensor, ...]]]:
+        """What the parts of a batch add to the mean loss, and to its gradients."""
+        parts = np.array_split(np.arange(len(rows)), min(PARTS, len(rows)))
+        return list(each(lambda i: self._gradients(rows[i], users[i], weights[i]), parts))
+
+    def _gradients(
+        self, rows: NDArray[np.int64], users: NDArray[np.int64], weights: NDArray[np.float64]
+    ) -> tuple[float, tuple[Tensor, ...]]:
+        """What decisions add to the mean loss of a batch, and to its gradients.
+
+        Args:
+            rows: (K,) of the memory.
+            users: (K,) whose.
+            weights: (K,) of their losses.
+        """
+        memory = self.decisions
+        total, weight, last, known = self.returns(rows, users)
+        then = self._scene(last, users)
+        with torch.no_grad():
+            seen = then.inputs(self.net)
+            best = best_choices(self.net.values(*seen), then.something, self.net.options)
+            worth = self._worth(self.slow.values(*seen), best)
+            wanted = torch.from_numpy(total) + torch.from_numpy(weight) * worth
+        scene = self._scene(rows, users)
+        chosen = torch.from_numpy(memory.read("chosen", rows, users))
+        guessed = self._worth(self.net.values(*scene.inputs(self.net)), chosen)
+        losses = functional.smooth_l1_loss(guessed, wanted, reduction="none")
+        loss = (losses * torch.from_numpy(weights * known).float()).sum() / _BATCH_SIZE
+        return float(loss.detach()), torch.autograd.grad(loss, tuple(self.net.parameters()))
+
+    def returns(
+        self, rows: NDArray[np.int64], users: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64], NDArray[np.bool_]]:
+        """Add up what follows decisions (K,) of users (K,), until a value stands for the rest.
+
+        A round that is cut off goes on in principle, and what was seen then is not kept: the value
+        is that of the last decision before, and a decision in which a round was cut off teaches
+        nothing.
+
+        Returns:
+            (K,) rewards, weights of the value, rows whose scenes have it, and whether that is
+            known.
+        """
+        total, weight = np.zeros(len(rows), np.float32), np.ones(len(rows), np.float32)
+        last, left = rows + N_STEP, np.ones(len(rows), bool)
+        for k in range(N_STEP):
+            at = (rows + k, users)
+            cut = left & self.decisions.read("cut", *at)
+            last[cut] = rows[cut] + k
+            left &= ~cut
+            reward = self.decisions.read("reward", *at) / self.scale
+            total[left] += (weight * reward)[left]
+            weight[left] *= _GAMMA
+            over = left & self.decisions.read("over", *at)
+            weight[over] = 0.0
+            left &= ~over
+        return total, weight, last, last > rows
+
+    def _scene(self, rows: NDArray[np.int64], users: NDArray[np.int64]) -> OptionScene:
+        """What was seen in decisions (K,) of users (K,)."""
+        pictures, *others = (self.decisions.read(name, rows, users) for name in SCENE)
+        seen = (pictures.transpose(0, 3, 1, 2), *others)
+        return OptionScene(self.net.sight, *(torch.from_numpy(each) for each in seen))
+
+    @staticmethod
+    def _worth(values: Tensor, chosen: Tensor) -> Tensor:
+        """(N,) what choices (N, H) of all hands are worth together."""
+        return values.gather(-1, chosen[..., None])[..., 0].sum(1)
+
+
+_TRY_STEPS = (6, 16)
+"""How long a random try is seen through, user steps."""
+_PULL_STEPS = 24
+"""The same of pulls, which have an end of their own."""
+_REST_SHARE = 0.1
+_TRIED_M = 0.1
+"""Places so near to what a hand reaches are tried more often."""
+_COLOURS = 8
+
+
+class Exploration:
+    """Draws what N users try.
+
+    Args:
+        policy: of the users.
+        rng: of the tries.
+    """
+
+    def __init__(self, policy: HierarchicalPolicy, rng: np.random.Generator) -> None:
+        self._policy, self._sight, self.rng = policy, policy.values.sight, rng
+        self._options = policy.values.options
+        self.colours = np.ones(_COLOURS**3)
+        """How often each colour was seen."""
+
+    def draw(self, near: NDArray[np.float64], far: NDArray[np.float64]) -> int:
+        """Draw a choice.
+
+        Args:
+            near: (cells,) weights of cells to do something at with the hand.
+            far: (cells,) the same of cells to point at.
+        """
+        options, cells = self._options, self._sight.cells
+        if self.rng.random() < _REST_SHARE:
+            free = int(self.rng.integers(1 + len(options.free))) if options.free else 0
+            return options.rest(cells) + free
+        drawn = self.rng.random()
+        # Half of the tries take options with inputs; without any, they touch or push.
+        favoured = options.favoured
+        if self.rng.random() < 0.5:
+            move = favoured[self.rng.integers(len(favoured))]
+        else:
+            move = int(self.rng.integers(len(options.placed)))
+        weights = far if options.placed[move] == "point" else near
+        cell = int(np.searchsorted(np.cumsum(weights), drawn * weights.sum()))
+        return move * cells + min(cell, cells - 1)
+
+    def steps(self, chosen: int) -> int:
+        """How long a try is seen through, user steps."""
+        placed, option = self._options.placed, chosen // self._sight.cells
+        if option < len(placed) and placed[option] == "pull":
+            return _PULL_STEPS
+        return int(self.rng.integers(*_TRY_STEPS))
+
+    def curiosity(
+        self, scene: OptionScene, users: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(K, cells) how much K users try: what is within reach, what has a rare colour.
+
+        The second weights are those of cells to point at, near and far alike.
+        """
+        if not len(users):
+            none = np.zeros((0, self._sight.cells))
+            return none, none
+        # (K, cells) how rare the rarest colour in each cell is.
+        rarity_rare = 1.0 / (0.002 + self.colours / self.colours.sum())
+        rows, columns = self._sight.rows, self._sight.columns
+        own = scene.pictures.numpy()[users][:, :, : rows * CELL_PX, : columns * CELL_PX]
+        each = rarity_rare[_colours(own)].reshape(-1, rows, CELL_PX, columns, CELL_PX)
+        rarest: NDArray[np.float64] = each.max((2, 4)).reshape(len(users), -1)
+        rare = rarest
+        flat = scene.places[users].flatten(2).transpose(1, 2).reshape(-1, 3)
+        reach = self._policy.primitives.near(flat, _TRIED_M).reshape(len(users), -1)
+        there = np.where(scene.something.numpy()[users], 1.0, 1e-9)
+        near = _spread(there * np.where(reach, 1.0, 0.03), rare)
+        return near, _spread(there, rare) if "point" in self._options.placed else near
+
+    def note_colours(self, scene: OptionScene) -> None:
+        """Count what colours there are; what was seen long ago counts less."""
+        pictures = scene.pictures.numpy()[:, :, ::2, ::2]
+        seen = np.bincount(_colours(pictures).ravel(), minlength=_COLOURS**3)
+        self.colours = 0.999 * self.colours + seen / seen.sum()
+
+
+def _colours(pictures: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """(N, H, W) numbers of the colours of pixels."""
+    level = (pictures[:, :3].astype(np.int64) * _COLOURS) // 256
+    number: NDArray[np.int64] = (level[:, 0] * _COLOURS + level[:, 1]) * _COLOURS + level[:, 2]
+    return number
+
+
+def _spread(where: NDArray[np.float64], rare: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(K, cells) weights that prefer rare colours among places, half of them by far."""
+    weights: NDArray[np.float64] = where * (0.3 * rare / rare.mean() + 0.7)
+    rarest = where * rare
+    return 0.5 * weights / weights.sum(1, keepdims=True) + 0.5 * rarest / rarest.sum(
+        1, keepdims=True
+    )
+
 
 DECIDE_STEPS = 3
 """User steps from one decision to the next: 0.15 s at 20 Hz.

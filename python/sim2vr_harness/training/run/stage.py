@@ -231,7 +231,6 @@ class Callbacks:
     """What a stage calls while it runs.
 
     Args:
-        stage: which one.
         number: its place in the run, from 1.
         stages: how many there are.
         folder: of the run.

@@ -1,5 +1,9 @@
 """One training session: from a configuration, or a run to continue, to a saved user."""
 
+import ctypes
+import math
+import os
+import platform
 import shlex
 import time
 from collections.abc import Callable, Sequence
@@ -7,23 +11,36 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
+from typing import cast
 
+import numpy as np
 import torch
 from rich.console import Console
+from stable_baselines3.common.utils import get_device
+from torch import nn
 
-from sim2vr_harness.base.cores import torch_budget
+from sim2vr_harness.base.cores import budget, free, torch_budget
 from sim2vr_harness.base.errors import InputError, UnusableFile
 from sim2vr_harness.base.file_lock import sole_training
+from sim2vr_harness.base.progress import duration
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.envs.protocols import SimulationLike
+from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.games.registry import imagined_game
 from sim2vr_harness.runs.checkpoint import require_readable
 from sim2vr_harness.runs.config import TrainingConfig, first_difference
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.runs.trust import remember
-from sim2vr_harness.training.run.expected import plan_lines
+from sim2vr_harness.training.dagger.dagger import Expert
+from sim2vr_harness.training.dagger.expert import TeacherExpert
+from sim2vr_harness.training.dagger.stage import StudentStage
+from sim2vr_harness.training.model_based.stage import ImaginedStage
+from sim2vr_harness.training.motor_control.stage import MotorStage, needs_motor_policy
+from sim2vr_harness.training.option_q_learning.stage import QLearningStage
+from sim2vr_harness.training.ppo.fine_tune import user_to_adapt
+from sim2vr_harness.training.ppo.rollout_buffer import buffer_bytes
+from sim2vr_harness.training.ppo.stage import PPOStage
 from sim2vr_harness.training.run.loggers import require_wandb
-from sim2vr_harness.training.run.memory import keep_freed_memory, require_memory
-from sim2vr_harness.training.run.pipelines import MakeSimulation, Run, stages_of
 from sim2vr_harness.training.run.stage import (
     Report,
     Stage,
@@ -32,6 +49,238 @@ from sim2vr_harness.training.run.stage import (
     run_stages,
     say_line,
 )
+
+MakeSimulation = Callable[[TrainingConfig], SimulationLike]
+"""Makes the users to train with: ``config.ppo.n_envs`` of them."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a recipe makes stages of.
+
+    Attributes:
+        config: of the run.
+        folder: of the run.
+        stop: user steps after which the last stage ends.
+        make_simulation: makes the users of the last stage.
+        resumed: whether it goes on with what is in its folder; otherwise that is deleted before a
+            stage runs, and nothing of it counts.
+    """
+
+    config: TrainingConfig
+    folder: RunFolder
+    stop: int
+    make_simulation: MakeSimulation
+    resumed: bool
+
+
+def _from_pixels(
+    run: Run, title: str, begin: Callable[[nn.Module], object] = lambda policy: None
+) -> PPOStage:
+    return PPOStage(run.config, run.folder, title, run.make_simulation, begin, run.stop)
+
+
+def _ppo(run: Run) -> list[Stage]:
+    return [_from_pixels(run, "PPO from what the user senses.")]
+
+
+def _distill(run: Run) -> list[Stage]:
+    """A teacher that knows, a student that sees, then PPO on what it senses itself.
+
+    The result is a policy that is best for its own senses and its own effort.
+    """
+    config, path = run.config, run.folder.path
+    teacher = ImaginedStage(config, path / ImaginedStage.name)
+
+    def guide(simulation: Simulation) -> Expert:
+        return TeacherExpert(teacher.folder / teacher.result, config.teacher, simulation)
+
+    student = StudentStage(config, path / StudentStage.name, guide)
+
+    def begin(policy: nn.Module) -> None:
+        policy.load_state_dict(student.weights())
+
+    title = "the student goes on by itself: PPO from what the user senses."
+    return [teacher, student, _from_pixels(run, title, begin)]
+
+
+def _skills(run: Run) -> list[Stage]:
+    """Hands that know how to come to places, then what is worth doing there."""
+    config, path = run.config, run.folder.path
+    motor = MotorStage(config, path / MotorStage.name) if needs_motor_policy(config) else None
+    values = QLearningStage(config, path / QLearningStage.name, motor, run.folder, stop=run.stop)
+    return [values] if motor is None else [motor, values]
+
+
+def _adapt(run: Run) -> list[Stage]:
+    """A trained user that goes on where something is different."""
+    title = "a trained user goes on: PPO from what it senses."
+    if run.resumed and run.folder.checkpoints():
+        return [_from_pixels(run, title)]
+    user = user_to_adapt(run.config)
+    noise = run.config.policy.log_std_init
+
+    def begin(policy: nn.Module) -> None:
+        user.load(policy)
+        if noise != user.config.policy.log_std_init:  # the run has another one
+            nn.init.constant_(cast(nn.Parameter, policy.log_std), noise)
+
+    return [_from_pixels(run, title, begin)]
+
+
+RECIPES: dict[str, Callable[[Run], list[Stage]]] = {
+    "ppo": _ppo,
+    "distill": _distill,
+    "skills": _skills,
+    "adapt": _adapt,
+}
+
+
+def stages_of(run: Run) -> list[Stage]:
+    """Return the stages of a run, in order."""
+    return RECIPES[run.config.recipe](run)
+
+
+_SORTING_S = 0.74e-3
+"""Processor time of :func:`slowness`'s sorting on the core that the figures below are from, an AMD
+EPYC; `whacamole_constrained_distill` was measured."""
+_USER_STEP_S, _SEEN_STEP_S = 0.6e-3, 0.9e-3
+"""Processor time of a user step without and with images."""
+_SAMPLE_S, _SAMPLE_GPU_S = 0.4e-3, 0.03e-3
+"""Time of learning from a sample of what a user sees; on a processor, on a GPU."""
+_FIT_S, _FIT_GPU_S = 19e-3, 1e-3
+"""A minibatch of the body model."""
+_UPDATE_S, _UPDATE_GPU_S = 0.25, 0.06
+"""An update of imagined rollouts with 256 users and windows of 16 user steps."""
+_CORES_OF_UPDATES = 1.4
+"""Cores that imagined rollouts can use: half of their time is starting operations."""
+
+
+def slowness() -> float:
+    """Return how much longer this core takes than the one of the figures; by processor time."""
+    values = np.random.default_rng(0).standard_normal(65_536)
+    fastest = math.inf
+    for _ in range(6):
+        began = time.thread_time()
+        np.sin(np.sort(values))
+        fastest = min(fastest, time.thread_time() - began)
+    return max(0.2, min(5.0, fastest / _SORTING_S))
+
+
+def device_of(stage: str, config: TrainingConfig) -> str:
+    """Return the device that a stage learns on."""
+    if stage in ("student", "ppo"):
+        return get_device(config.device).type
+    game = imagined_game(config.env.app.game)
+    if stage == "imagined" and game is not None and game.on_gpu:
+        return get_device(config.device).type
+    return "cpu"
+
+
+def expected_seconds(stage: str, config: TrainingConfig, cores: float, slow: float) -> float | None:
+    """Return about how long a stage takes; None: it says so itself once it is known.
+
+    Args:
+        stage: its name.
+        config: of the run.
+        cores: that it gets.
+        slow: see :func:`slowness`.
+    """
+    gpu = device_of(stage, config) == "cuda"
+    sample_s = _SAMPLE_GPU_S if gpu else _SAMPLE_S * slow / cores
+    seen_s = _SEEN_STEP_S * slow / cores
+    if stage == "imagined":
+        imagined = config.teacher.imagined
+        later = imagined.cycles - 1
+        users = (imagined.users / 256) * (imagined.window_steps / 16)
+        steps = (imagined.first_play_steps + later * imagined.play_steps) * imagined.n_envs
+        fits = imagined.first_fit_minibatches + later * imagined.fit_minibatches
+        updates = imagined.cycles * imagined.updates
+        few = min(cores, _CORES_OF_UPDATES)
+        fit_s = _FIT_GPU_S if gpu else _FIT_S * slow / few
+        update_s = _UPDATE_GPU_S if gpu else _UPDATE_S * users * slow / few
+        return steps * _USER_STEP_S * slow / cores + fits * fit_s + updates * update_s
+    if stage == "student":
+        student = config.student
+        return student.frames * (seen_s + student.samples_per_frame * sample_s)
+    if stage == "ppo" and config.env.app.transport == "in_process":
+        return config.total_timesteps * (seen_s + config.ppo.n_epochs * sample_s)
+    return None
+
+
+def plan_lines(stages: Sequence[Stage], config: TrainingConfig) -> list[str]:
+    """Return for people: devices and expected times of the stages, and whether cores are free."""
+    wanted, idle = budget(config.env.cores), free()
+    cores = float(min(wanted, idle))
+    lines = []
+    if wanted > idle:
+        lines.append(
+            f"Note: {wanted} cores are requested and about {idle} are free, as other programs run "
+            f"here; --cores {idle} takes no more than these."
+        )
+    slow = slowness()
+    parts, known = [], []
+    for stage in stages:
+        seconds = expected_seconds(stage.name, config, cores, slow)
+        known.append(seconds)
+        about = "" if seconds is None else f", about {duration(seconds)}"
+        parts.append(f"{stage.name} on {_named(device_of(stage.name, config))}{about}")
+    lines.append(f"Stages: {'; '.join(parts)}.")
+    whole = [seconds for seconds in known if seconds is not None]
+    if len(whole) == len(known) > 1:
+        lines.append(f"Expected: about {duration(sum(whole))} on {cores:.0f} cores.")
+    return lines
+
+
+def _named(device: str) -> str:
+    return "the GPU" if device == "cuda" else "the processor"
+
+
+USER_BYTES = 100_000
+"""At least so much for a user's body and app (docs/reference/performance.md)."""
+
+_M_TRIM_THRESHOLD = -1
+_M_MMAP_MAX = -4
+
+
+def keep_freed_memory() -> bool:
+    """Ask the C library to keep large freed blocks instead of returning them to the system.
+
+    A minibatch of 1,000 images allocates and frees some 700 MB; glibc gives blocks of that size
+    back at once, and the next minibatch pays for fresh pages again. Keeping them makes an update
+    1.7 times as fast on the CPU, for about 200 MB more memory. Results are the same to the bit.
+
+    Returns:
+        Whether the C library could be asked (it is glibc).
+    """
+    if platform.libc_ver()[0] != "glibc":
+        return False
+    libc = ctypes.CDLL(None)
+    return bool(libc.mallopt(_M_MMAP_MAX, 0) and libc.mallopt(_M_TRIM_THRESHOLD, 2**31 - 1))
+
+
+def require_memory(config: TrainingConfig) -> None:
+    """Check that the users and the rollouts of a training can fit this machine's memory.
+
+    Raises:
+        InputError: They cannot, however little the rest takes.
+    """
+    from sim2vr_harness.envs.senses import observation_space_of
+
+    have = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    space = observation_space_of(config.env)
+    ppo = config.ppo
+    users, rollout = ppo.n_envs * USER_BYTES, buffer_bytes(space, ppo.steps_per_iteration)
+    if users + rollout > have:
+        key = "ppo.n_envs" if users > rollout else "ppo.n_steps"
+        got = ppo.n_envs if users > rollout else ppo.n_steps
+        raise InputError(
+            key,
+            f"{got}, which needs {(users + rollout) / 2**30:,.0f} GiB for {ppo.n_envs:,} users and "
+            f"the observations of {ppo.steps_per_iteration:,} user steps",
+            f"less than the machine's {have / 2**30:,.0f} GiB",
+        )
+
 
 __all__ = ["MakeSimulation", "TrainResult", "make_simulation", "train"]
 

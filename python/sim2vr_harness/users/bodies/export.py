@@ -15,7 +15,6 @@ def export_body(body: Body, file: Path) -> list[Path]:
     Meshes and textures that are files are copied into a folder beside it, FILE_assets.
 
     Args:
-        body: the body.
         file: where to; its folder must exist.
 
     Returns:

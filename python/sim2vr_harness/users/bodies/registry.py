@@ -1,17 +1,494 @@
 """Every body there is, by name or by the file that describes it."""
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
 
 from sim2vr_harness.base.notices import noticed
-from sim2vr_harness.users.bodies.body import Body
+from sim2vr_harness.users import appearance as looks
+from sim2vr_harness.users.bodies.body import ActuatorGroup, Body, EffortInputs
 from sim2vr_harness.users.bodies.described import DESCRIPTIONS, described_body
 from sim2vr_harness.users.bodies.description import read_description
-from sim2vr_harness.users.bodies.from_tables import table_body
+from sim2vr_harness.users.bodies.devices import attach_device
+from sim2vr_harness.users.bodies.mirror import mirror, swapped
 from sim2vr_harness.users.bodies.options import BodyOptions, Physique, ResetOptions
 from sim2vr_harness.users.bodies.packages import is_known
+from sim2vr_harness.users.bodies.person import Anatomy, Segment
+from sim2vr_harness.users.bodies.spec_body import BodyPlan
+from sim2vr_harness.users.bodies.tables import (
+    BodyRow,
+    BoneRow,
+    CouplingRow,
+    DeviceRow,
+    JointRow,
+    ModelTables,
+    MuscleRow,
+    PointRow,
+    Vector,
+    load_device_rows,
+    load_model_tables,
+    load_settings,
+    load_torso_tables,
+)
+from sim2vr_harness.users.bodies.tailored import tailored_body
 from sim2vr_harness.users.name_errors import unknown_name
+
+_HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+_PARAMETER_COUNT = 10  # length of MuJoCo's gainprm, biasprm and dynprm
+
+
+def build_spec(
+    tables: ModelTables,
+    devices: Sequence[tuple[DeviceRow, str]],
+    skull_rotation_wxyz: Sequence[float] | None,
+) -> mujoco.MjSpec:
+    """Returns a fresh specification of the user with the given devices attached.
+
+    Args:
+        tables: the user model.
+        devices: VR hardware and the bodies that wear it; each gets a body `<name>` and a site
+            `<name>` at its OpenXR pose.
+        skull_rotation_wxyz: orientation of the skull in the thorax frame, or None to keep the
+            table's. This is how a head without joints looks down.
+    """
+    spec = mujoco.MjSpec()
+    spec.modelname = "sim2vr_user"
+    settings = tables.settings
+    option = spec.option
+    option.timestep = settings["timestep_s"]
+    option.gravity = settings["gravity_mps2"]
+    option.iterations = settings["solver_iterations"]
+    option.tolerance = settings["solver_tolerance"]
+    option.ls_iterations = settings["line_search_iterations"]
+    option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
+    # Everything drawn is massless and must never push: collisions are off for the whole model.
+    # A diverged state must stay visible to the caller: no silent reset to the start pose.
+    option.disableflags = int(
+        mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    )
+    spec.compiler.degree = False
+    # Length ranges are given; without this the compiler would replace them by simulated ones.
+    spec.compiler.LRopt.mode = mujoco.mjtLRMode.mjLRMODE_NONE
+    bodies: dict[str, mujoco.MjsBody] = {"world": spec.worldbody}
+    for row in tables.bodies:
+        turned = row.name == "skull" and skull_rotation_wxyz is not None
+        bodies[row.name] = bodies[row.parent].add_body(
+            name=row.name,
+            pos=row.pos,
+            quat=skull_rotation_wxyz if turned else row.quat_wxyz,
+            mass=row.mass,
+            ipos=row.com,
+            iquat=row.inertia_quat_wxyz,
+            inertia=row.inertia,
+            explicitinertial=True,
+        )
+    _add_joints(spec, bodies, tables)
+    if tables.muscles:
+        _add_muscles(spec, bodies, tables)
+    # Adds position servos: torque = kp (target - angle) - kd speed.
+    for motors_row in tables.motors:
+        actuator = spec.add_actuator(name=motors_row.name)
+        actuator.trntype = mujoco.mjtTrn.mjTRN_JOINT
+        actuator.target = motors_row.joint
+        actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+        actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+        actuator.gainprm = _padded([motors_row.kp])
+        actuator.biasprm = _padded([0.0, -motors_row.kp, -motors_row.kd])
+        actuator.ctrllimited = True
+        actuator.ctrlrange = motors_row.limits
+        if motors_row.torques is not None:
+            actuator.forcelimited = True
+            actuator.forcerange = motors_row.torques
+    for tip in tables.settings.get("sites", ()):
+        bodies[tip["body"]].add_site(
+            name=tip["name"], pos=tip["pos_m"], quat=tip["quat_wxyz"], size=[0.004] * 3, group=4
+        )
+    for device, wearer in devices:
+        attach_device(bodies[wearer], device, device.pos, device.quat_wxyz)
+    return spec
+
+
+def _add_joints(
+    spec: mujoco.MjSpec, bodies: dict[str, mujoco.MjsBody], tables: ModelTables
+) -> None:
+    limit = tables.settings["joint_limit"]
+    for row in tables.joints:
+        joint = bodies[row.body].add_joint(
+            name=row.name,
+            type=_SLIDE if row.kind == "slide" else _HINGE,
+            pos=row.pos,
+            axis=row.axis,
+            armature=row.armature,
+        )
+        # MuJoCo 4 allows a cubic spring and damper; the linear term is the first entry.
+        joint.stiffness = [row.stiffness, 0.0, 0.0]
+        joint.damping = [row.damping, 0.0, 0.0]
+        joint.limited = row.limits is not None
+        if row.limits is not None:
+            joint.range = row.limits
+        joint.solref_limit = limit["solref"]
+        joint.solimp_limit = limit["solimp"]
+    for coupling in tables.couplings:
+        equality = spec.add_equality(
+            name=f"{coupling.dependent}_coupling",
+            type=mujoco.mjtEq.mjEQ_JOINT,
+            objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            name1=coupling.dependent,
+            name2=coupling.driver,
+        )
+        equality.data = [*coupling.coefficients, *([0.0] * (len(equality.data) - 5))]
+        equality.solref = tables.settings["coupling_solref"]
+        equality.solimp = coupling.solimp
+
+
+def _add_muscles(
+    spec: mujoco.MjSpec, bodies: dict[str, mujoco.MjsBody], tables: ModelTables
+) -> None:
+    for point in tables.points:
+        bodies[point.body].add_site(name=point.name, pos=point.pos, size=[0.003] * 3, group=4)
+    muscle = tables.settings["muscle"]
+    for row in tables.muscles:
+        tendon = spec.add_tendon(name=f"{row.name}_tendon", width=0.003)
+        for point_name in row.path:
+            tendon.wrap_site(point_name)
+        actuator = spec.add_actuator(name=row.name)
+        actuator.trntype = mujoco.mjtTrn.mjTRN_TENDON
+        actuator.target = tendon.name
+        actuator.dyntype = mujoco.mjtDyn.mjDYN_MUSCLE
+        actuator.gaintype = mujoco.mjtGain.mjGAIN_MUSCLE
+        actuator.biastype = mujoco.mjtBias.mjBIAS_MUSCLE
+        actuator.dynprm = _padded([muscle["activation_tau_s"], muscle["deactivation_tau_s"]])
+        actuator.gainprm = _force_curve(muscle["active"], row)
+        actuator.biasprm = _force_curve(muscle["passive"], row)
+        actuator.lengthrange = row.length_range
+        actuator.ctrllimited = True
+        actuator.ctrlrange = [0.0, 1.0]
+
+
+def _force_curve(curve: dict[str, Any], row: MuscleRow) -> list[float]:
+    """MuJoCo's muscle parameters: range0 range1 F0 scale lmin lmax vmax fpmax fvmax."""
+    shape = [curve[key] for key in ("scale", "lmin", "lmax", "vmax", "fpmax", "fvmax")]
+    return _padded([*curve["range"], row.peak_force, *shape])
+
+
+def _padded(values: list[float]) -> list[float]:
+    return values + [0.0] * (_PARAMETER_COUNT - len(values))
+
+
+_SHARED = ("world", "thorax", "skull")
+
+
+def both_arms(
+    one: ModelTables, held: DeviceRow, settings: Mapping[str, Any]
+) -> tuple[ModelTables, DeviceRow]:
+    """Returns the tables of a body with two arms, and the device in the other hand.
+
+    Args:
+        one: the body with a right arm.
+        held: the controller in its right hand.
+        settings: what the new body's model.json says; the rest is the old one's.
+    """
+    left = _mirrored(one, held)
+    arms = [_Arm("_r", one, None), _Arm("_l", one, left)]
+    shared_joints = tuple(row for row in one.joints if row.body in _SHARED)
+    fixed = {row.name for row in shared_joints}
+    tables = ModelTables(
+        bodies=(
+            *(row for row in one.bodies if row.name in _SHARED),
+            *(row for arm in arms for row in arm.bodies()),
+        ),
+        joints=(*shared_joints, *(row for arm in arms for row in arm.joints())),
+        couplings=(
+            *(row for row in one.couplings if row.dependent in fixed),
+            *(row for arm in arms for row in arm.couplings(fixed)),
+        ),
+        muscles=tuple(row for arm in arms for row in arm.muscles()),
+        motors=(),
+        points=tuple(row for arm in arms for row in arm.points()),
+        bones=(
+            *(row for row in one.bones if row.body in _SHARED),
+            *(row for arm in arms for row in arm.bones()),
+        ),
+        settings={
+            **one.settings,
+            "sites": [row for arm in arms for row in arm.sites()],
+            "anatomy": _anatomy(one.settings["anatomy"]),
+            "lifting": [f"{name}{arm.side}" for arm in arms for name in one.settings["lifting"]],
+            **settings,
+        },
+    )
+    hand_name = swapped(held.name)
+    body = left.body(hand_name)
+    flip = np.array([1.0, -1.0, 1.0])  # devices' frames have y to the left
+    low, high = np.array(held.box_min) * flip, np.array(held.box_max) * flip
+    other_hand = DeviceRow(
+        name=hand_name,
+        pos=_numbers(body.pos),
+        quat_wxyz=_numbers(body.quat),
+        mass=held.mass,
+        com=_numbers(body.ipos),
+        inertia_quat_wxyz=_numbers(body.iquat),
+        inertia=_numbers(body.inertia),
+        openxr_offset=_numbers(left.site(hand_name).pos),
+        box_min=_numbers(np.minimum(low, high)),
+        box_max=_numbers(np.maximum(low, high)),
+    )
+    return tables, other_hand
+
+
+class _Arm:
+    """One arm's rows, renamed; `model` is the mirrored body, None: as the tables have it."""
+
+    def __init__(self, side: str, one: ModelTables, model: mujoco.MjModel | None) -> None:
+        self.side, self._one, self._model = side, one, model
+
+    def _named(self, name: str) -> str:
+        return name if name in _SHARED else name + self.side
+
+    def bodies(self) -> list[BodyRow]:
+        rows = [row for row in self._one.bodies if row.name not in _SHARED]
+        if self._model is not None:
+            rows = [_body(row, self._model) for row in rows]
+        return [
+            replace(row, name=self._named(row.name), parent=self._named(row.parent)) for row in rows
+        ]
+
+    def joints(self) -> list[JointRow]:
+        rows = [row for row in self._one.joints if row.body not in _SHARED]
+        if self._model is not None:
+            rows = [replace(row, axis=_numbers(self._model.joint(row.name).axis)) for row in rows]
+        return [
+            replace(row, name=self._named(row.name), body=self._named(row.body)) for row in rows
+        ]
+
+    def couplings(self, fixed: set[str]) -> list[CouplingRow]:
+        rows = (row for row in self._one.couplings if row.dependent not in fixed)
+        return [
+            replace(row, dependent=self._named(row.dependent), driver=self._named(row.driver))
+            for row in rows
+        ]
+
+    def muscles(self) -> list[MuscleRow]:
+        return [
+            replace(row, name=self._named(row.name), path=tuple(map(self._named, row.path)))
+            for row in self._one.muscles
+        ]
+
+    def points(self) -> list[PointRow]:
+        return [
+            PointRow(self._named(row.name), self._named(row.body), self._place(row.name, row.pos))
+            for row in self._one.points
+        ]
+
+    def bones(self) -> list[BoneRow]:
+        rows = (row for row in self._one.bones if row.body not in _SHARED)
+        return [
+            replace(
+                row,
+                name=self._named(row.name),
+                body=self._named(row.body),
+                end1=self._place(f"{row.name} end1", row.end1),
+                end2=self._place(f"{row.name} end2", row.end2),
+            )
+            for row in rows
+        ]
+
+    def sites(self) -> list[dict[str, Any]]:
+        rows = []
+        for row in self._one.settings["sites"]:
+            pos, quat = tuple(row["pos_m"]), tuple(row["quat_wxyz"])
+            if self._model is not None:
+                site = self._model.site(row["name"])
+                pos, quat = _numbers(site.pos), _numbers(site.quat)
+            body, name = self._named(row["body"]), self._named(row["name"])
+            rows.append({"name": name, "body": body, "pos_m": pos, "quat_wxyz": quat})
+        return rows
+
+    def _place(self, site: str, own: Vector) -> Vector:
+        return own if self._model is None else _numbers(self._model.site(site).pos)
+
+
+def _mirrored(one: ModelTables, held: DeviceRow) -> mujoco.MjModel:
+    """The left-hander, with sites where the bones end."""
+    spec = build_spec(one, [(held, one.settings["devices"][held.name])], None)
+    for row in one.bones:
+        for end in ("end1", "end2"):
+            spec.body(row.body).add_site(name=f"{row.name} {end}", pos=getattr(row, end))
+    mirror(spec)
+    return spec.compile()
+
+
+def _body(row: BodyRow, model: mujoco.MjModel) -> BodyRow:
+    body = model.body(row.name)
+    return replace(
+        row,
+        pos=_numbers(body.pos),
+        quat_wxyz=_numbers(body.quat),
+        com=_numbers(body.ipos),
+        inertia_quat_wxyz=_numbers(body.iquat),
+        inertia=_numbers(body.inertia),
+    )
+
+
+def _anatomy(table: dict[str, Any]) -> dict[str, Any]:
+    segments = {
+        name: {
+            "bodies": [f"{body}{side}" for body in row["bodies"] for side in ("_r", "_l")],
+            "start": f"{row['start']}_r",
+            "end": f"{row['end']}_r",
+        }
+        for name, row in table["segments"].items()
+    }
+    return {**table, "segments": segments}
+
+
+def _numbers(values: Any) -> Vector:
+    return tuple(np.asarray(values, dtype=np.float64).tolist())
+
+
+TORSO_MOTORS: tuple[str, ...] = tuple(row.name for row in load_torso_tables().motors)
+"""The six motors, in the order of their actions."""
+
+NOD = "neck_flexion"
+"""The hinge that tips the head forward."""
+
+_ROTATIONS_UNDONE = ("clavphant", "scapphant")
+_TURNS_WITH_ELV_ANGLE = "humphant"
+_NEXT_TO_NOTHING_KGM2 = 1e-3  # as the models' other massless bodies
+
+
+def with_torso(tables: ModelTables) -> ModelTables:
+    """Returns the tables of the same body with a trunk and a neck that move.
+
+    Thorax and skull get masses of trunk and head; the joints that held the thorax go.
+    """
+    torso = load_torso_tables()
+    new = {row.name: row for row in torso.bodies}
+    thorax = next(row for row in tables.bodies if row.name == "thorax")
+    pelvis = replace(new["pelvis"], pos=thorax.pos, quat_wxyz=thorax.quat_wxyz)
+    held = {row.name for row in tables.joints if row.body == "thorax"}
+    return replace(
+        tables,
+        bodies=(pelvis, *(_light(_heavier(row, new)) for row in tables.bodies)),
+        joints=(*torso.joints, *(_stiffer(row) for row in tables.joints if row.name not in held)),
+        couplings=tuple(row for row in tables.couplings if row.dependent not in held),
+        motors=(*tables.motors, *torso.motors),
+    )
+
+
+def _heavier(row: BodyRow, new: dict[str, BodyRow]) -> BodyRow:
+    if row.name not in new:
+        return row
+    return replace(new[row.name], parent=row.parent, pos=row.pos, quat_wxyz=row.quat_wxyz)
+
+
+def _light(row: BodyRow) -> BodyRow:
+    if _stem(row.name) in (*_ROTATIONS_UNDONE, _TURNS_WITH_ELV_ANGLE):
+        return replace(row, inertia=(_NEXT_TO_NOTHING_KGM2,) * 3)
+    return row
+
+
+def _stiffer(row: JointRow) -> JointRow:
+    """Gives elv_angle the inertia of the body that only it turns."""
+    if _stem(row.name) == "elv_angle":
+        return replace(row, armature=row.armature + 1.0 - _NEXT_TO_NOTHING_KGM2)
+    return row
+
+
+def _stem(name: str) -> str:
+    return name.removesuffix("_r").removesuffix("_l")
+
+
+def table_body(options: BodyOptions) -> Body:
+    """Makes the body whose tables are in the package folder `data/<name>`.
+
+    Raises:
+        ValueError: a device that the body cannot wear, or a person that it cannot be.
+    """
+    tables, known = _tables(options.name)
+    if options.torso:
+        tables = with_torso(tables)
+    settings = tables.settings
+    wearable = tuple(settings["devices"])
+    worn = wearable if options.devices is None else options.devices
+    for name in worn:
+        if name not in wearable:
+            raise ValueError(unknown_name("device", name, wearable))
+    devices = [(known[name], settings["devices"][name]) for name in worn]
+    # A neck looks down by itself.
+    skull = None if options.torso else _pitched_down(options.skull_rotation_deg)
+
+    def build(appearance: bool) -> mujoco.MjSpec:
+        spec = build_spec(tables, devices, skull)
+        if appearance:
+            looks.dress(spec, tables, worn)
+        return spec
+
+    own_step: float = settings["timestep_s"]
+    plan = BodyPlan(
+        name=options.name,
+        devices=worn,
+        actuator_groups=_groups(tables),
+        end_effectors=tuple(
+            name for name in settings["end_effectors"] if name in worn or name not in wearable
+        ),
+        timestep=own_step if options.timestep_s is None else options.timestep_s,
+        postures=settings.get("postures", {}),
+        effort_inputs=EffortInputs(lifting=tuple(settings.get("lifting", ()))),
+    )
+    if options.torso:
+        # Has the trunk begin upright and stay so, until its motors get other targets.
+        posture = {**plan.reset_rule.posture, NOD: math.radians(options.skull_rotation_deg)}
+        plan = replace(
+            plan,
+            reset_rule=replace(plan.reset_rule, posture=posture, held=TORSO_MOTORS),
+            effort_inputs=replace(plan.effort_inputs, loads=TORSO_MOTORS),
+            nod=NOD,
+        )
+    table = settings["anatomy"]
+    segments = {
+        name: Segment(tuple(row["bodies"]), row["start"], row["end"])
+        for name, row in table["segments"].items()
+    }
+    anatomy = Anatomy(table["stature_m"], table["mass_kg"], segments)
+    return tailored_body(plan, build, options, anatomy)
+
+
+def _tables(name: str) -> tuple[ModelTables, dict[str, DeviceRow]]:
+    """A body's tables, and the devices as it holds them."""
+    known = load_device_rows()
+    settings = load_settings(name)
+    if "both_arms_of" not in settings:
+        return load_model_tables(name), known
+    one = load_model_tables(settings["both_arms_of"])
+    tables, left = both_arms(one, known["controller_right"], settings)
+    return tables, {**known, left.name: left}
+
+
+def _groups(tables: ModelTables) -> tuple[ActuatorGroup, ...]:
+    """Motors first, then muscles, as in the reference."""
+    groups = (
+        ActuatorGroup("motor", tuple(motor.name for motor in tables.motors)),
+        ActuatorGroup("muscle", tuple(muscle.name for muscle in tables.muscles)),
+    )
+    return tuple(group for group in groups if group.actuators)
+
+
+def _pitched_down(degrees: float) -> tuple[float, float, float, float] | None:
+    """Rotation of the skull (thorax frame: y up, x forward, z right) that looks down."""
+    if degrees == 0.0:
+        return None
+    half = math.radians(degrees) / 2.0
+    return (math.cos(half), 0.0, 0.0, -math.sin(half))
+
 
 _TABLES: dict[str, Callable[[BodyOptions], Body]] = {
     "mobl_arms_wrist": table_body,

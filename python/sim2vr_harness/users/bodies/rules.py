@@ -70,7 +70,6 @@ class Muscle(ActionRule):
 
     @classmethod
     def check(cls, model: mujoco.MjModel, i: int, name: str) -> None:
-        """See the base class."""
         if model.actuator_dyntype[i] != mujoco.mjtDyn.mjDYN_MUSCLE:
             raise ValueError(
                 f"rule: got 'muscle' for actuator {name!r}, whose dyntype is "
@@ -78,7 +77,6 @@ class Muscle(ActionRule):
             )
 
     def control(self, action: FloatArray, act: FloatArray, memory: FloatArray) -> FloatArray:
-        """See the base class."""
         return np.clip(act[:, self.activations] + action, 0.0, 1.0)
 
 
@@ -93,7 +91,6 @@ class _Ranged(ActionRule):
 
     @classmethod
     def check(cls, model: mujoco.MjModel, i: int, name: str) -> None:
-        """See the base class."""
         if not model.actuator_ctrllimited[i]:
             raise ValueError(
                 f"rule: got {cls.name!r} for actuator {name!r}, which has no ctrlrange; expected "
@@ -114,7 +111,6 @@ class Motor(_Ranged):
     """Share of the memory that a step keeps."""
 
     def control(self, action: FloatArray, act: FloatArray, memory: FloatArray) -> FloatArray:
-        """See the base class."""
         aim = np.clip(memory + action, 0.0, 1.0)
         memory[:] = self.KEPT * memory + (1.0 - self.KEPT) * aim
         return self._low + memory * self._span
@@ -131,7 +127,6 @@ class Direct(_Ranged):
         self.rest = np.clip(-2.0 * self._low / self._span - 1.0, -1.0, 1.0)
 
     def control(self, action: FloatArray, act: FloatArray, memory: FloatArray) -> FloatArray:
-        """See the base class."""
         return self._low + 0.5 * (action + 1.0) * self._span
 
 

@@ -125,7 +125,6 @@ class Linkage:
 
     Args:
         body: whose they are.
-        point: the point.
 
     Attributes:
         joints: the J independent joints that move the point, in the body's order.

@@ -292,27 +292,19 @@ class PostureController:
         mujoco.mj_forward(model, data)
         slack = data.actuator_force[ids].copy()
         moments = moment_arms(self._model, self._data)[ids]
-        directions_model, directions_data = self._model, self._data
-        if directions_data.ne == 0:
-            free = np.eye(directions_model.nv)
+        if data.ne == 0:
+            free: FloatArray = np.eye(model.nv)
         else:
-            jacobian = np.zeros((directions_data.nefc, directions_model.nv))
-            if mujoco.mj_isSparse(directions_model):
+            jacobian = np.zeros((data.nefc, model.nv))
+            if mujoco.mj_isSparse(model):
                 mujoco.mju_sparse2dense(
-                    jacobian,
-                    directions_data.efc_J,
-                    directions_data.efc_J_rownnz,
-                    directions_data.efc_J_rowadr,
-                    directions_data.efc_J_colind,
+                    jacobian, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind
                 )
             else:
-                jacobian[:] = directions_data.efc_J.reshape(
-                    directions_data.nefc, directions_model.nv
-                )
-            _, sizes, rows = np.linalg.svd(jacobian[: directions_data.ne])
+                jacobian[:] = data.efc_J.reshape(data.nefc, model.nv)
+            _, sizes, rows = np.linalg.svd(jacobian[: data.ne])
             rank = int((sizes > 1e-8 * sizes[0]).sum())
-            free: FloatArray = rows[rank:].T
-            free = free
+            free = rows[rank:].T
         pulls = free.T @ (moments * (full - slack)[:, None]).T
         return free, pulls, moments.T @ slack
 

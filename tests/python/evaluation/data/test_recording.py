@@ -12,7 +12,7 @@ from sim2vr_harness.client import Condition, GameFacts, describe_game
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.evaluation.data import EvaluationData
-from sim2vr_harness.evaluation.data.recording import DataRecorder
+from sim2vr_harness.evaluation.evaluate import DataRecorder
 from sim2vr_harness.play.player import jobs_for, play
 from sim2vr_harness.play.round import Round
 from sim2vr_harness.play.round_logs import RoundLogs

@@ -19,12 +19,10 @@ from sim2vr_harness.policies.hierarchical.human_goals import GoalPerception, Hum
 from sim2vr_harness.policies.hierarchical.human_motor import (
     HumanHands,
     HumanMotorPolicy,
-    people_policy,
-)
-from sim2vr_harness.policies.hierarchical.inverse_model import (
     InverseModel,
     InverseSettings,
     _within_range,
+    people_policy,
 )
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import (

@@ -23,8 +23,8 @@ from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, require_senses
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import TrainingConfig, load_config
-from sim2vr_harness.training.option_q_learning.manner import best_hold
 from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS
+from sim2vr_harness.training.option_q_learning.stage import best_hold
 from sim2vr_harness.training.ppo.fine_tune import adapting
 from sim2vr_harness.training.run.trainer import train
 

@@ -20,14 +20,13 @@ from true_users import motion_of
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import NoiseConfig, UserConfig
 from sim2vr_harness.envs.privileged import OBSERVATION
-from sim2vr_harness.games.whacamole.game_model import FIELDS
+from sim2vr_harness.games.whacamole.game import FIELDS
 from sim2vr_harness.games.whacamole.settings import Relaxation
-from sim2vr_harness.training.model_based.game_task import CycleReport, GameTrainer
-from sim2vr_harness.training.model_based.stage import describe
+from sim2vr_harness.training.model_based.stage import CycleReport, GameTrainer, describe
 from sim2vr_harness.training.teacher import env as teacher_env
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
 from sim2vr_harness.world_models.body_dynamics import fit_body
-from sim2vr_harness.world_models.motor_noise import ImaginedNoise
+from sim2vr_harness.world_models.rollout_env import ImaginedNoise
 from sim2vr_harness.world_models.transitions import Motion, TransitionStore
 
 pytest.importorskip("sim2vr_harness._app_runtime")

@@ -16,13 +16,14 @@ from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
 from sim2vr_harness.policies.hierarchical.human_motor import HumanHands
 from sim2vr_harness.policies.hierarchical.motor_store import human_policy_for
 from sim2vr_harness.runs.option_config import PeopleTraining
-from sim2vr_harness.training.motor_control import hand_training
-from sim2vr_harness.training.motor_control.hand_training import (
+from sim2vr_harness.training.motor_control import people_training
+from sim2vr_harness.training.motor_control.people_training import (
+    Bodies,
     Execution,
+    PeopleTrainer,
     ending,
     train_hand_policy,
 )
-from sim2vr_harness.training.motor_control.people_training import Bodies, PeopleTrainer
 
 TINY = PeopleTraining(
     cycles=2,
@@ -78,12 +79,12 @@ def test_two_arms_learn_from_half_as_many_persons() -> None:
 def test_a_training_that_goes_on_ends_in_the_same_bits(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(hand_training, "_HANDS", 16)
+    monkeypatch.setattr(people_training, "_HANDS", 16)
     assert assert_goes_on(lambda folder: trainer(), tmp_path, 1, 1).finished
 
 
 def test_hands_learn_to_reach(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hand_training, "_HANDS", 64)
+    monkeypatch.setattr(people_training, "_HANDS", 64)
     torch.manual_seed(3)
     policy, config = HandPolicy(32), PeopleTraining()
     worth = [

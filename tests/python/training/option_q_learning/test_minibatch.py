@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim2vr_harness.training.option_q_learning.minibatch import draw_decisions
-from sim2vr_harness.training.option_q_learning.value_learner import ValueLearner
+from sim2vr_harness.training.option_q_learning.q_learning import ValueLearner, draw_decisions
 
 
 def test_a_quarter_came_before_a_reward_and_weighs_less() -> None:

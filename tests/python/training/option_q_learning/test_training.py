@@ -42,13 +42,13 @@ from sim2vr_harness.runs.config import TrainingConfig, load_config
 from sim2vr_harness.runs.option_config import MotorTrainingConfig, QLearningConfig
 from sim2vr_harness.training.motor_control import goal_task
 from sim2vr_harness.training.motor_control.goal_task import motor_trainer
-from sim2vr_harness.training.option_q_learning import value_learner
-from sim2vr_harness.training.option_q_learning.manner import choose_manner
-from sim2vr_harness.training.option_q_learning.minibatch import N_STEP
+from sim2vr_harness.training.option_q_learning import q_learning
 from sim2vr_harness.training.option_q_learning.q_learning import (
     DECIDE_STEPS,
+    N_STEP,
     OptionQLearning,
 )
+from sim2vr_harness.training.option_q_learning.stage import choose_manner
 from sim2vr_harness.users import UserBatch, list_bodies, load_body
 
 pytest.importorskip("sim2vr_harness._app_runtime")
@@ -190,7 +190,7 @@ SMALL = QLearningConfig(users=3, user_steps=240, try_steps=90, explore_steps=100
 
 @pytest.fixture(autouse=True)
 def small_minibatches(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(value_learner, "_BATCH_SIZE", 8)
+    monkeypatch.setattr(q_learning, "_BATCH_SIZE", 8)
 
 
 def skills(*changes: str) -> TrainingConfig:
@@ -321,7 +321,7 @@ def test_preferred_decisions_count_less_at_the_end(tmp_path: Path) -> None:
     drawn = (np.zeros(8, np.int64), np.zeros(8, np.int64), odds)
     with (
         patch.object(one.learner, "_shares", side_effect=noted),
-        patch.object(value_learner, "draw_decisions", return_value=drawn),
+        patch.object(q_learning, "draw_decisions", return_value=drawn),
     ):
         while not one.finished:
             one.step()

@@ -9,7 +9,7 @@ import pytest
 
 from sim2vr_harness.base import cores
 from sim2vr_harness.runs.config import load_config
-from sim2vr_harness.training.run import expected
+from sim2vr_harness.training.run import trainer
 
 NAMES = ("imagined", "student", "ppo")
 STAGES: list[Any] = [SimpleNamespace(name=name) for name in NAMES]
@@ -18,25 +18,25 @@ STAGES: list[Any] = [SimpleNamespace(name=name) for name in NAMES]
 def test_the_recipe_takes_about_what_was_measured_on_two_cores() -> None:
     name, steps = "whacamole_constrained_distill", "total_timesteps=245_760"
     config = load_config(name, ["device=cpu", steps])
-    whole = sum(expected.expected_seconds(each, config, 2.0, 1.0) or 0.0 for each in NAMES)
+    whole = sum(trainer.expected_seconds(each, config, 2.0, 1.0) or 0.0 for each in NAMES)
     assert whole / 60.0 == pytest.approx(19.8, rel=0.2)  # with the evaluation
     half = load_config(name, ["device=cpu", steps, "student.frames=128_000"])
-    student = [expected.expected_seconds("student", each, 2.0, 1.0) for each in (half, config)]
+    student = [trainer.expected_seconds("student", each, 2.0, 1.0) for each in (half, config)]
     assert student[1] == pytest.approx(2.0 * student[0])  # type: ignore[operator]
-    assert expected.expected_seconds("q_learning", config, 2.0, 1.0) is None
+    assert trainer.expected_seconds("q_learning", config, 2.0, 1.0) is None
 
 
 def test_devices_are_those_that_the_stages_ask_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(expected, "get_device", lambda name: SimpleNamespace(type="cuda"))
+    monkeypatch.setattr(trainer, "get_device", lambda name: SimpleNamespace(type="cuda"))
     whacamole = load_config("whacamole_constrained_distill", [])
-    assert [expected.device_of(name, whacamole) for name in NAMES] == [
+    assert [trainer.device_of(name, whacamole) for name in NAMES] == [
         "cuda",
         "cuda",
         "cuda",
     ]
     pointing = load_config("pointing", [])
-    assert expected.device_of("imagined", pointing) == "cpu"  # its game model reads values
-    lines = expected.plan_lines(STAGES, whacamole)
+    assert trainer.device_of("imagined", pointing) == "cpu"  # its game model reads values
+    lines = trainer.plan_lines(STAGES, whacamole)
     assert "imagined on the GPU, about" in lines[-2]
 
 
@@ -51,6 +51,6 @@ def test_cores_that_are_not_free_are_noted(
     monkeypatch.setattr(cores.os, "getloadavg", lambda: (load, load, load))
     monkeypatch.setattr(cores.os, "cpu_count", lambda: machine)
     monkeypatch.setattr(cores, "available", lambda: 4)
-    lines = expected.plan_lines(STAGES, load_config("whacamole_constrained_distill", []))
+    lines = trainer.plan_lines(STAGES, load_config("whacamole_constrained_distill", []))
     assert lines[0].startswith("Note: 4 cores are requested and about 1 are free") == noted
     assert lines[-1].endswith(" on 1 cores." if noted else " on 4 cores.")

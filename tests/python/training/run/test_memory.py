@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import platform
 
-from sim2vr_harness.training.run.memory import keep_freed_memory
+from sim2vr_harness.training.run.trainer import keep_freed_memory
 
 
 def test_only_glibc_is_asked(monkeypatch) -> None:

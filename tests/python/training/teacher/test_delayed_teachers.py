@@ -20,7 +20,7 @@ from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.policies.teacher import new_teacher
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.teacher_config import TeacherConfig
-from sim2vr_harness.training.model_based.game_task import GameTrainer, game_trainer
+from sim2vr_harness.training.model_based.stage import GameTrainer, game_trainer
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 from sim2vr_harness.users.kinematics.forward_torch import Chains
 from sim2vr_harness.world_models.person_features import ImaginedPersons

@@ -19,8 +19,7 @@ from sim2vr_harness.runs.checkpoint import write_tensors
 from sim2vr_harness.runs.config import apply_overrides, load_config
 from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher import env as teacher_env
-from sim2vr_harness.training.teacher.env import TeacherSimulation, blind_env
-from sim2vr_harness.training.teacher.initial_states import InitialStates
+from sim2vr_harness.training.teacher.env import InitialStates, TeacherSimulation, blind_env
 
 pytest.importorskip("sim2vr_harness._app_runtime")
 

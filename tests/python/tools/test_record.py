@@ -1,7 +1,5 @@
 """The recorder: a session file has what the page's headset reports, and strangers stay out."""
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import http.client

@@ -6,7 +6,8 @@ from typing import Any
 
 from sim2vr_harness.base.cores import budget
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.envs.config import body_of, motor_noise
+from sim2vr_harness.envs.config import motor_noise
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for, save_motor_layer
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.training.model_based.stage import CycleStage
@@ -24,7 +25,7 @@ def needs_motor_policy(config: TrainingConfig) -> bool:
         return False
     env = config.env
     try:
-        motor_layer_for(body_of(env.user), 1.0 / env.action_frequency_hz)
+        motor_layer_for(ResolvedEnv(env).body, 1.0 / env.action_frequency_hz)
     except InputError:
         return True
     return False
@@ -56,7 +57,7 @@ class MotorStage(CycleStage):
         env = config.env
         self._learner = motor_trainer(
             config.skills.motor_training,
-            body_of(env.user),
+            ResolvedEnv(env).body,
             1.0 / env.action_frequency_hz,
             noise=motor_noise(env.user.noise),
             threads=budget(env.cores),

@@ -265,10 +265,10 @@ def require_memory(config: TrainingConfig) -> None:
     Raises:
         InputError: They cannot, however little the rest takes.
     """
-    from sim2vr_harness.envs.senses import observation_space_of
+    from sim2vr_harness.envs.resolved import ResolvedEnv
 
     have = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    space = observation_space_of(config.env)
+    space = ResolvedEnv(config.env).observation_space
     ppo = config.ppo
     users, rollout = ppo.n_envs * USER_BYTES, buffer_bytes(space, ppo.steps_per_iteration)
     if users + rollout > have:

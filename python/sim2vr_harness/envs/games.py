@@ -11,22 +11,25 @@ from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.users import installed_bodies, load_body
 
 
-def with_game(config: EnvConfig, game: str | None) -> EnvConfig:
-    """The configuration with another game; None leaves it.
+def with_game(config: EnvConfig, game: str | None, condition: str | None = None) -> EnvConfig:
+    """The configuration with another game and a condition of it; None leaves it.
 
     A configuration that names no body gets one that wears what the game is played with, and one
     that names no inputs those that the game reads.
+
+    Raises:
+        ValueError: the game has no such condition; names the nearest.
     """
-    if game is None or game == config.app.game:
-        return config
-    config = config.model_copy(update={"app": config.app.model_copy(update={"game": game})})
-    facts, user = ResolvedEnv(config).facts_unasked, config.user
-    changes: dict[str, Any] = {}
-    if facts.inputs and "inputs" not in user.model_fields_set:
-        changes["inputs"] = facts.inputs
-    if "model" not in user.model_fields_set:
-        changes["model"] = _body_wearing(facts.needs("right"), user.model)
-    return config.model_copy(update={"user": user.model_copy(update=changes)})
+    if game is not None and game != config.app.game:
+        config = config.model_copy(update={"app": config.app.model_copy(update={"game": game})})
+        facts, user = ResolvedEnv(config).facts_unasked, config.user
+        changes: dict[str, Any] = {}
+        if facts.inputs and "inputs" not in user.model_fields_set:
+            changes["inputs"] = facts.inputs
+        if "model" not in user.model_fields_set:
+            changes["model"] = _body_wearing(facts.needs("right"), user.model)
+        config = config.model_copy(update={"user": user.model_copy(update=changes)})
+    return ResolvedEnv(config).with_condition(condition)
 
 
 def with_task(config: EnvConfig) -> EnvConfig:

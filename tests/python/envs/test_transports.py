@@ -117,7 +117,7 @@ def test_a_game_that_only_the_server_has_says_what_it_measures(
     session: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As of a server built from other sources; this client's runtime is made to lack the game."""
-    monkeypatch.setattr("sim2vr_harness.envs.games.list_games", lambda: {"whacamole": ""})
+    monkeypatch.setattr("sim2vr_harness.envs.resolved.list_games", lambda: {"whacamole": ""})
     starting = start_sim2vr_app(
         app_executable(), ["--keep", "--renderer", "null", "--game", "sample"]
     )

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Swapchains of a program that draws with OpenGL over EGL. Expected bytes as in pixels_test.cpp.
 #define EGL_NO_X11
 #include <EGL/egl.h>
@@ -7,6 +8,7 @@
 
 #include <array>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -14,8 +16,8 @@
 #define XR_USE_GRAPHICS_API_OPENGL
 #include <openxr/openxr_platform.h>
 
-#include "gl_functions.hpp"
 #include "makers.hpp"
+#include "sim2vr/gl/functions.hpp"
 #include "typed.hpp"
 
 namespace sim2vr::openxr {
@@ -50,7 +52,8 @@ class Program {
     context = createContext(4, 5);
     if (context == EGL_NO_CONTEXT) return;
     make_current(display, EGL_NO_SURFACE, EGL_NO_SURFACE, context);
-    gl.emplace([&](const char* name) { return reinterpret_cast<void*>(lookup(name)); });
+    gl.emplace([&](const char* name) { return reinterpret_cast<void*>(lookup(name)); },
+               [](const char* name) { throw std::runtime_error(name); });
     find(clear_color, "glClearColor");
     find(clear, "glClear");
     find(clear_depth, "glClearDepth");
@@ -102,7 +105,7 @@ class Program {
   decltype(&eglDestroyContext) destroy_context = nullptr;
   decltype(&eglBindAPI) bind_api = nullptr;
   decltype(&eglQueryAPI) query_api = nullptr;
-  std::optional<GlFunctions> gl;
+  std::optional<gl::Functions> gl;
   PFNGLCLEARCOLORPROC clear_color = nullptr;
   PFNGLCLEARPROC clear = nullptr;
   PFNGLCLEARDEPTHPROC clear_depth = nullptr;
@@ -136,7 +139,7 @@ class GraphicsEgl : public testing::Test {
     program_->destroy_context(program_->display, program_->context);
   }
 
-  const GlFunctions& gl() const { return *program_->gl; }
+  const gl::Functions& gl() const { return *program_->gl; }
 
   static std::vector<GLuint> texturesOf(const SwapchainImages& images) {
     std::vector<XrSwapchainImageOpenGLKHR> list(

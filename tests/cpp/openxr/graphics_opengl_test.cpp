@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Swapchains of a program that draws with OpenGL over Xlib, on an Xvfb of its own. What does not
 // depend on the window system is in graphics_egl_test.cpp.
 #include <dlfcn.h>
@@ -10,11 +11,12 @@
 
 #include <array>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
-#include "gl_functions.hpp"
 #include "makers.hpp"
+#include "sim2vr/gl/functions.hpp"
 #include "typed.hpp"
 
 // After the others: Xlib defines macros with everyday names.
@@ -158,7 +160,7 @@ TEST_F(GraphicsOpenGl, ReadsWhateverContextIsCurrent) {
   const auto find = [&](const char* name) {
     return reinterpret_cast<void*>(lookup(reinterpret_cast<const GLubyte*>(name)));
   };
-  const GlFunctions gl(find);
+  const gl::Functions gl(find, [](const char* name) { throw std::runtime_error(name); });
   GLuint framebuffer = 0;
   gl.GenFramebuffers(1, &framebuffer);
   gl.BindFramebuffer(GL_DRAW_FRAMEBUFFER, framebuffer);

@@ -1,7 +1,5 @@
 """The bodies that a game can be played with, with and without a trunk that moves."""
 
-from __future__ import annotations
-
 from sim2vr_harness.envs.config import EffortConfig, EnvConfig
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.runs.config import TrainingConfig

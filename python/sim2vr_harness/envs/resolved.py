@@ -24,8 +24,8 @@ from sim2vr_harness.users import FEATURES, Body, Physique, Population, load_body
 class ResolvedEnv:
     """A configuration with its body, game facts, people, spaces and contract.
 
-    Each of them is made when it is first read, and once: whoever needs one gets this object passed
-    on, in place of the configuration. Pickled, it is the configuration alone.
+    Each of them is made once, when it is first read; code that needs one is given this object in
+    place of the configuration. Pickled, it is the configuration alone.
     """
 
     config: EnvConfig

@@ -38,7 +38,7 @@ def test_figures_are_counted_as_by_hand(tool, tmp_path: Path) -> None:
     (package / "__init__.py").write_text("from thing.a import f\n")
     (package / "a.py").write_text(
         "import os\n\ndef f(env):\n    return env.step(_g()) + _h() + _h()\n\n"
-        "def _g():\n    return os.name\n\ndef _h():\n    return body_of(1)\n"
+        "def _g():\n    return os.name\n\ndef _h():\n    return ResolvedEnv(1)\n"
     )
     (tests / "test_a.py").write_text("\n\n\n")
     assert tool.figures(package, tests) == {
@@ -47,8 +47,7 @@ def test_figures_are_counted_as_by_hand(tool, tmp_path: Path) -> None:
         "imports, % of lines": round(100 * 2 / 11, 1),
         "private functions used once, % of functions": round(100 / 3, 1),  # _g of f, _g, _h
         "modules with one importer": 1,
-        "calls of body_of": 1,
-        "calls of game_facts": 0,
+        "places that resolve an environment": 1,
         "calls of step of simulations, users and apps": 1,
         "methods that name state otherwise than state_dict": 0,
     }

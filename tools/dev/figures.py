@@ -65,8 +65,9 @@ def figures(package: Path, tests: Path) -> dict[str, float]:
         "modules with one importer": sum(
             len(importers[name]) == 1 for name in names.values() if name not in packages
         ),
-        "calls of body_of": len(re.findall(r"\bbody_of\(", text)),
-        "calls of game_facts": len(re.findall(r"\bgame_facts\(", text)),
+        "places that resolve an environment": len(
+            re.findall(r"\bResolvedEnv(?:\.of_user)?\(", text)
+        ),
         "calls of step of simulations, users and apps": len(re.findall(steps, text)),
         "methods that name state otherwise than state_dict": len(
             re.findall(r"def (?:get_state|set_state|save_state|load_state|memory|recall)\(", text)

@@ -47,8 +47,8 @@ from sim2vr_harness.audit.targets import (
 )
 from sim2vr_harness.base.cores import available
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.envs.config import EnvConfig, body_of
-from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.play.environment import evaluation_env
 from sim2vr_harness.runs.config import TrainingConfig
@@ -220,7 +220,7 @@ def user_reach(request: AuditRequest, say: Say = lambda text: None) -> Measured:
         )
         for condition in request.condition or (None,)
     ]
-    body = body_of(environments[0].user)
+    body = ResolvedEnv(environments[0]).body
     point = chosen_point(body, request.point)
     if request.tool is not None:
         with closing(Simulation(alike(environments[0]), 1)) as users:
@@ -285,7 +285,7 @@ def _of_game(request: AuditRequest, condition: str | None, say: Say) -> list[Tar
     # The game before the options, which are its own.
     chosen = [f"env.app.game={request.game}", *request.overrides]
     env = environment_of(MODEL, condition=condition, overrides=chosen)
-    if "controller_left" in game_facts(env.app).needs("right"):
+    if "controller_left" in ResolvedEnv(env).facts.needs("right"):
         env = environment_of(_TWO_HANDED, condition=condition, overrides=chosen)
     say(f"targets of {request.game}{f', condition {condition}' if condition else ''} ...")
     how = cast("How", request.how)

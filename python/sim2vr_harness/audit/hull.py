@@ -21,8 +21,9 @@ from sim2vr_harness.base.files import naming
 from sim2vr_harness.base.optional import needed
 from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
-from sim2vr_harness.envs.config import EnvConfig, UserConfig, body_of, people_of
+from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.people_preset import with_people
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.figures.html import heading, save_page, table
 from sim2vr_harness.users import Body
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
@@ -459,13 +460,12 @@ def people_margins(
         InputError: ``count`` is not positive.
     """
     several = with_people(alike(env), count, seed)
-    population = people_of(several.user)
+    average = ResolvedEnv(several)
+    population = average.people
     assert population is not None
     margins = np.full((count, len(places)), np.nan)
     for person in range(count):
-        physique = population.physique(population.number(person))
-        own = several.user.model_dump() | {"person": physique.model_dump(), "people": None}
-        body = body_of(UserConfig(**own))
+        body = average.body_for(population.physique(population.number(person)))
         reach = Reach(Linkage(body, point))
         targets = look(several, person)
         found = [next((i for i, p in enumerate(places) if p.same_as(t)), None) for t in targets]

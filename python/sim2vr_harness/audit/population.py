@@ -9,7 +9,8 @@ import numpy as np
 from scipy.special import ndtr
 
 from sim2vr_harness.audit.postures import PostureHolder
-from sim2vr_harness.envs.config import UserConfig, body_of
+from sim2vr_harness.envs.config import UserConfig
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.users import Body, PeopleSettings, Person, Population
 from sim2vr_harness.users.exertion import Strength, arms_of
 from sim2vr_harness.users.people import TRAITS
@@ -139,7 +140,7 @@ def _subject(population: Population, index: int) -> Subject:
     sign = 1.0 if man else -1.0
     z = (person.stature_m - stature.mean - sign * stature.sex_offset) / stature.sd
     own = population.shoulder(person)
-    return Subject(person, man, float(100.0 * ndtr(z)), user, body_of(user), own)
+    return Subject(person, man, float(100.0 * ndtr(z)), user, ResolvedEnv.of_user(user).body, own)
 
 
 @dataclass(frozen=True)

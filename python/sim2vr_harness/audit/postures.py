@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from sim2vr_harness.base.errors import InputError, unknown_name
-from sim2vr_harness.envs.config import UserConfig, body_of
+from sim2vr_harness.envs.config import UserConfig
 from sim2vr_harness.envs.people_preset import as_population
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.users import FATIGUE_PRESETS, Body, Population
 from sim2vr_harness.users.bodies.moments import moment_arms
 from sim2vr_harness.users.exertion import (
@@ -140,7 +141,7 @@ def hold(
     """
     if not 0.0 <= load_kg <= 100.0:
         raise InputError("--load", f"{load_kg:g}", "0 to 100 kg")
-    body = body_of(user)
+    body = ResolvedEnv.of_user(user).body
     arms = arms_of(body)
     if not arms:
         expected = "a body whose controller hangs from parts named humerus, ulna and radius"

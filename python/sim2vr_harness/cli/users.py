@@ -185,10 +185,8 @@ def show(request: ShowRequest) -> None:
 
 def _sections(user: TrainedUser, name: str) -> Iterator[tuple[str, list[str]]]:
     """Yield headings and lines of a user's page, the results left out."""
-    from sim2vr_harness.envs.contract import contract
-
     card, env = user.card, user.config.env
-    terms = card.get("contract") or contract(env)
+    terms = card.get("contract") or user.env.contract
     called = user.source.parent.name if Path(name).exists() else f"pretrained:{card['name']}"
     yield called, [card.get("description") or f"Plays {env.app.game}."]
     options = [f"{key}: {value}" for key, value in env.app.options.items()]

@@ -21,7 +21,6 @@ from sim2vr_harness.client.tasks import TaskRules
 from sim2vr_harness.perception.registry import SenseConfig, check_list
 from sim2vr_harness.users import (
     FATIGUE_PRESETS,
-    Body,
     EffortName,
     FatiguePreset,
     PeopleSettings,
@@ -29,7 +28,6 @@ from sim2vr_harness.users import (
     Population,
     ResetOptions,
     effort_options,
-    load_body,
 )
 from sim2vr_harness.users.bodies.options import PhysicsStep
 from sim2vr_harness.users.head_reflex import HeadMotion
@@ -197,23 +195,6 @@ def people_of(config: UserConfig) -> Population | None:
         ValueError: ``person`` sets what people differ in.
     """
     return None if config.people is None else Population(config.people, config.person)
-
-
-def body_of(config: UserConfig) -> Body:
-    """Loads the body of a configuration, undrawn parts and all; of people what they share.
-
-    Raises:
-        ValueError: it cannot be used; see `load_body`.
-    """
-    return load_body(
-        config.model,
-        skull_rotation_deg=config.skull_rotation_deg,
-        devices=config.devices,
-        person=config.person,
-        timestep_s=config.timestep_s,
-        torso=config.torso,
-        reset=config.reset,
-    )
 
 
 class FoveationConfig(Settings):

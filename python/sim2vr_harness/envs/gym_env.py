@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.client import OptionValue
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.games import with_condition, with_game
+from sim2vr_harness.envs.games import with_game
 from sim2vr_harness.envs.pictures import RENDER_MODES, Views
 from sim2vr_harness.envs.simulation import Observation, Simulation
 from sim2vr_harness.registration import require_known
@@ -117,8 +117,7 @@ class Sim2VREnv(gymnasium.Env[Observation, NDArray[np.float32]]):
                 f"render_mode: got {render_mode!r}, expected one of "
                 f"{self.metadata['render_modes']} or None"
             )
-        config = with_game(EnvConfig() if config is None else config, game)
-        config = with_condition(config, condition)
+        config = with_game(EnvConfig() if config is None else config, game, condition)
         self.render_mode = render_mode
         fps = config.action_frequency_hz
         self.metadata = {**self.metadata, "render_fps": fps}

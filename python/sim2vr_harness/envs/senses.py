@@ -4,15 +4,13 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 
 from sim2vr_harness.client import HapticPulse, SoundEvent, require_capability
 from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.envs.actions import Actions
 from sim2vr_harness.envs.app_group import AppGroup
-from sim2vr_harness.envs.checks import checked_substeps
-from sim2vr_harness.envs.config import EnvConfig, body_of, people_of
+from sim2vr_harness.envs.config import EnvConfig, people_of
 from sim2vr_harness.perception import (
     Foveation,
     OwnDelays,
@@ -98,14 +96,6 @@ def make_perception(
         person_delays=_person_delays(config, n, who),
     )
     return Perception([make_sense(sense, around) for sense in config.senses])
-
-
-def observation_space_of(config: EnvConfig) -> spaces.Dict:
-    """Return what the users of a simulation with this configuration would observe."""
-    body = body_of(config.user)
-    substeps = checked_substeps(config, body.timestep)
-    actions = len(make_actions(config, 1, body).names)
-    return make_perception(config, 1, Proprioception(body), substeps, actions).space
 
 
 def _person_delays(config: EnvConfig, n: int, who: Persons | None) -> dict[str, OwnDelays]:

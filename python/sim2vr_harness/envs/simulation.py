@@ -30,18 +30,15 @@ from sim2vr_harness.envs.checks import (
 )
 from sim2vr_harness.envs.config import (
     EnvConfig,
-    body_of,
     motor_noise,
-    people_of,
-    with_options,
 )
-from sim2vr_harness.envs.games import game_facts, with_hand
 from sim2vr_harness.envs.late_hands import app_options
 from sim2vr_harness.envs.mirrored import MirroredGroup
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.senses import Senses, make_actions, make_perception
 from sim2vr_harness.envs.step_batch import StepBatch
 from sim2vr_harness.perception import Delayed, Proprioception, Sense
-from sim2vr_harness.users import Body, Physique
+from sim2vr_harness.users import Body
 from sim2vr_harness.users.batch import UserBatch
 
 _FORMAT = "sim2vr simulation state 4"
@@ -134,14 +131,15 @@ class Simulation:
         make_app: AppFactory | None = None,
     ) -> None:
         self.n, self._make_app, self._closed = n, make_app, False
-        self.body: Body = body_of(config.user)
+        self.resolved = ResolvedEnv(config)
+        self.body: Body = self.resolved.body
         self._hand_option: str | None = None
         if make_app is None:
-            config = with_hand(config, self.body)
-            self._hand_option = game_facts(config.app).hand_option
+            config = self.resolved.with_hand()
+            self._hand_option = self.resolved.facts.hand_option
         self.config = config
         substeps = checked_substeps(config, self.body.timestep)
-        self.people = people_of(config.user)
+        self.people = self.resolved.people
         """The population that users are drawn from; None: all are average."""
         user = self.config.user
         self.users = UserBatch(
@@ -153,7 +151,7 @@ class Simulation:
             noise=motor_noise(user.noise),
             substeps=substeps,
             people=self.people,
-            cut=self.body_for,
+            cut=self.resolved.body_for,
             head=user.head,
         )
         self.proprioception = Proprioception(self.body)
@@ -253,7 +251,7 @@ class Simulation:
         if not rows:
             return []
         if self._hand_option in options:
-            with_hand(with_options(self.config, options), self.body)
+            self.resolved.require_worn(str(options[self._hand_option]))
         streams = [
             copy.deepcopy(self._seeds[i]) if seed is None else np.random.default_rng(seed)
             for i, seed in zip(rows, given, strict=True)
@@ -306,10 +304,6 @@ class Simulation:
     def _who(self, i: int) -> dict[str, Any]:
         """User i's person for an info dictionary, where users are people."""
         return {} if self.people is None else {"person": self.users.persons[i].as_dict()}
-
-    def body_for(self, physique: Physique) -> Body:
-        """Return the users' body, cut to someone."""
-        return body_of(self.config.user.model_copy(update={"person": physique}))
 
     @property
     def person_features(self) -> NDArray[np.float32]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.client import OptionValue
 from sim2vr_harness.envs.checks import checked_options, checked_seeds
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.games import with_condition, with_game
+from sim2vr_harness.envs.games import with_game
 from sim2vr_harness.envs.pictures import RENDER_MODES, Views
 from sim2vr_harness.envs.simulation import Observation, Simulation
 from sim2vr_harness.registration import require_known
@@ -73,8 +73,7 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         modes = [mode.value for mode in AutoresetMode]
         if autoreset_mode not in (*AutoresetMode, *modes):
             raise ValueError(f"autoreset_mode: got {autoreset_mode!r}, expected one of {modes}")
-        config = with_game(EnvConfig() if config is None else config, game)
-        config = with_condition(config, condition)
+        config = with_game(EnvConfig() if config is None else config, game, condition)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.render_mode = render_mode
         self.metadata = {

@@ -9,7 +9,7 @@ from typing import Any, TypeGuard
 from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name, read_json, write_atomically
 from sim2vr_harness.client import GameFacts
-from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.figures.figure import Figure, Layer, Line, Panel, Points, colour_of
 from sim2vr_harness.figures.matplotlib_backend import write_figure
 from sim2vr_harness.policies.store import find_user, is_packed
@@ -146,7 +146,7 @@ def _read(run: str | Path) -> _Run:
             found = rows.get(key)
             if not isinstance(found, list) or not all(isinstance(row, dict) for row in found):
                 raise InputError(file_name(file), f"{key}: {shown(found, 40)}", expected)
-        facts = game_facts(user.config.env.app, ask=False)
+        facts = user.env.facts_unasked
         stages = (rows[key] for key in ("q_learning", "imagined", "student", "rows"))
         return _Run(str(user.card["name"]), facts, *stages)
     return _of_folder(RunFolder.open(Path(run)))
@@ -155,7 +155,7 @@ def _read(run: str | Path) -> _Run:
 def _of_folder(folder: RunFolder) -> _Run:
     return _Run(
         name=folder.path.name,
-        facts=game_facts(folder.load_config().env.app, ask=False),
+        facts=ResolvedEnv(folder.load_config().env).facts_unasked,
         q_learning=read_rows(folder.path / "q_learning" / "cycles.jsonl"),
         imagined=read_rows(folder.path / "imagined" / "cycles.jsonl"),
         student=read_rows(folder.path / "student" / "metrics.jsonl"),

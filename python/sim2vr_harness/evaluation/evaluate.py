@@ -28,8 +28,8 @@ from sim2vr_harness.client import (
     load_task,
 )
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.envs.people_preset import with_people
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.evaluation.conditions import (
     asked_conditions,
     chosen_conditions,
@@ -391,14 +391,15 @@ def evaluate(
         plan = _Plan.of(run, request or Request(), stack)
         wanted, user, out = plan.request, plan.user, plan.out
         if on_plan is not None:
-            on_plan(Planned.of_evaluation(plan.facts, plan.conditions, plan.env.user))
+            on_plan(Planned.of_evaluation(plan.facts, plan.conditions, plan.env))
         trained = user.trained is not None
-        if trained and on_note is not None and (note := doing_nothing_pays(plan.env)):
+        if trained and on_note is not None and (note := doing_nothing_pays(plan.env.config)):
             on_note(note)
-        kept = wanted.log or _logs_by_itself(plan.env)
+        kept = wanted.log or _logs_by_itself(plan.env.config)
         logs = RoundLogs(out / ("logs" if wanted.log else _PASSING_LOGS)) if kept else None
         stack.callback(shutil.rmtree, out / _PASSING_LOGS, ignore_errors=True)
-        recorder = DataRecorder(out, plan.facts, plan.env, moments=wanted.steps and plan.kept)
+        steps = wanted.steps and plan.kept
+        recorder = DataRecorder(out, plan.facts, plan.env.config, moments=steps)
         watchers = [ExertionRecorder(), FatigueRecorder(), *recorder.watchers, *wanted.watchers]
         filmer = RoundFilmer(out, plan.facts, seconds=wanted.film_seconds)
         if wanted.record:
@@ -439,7 +440,7 @@ class _Plan:
 
     user: SimulatedUser
     request: Request
-    env: EnvConfig
+    env: ResolvedEnv
     facts: GameFacts
     conditions: list[Condition]
     episodes: int
@@ -467,12 +468,14 @@ class _Plan:
             env = with_people(env, request.people, seed, request.overrides)
         if request.cores is not None:
             env = env.model_copy(update={"cores": request.cores})
-        user.require_contract(env)
-        facts = user.facts(game_facts(env.app))
+        resolved = ResolvedEnv(env)
+        own = ResolvedEnv(config.env) if trained is None else trained.env
+        user.require_contract(resolved)
+        facts = user.facts(resolved.facts)
         named = named_options(env, request.overrides, request.app)
         typed = trained is None or bool(request.app.get("arguments"))
         asked = asked_conditions(env.app, request.conditions, typed=typed)
-        played = usual.conditions or met(config)
+        played = usual.conditions or met(config, own)
         if trained is None:
             played = [facts.default_condition]
         conditions = chosen_conditions(facts, asked, played, named)
@@ -498,11 +501,11 @@ class _Plan:
         }
         new: list[str] = []
         if trained is not None:
-            new = unpractised(config, env, [condition.name for condition in conditions])
+            new = unpractised(config, own, resolved, [condition.name for condition in conditions])
         return cls(
             user,
             request,
-            env,
+            resolved,
             facts_of_chosen(facts, conditions),
             conditions,
             episodes,
@@ -519,7 +522,7 @@ class _Plan:
     @property
     def effort_weight(self) -> float:
         """The weight of effort in the reward."""
-        return effort_weight(self.env.user.effort.model, self.env.user.effort.weight)
+        return effort_weight(self.env.config.user.effort.model, self.env.config.user.effort.weight)
 
     def summaries(self, rounds: Sequence[Round]) -> dict[str, dict[str, Any]]:
         """Return means by condition, with settings and rounds."""
@@ -568,7 +571,7 @@ def _play(
         return policy
 
     rounds: list[Round] = []
-    groups = condition_groups(plan.env, plan.conditions)
+    groups = condition_groups(plan.env.config, plan.conditions)
     for number, (env, conditions) in enumerate(groups):
 
         def make(n: int, own: EnvConfig = env) -> Any:
@@ -591,9 +594,9 @@ def _play(
 
 def _problems(plan: _Plan, rounds: Sequence[Round], moments: Sequence[TaskMoment]) -> list[str]:
     """Return what is wrong with the app or its task, a sentence each."""
-    found = []
-    if moments and plan.env.app.task is not None:
-        found = [f"the task: {one}" for one in check_task(load_task(plan.env.app.task), moments)]
+    found, task = [], plan.env.config.app.task
+    if moments and task is not None:
+        found = [f"the task: {one}" for one in check_task(load_task(task), moments)]
     score = plan.facts.score
     arrived = any(step.arrived_s is not None for result in rounds for step in result.script)
     if arrived and score and all(not result.values.get(score) for result in rounds):

@@ -17,7 +17,7 @@ from typing import Any
 from sim2vr_harness.base.errors import InputError, closest, shown, unknown_name
 from sim2vr_harness.base.files import file_name, read_json
 from sim2vr_harness.client import Condition, GameFacts, Measure
-from sim2vr_harness.envs.config import UserConfig
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.play.exertion import fatigue_names
 from sim2vr_harness.play.round import measures_of
 from sim2vr_harness.statistics.intervals import Moments, welch_interval_of_moments
@@ -93,11 +93,11 @@ class Planned:
 
     @classmethod
     def of_evaluation(
-        cls, facts: GameFacts, conditions: Sequence[Condition], user: UserConfig
+        cls, facts: GameFacts, conditions: Sequence[Condition], env: ResolvedEnv
     ) -> Planned:
         """Return what an evaluation measures; fatigue of single muscles is not compared."""
         compared = measures_of(facts)
-        names = (*(measure.name for measure in compared), *fatigue_names(user), *ENDS)
+        names = (*(measure.name for measure in compared), *fatigue_names(env), *ENDS)
         groups = tuple(condition.name for condition in conditions)
         return cls(groups, names, compared, facts.published)
 

@@ -12,7 +12,6 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.base.progress import progress_of_part
 from sim2vr_harness.client import GameFacts, Measure
-from sim2vr_harness.envs.senses import observation_space_of
 from sim2vr_harness.evaluation.curves import pack_curves
 from sim2vr_harness.evaluation.evaluate import Evaluation, Request, evaluate
 from sim2vr_harness.play.round import measures_of
@@ -100,7 +99,7 @@ def _packed(
     """Pack a user into a folder named after its seed; return its measured card and the game."""
     seed = user.config.seed
     place = scratch / str(seed)
-    network = new_network(user, observation_space_of(user.config.env))
+    network = new_network(user, user.env.observation_space)
     card = pack(user, network, place, name, {**_of_the_run(user), **details})
     pack_curves(user.source.parent.parent, place)
     measured = replace(request, out=scratch / f"measured_{seed}")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.gym_env import RenderMode, Sim2VREnv
-from sim2vr_harness.envs.senses import observation_space_of
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.evaluation.evaluate import Evaluation, Request
 from sim2vr_harness.evaluation.evaluate import evaluate as measure
 from sim2vr_harness.play.environment import evaluation_env
@@ -35,7 +35,7 @@ class UserPolicy:
         self._user = find_user(run, code=True)
         self.config: EnvConfig = evaluation_env(self._user.config, source=run, trust_app=trust_app)
         """The environment that it was trained in, ready for an evaluation."""
-        self.observation_space = observation_space_of(self.config)
+        self.observation_space = ResolvedEnv(self.config).observation_space
         self._policy, self.steps = load_policy(self._user, self.observation_space)
         self._rng = np.random.default_rng()
         self._run = run
@@ -62,7 +62,7 @@ class UserPolicy:
             InputError: The user cannot play in that environment; names every difference.
         """
         chosen = config or self.config
-        require_contract(self._user, chosen)
+        require_contract(self._user, ResolvedEnv(chosen))
         return Sim2VREnv(condition, chosen, render_mode)
 
     def seed(self, seed: int) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 from sim2vr_harness.client import list_options
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
-from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.games import imagined_game
 from sim2vr_harness.runs.config import TrainingConfig
 
@@ -19,15 +19,18 @@ _FELT = ("user.", "app.options.", "senses.", "vision.")
 """Groups of settings that a user notices."""
 
 
-def unpractised(config: TrainingConfig, env: EnvConfig, conditions: Sequence[str]) -> list[str]:
+def unpractised(
+    config: TrainingConfig, own: ResolvedEnv, resolved: ResolvedEnv, conditions: Sequence[str]
+) -> list[str]:
     """What is new to a trained user, a line each; empty if nothing is.
 
     Args:
         config: Of its training.
-        env: What it is evaluated in.
+        own: What it was trained in.
+        resolved: What it is evaluated in.
         conditions: The conditions that it is to play.
     """
-    facts = game_facts(env.app)
+    facts, env = resolved.facts, resolved.config
     by_condition = {
         key
         for condition in facts.conditions
@@ -58,7 +61,7 @@ def unpractised(config: TrainingConfig, env: EnvConfig, conditions: Sequence[str
             before = trained.get(key)
             was = "" if before is None else f" (trained: {_plain(before)})"
             new.append(words_of_change(key, now.get(key)) + was)
-    played = _trained_conditions(config)
+    played = _trained_conditions(config, own)
     unknown = [name for name in conditions if played and not facts.drawn(name) <= played]
     if unknown:
         names = ", ".join(sorted(played))
@@ -67,7 +70,7 @@ def unpractised(config: TrainingConfig, env: EnvConfig, conditions: Sequence[str
     return new
 
 
-def met(config: TrainingConfig) -> list[str]:
+def met(config: TrainingConfig, own: ResolvedEnv) -> list[str]:
     """The conditions that a user of the recipe ``skills`` has met, in the game's order.
 
     Such a user has learned from the rewards of its own rounds alone: another condition, with other
@@ -75,8 +78,8 @@ def met(config: TrainingConfig) -> list[str]:
     """
     if config.recipe != "skills":
         return []
-    known = _trained_conditions(config)
-    return [c.name for c in game_facts(config.env.app).conditions if c.name in known]
+    known = _trained_conditions(config, own)
+    return [c.name for c in own.facts.conditions if c.name in known]
 
 
 def words_of_change(key: str, value: Any) -> str:
@@ -101,9 +104,9 @@ def _defaults(app: AppConfig) -> dict[str, Any]:
     return {option.name: option.default for option in options if option.default != []}
 
 
-def _trained_conditions(config: TrainingConfig) -> set[str]:
+def _trained_conditions(config: TrainingConfig, own: ResolvedEnv) -> set[str]:
     """The conditions that a training's rounds had; empty if the game does not say."""
-    facts = game_facts(config.env.app)
+    facts = own.facts
     names = {facts.condition_of(config.env.app.options)}
     if config.recipe == "distill":
         game = imagined_game(config.env.app.game)

@@ -16,8 +16,8 @@ from typing import Any, Literal
 from sim2vr_harness.base.errors import InputError, shown, unknown_name
 from sim2vr_harness.base.files import file_name, read_bytes, read_json, write_atomically
 from sim2vr_harness.base.progress import progress_of_part
-from sim2vr_harness.envs.config import AppConfig
-from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.games.behaviour import Behaviour
 from sim2vr_harness.games.registry import behaviour_of, behaviours
@@ -289,7 +289,7 @@ def _check(
                     theirs = {" ".join(cell) for cell in people.persons}
                     _require_common(f"{user!r}, who plays", names, theirs)
     for name in games if behaviour is None else ():
-        facts = [each.name for each in game_facts(AppConfig(game=name)).conditions]
+        facts = _condition_names(name)
         for wanted in plays.conditions or ():
             if facts and wanted not in facts:
                 raise unknown_name("--condition", wanted, facts)
@@ -299,6 +299,11 @@ def _require_common(who: str, played: Iterable[str], people: Iterable[str]) -> N
     if not {*played} & {*people}:
         expected = f"a condition of people's: {', '.join(sorted(people))}"
         raise InputError("USER", f"{who} {', '.join(played)}", expected)
+
+
+def _condition_names(game: str) -> list[str]:
+    facts = ResolvedEnv(EnvConfig(app=AppConfig(game=game))).facts
+    return [each.name for each in facts.conditions]
 
 
 def _with_condition(each: Recorded, conditions: Sequence[str] | None) -> Recorded:
@@ -311,7 +316,7 @@ def _with_condition(each: Recorded, conditions: Sequence[str] | None) -> Recorde
     if app.kind != "game" or not app.name or app.condition:
         return each
     if conditions is None or len(conditions) != 1:
-        names = [condition.name for condition in game_facts(AppConfig(game=app.name)).conditions]
+        names = _condition_names(app.name)
         if not names:
             return each
         path = each.session.path or Path()
@@ -558,7 +563,7 @@ def _play(
 def _conditions(known: TrainedUser, behaviour: Behaviour) -> list[str]:
     """All compared conditions of the groups that a user was trained or is evaluated in."""
     app = known.config.env.app
-    names = [*(known.config.evaluation.conditions or game_facts(app).evaluated)]
+    names = [*(known.config.evaluation.conditions or known.env.facts.evaluated)]
     if behaviour.aimed:
         return names
     condition = app.options.get("condition")

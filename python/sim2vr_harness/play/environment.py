@@ -7,7 +7,7 @@ from typing import Any
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.runs.config import TrainingConfig, apply_overrides, parse_config
 from sim2vr_harness.runs.trust import named_app, require_trust
 
@@ -57,7 +57,7 @@ def evaluation_env(
     # Facts of a task come from its code: only that of the app that was asked about may run.
     tree["env"]["app"]["options"] = {
         **parse_config(tree).env.app.options,
-        **game_facts(final.app).evaluation_options,
+        **ResolvedEnv(final).facts.evaluation_options,
     }
     return parse_config(apply_overrides(tree, overrides)).env
 

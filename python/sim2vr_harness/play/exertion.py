@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.envs.config import UserConfig, body_of
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.play.fatigue import FATIGUE, PARTS, SIDES, split_side
 from sim2vr_harness.play.player import Job, Watcher
 from sim2vr_harness.play.round import Round
@@ -190,9 +190,9 @@ def muscles_by_part(body: Body, muscles: Sequence[str]) -> dict[str, NDArray[np.
     return {name: np.array(sorted(members)) for name, members in parts.items() if members}
 
 
-def fatigue_names(user: UserConfig) -> tuple[str, ...]:
+def fatigue_names(env: ResolvedEnv) -> tuple[str, ...]:
     """Return the names of a user's measures of fatigue; none without a model of fatigue."""
-    return fatigue_groups(body_of(user)).names if user.effort.model == _TIRING else ()
+    return fatigue_groups(env.body).names if env.config.user.effort.model == _TIRING else ()
 
 
 def _moment_arms(body: Body, muscles: Sequence[str]) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import naming
 from sim2vr_harness.client import AppDied
 from sim2vr_harness.envs.config import VisionConfig
-from sim2vr_harness.envs.games import game_facts, with_condition
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.play.environment import make_simulation
 from sim2vr_harness.play.film import BodyPainter, Film, Painter, Picture, compose, score_text
 from sim2vr_harness.play.player import Job, Player
@@ -76,11 +76,11 @@ def snapshot(
     if out.exists() and not out.is_dir():
         raise InputError("--out", f"{str(out)!r}, which is a file", "a folder")
     who = SimulatedUser.find(user)
-    config = who.env(app, overrides, game=game, trust_app=trust_app)
-    who.require_contract(config)
-    facts = game_facts(config.app)
-    title = f"{facts.name} {condition or facts.condition_of(config.app.options)}".strip()
-    config = with_condition(config, condition)
+    env = ResolvedEnv(who.env(app, overrides, game=game, trust_app=trust_app))
+    who.require_contract(env)
+    facts = env.facts
+    title = f"{facts.name} {condition or facts.condition_of(env.config.app.options)}".strip()
+    config = env.with_condition(condition)
     jobs, moves = [Job("", 0, seed)], []
     with closing(simulation(config, 1)) as users:
         policy, _ = who.policy(users, facts)
@@ -149,12 +149,12 @@ class _Seat:
         trust_app: bool,
     ) -> None:
         user = SimulatedUser.find(run)
-        config = user.env(trust_app=trust_app)
-        user.require_contract(config)
-        self.facts = game_facts(config.app)
-        self.condition = condition or self.facts.condition_of(config.app.options)
+        env = ResolvedEnv(user.env(trust_app=trust_app))
+        user.require_contract(env)
+        self.facts = env.facts
+        self.condition = condition or self.facts.condition_of(env.config.app.options)
         try:
-            config = with_condition(config, condition)
+            config = env.with_condition(condition)
         except ValueError as error:
             got, _, expected = str(error).partition(": got ")[2].partition(", expected ")
             raise InputError("--condition", got, expected) from error

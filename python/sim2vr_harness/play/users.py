@@ -13,6 +13,7 @@ from sim2vr_harness.client import GameFacts, Measure, TaskedApp
 from sim2vr_harness.client.tasks.events import EVENT_VALUE
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import with_game, without_training
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.play.environment import as_overrides, evaluation_env
 from sim2vr_harness.play.player import Watcher, reward_per_minute
@@ -100,7 +101,7 @@ class SimulatedUser:
         env = load_config(_UNTRAINED, [*overrides, *as_overrides(app or {})]).env
         return with_inputs(without_training(with_game(env, game), overrides), self.name)
 
-    def require_contract(self, env: EnvConfig) -> None:
+    def require_contract(self, env: ResolvedEnv) -> None:
         """Refuse an environment that it cannot play in; without training it plays in any.
 
         Raises:

@@ -11,7 +11,6 @@ from torch import nn
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.python_classes import words_of
-from sim2vr_harness.envs.config import body_of
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy
 from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy
 from sim2vr_harness.policies.protocol import (
@@ -113,8 +112,7 @@ def new_network(
     """
     make, _ = NETWORKS[user.config.policy_kind]
     if action_space is None:
-        size = body_of(user.config.env.user).action_size
-        action_space = spaces.Box(-1.0, 1.0, (size,), np.float32)
+        action_space = user.env.action_space
     # The weights drawn here are replaced at once; a training's random numbers are not touched.
     with torch.random.fork_rng(devices=[]):
         network: nn.Module = make(user.config, observation_space, action_space)
@@ -149,8 +147,7 @@ def _of_code(
 ) -> Policy:
     assert user.code is not None
     if action_space is None:
-        size = body_of(user.config.env.user).action_size
-        action_space = spaces.Box(-1.0, 1.0, (size,), np.float32)
+        action_space = user.env.action_space
     expected = f"a policy made by {user.code.__name__}(observation_space, action_space)"
     try:
         policy = user.code(observation_space, action_space)

@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +23,7 @@ from sim2vr_harness.base.errors import InputError, UnusableFile, closest, shown
 from sim2vr_harness.base.files import file_name, read_json, write_atomically
 from sim2vr_harness.base.finite import first_not_finite
 from sim2vr_harness.base.python_classes import load_class
-from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.contract import contract, contract_hash, differences, worded
+from sim2vr_harness.envs.resolved import ResolvedEnv, contract_hash, differences, worded
 from sim2vr_harness.runs.checkpoint import (
     DAMAGE,
     in_words,
@@ -67,6 +66,11 @@ class TrainedUser:
     evaluation_dir: Path
     load: Callable[[nn.Module], int]
     code: type | None = None
+
+    @cached_property
+    def env(self) -> ResolvedEnv:
+        """The environment of its training."""
+        return ResolvedEnv(self.config.env)
 
 
 def find_user(run: str | Path, *, code: bool = False) -> TrainedUser:
@@ -194,18 +198,18 @@ def open_packed(folder: Path, *, evaluation_dir: Path | None = None) -> TrainedU
         load=partial(_load_packed, folder / _WEIGHTS, steps),
     )
     if foreign_package(config.env.user.model) is None:  # else the player asks first
-        require_contract(user, config.env)
+        require_contract(user, user.env)
     return user
 
 
-def require_contract(user: TrainedUser, env: EnvConfig) -> None:
+def require_contract(user: TrainedUser, env: ResolvedEnv) -> None:
     """Check that a user can play in an environment.
 
     Raises:
         InputError: Names every term of the contract that differs.
     """
-    agreed = user.card.get("contract") or contract(user.config.env)
-    found = differences(contract(env), agreed)
+    agreed = user.card.get("contract") or user.env.contract
+    found = differences(env.contract, agreed)
     if found:
         have, want = worded(found)
         trained = f", which the user in {user.source.parent.name!r} was trained with"
@@ -300,7 +304,7 @@ def pack(
     too_large = first_not_finite({key: weight.half() for key, weight in weights.items()})
     if too_large is not None:
         raise InputError("RUN", f"{too_large} above 65504", "weights that binary16 can hold")
-    terms = contract(user.config.env)
+    terms = user.env.contract
     card = {
         "name": name,
         "steps": steps,

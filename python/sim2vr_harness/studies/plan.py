@@ -11,6 +11,7 @@ from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.client import GameFacts, InProcessBatch, Measure
 from sim2vr_harness.envs.config import AppConfig, with_options
 from sim2vr_harness.envs.late_hands import app_options, hand_lag_s
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.evaluation.expectations import Planned, study_group
 from sim2vr_harness.play.exertion import fatigue_names
 from sim2vr_harness.play.fatigue import fatigue_measures
@@ -117,10 +118,10 @@ def _measures(study: StudyConfig, facts: GameFacts, known: Sequence[Measure]) ->
 
 def _fatigue(found: Sequence[_Resolved]) -> tuple[Measure, ...]:
     """Measures of fatigue that the users of all cells have."""
-    users = {one.task.env.user.model_dump_json(): one.task.env.user for one in found}
+    users = {one.task.env.user.model_dump_json(): ResolvedEnv(one.task.env) for one in found}
     names: dict[str, None] | None = None
-    for user in users.values():
-        own = fatigue_names(user)
+    for env in users.values():
+        own = fatigue_names(env)
         names = {name: None for name in own if names is None or name in names}
     return fatigue_measures(names or ())
 

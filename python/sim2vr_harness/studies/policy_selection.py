@@ -12,7 +12,7 @@ from sim2vr_harness.base.files import read_bytes
 from sim2vr_harness.base.settings import MOST_STEPS
 from sim2vr_harness.client import Condition, GameFacts
 from sim2vr_harness.envs.config import EnvConfig, with_options
-from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.evaluation.conditions import chosen_conditions, named_options
 from sim2vr_harness.play.environment import evaluation_env
 from sim2vr_harness.play.users import name_of
@@ -109,8 +109,9 @@ def player_of(study: str, cell: Cell, where: SelectionSource) -> SelectedPolicy:
         raise InputError(key, "it together with a user", expected)
     known, weights = where.users.find(user)
     env = _env(known.config, cell, user, where)
-    require_contract(known, env)
-    facts = game_facts(env.app)
+    resolved = ResolvedEnv(env)
+    require_contract(known, resolved)
+    facts = resolved.facts
     condition = _condition(facts, known.config, env, cell)
     identity = {"user": Path(user).name, "weights": weights}
     steps = _steps(settings.get("adapt", 0))
@@ -149,7 +150,7 @@ def _trained(
     name = None if adapts is None else adapts[0]
     task = TrainingTask(key, to_yaml(config), cell.name, where.limits, where.may_diverge, name)
     env = _env(config, cell, named, where)
-    facts = game_facts(env.app)
+    facts = ResolvedEnv(env).facts
     condition = _condition(facts, config, env, cell)
     mean = config.evaluation.deterministic
     return SelectedPolicy(None, task, env, facts, condition, {"training": key}, mean)

@@ -6,7 +6,8 @@ from pathlib import Path
 from sim2vr_harness.base import paths
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import EnvConfig, with_options
-from sim2vr_harness.envs.games import game_facts, with_game
+from sim2vr_harness.envs.games import with_game
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.evaluation.conditions import chosen_conditions, named_options
 from sim2vr_harness.play.environment import evaluation_env
 from sim2vr_harness.policies.store import find_user
@@ -67,13 +68,13 @@ def environment_of(
         if game is not None and game != env.app.game:
             options = env.app.model_copy(update={"options": {}})
             env = with_game(env.model_copy(update={"app": options}), game)
-            game_facts(env.app)
+            ResolvedEnv(env).facts  # noqa: B018  # refuses a game that there is not
     except ValueError as error:
         raise _named("--game", error) from error
     if condition is None:
         return env
     named = named_options(env, overrides)
-    (chosen,) = chosen_conditions(game_facts(env.app), [condition], named=named)
+    (chosen,) = chosen_conditions(ResolvedEnv(env).facts, [condition], named=named)
     return with_options(env, chosen.options)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.users import FEATURES, Body, Person, Population
 from sim2vr_harness.users.people.traits import TOLD
@@ -28,11 +29,11 @@ class ImaginedPersons:
     Where users are all average P is 0.
 
     Args:
-        simulation: the users of the true game.
+        env: of the true game.
     """
 
-    def __init__(self, simulation: Simulation) -> None:
-        self._people: Population | None = simulation.people
+    def __init__(self, env: ResolvedEnv) -> None:
+        self._people: Population | None = env.people
         self.names = tuple(f"person {name}" for name in FEATURES) if self._people else ()
         """What :meth:`features` gives, by the names of a teacher's observation."""
         self.count = len(FEATURES) + _SIZES + _FACTORS if self._people else 0
@@ -47,7 +48,7 @@ class ImaginedPersons:
                     upper_arm_factor=upper,
                     forearm_factor=fore,
                 )
-                body = simulation.body_for(self._people.physique(person))
+                body = env.body_for(self._people.physique(person))
                 self.references.append((self._sizes_of(person), body))
 
     def of(self, simulation: Simulation) -> NDArray[np.float64]:

@@ -24,7 +24,7 @@ from sim2vr_harness.client import (
 )
 from sim2vr_harness.client.tasks import RuleTask, task_facts
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, VisionConfig
-from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from webxr_pages import NEEDS_BROWSER, PAGES, hands, open_page
 
 HEAD = np.array([0.0, 1.2, 0.0, 0.0, 0.0, 0.0, 1.0])
@@ -286,7 +286,7 @@ def test_a_task_judges_any_transport(tmp_path: Path) -> None:
         simulation.close()
     assert rows[0] == rows[1] == rows[2]
     assert rows[0][0][0] == [1.0, 1.0]
-    assert [one.name for one in game_facts(AppConfig(**settings)).measures] == ["score"]
+    assert [one.name for one in ResolvedEnv(EnvConfig(app=settings)).facts.measures] == ["score"]
 
 
 def test_what_an_app_s_log_has_not_is_named(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation
-from sim2vr_harness.envs.contract import contract
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.users import FEATURES, PeopleSettings, Population
 
 SENSES = [
@@ -142,7 +142,12 @@ def test_what_cannot_be() -> None:
 
 
 def test_a_contract_is_what_a_policy_is_told_not_who_it_plays() -> None:
-    with_people, other = contract(config()), contract(config({"spread": 0.5, "seed": 3}))
+    with_people, other = (
+        ResolvedEnv(config()).contract,
+        ResolvedEnv(config({"spread": 0.5, "seed": 3})).contract,
+    )
     assert with_people == other
     assert with_people["person_features"] == list(FEATURES)
-    assert "person_features" not in contract(config(user={}, senses=[{"sense": "time"}]))
+    assert (
+        "person_features" not in ResolvedEnv(config(user={}, senses=[{"sense": "time"}])).contract
+    )

@@ -10,7 +10,7 @@ from fake_device_app import FakeDeviceApp
 from sim2vr_harness.client import AppUnsupported, HapticPulse, SoundEvent
 from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.envs import AppConfig, EnvConfig, SenseConfig, Simulation, VisionConfig
-from sim2vr_harness.envs.contract import contract
+from sim2vr_harness.envs.resolved import ResolvedEnv
 
 SMALL = {"width": 24, "height": 16}
 EVERYTHING: dict[str, Any] = {
@@ -251,10 +251,12 @@ def test_a_picture_is_sharp_where_the_eyes_look() -> None:
 
 def test_the_default_list_is_the_references() -> None:
     assert [one.sense for one in EnvConfig().senses] == ["vision", "proprioception", "time"]
-    terms = contract(EnvConfig())
+    terms = ResolvedEnv(EnvConfig()).contract
     assert "senses" not in terms
     assert (
-        contract(EnvConfig(senses=[{"sense": "vision", "delay_ms": 50}, *EnvConfig().senses[1:]]))
+        ResolvedEnv(
+            EnvConfig(senses=[{"sense": "vision", "delay_ms": 50}, *EnvConfig().senses[1:]])
+        ).contract
         == terms
     )
     two = EnvConfig(
@@ -262,12 +264,12 @@ def test_the_default_list_is_the_references() -> None:
         user={"inputs": ["right.trigger"]},
         senses=[SenseConfig(sense="vision", name="sight", history_s=0.2)],
     )
-    changed = contract(two)
+    changed = ResolvedEnv(two).contract
     assert changed["senses"] == {"sight": "vision"}
     assert (changed["eyes"], changed["gaze"], changed["inputs"]) == (2, "moves", ["right.trigger"])
     assert changed["buffer_s"] == 0.2
     assert changed["observation"] == {"sight": [[8, 80, 120], "uint8"]}
-    longer = contract(EnvConfig(senses=[{"sense": "vision", "history_s": [0.1, 0.3]}]))
+    longer = ResolvedEnv(EnvConfig(senses=[{"sense": "vision", "history_s": [0.1, 0.3]}])).contract
     assert longer["buffer_s"] == [0.1, 0.3]
     assert longer["observation"] == {"vision": [[6, 80, 120], "uint8"]}
 

@@ -22,7 +22,7 @@ from sim2vr_harness.client import (
 )
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, UserConfig, VisionConfig
 from sim2vr_harness.envs.apps import app_factory
-from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.envs.resolved import ResolvedEnv
 
 
 def loopback(wanted: AppsWanted) -> object:
@@ -115,18 +115,18 @@ def test_a_game_that_only_the_server_has_says_what_it_measures(
     session: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As of a server built from other sources; this client's runtime is made to lack the game."""
-    monkeypatch.setattr("sim2vr_harness.envs.games.list_games", lambda: {"whacamole": ""})
+    monkeypatch.setattr("sim2vr_harness.envs.resolved.list_games", lambda: {"whacamole": ""})
     starting = start_sim2vr_app(
         app_executable(), ["--keep", "--renderer", "null", "--game", "sample"]
     )
     try:
         with closing(starting.channel(20.0, 20.0)) as channel:
             app = AppConfig(game="sample", transport="protocol2", connect=channel.endpoint)
-            assert not game_facts(app, ask=False).published
+            assert not ResolvedEnv(EnvConfig(app=app)).facts_unasked.published
             if session:  # which such a server has one of: its own hello says it
                 vision = VisionConfig(width=12, height=8)
                 simulation = Simulation(EnvConfig(app=app, vision=vision), 1)
-            assert game_facts(app) == describe_game("sample")
+            assert ResolvedEnv(EnvConfig(app=app)).facts == describe_game("sample")
             if session:
                 simulation.close()
     finally:

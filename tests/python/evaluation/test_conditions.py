@@ -9,6 +9,7 @@ from fake_simulation import FakeSimulation
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import describe_game, facts_of_outside
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.evaluation.conditions import chosen_conditions, named_options
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.training_distribution import unpractised
@@ -118,4 +119,4 @@ def test_a_level_that_no_condition_has_was_never_practised() -> None:
     for level, expected in (("generated", []), ("my.dat", ["level = my.dat (trained: full)"])):
         options = {"level": level, "end_on_miss": False}
         env = EnvConfig(app=AppConfig(game="beats", options=options))
-        assert unpractised(config, env, ["full"]) == expected
+        assert unpractised(config, ResolvedEnv(config.env), ResolvedEnv(env), ["full"]) == expected

@@ -11,6 +11,7 @@ from rich.console import Console
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import Condition, GameFacts, describe_game, facts_of_outside
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.evaluation import evaluate as module
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.tables import results_table
@@ -292,13 +293,15 @@ def test_another_way_of_sensing_was_never_practised() -> None:
     senses = [{"sense": "vision", "delay_ms": 100}, {"sense": "proprioception"}, {"sense": "time"}]
     vision = {"foveation": {"gaze": "ahead"}}
     env = EnvConfig.model_validate({"senses": senses, "vision": vision})
-    assert unpractised(config, config.env, []) == []
-    assert unpractised(config, env, []) == [
+    own, resolved = ResolvedEnv(config.env), ResolvedEnv(env)
+    assert unpractised(config, own, own, []) == []
+    assert unpractised(config, own, resolved, []) == [
         "vision.delay_ms = 100.0 (trained: 0.0)",
         "vision.foveation = yes",
     ]
     softer = EnvConfig.model_validate({"senses": senses, "vision": {"foveation": {"e2_deg": 5}}})
-    assert unpractised(config.model_copy(update={"env": env}), softer, []) == [
+    config = config.model_copy(update={"env": env})
+    assert unpractised(config, resolved, ResolvedEnv(softer), []) == [
         "vision.foveation.e2_deg = 5.0 (trained: 2.3)"
     ]
 
@@ -333,12 +336,14 @@ def test_conditions_are_sets_of_options() -> None:
 
 
 def test_a_user_of_skills_plays_what_it_has_met() -> None:
-    def config(recipe: str, **options: str) -> TrainingConfig:
-        return TrainingConfig(recipe=recipe, env={"app": {"game": "whacamole", "options": options}})
+    def met_by(recipe: str, **options: str) -> list[str]:
+        env = {"app": {"game": "whacamole", "options": options}}
+        config = TrainingConfig(recipe=recipe, env=env)
+        return met(config, ResolvedEnv(config.env))
 
-    assert met(config("skills", condition="medium-unconstrained")) == ["medium-unconstrained"]
-    assert len(met(config("skills", condition="random"))) == 3  # it may turn out to be any of these
-    assert met(config("ppo", condition="medium")) == []
+    assert met_by("skills", condition="medium-unconstrained") == ["medium-unconstrained"]
+    assert len(met_by("skills", condition="random")) == 3  # it may turn out to be any of these
+    assert met_by("ppo", condition="medium") == []
 
 
 def test_pages_and_strangers_programs_are_not_asked_for_logs() -> None:

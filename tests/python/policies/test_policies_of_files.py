@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.envs.config import AppConfig
-from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.client import describe_game
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.playing import load_user_policy
 from sim2vr_harness.policies.store import find_user
@@ -63,7 +62,7 @@ def file(tmp_path: Path) -> Path:
 def test_a_class_of_a_file_is_evaluated_with_a_memory_per_episode(
     file: Path, tmp_path: Path
 ) -> None:
-    condition = game_facts(AppConfig(game="sample")).default_condition
+    condition = describe_game("sample").default_condition
     request = Request(conditions=[condition], episodes=2, out=tmp_path / "out")
     found = evaluate(f"{file}:Counting", request)
     assert found.step == 7

@@ -13,8 +13,7 @@ import torch
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.client import describe_game
-from sim2vr_harness.envs.contract import contract, contract_hash, differences
-from sim2vr_harness.envs.senses import observation_space_of
+from sim2vr_harness.envs.resolved import ResolvedEnv, contract_hash, differences
 from sim2vr_harness.evaluation import packing
 from sim2vr_harness.evaluation.evaluate import Request
 from sim2vr_harness.evaluation.packing import pack_measured
@@ -75,10 +74,10 @@ def test_a_packed_user_plays_and_its_card_says_how(packed: Path) -> None:
     assert (card["seeds"], card["machine"]) == ([1], "4 processor cores, cpu")
     assert card["results"]["easy"]["episodes"] == 2
     assert card["results"]["easy"]["effort"] > 0
-    assert card["contract_hash"] == contract_hash(contract(CONFIG.env))
+    assert card["contract_hash"] == contract_hash(ResolvedEnv(CONFIG.env).contract)
     user = find_user(packed)
     assert user.config == CONFIG
-    policy = new_network(user, observation_space_of(CONFIG.env))
+    policy = new_network(user, ResolvedEnv(CONFIG.env).observation_space)
     assert user.load(policy) == 7
     weights = torch.load(packed / "policy.pt", weights_only=True)
     for key, value in policy.state_dict().items():
@@ -117,7 +116,7 @@ def test_users_packed_as_binary16_are_read(packed: Path, tmp_path: Path) -> None
     for name in ("card.json", "config.yaml"):
         (tmp_path / name).write_bytes((packed / name).read_bytes())
     user = open_packed(tmp_path)
-    network = new_network(user, observation_space_of(CONFIG.env))
+    network = new_network(user, ResolvedEnv(CONFIG.env).observation_space)
     torch.manual_seed(4)
     old = {key: torch.randn(value.shape).half() for key, value in network.state_dict().items()}
     torch.save(old, tmp_path / "policy.pt")
@@ -182,7 +181,7 @@ def test_shipped_users_are_listed_and_found(
         main(["users", "show", str(packed)])
     printed = " ".join(capsys.readouterr().out.split())
     assert "recipe none; 7 user steps from pixels; 14 minutes in all; 4 processor cores" in printed
-    contract_text = f"environment contract {contract_hash(contract(CONFIG.env))}"
+    contract_text = f"environment contract {contract_hash(ResolvedEnv(CONFIG.env).contract)}"
     assert f"seed 1; {contract_text}" in printed
     user = find_user("pretrained:tester")
     assert user.evaluation_dir == Path("evaluation") / "tester"
@@ -196,7 +195,7 @@ def test_another_environment_is_refused_and_what_differs_is_named(packed: Path) 
         update={"vision": CONFIG.env.vision.model_copy(update={"width": 60, "height": 40})}
     )
     with pytest.raises(InputError) as refused:
-        trained_users.require_contract(user, other)
+        trained_users.require_contract(user, ResolvedEnv(other))
     text = str(refused.value)
     assert "image [60, 40]" in text
     assert "image [120, 80]" in text
@@ -206,12 +205,12 @@ def test_another_environment_is_refused_and_what_differs_is_named(packed: Path) 
     with pytest.raises(InputError, match="muscles"):
         trained_users.require_contract(
             trained_users.TrainedUser(user.source, user.config, card, packed, user.load),
-            CONFIG.env,
+            ResolvedEnv(CONFIG.env),
         )
 
 
 def test_a_contract_is_about_what_a_policy_relies_on() -> None:
-    one = contract(CONFIG.env)
+    one = ResolvedEnv(CONFIG.env).contract
     assert one["observation"] == {
         "proprioception": [[56], "float32"],
         "stateful_information": [[1], "float32"],
@@ -219,10 +218,10 @@ def test_a_contract_is_about_what_a_policy_relies_on() -> None:
     }
     assert len(one["muscles"]) == 32
     effort = load_config("whacamole_constrained", ["env.user.effort.weight=0.5"])
-    assert contract(effort.env) == one
+    assert ResolvedEnv(effort.env).contract == one
     slower = load_config("whacamole_constrained", ["env.frames_per_step=5"])
-    assert differences(contract(slower.env), one) == [("frames_per_step", 5, 1)]
-    assert contract_hash(contract(slower.env)) != contract_hash(one)
+    assert differences(ResolvedEnv(slower.env).contract, one) == [("frames_per_step", 5, 1)]
+    assert contract_hash(ResolvedEnv(slower.env).contract) != contract_hash(one)
 
 
 def test_damaged_packages(packed: Path, tmp_path: Path) -> None:
@@ -231,7 +230,7 @@ def test_damaged_packages(packed: Path, tmp_path: Path) -> None:
     (tmp_path / "policy.pt").write_bytes(b"no weights")
     user = open_packed(tmp_path)
     with pytest.raises(InputError, match="expected weights of this network"):
-        user.load(new_network(user, observation_space_of(CONFIG.env)))
+        user.load(new_network(user, ResolvedEnv(CONFIG.env).observation_space))
     (tmp_path / "card.json").write_text("{")
     with pytest.raises(
         InputError, match=r"card\.json, line 1: got text that is not JSON \(.*card of a"
@@ -247,7 +246,7 @@ def test_damaged_weights_are_named_with_their_file(packed: Path, tmp_path: Path)
     weights = torch.load(packed / "policy.pt", weights_only=True)
     (size,) = weights["log_std"].shape
     user = open_packed(tmp_path)
-    network = new_network(user, observation_space_of(CONFIG.env))
+    network = new_network(user, ResolvedEnv(CONFIG.env).observation_space)
 
     def said(content: bytes) -> str:
         file.write_bytes(content)

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
+from sim2vr_harness.envs.resolved import ResolvedEnv
+
 
 class FakeLogs(list):
     def total(self, name: str) -> float:
@@ -52,6 +54,7 @@ class FakeSimulation:
 
     def __init__(self, config: Any = None, n: int = 1, *, log_dir: Path | None = None) -> None:
         self.config, self.n, self.log_dir = config, n, log_dir
+        self.resolved = None if config is None else ResolvedEnv(config)
         self.observation_space = spaces.Dict(
             {
                 "vision": spaces.Box(0, 255, (2, 16, 24), np.uint8),

@@ -10,7 +10,7 @@ import pytest
 from python.users.references import coupling_jacobian, gap, load_reference
 from sim2vr_harness.client.frames import position_to_app
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.contract import contract
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.perception import Proprioception
 from sim2vr_harness.users import Body, Physique, UserBatch, load_body
@@ -124,6 +124,6 @@ def test_an_app_is_sent_both_controllers() -> None:
         left = position_to_app(users.users.device_poses("controller_left")[0])
         np.testing.assert_array_equal(poses.left_controller[:, -1, :3], left)
         assert (left[:, 0] < 0).all()  # x to the right in the app's frame
-        terms = contract(config)
+        terms = ResolvedEnv(config).contract
         assert terms["devices"] == ["controller_left", "controller_right", "headset"]
         assert terms["actuators"][0][:2] == ["motor", "elv_angle_motor_r"]

@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import check_env
 from python.users.bodies import OWN_ARM, PENDULUM, PENDULUM_DESCRIPTION, write_body
 from sim2vr_harness.envs import Sim2VREnv
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.contract import contract
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.users import UserBatch, load_body
@@ -43,7 +43,7 @@ def test_gymnasium_accepts_it() -> None:
     config = _config(app={"game": "whacamole", "options": {"condition": "easy"}})
     with closing(Sim2VREnv(config=config)) as env:
         check_env(env, skip_render_check=True)
-        assert contract(config)["actuators"][0] == [
+        assert ResolvedEnv(config).contract["actuators"][0] == [
             *("motor", "shoulder_flexion_motor", "shoulder_abduction_motor")
         ]
 

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim2vr_harness.envs.config import body_of
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.users import Body, Physique, load_body
 from sim2vr_harness.users.bodies.options import JointOptions
@@ -116,10 +116,10 @@ def test_people_of_whacamole_have_light_hands() -> None:
     """Both rules' configurations; one setting away from the published body."""
     for name in ("whacamole_people", "whacamole_people_unconstrained"):
         file = CONFIGS / f"{name}.yaml"
-        body = body_of(load_config(file).env.user)
+        body = ResolvedEnv(load_config(file).env).body
         assert [passive(body, joint) for joint in WRIST] == [(0.0, 0.03, 2.0)] * 3
         config = load_config(file, ["env.user.person.joints={}"])
-        assert passive(body_of(config.env.user), "flexion") == (0.1, 0.5, 2.0)
+        assert passive(ResolvedEnv(config.env).body, "flexion") == (0.1, 0.5, 2.0)
         assert passive(body, "elv_angle") == passive(load_body("mobl_arms_wrist"), "elv_angle")
 
 
@@ -127,6 +127,6 @@ def test_a_configuration_sets_them() -> None:
     key = "env.user.person.joints"
     given = [f"{key}.flexion.armature=0", f"{key}.flexion.damping=0.04"]
     config = load_config(CONFIGS / "pointing_people.yaml", given)
-    assert passive(body_of(config.env.user), "flexion") == (0.0, 0.04, 2.0)
-    published = body_of(load_config(CONFIGS / "pointing_people.yaml").env.user)
+    assert passive(ResolvedEnv(config.env).body, "flexion") == (0.0, 0.04, 2.0)
+    published = ResolvedEnv(load_config(CONFIGS / "pointing_people.yaml").env).body
     assert passive(published, "flexion") == (0.1, 0.5, 2.0)

@@ -13,7 +13,7 @@ import pytest
 from python.users.bodies import OWN_ARM
 from python.users.references import coupling_jacobian, gap
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.contract import contract
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.perception import Proprioception
 from sim2vr_harness.users import Body, Physique, UserBatch, load_body
@@ -196,7 +196,7 @@ def test_names_and_observation() -> None:
     expected = [[-40, 69.9], [-36.25, 36.25], [-38.5, 38.5], [-59.1, 57.7], [-41.75, 41.75]]
     np.testing.assert_allclose(ranges, [*expected, [-70.65, 70.65]], atol=0.01)
     config = EnvConfig.model_validate({"user": {"model": MOTORS, "torso": True}})
-    assert contract(config)["actuators"] == [["motor", *body.action_names]]
+    assert ResolvedEnv(config).contract["actuators"] == [["motor", *body.action_names]]
 
 
 def test_a_neck_answers_the_apps_wish() -> None:

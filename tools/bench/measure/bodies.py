@@ -1,7 +1,7 @@
 """The bodies that a game can be played with, with and without a trunk that moves."""
 
-from sim2vr_harness.envs.config import EffortConfig, EnvConfig, body_of
-from sim2vr_harness.envs.games import with_hand
+from sim2vr_harness.envs.config import EffortConfig, EnvConfig
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.users import list_bodies
 
@@ -19,7 +19,7 @@ def body_variants(config: TrainingConfig) -> list[tuple[str, TrainingConfig]]:
         for torso in (False, True):
             env = _with_body(config.env, name, torso)
             try:
-                with_hand(env, body_of(env.user))
+                ResolvedEnv(env).with_hand()
             except ValueError:  # not for this game, without a torso, or of a package not installed
                 continue
             found.append((name + "+torso" * torso, config.model_copy(update={"env": env})))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from measure.turns import TURNS, Turn, timed_turn
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
-from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.runs.config import TrainingConfig
 
 IN_PROCESS = "in_process"
@@ -107,7 +107,7 @@ def actions(n: int, size: int) -> NDArray[np.float32]:
 
 def short_rounds(config: EnvConfig, n: int) -> list[int]:
     """The users with short rounds; none where the configuration or a level gives them a length."""
-    if "round_seconds" in config.app.options or game_facts(config.app).level_option is not None:
+    if "round_seconds" in config.app.options or ResolvedEnv(config).facts.level_option is not None:
         return []
     return list(range(SHORT_ROUND_EVERY // 2, n, SHORT_ROUND_EVERY))
 

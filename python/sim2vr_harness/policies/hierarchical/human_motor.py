@@ -18,12 +18,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from sim2vr_harness.envs.config import UserConfig, body_of, people_of
+from sim2vr_harness.envs.config import UserConfig
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.policies.hierarchical.hand_policy import HandPolicy
 from sim2vr_harness.policies.hierarchical.human_goals import GoalPerception, HumanGoals
 from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, tips
 from sim2vr_harness.policies.hierarchical.ray_turning import Turning
-from sim2vr_harness.users import Body, Physique, UserBatch, held
+from sim2vr_harness.users import Body, UserBatch, held
 from sim2vr_harness.world_models.body_dynamics import BodyModel
 from sim2vr_harness.world_models.effort import volume_shares
 from sim2vr_harness.world_models.person_features import ImaginedPersons
@@ -271,16 +272,6 @@ class HumanMotorPolicy(nn.Module):
         self.load_state_dict({**self.state_dict(), **weights})
 
 
-class _Cut:
-    """The bodies of a configuration's persons, as :class:`ImaginedPersons` reads them."""
-
-    def __init__(self, user: UserConfig) -> None:
-        self._user, self.people = user, people_of(user)
-
-    def body_for(self, physique: Physique) -> Body:
-        return body_of(self._user.model_copy(update={"person": physique}))
-
-
 def people_policy(
     user: UserConfig,
     step_s: float,
@@ -290,9 +281,10 @@ def people_policy(
     perception: Mapping[str, float] | None = None,
 ) -> HumanMotorPolicy:
     """Return an untrained policy for the persons of a configuration."""
-    persons = ImaginedPersons(_Cut(user))  # type: ignore[arg-type]
+    env = ResolvedEnv.of_user(user)
+    persons = ImaginedPersons(env)
     return HumanMotorPolicy(
-        body_of(user), step_s, persons, width=width, body_width=body_width, perception=perception
+        env.body, step_s, persons, width=width, body_width=body_width, perception=perception
     )
 
 

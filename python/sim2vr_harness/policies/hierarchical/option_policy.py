@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.envs.config import EnvConfig, body_of
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.policies.hierarchical.action_selection import (
     OptionScene,
@@ -186,7 +187,7 @@ class HierarchicalPolicy(nn.Module):
     def __init__(self, config: TrainingConfig) -> None:
         super().__init__()
         env, skills = config.env, config.skills
-        body = body_of(env.user)
+        body = ResolvedEnv(env).body
         hands = held(body.devices)
         layer = MotorPolicy(body, 1.0 / env.action_frequency_hz, width=skills.motor_training.width)
         # Not as parts: where the joints are follows from the body, and is no weight.

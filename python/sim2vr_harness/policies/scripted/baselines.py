@@ -7,7 +7,8 @@ import numpy as np
 from sim2vr_harness.base.errors import unknown_name
 from sim2vr_harness.client.tasks import load_task
 from sim2vr_harness.envs.apps import judged
-from sim2vr_harness.envs.config import EnvConfig, body_of
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.policies.protocol import FunctionPolicy, Observation, Policy
 from sim2vr_harness.policies.scripted.player import (
     ScriptedPolicy,
@@ -55,7 +56,7 @@ def with_inputs(config: EnvConfig, user: str) -> EnvConfig:
     if not is_script(user):
         return config
     task = load_task(config.app.task) if judged(config.app) else None
-    given, devices = config.user.inputs, body_of(config.user).devices
+    given, devices = config.user.inputs, ResolvedEnv(config).body.devices
     needed = [
         name
         for step in read_steps(user)

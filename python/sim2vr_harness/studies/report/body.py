@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.envs.config import body_of
 from sim2vr_harness.figures.figure import COLOURS, Bars, Figure, Heat, Layer, Line, Panel, colour_of
 from sim2vr_harness.play.exertion import muscles_by_part
 from sim2vr_harness.play.fatigue import full_name
@@ -97,7 +96,7 @@ def trained_users_of(source: ReportSource) -> Iterator[tuple[str, TrainedUser, B
             return
         try:
             user = find_user(place)
-            body = body_of(user.config.env.user)
+            body = user.env.body
         except (InputError, ValueError, OSError):
             continue
         name = name_of(user)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from sim2vr_harness.base.errors import InputError, counted
 from sim2vr_harness.base.files import read_bytes
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.contract import contract, contract_hash
+from sim2vr_harness.envs.resolved import contract_hash
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.studies.report.body import trained_users_of
 from sim2vr_harness.studies.report.sentences import warnings_of
@@ -122,7 +122,7 @@ def played_by(source: ReportSource) -> list[PlayedBy]:
                 body.name,
                 len(body.muscles),
                 _effort(env),
-                contract_hash(contract(env)),
+                contract_hash(user.env.contract),
                 weights,
                 user.config.evaluation.deterministic,
                 varied_in(_played_in(source, name, env)) if source.unit == "person" else None,

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.base.cores import budget
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.envs.config import EnvConfig, body_of
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.sessions.whacamole import is_recorded_round
 from sim2vr_harness.tools.track.outcomes import TrackingOutcome, outcomes
@@ -240,7 +241,7 @@ def track(
 
 def _body(env: EnvConfig) -> Body:
     try:
-        return body_of(env.user)
+        return ResolvedEnv(env).body
     except ValueError as error:
         expected = "a body that can be cut to size"
         raise InputError("--stature, --mass", str(error), expected) from error

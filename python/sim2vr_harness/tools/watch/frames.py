@@ -20,7 +20,7 @@ from sim2vr_harness.client import (
     frame_time_ns,
 )
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.play.environment import make_simulation
 from sim2vr_harness.play.player import Job, Player
 from sim2vr_harness.play.users import SimulatedUser
@@ -151,7 +151,7 @@ def user_show(
         deterministic: whether actions are the policy's mean; None: as the user's configuration.
         simulation: how to make the user: (EnvConfig, n) -> simulation.
     """
-    facts = game_facts(env.app)
+    facts = ResolvedEnv(env).facts
     mean = deterministic
     if mean is None:
         mean = user is not None and user.config.evaluation.deterministic
@@ -229,7 +229,7 @@ def person_show(env: EnvConfig, *, seed: int = 1) -> Playlist:
         env: the game and its options.
         seed: of the game.
     """
-    facts = game_facts(env.app)
+    facts = ResolvedEnv(env).facts
     level = [0.0, 0.0, 0.0, 1.0]
     poses = {"head": np.array([0.0, 1.17, 0.12, *level])}
     for device, place in (

@@ -6,7 +6,7 @@ from typing import Any
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.games import with_condition
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.play.users import SimulatedUser
 from sim2vr_harness.sessions import read_sessions
 from sim2vr_harness.sessions.whacamole import is_recorded_round, with_clock
@@ -50,7 +50,7 @@ def choose(
     if app or untrained is not None:
         player = SimulatedUser.find(untrained or "random")
         env = player.env(app, overrides, game=game, trust_app=trust_app)
-        return user_show(player, with_condition(env, condition), seed=seed)
+        return user_show(player, ResolvedEnv(env).with_condition(condition), seed=seed)
     if run is not None and _recorded(Path(run)):
         if person:
             raise InputError("--try", "it with a recording", "it with a game, a user, or alone")
@@ -65,7 +65,7 @@ def choose(
         user = SimulatedUser.find(who)
     except InputError:  # a configuration or a body
         return user_show(None, env, seed=seed)
-    user.require_contract(env)
+    user.require_contract(ResolvedEnv(env))
     return user_show(user, env, seed=seed, deterministic=deterministic)
 
 

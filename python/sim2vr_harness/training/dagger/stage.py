@@ -12,7 +12,6 @@ from torch import Tensor
 from sim2vr_harness.base.progress import View
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.envs.config import with_options
-from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
 from sim2vr_harness.runs.checkpoint import read_tensors, write_tensors
@@ -74,7 +73,7 @@ class StudentStage(Stage):
             guide,
             self.folder,
             seed=config.seed,
-            game=game_facts(env.app),
+            game=simulation.resolved.facts,
         )
 
     def learned(self, state: Mapping[str, Any]) -> dict[str, Any]:

@@ -94,7 +94,7 @@ class GameTask(Task):
         self.batch = simulation.simulation.users
         self.rng = np.random.default_rng([seed, 91])
         self._seed = seed
-        self.persons = ImaginedPersons(simulation.simulation)
+        self.persons = ImaginedPersons(simulation.resolved)
         self.body = BodyModel(
             simulation.simulation.body,
             simulation.game.devices,

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from sim2vr_harness.base.state import State
-from sim2vr_harness.envs.config import UserConfig, body_of, motor_noise, people_of
+from sim2vr_harness.envs.config import UserConfig, motor_noise
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.policies.hierarchical.goal_sampler import off_goal
 from sim2vr_harness.policies.hierarchical.hand_policy import HandPolicy
 from sim2vr_harness.policies.hierarchical.human_goals import GoalPerception, HumanGoals
@@ -22,7 +23,7 @@ from sim2vr_harness.policies.hierarchical.human_motor import HumanHands, people_
 from sim2vr_harness.policies.hierarchical.motor_goals import tips
 from sim2vr_harness.policies.hierarchical.workspace import INSIDE
 from sim2vr_harness.runs.option_config import PeopleTraining
-from sim2vr_harness.users import Body, Physique, UserBatch
+from sim2vr_harness.users import UserBatch
 from sim2vr_harness.world_models.body_dynamics import fit_body
 from sim2vr_harness.world_models.transitions import Motion, TransitionStore
 
@@ -228,10 +229,10 @@ class Bodies:
     """
 
     def __init__(self, user: UserConfig, n: int, step_s: float, threads: int) -> None:
-        self._user, self.n = user, n
-        people = people_of(user)
-        assert people is not None
-        self.people, self.body = people, body_of(user)
+        self.n = n
+        env = ResolvedEnv.of_user(user)
+        assert env.people is not None
+        self.people, self.body = env.people, env.body
         self.users = UserBatch(
             self.body,
             n,
@@ -239,13 +240,9 @@ class Bodies:
             effort="zero",
             noise=motor_noise(user.noise),
             substeps=round(step_s / self.body.timestep),
-            people=people,
-            cut=self.body_for,
+            people=self.people,
+            cut=env.body_for,
         )
-
-    def body_for(self, physique: Physique) -> Body:
-        """Return the body of a physique."""
-        return body_of(self._user.model_copy(update={"person": physique}))
 
     def reset(self, ids: NDArray[np.int64], rng: np.random.Generator) -> None:
         """Let users be other persons, in any posture."""

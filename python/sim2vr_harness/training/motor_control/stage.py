@@ -6,7 +6,8 @@ from typing import Any
 
 from sim2vr_harness.base.cores import budget
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.envs.config import body_of, motor_noise
+from sim2vr_harness.envs.config import motor_noise
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for, save_motor_layer
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.training.model_based.stage import CycleStage
@@ -18,13 +19,12 @@ from sim2vr_harness.training.motor_control.goal_task import (
 )
 
 
-def needs_motor_policy(config: TrainingConfig) -> bool:
+def needs_motor_policy(config: TrainingConfig, env: ResolvedEnv) -> bool:
     """Whether a run has to make its motor layer first."""
     if config.skills.motor is not None or config.skills.people:
         return False
-    env = config.env
     try:
-        motor_layer_for(body_of(env.user), 1.0 / env.action_frequency_hz)
+        motor_layer_for(env.body, 1.0 / config.env.action_frequency_hz)
     except InputError:
         return True
     return False
@@ -36,14 +36,16 @@ class MotorStage(CycleStage):
     Args:
         config: of the run.
         folder: of the stage.
+        env: of the run.
     """
 
     name = "motor"
     title = "hands learn to reach their goals (no motor policy ships for this body)."
     result, state_of = "layer.pt", MOTOR_STATE
 
-    def __init__(self, config: TrainingConfig, folder: Path) -> None:
+    def __init__(self, config: TrainingConfig, folder: Path, env: ResolvedEnv) -> None:
         super().__init__(config, folder, config.skills.motor_training.cycles)
+        self._env = env
 
     @property
     def layer_file(self) -> Path:
@@ -56,7 +58,7 @@ class MotorStage(CycleStage):
         env = config.env
         self._learner = motor_trainer(
             config.skills.motor_training,
-            body_of(env.user),
+            self._env.body,
             1.0 / env.action_frequency_hz,
             noise=motor_noise(env.user.noise),
             threads=budget(env.cores),

@@ -13,8 +13,9 @@ import torch
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.progress import View
 from sim2vr_harness.base.torch_threads import torch_threads
-from sim2vr_harness.envs.config import EnvConfig, body_of
+from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.people_preset import with_measured_body
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.play.users import baseline_reward, note_of_baselines
 from sim2vr_harness.policies.hierarchical.human_motor import HumanMotorPolicy
@@ -183,7 +184,7 @@ class QLearningStage(Stage):
         """Return what moves the hands, of persons before they play: those of the measured body."""
         env, given = with_measured_body(self._config.env), self._config.skills.motor
         given = None if self._config.skills.people else given  # a person's, then
-        body, step_s = body_of(env.user), 1.0 / env.action_frequency_hz
+        body, step_s = ResolvedEnv(env).body, 1.0 / env.action_frequency_hz
         if given is not None:
             return load_motor_layer(Path(given), body, step_s)
         if self._motor is not None:

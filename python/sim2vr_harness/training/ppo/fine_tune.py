@@ -2,7 +2,7 @@
 
 A user that plays one app well learns a changed app in minutes: PPO begins with the user's weights,
 its critic's included, and takes some thousand user steps more. What the policy relies on stays as
-it is (:mod:`sim2vr_harness.envs.contract`); effort, noise and the game's options may change.
+it is (:mod:`sim2vr_harness.envs.resolved`); effort, noise and the game's options may change.
 """
 
 from collections.abc import Sequence
@@ -10,6 +10,7 @@ from pathlib import Path
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import TrainingConfig, apply_overrides, parse_config
 
@@ -60,7 +61,7 @@ def _require_same(user: TrainedUser, config: TrainingConfig) -> None:
     if user.config.policy_kind == "hierarchical":
         got = f"{user.config.name!r}, whose policy is hierarchical"
         raise InputError("from_user", got, "a user whose policy goes from senses to muscles")
-    require_contract(user, config.env)
+    require_contract(user, ResolvedEnv(config.env))
     own, wanted = user.config.policy.model_dump(), config.policy.model_dump()
     for key in wanted:
         # What vision computes in, and what noise actions began with, is no part of the weights.

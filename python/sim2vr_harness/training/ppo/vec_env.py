@@ -10,7 +10,6 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.envs.checks import checked_options, checked_seeds, checked_users
-from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.envs.protocols import SimulationLike
 
 _SUMS = ("game_reward", "effort_cost")
@@ -41,8 +40,8 @@ class SimulationVecEnv(VecEnv):
         self._sums = {name: np.zeros(self.num_envs) for name in _SUMS}
         self.last_logs: Any = None
         """The games' logs after the last step (``StepBatch.logs``), for displays; None before."""
-        config = getattr(simulation, "config", None)
-        self.facts = GameFacts("") if config is None else game_facts(config.app)
+        resolved = getattr(simulation, "resolved", None)
+        self.facts = GameFacts("") if resolved is None else resolved.facts
         """What the game publishes."""
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import count
 from pathlib import Path
 from typing import cast
@@ -25,6 +26,7 @@ from sim2vr_harness.base.file_lock import sole_training
 from sim2vr_harness.base.progress import duration
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.envs.protocols import SimulationLike
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.games.registry import imagined_game
 from sim2vr_harness.runs.checkpoint import require_readable
@@ -73,6 +75,11 @@ class Run:
     make_simulation: MakeSimulation
     resumed: bool
 
+    @cached_property
+    def env(self) -> ResolvedEnv:
+        """The environment of the configuration."""
+        return ResolvedEnv(self.config.env)
+
 
 def _from_pixels(
     run: Run, title: str, begin: Callable[[nn.Module], object] = lambda policy: None
@@ -107,7 +114,9 @@ def _distill(run: Run) -> list[Stage]:
 def _skills(run: Run) -> list[Stage]:
     """Hands that know how to come to places, then what is worth doing there."""
     config, path = run.config, run.folder.path
-    motor = MotorStage(config, path / MotorStage.name) if needs_motor_policy(config) else None
+    motor = None
+    if needs_motor_policy(config, run.env):
+        motor = MotorStage(config, path / MotorStage.name, run.env)
     values = QLearningStage(config, path / QLearningStage.name, motor, run.folder, stop=run.stop)
     return [values] if motor is None else [motor, values]
 
@@ -265,10 +274,8 @@ def require_memory(config: TrainingConfig) -> None:
     Raises:
         InputError: They cannot, however little the rest takes.
     """
-    from sim2vr_harness.envs.senses import observation_space_of
-
     have = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    space = observation_space_of(config.env)
+    space = ResolvedEnv(config.env).observation_space
     ppo = config.ppo
     users, rollout = ppo.n_envs * USER_BYTES, buffer_bytes(space, ppo.steps_per_iteration)
     if users + rollout > have:

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.state import State
-from sim2vr_harness.envs.config import EnvConfig, SenseConfig, body_of
-from sim2vr_harness.envs.games import game_facts, with_hand
+from sim2vr_harness.envs.config import EnvConfig, SenseConfig
 from sim2vr_harness.envs.privileged import OBSERVATION, Lag, PrivilegedSenses
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.envs.step_batch import StepBatch
 from sim2vr_harness.games import ImaginedCondition, ImaginedGame, imagined_game, imagined_games
@@ -158,8 +158,8 @@ def game_of(env: EnvConfig) -> ImaginedGame:
             f"'distill' for the game {app.game!r} ({app.transport})",
             f"a game in this process with a model ({', '.join(imagined_games())}), or recipe: ppo",
         )
-    facts = game_facts(app)
-    playing = with_hand(env, body_of(env.user)).app.options
+    resolved = ResolvedEnv(env)
+    facts, playing = resolved.facts, resolved.with_hand().app.options
     hand = playing.get(facts.hand_option or "", "right")
     missing = [device for device in game.devices if device not in ("headset", *facts.needs(hand))]
     if facts.devices and missing:
@@ -216,6 +216,7 @@ class TeacherSimulation(State):
         self.game = game_of(env)
         self.conditions = config.conditions or self.game.conditions
         self.simulation = Simulation(blind_env(env), self.n)
+        self.resolved = self.simulation.resolved
         self.senses = privileged_senses(self.simulation, config, self.game, env)
         self.observation_space = self.senses.space
         self.action_space = self.simulation.action_space

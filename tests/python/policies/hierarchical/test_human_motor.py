@@ -10,8 +10,9 @@ import torch
 from scipy.optimize import lsq_linear
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.envs.config import UserConfig, body_of, people_of
+from sim2vr_harness.envs.config import UserConfig, people_of
 from sim2vr_harness.envs.people_preset import as_population
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.policies.hierarchical.hand_policy import HandPolicy
 from sim2vr_harness.policies.hierarchical.human_goals import GoalPerception, HumanGoals
 from sim2vr_harness.policies.hierarchical.human_motor import (
@@ -179,8 +180,8 @@ def test_it_is_kept_in_a_file(policy: HumanMotorPolicy, user: UserConfig, tmp_pa
         HumanHands(again, USERS).act(now, target)[0], HumanHands(policy, USERS).act(now, target)[0]
     )
     with pytest.raises(InputError, match="human motor policy"):
-        load_motor_layer(file, body_of(user), STEP_S)
+        load_motor_layer(file, ResolvedEnv.of_user(user).body, STEP_S)
     plain = tmp_path / "plain.pt"
-    save_motor_layer(plain, MotorPolicy(body_of(user), STEP_S, width=16))
+    save_motor_layer(plain, MotorPolicy(ResolvedEnv.of_user(user).body, STEP_S, width=16))
     with pytest.raises(InputError, match="plain motor layer"):
         load_human_policy(plain, user, STEP_S)

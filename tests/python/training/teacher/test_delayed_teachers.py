@@ -314,7 +314,7 @@ def test_chains_of_people_place_devices_as_their_own_bodies_do() -> None:
     with closing(teachers(6, **PEOPLE)) as sim:
         sim.reset(seeds=list(range(6)))
         users = sim.simulation.users
-        persons = ImaginedPersons(sim.simulation)
+        persons = ImaginedPersons(sim.resolved)
         devices = ("controller_right", "headset")
         chains = Chains(sim.simulation.body, devices, persons.references)
         who = torch.tensor(persons.of(sim.simulation), dtype=torch.float32)

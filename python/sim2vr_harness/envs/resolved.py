@@ -1,0 +1,258 @@
+"""An environment's configuration and what follows from it, and the contract of a policy."""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from sim2vr_harness.client import GameFacts, describe_game, facts_of_outside, list_games
+from sim2vr_harness.client.games import require_game_library
+from sim2vr_harness.client.tasks import load_task, names_code, task_facts
+from sim2vr_harness.envs.apps import facts_told, judged, knows_options
+from sim2vr_harness.envs.checks import checked_substeps
+from sim2vr_harness.envs.config import EnvConfig, UserConfig, people_of, with_options
+from sim2vr_harness.envs.senses import make_actions, make_perception
+from sim2vr_harness.perception import SENSES, Proprioception
+from sim2vr_harness.users import FEATURES, Body, Physique, Population, load_body
+
+
+@dataclass(frozen=True)
+class ResolvedEnv:
+    """A configuration with its body, game facts, people, spaces and contract.
+
+    Each of them is made once, when it is first read; code that needs one is given this object in
+    place of the configuration. Pickled, it is the configuration alone.
+    """
+
+    config: EnvConfig
+
+    def __reduce__(self) -> Any:
+        return ResolvedEnv, (self.config,)
+
+    @classmethod
+    def of_user(cls, user: UserConfig) -> "ResolvedEnv":
+        """Return that of a user alone, whatever it plays."""
+        return cls(EnvConfig(user=user))
+
+    @cached_property
+    def body(self) -> Body:
+        """The users' body, drawn parts and all; of people what they share.
+
+        Raises:
+            ValueError: it cannot be used; see `load_body`.
+        """
+        return self.body_for(self.config.user.person)
+
+    def body_for(self, physique: Physique) -> Body:
+        """Return the users' body, cut to someone."""
+        user = self.config.user
+        return load_body(
+            user.model,
+            skull_rotation_deg=user.skull_rotation_deg,
+            devices=user.devices,
+            person=physique,
+            timestep_s=user.timestep_s,
+            torso=user.torso,
+            reset=user.reset,
+        )
+
+    @cached_property
+    def people(self) -> Population | None:
+        """The population that users are drawn from; None: all are average."""
+        return people_of(self.config.user)
+
+    @cached_property
+    def facts(self) -> GameFacts:
+        """What is known of the game that the app plays.
+
+        Where a task judges the app, what the task says: it replaces what the game publishes.
+
+        Raises:
+            ValueError: The runtime has no such game; names the nearest. Or a library of games is
+                named whose code may not run.
+            RuntimeError: The app that was asked does not answer.
+        """
+        return self._facts(ask=True)
+
+    @cached_property
+    def facts_unasked(self) -> GameFacts:
+        """:attr:`facts` as far as no running app is asked and no task's code runs.
+
+        Raises:
+            ValueError: As of :attr:`facts`.
+        """
+        return self._facts(ask=False)
+
+    def _facts(self, *, ask: bool) -> GameFacts:
+        app = self.config.app
+        if app.game_library is not None:
+            require_game_library(app.game_library)
+        if judged(app):
+            if names_code(app.task) and not ask:
+                return GameFacts(name=app.game, published=False)
+            return task_facts(load_task(app.task), app.game)
+        if knows_options(app) or (app.transport == "protocol2" and app.game in list_games()):
+            return describe_game(app.game)
+        told = facts_told(app) if ask and app.game not in list_games() else None
+        return told or facts_of_outside(app.game)
+
+    @cached_property
+    def observation_space(self) -> spaces.Dict:
+        """What the users observe."""
+        body = self.body
+        substeps = checked_substeps(self.config, body.timestep)
+        actions = len(make_actions(self.config, 1, body).names)
+        return make_perception(self.config, 1, Proprioception(body), substeps, actions).space
+
+    @cached_property
+    def action_space(self) -> spaces.Box:
+        """Box(-1, 1, (A,)) of the body's own actions."""
+        return spaces.Box(-1.0, 1.0, (self.body.action_size,), np.float32)
+
+    def with_condition(self, condition: str | None) -> EnvConfig:
+        """Return the configuration with the options of a condition of its game; None leaves it.
+
+        Raises:
+            ValueError: The game has no such condition; names the nearest.
+        """
+        if condition is None:
+            return self.config
+        return with_options(self.config, self.facts.condition(condition).options)
+
+    def with_hand(self) -> EnvConfig:
+        """Return the configuration in which the game is played with the user's own hand.
+
+        That is the person's `handedness`, as far as they wear a controller there, or the only hand
+        with a controller. A hand among the game's options stays.
+
+        Raises:
+            ValueError: the user does not wear the controllers that the game is played with.
+        """
+        config, facts, body = self.config, self.facts, self.body
+        option = facts.hand_option
+        if option is not None and option not in config.app.options:
+            worn = [hand for hand in ("right", "left") if f"controller_{hand}" in body.devices]
+            own = config.user.person.handedness
+            hand = own if own in worn else next(iter(worn), "right")
+            if hand == "left":
+                config = with_options(config, {option: hand})
+        hand_played = config.app.options.get(option, "right") if option else "right"
+        self.require_worn(str(hand_played))
+        return config
+
+    def require_worn(self, hand: str) -> None:
+        """Check that the body wears what its game is played with, with this hand.
+
+        Raises:
+            ValueError: it does not.
+        """
+        facts, body = self.facts, self.body
+        for device in facts.needs(hand):
+            if device not in body.devices:
+                how = f" with {facts.hand_option}={hand}" if facts.hand_option else ""
+                raise ValueError(
+                    f"user: got {body.name!r} wearing {', '.join(body.devices)}, expected "
+                    f"{device}, which {facts.name}{how} is played with"
+                )
+
+    @cached_property
+    def contract(self) -> dict[str, Any]:
+        """The environment's side of a trained user's agreement, as plain values.
+
+        Two environments with equal contracts can be played by the same policy. Effort, noise and
+        the game's options are no part of it: they decide how well a user does, not whether it can
+        act.
+        """
+        config, body, space = self.config, self.body, self.observation_space
+        sight = config.sense("vision")
+        return {
+            "game": config.app.game,
+            "user": body.name,
+            "skull_rotation_deg": config.user.skull_rotation_deg,
+            "muscles": list(body.muscles),
+            **_beyond_muscles(body),
+            **_person(config),
+            "action": "change of activation, -1 to 1",
+            "action_frequency_hz": config.action_frequency_hz,
+            "frames_per_step": config.frames_per_step,
+            "image": list(config.vision.drawn),
+            "channels": list(config.vision.channels),
+            "buffer_s": None if sight is None else _listed(sight.history_s),
+            "observation": {key: _box(box) for key, box in sorted(space.spaces.items())},
+            **_beyond_the_default(config),
+        }
+
+
+def _listed(times: float | tuple[float, ...] | None) -> float | list[float] | None:
+    """As JSON has it."""
+    return list(times) if isinstance(times, tuple) else times
+
+
+def _beyond_muscles(body: Body) -> dict[str, Any]:
+    """What a body has besides muscles, a headset and a right controller."""
+    terms: dict[str, Any] = {}
+    if body.action_names != body.muscles:
+        terms["actuators"] = [[group.rule, *group.actuators] for group in body.actuator_groups]
+    if sorted(body.devices) != ["controller_right", "headset"]:
+        terms["devices"] = sorted(body.devices)
+    return terms
+
+
+def _person(config: EnvConfig) -> dict[str, Any]:
+    """How the person differs, where it does."""
+    person = config.user.person.model_dump(exclude_defaults=True)
+    return {"person": person} if person else {}
+
+
+def _beyond_the_default(config: EnvConfig) -> dict[str, Any]:
+    """Terms that are named only where they are not the default.
+
+    How late, noisy or coarse a sense is, is none of them: a policy can act with it.
+    """
+    terms: dict[str, Any] = {}
+    kinds = {(one.name or SENSES[one.sense].key): one.sense for one in config.senses}
+    if any(SENSES[kind].key != key for key, kind in kinds.items()):
+        terms["senses"] = kinds
+    if config.vision.eyes != 1:
+        terms["eyes"] = config.vision.eyes
+    if config.user.inputs:
+        terms["inputs"] = list(config.user.inputs)
+    if config.gaze_moves:
+        terms["gaze"] = "moves"
+    if config.sense("person") is not None:
+        terms["person_features"] = list(FEATURES)
+    return terms
+
+
+def _box(box: spaces.Space[Any]) -> list[Any]:
+    return [list(box.shape or ()), str(box.dtype)]
+
+
+def contract_hash(terms: dict[str, Any]) -> str:
+    """16 hexadecimal digits; equal contracts have equal ones."""
+    text = json.dumps(terms, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def differences(one: dict[str, Any], other: dict[str, Any]) -> list[tuple[str, Any, Any]]:
+    """The terms in which two contracts differ: (name, of the one, of the other)."""
+    return [
+        (key, one.get(key), other.get(key))
+        for key in [*one, *(key for key in other if key not in one)]
+        if one.get(key) != other.get(key)
+    ]
+
+
+def worded(found: list[tuple[str, Any, Any]]) -> tuple[str, str]:
+    """Word :func:`differences` for an error: the terms of the one, and of the other."""
+
+    def short(value: Any) -> str:
+        text = json.dumps(value)
+        return text if len(text) <= 80 else f"{text[:77]}..."
+
+    one = "; ".join(f"{key} {short(value)}" for key, value, _ in found)
+    return one, "; ".join(f"{key} {short(value)}" for key, _, value in found)

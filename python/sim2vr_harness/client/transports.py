@@ -22,7 +22,7 @@ from sim2vr_harness.client.errors import (
     ProtocolError,
 )
 from sim2vr_harness.client.games import GameFacts, read_facts
-from sim2vr_harness.client.in_process_batch import InProcessBatch
+from sim2vr_harness.client.in_process import InProcessBatch
 from sim2vr_harness.client.launch import (
     StartingApp,
     connect,

@@ -7,7 +7,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from sim2vr_harness.client import HapticPulse, SoundEvent, require_capability
+from sim2vr_harness.client import HapticPulse, SoundEvent
 from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.envs.actions import Actions
 from sim2vr_harness.envs.app_group import AppGroup
@@ -142,7 +142,7 @@ class Senses:
         self._group = group
         for capability in perception.needs:
             for app in group.apps:
-                require_capability(app.capabilities, capability)
+                app.require(capability)
         self._moment = StepContext(
             users=users,
             pictures=group.pictures,

@@ -1,7 +1,5 @@
 """Programs that the tests play: unmodified ones, and some that speak as the runtime inside them."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

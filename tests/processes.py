@@ -1,7 +1,5 @@
 """Processes of this machine, for tests of what must not outlive others."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Pages for tests, and a browser to show them, where there is one."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from functools import cache

@@ -1,7 +1,5 @@
 """Makes the scripted players importable, and the games of a library known."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

@@ -3,8 +3,6 @@
 A selection takes three frames: the ray goes elsewhere, to see; onto the button; the trigger.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from players import HEAD

@@ -1,7 +1,5 @@
 """Scripted players for the contract suite: poses as functions of the frame number."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sim2vr_harness.client import DevicePoses

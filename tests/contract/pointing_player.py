@@ -3,8 +3,6 @@
 A tap takes three frames: out of the way, to see; before the plane; through it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from players import HEAD, controller_at

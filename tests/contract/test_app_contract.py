@@ -1,7 +1,5 @@
 """What every game must keep, over every transport."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

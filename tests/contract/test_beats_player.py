@@ -1,7 +1,5 @@
 """Beats is played to its end by a script, over every transport."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 import players

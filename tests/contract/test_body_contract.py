@@ -1,7 +1,5 @@
 """What every body that is registered must keep, with and without a trunk that moves."""
 
-from __future__ import annotations
-
 import importlib.util
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What an app can do beyond poses and pictures: the same over every transport that carries it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any

@@ -4,8 +4,6 @@ Programs that need packages are started by the interpreter that SIM2VR_OPENXR_PY
 this one.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

@@ -4,8 +4,6 @@ The layer lies over this runtime, so that the same devices can be recorded and r
 answers a replay with the vibrations that it gave when it was recorded.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

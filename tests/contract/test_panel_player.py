@@ -1,7 +1,5 @@
 """The panel is played by a script that sees the picture, over every transport."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 import players

@@ -1,7 +1,5 @@
 """Pointing is played to its end by a script that sees the picture, over every transport."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 

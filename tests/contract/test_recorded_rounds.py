@@ -5,8 +5,6 @@ The recordings are not part of this project (they carry no licence). They are lo
 an independent replay of the same recordings reached, a little relaxed (docs/concepts/alignment.md).
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """Every game tells what its scene holds; the same in process and over protocol 2."""
 
-from __future__ import annotations
-
 import numpy as np
 import players
 import pytest

@@ -1,7 +1,5 @@
 """One round, three ways to the app: the same bits, whatever the transport and the threads."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager

@@ -1,7 +1,5 @@
 """One small page with many versions of three.js and A-Frame, which npm brings."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The same round of a page four times beside a busy processor: equal logs of what ran when."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Iterator

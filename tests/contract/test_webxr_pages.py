@@ -1,7 +1,5 @@
 """What an app keeps in every transport, of pages: the same input, the same bits; true geometry."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator
 from pathlib import Path

@@ -4,8 +4,6 @@ The tables follow the WebXR Device API, the Gamepads Module and the Layers Modul
 those and is not in them is not covered, and a page does not find even its name.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Apps over every transport of the table, made in the same way, and over variants of some."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path

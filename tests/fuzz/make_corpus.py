@@ -5,8 +5,6 @@ is of no use in the new one. Frames are each behind their length (2 bytes, littl
 of a session are separated by the length 0xFFFF (targets.hpp).
 """
 
-from __future__ import annotations
-
 import base64
 import io
 import json

@@ -4,8 +4,6 @@ python tests/golden/golden.py compare [--bits] [NAME ...]
 python tests/golden/golden.py update [NAME ...]
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import difflib

@@ -5,8 +5,6 @@ minimum-jerk path, and withdraws. It does not aim at the targets that are there,
 The recordings are Whac-A-Mole's logs of those rounds.
 """
 
-from __future__ import annotations
-
 import shutil
 import sys
 import tempfile

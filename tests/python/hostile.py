@@ -1,7 +1,5 @@
 """Files that would run code, and commands that are given them."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The program sim2vr-app: a scripted round, the same bits as in process, one line per error."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

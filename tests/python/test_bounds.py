@@ -1,7 +1,5 @@
 """Every number of every configuration has bounds, and what is out of them is refused in words."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

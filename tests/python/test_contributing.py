@@ -4,8 +4,6 @@ The commands are run as the page has them, with these differences: the build tha
 installed into a folder instead of the environment, and the training is cut short.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

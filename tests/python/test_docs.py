@@ -1,7 +1,5 @@
 """What the documentation points at is there."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

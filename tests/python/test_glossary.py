@@ -1,7 +1,5 @@
 """The glossary is sorted, and every term has one sentence and a link that leads somewhere."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The commands do what the golden files keep, within the tolerance that golden.py states."""
 
-from __future__ import annotations
-
 import copy
 
 import pytest

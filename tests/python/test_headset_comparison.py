@@ -1,7 +1,5 @@
 """Our headset view looks like the published one, as headset_comparison.py shows."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Files that must agree with each other."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import importlib.util

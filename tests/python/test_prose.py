@@ -1,7 +1,5 @@
 """Pages and the package keep to the rules of tools/docs/prose.py."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path

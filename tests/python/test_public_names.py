@@ -1,7 +1,5 @@
 """Names of the packages, repr of policies, and errors of what they are given."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

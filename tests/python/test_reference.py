@@ -1,7 +1,5 @@
 """The generated reference pages are up to date and leave nothing out."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """No arrow runs back up: a room of the package imports only the rooms below it."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path

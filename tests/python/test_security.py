@@ -1,7 +1,5 @@
 """SECURITY.md's table, row by row: a hostile file does nothing before somebody has agreed."""
 
-from __future__ import annotations
-
 import ctypes.util
 import gzip
 import json

@@ -1,7 +1,5 @@
 """The documentation's site builds without a warning: no dead link, no page without a section."""
 
-from __future__ import annotations
-
 import importlib.util
 import inspect
 import subprocess

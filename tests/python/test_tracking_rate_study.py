@@ -1,7 +1,5 @@
 """docs/research/scripts/tracking_rate.py still runs, and its strikes are what it says they are."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path

@@ -11,8 +11,6 @@ inputs.
 What broke is written to ``--keep`` (build/fuzz_files), a file per input; the exit status is 1 then.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import io

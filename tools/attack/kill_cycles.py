@@ -7,8 +7,6 @@ the last cycle, ended when it was asked to, and left no process.
 Run: python tools/attack/kill_cycles.py --cycles 50
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -9,8 +9,6 @@ may be left. Prints one JSON row per round; ends with status 0 when all were equ
 Run: python tools/attack/kill_trainers.py --rounds 20 --recipes distill ppo
 """
 
-from __future__ import annotations
-
 import argparse
 import io
 import json

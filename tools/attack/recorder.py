@@ -17,8 +17,6 @@ Prints one JSON line per attack with counts; ends with status 1 when something b
 Run: python tools/attack/recorder.py --kills 50
 """
 
-from __future__ import annotations
-
 import argparse
 import http.client
 import json

@@ -15,8 +15,6 @@ Prints one JSON line per attack with counts; ends with status 1 when something b
 Run: python tools/attack/server_messages.py --messages 20000 --signals 200
 """
 
-from __future__ import annotations
-
 import argparse
 import copy
 import json

@@ -8,8 +8,6 @@ state. Ends with status 1 when, after the first tenth, either side's memory has 
 Run: python tools/attack/soak.py --exchanges 100000
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

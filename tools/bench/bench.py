@@ -3,8 +3,6 @@
 Run: python tools/bench/bench.py --scene physics,env --n 1,16,64
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -9,8 +9,6 @@ Ends with status 1 if a ratio lies below --fail-below, or with --same-states if 
 differs; with 2 if a file cannot be used.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

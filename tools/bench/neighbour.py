@@ -6,8 +6,6 @@ C cores with B busy processes a fair share is C / (C - B / 2) times the quiet ti
 Run: python tools/bench/neighbour.py --busy 1 --updates 30 --turns 3
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import subprocess

@@ -9,8 +9,6 @@ Ends with status 1 if hashes differ or a run is slower than --fail-below steps p
 if the program cannot be played.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json

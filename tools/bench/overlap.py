@@ -6,8 +6,6 @@ With more than one part apps play, and are drawn, while the bodies of the next p
 Run: python tools/bench/overlap.py --n 64 --threads 16 --seconds 2
 """
 
-from __future__ import annotations
-
 import argparse
 from contextlib import ExitStack
 

@@ -3,8 +3,6 @@
 Run: python tools/bench/stages.py runs/NAME
 """
 
-from __future__ import annotations
-
 import argparse
 
 from measure.profile import stage_lines

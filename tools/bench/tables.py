@@ -7,8 +7,6 @@ last one with the table's scenes counts. Numbers are thus never typed by hand.
 Run: python tools/bench/tables.py build/bench/performance.jsonl docs/research/performance.md
 """
 
-from __future__ import annotations
-
 import json
 import re
 import sys

@@ -9,8 +9,6 @@ at install time by tools/dev/setup.sh. Packages that only the CUDA build of
 torch asks for are left out for the same reason.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import re

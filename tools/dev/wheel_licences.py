@@ -8,8 +8,6 @@ licences of ``/usr/share/common-licenses`` that it refers to, go to
 ``*.dist-info/licenses/carried``, with a list of what is there.
 """
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

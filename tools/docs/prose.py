@@ -13,8 +13,6 @@ Tables, code blocks and docs/research/ are exempt. No file may break a rule.
 Run: python tools/docs/prose.py [FILE ...] to list the problems
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import re

@@ -3,8 +3,6 @@
 Run: make reference
 """
 
-from __future__ import annotations
-
 import ast
 import inspect
 import math

@@ -8,8 +8,6 @@ commands, and `SKIPPED` says why some do not run. The output of each command is 
 `log/`. The exit status is 1 if a command failed that should not, or the other way round.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import re

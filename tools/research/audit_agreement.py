@@ -8,8 +8,6 @@ Persons and places are drawn; a pair agrees if both or neither bring the hand wi
 A run that was ended goes on after the last line of its CSV.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import time

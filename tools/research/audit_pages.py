@@ -7,8 +7,6 @@ operated follow, with the audit's own observations.
     python tools/research/audit_pages.py [--folder FOLDER] [--only WORD] [--held-out]
 """
 
-from __future__ import annotations
-
 import argparse
 import resource
 import tempfile

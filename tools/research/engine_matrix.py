@@ -7,8 +7,6 @@ enters VR, the picture has the cube at its place, and the ray follows the contro
     python tools/research/engine_matrix.py [--folder FOLDER] [PACKAGE@VERSION ...]
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 from pathlib import Path

@@ -9,8 +9,6 @@ Prints Markdown tables; docs/research/exertion.md holds them with their date. FO
 rounds of Whac-A-Mole, RATINGS.csv the columns scale, group, placement, mean.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import tempfile

@@ -1,4 +1,4 @@
-"""What a round costs the body: exertion of every arm, fatigue of every muscle.
+"""Exertion of every arm and fatigue of every muscle in a round.
 
 NICER and Consumed Endurance come from the body's dynamics.
 """

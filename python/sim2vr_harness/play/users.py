@@ -1,4 +1,4 @@
-"""Who plays: a trained user, or one that needs no training."""
+"""Users that play: trained ones, and those that need no training."""
 
 from __future__ import annotations
 

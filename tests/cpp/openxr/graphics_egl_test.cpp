@@ -7,6 +7,7 @@
 
 #include <array>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -14,8 +15,8 @@
 #define XR_USE_GRAPHICS_API_OPENGL
 #include <openxr/openxr_platform.h>
 
-#include "gl_functions.hpp"
 #include "makers.hpp"
+#include "sim2vr/gl/functions.hpp"
 #include "typed.hpp"
 
 namespace sim2vr::openxr {
@@ -50,7 +51,8 @@ class Program {
     context = createContext(4, 5);
     if (context == EGL_NO_CONTEXT) return;
     make_current(display, EGL_NO_SURFACE, EGL_NO_SURFACE, context);
-    gl.emplace([&](const char* name) { return reinterpret_cast<void*>(lookup(name)); });
+    gl.emplace([&](const char* name) { return reinterpret_cast<void*>(lookup(name)); },
+               [](const char* name) { throw std::runtime_error(name); });
     find(clear_color, "glClearColor");
     find(clear, "glClear");
     find(clear_depth, "glClearDepth");
@@ -102,7 +104,7 @@ class Program {
   decltype(&eglDestroyContext) destroy_context = nullptr;
   decltype(&eglBindAPI) bind_api = nullptr;
   decltype(&eglQueryAPI) query_api = nullptr;
-  std::optional<GlFunctions> gl;
+  std::optional<gl::Functions> gl;
   PFNGLCLEARCOLORPROC clear_color = nullptr;
   PFNGLCLEARPROC clear = nullptr;
   PFNGLCLEARDEPTHPROC clear_depth = nullptr;
@@ -136,7 +138,7 @@ class GraphicsEgl : public testing::Test {
     program_->destroy_context(program_->display, program_->context);
   }
 
-  const GlFunctions& gl() const { return *program_->gl; }
+  const gl::Functions& gl() const { return *program_->gl; }
 
   static std::vector<GLuint> texturesOf(const SwapchainImages& images) {
     std::vector<XrSwapchainImageOpenGLKHR> list(

@@ -10,11 +10,12 @@
 
 #include <array>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
-#include "gl_functions.hpp"
 #include "makers.hpp"
+#include "sim2vr/gl/functions.hpp"
 #include "typed.hpp"
 
 // After the others: Xlib defines macros with everyday names.
@@ -158,7 +159,7 @@ TEST_F(GraphicsOpenGl, ReadsWhateverContextIsCurrent) {
   const auto find = [&](const char* name) {
     return reinterpret_cast<void*>(lookup(reinterpret_cast<const GLubyte*>(name)));
   };
-  const GlFunctions gl(find);
+  const gl::Functions gl(find, [](const char* name) { throw std::runtime_error(name); });
   GLuint framebuffer = 0;
   gl.GenFramebuffers(1, &framebuffer);
   gl.BindFramebuffer(GL_DRAW_FRAMEBUFFER, framebuffer);

@@ -1,7 +1,5 @@
 """Audits: designs made worse in known ways, geometry by hand, files that repeat."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """How far users reach, against geometry worked out by hand."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

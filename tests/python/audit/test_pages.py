@@ -1,7 +1,5 @@
 """Interactive things of pages, found and tried; a page's answers."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

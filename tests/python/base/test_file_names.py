@@ -1,7 +1,5 @@
 """One pattern for the names of test files in each language."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

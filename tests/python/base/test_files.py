@@ -1,7 +1,5 @@
 """Reading files that are damaged, of another kind, or made to hurt."""
 
-from __future__ import annotations
-
 import errno
 import io
 import math

@@ -1,7 +1,5 @@
 """A few seconds of ``tools/attack/fuzz_files.py``: no reader fails on any file."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """OpenGL and PyTorch in one process."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

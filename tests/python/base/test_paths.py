@@ -1,7 +1,5 @@
 """Finding the app, the shaders and the configurations in a checkout and in an installed wheel."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

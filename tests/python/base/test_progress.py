@@ -1,7 +1,5 @@
 """Progress of parts is that of the whole."""
 
-from __future__ import annotations
-
 import pytest
 
 from sim2vr_harness.base.progress import progress_of_part

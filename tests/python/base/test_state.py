@@ -1,7 +1,5 @@
 """Saved states: what is restored, what is copied, and what is refused."""
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """The number of torch's threads is found by timing the work itself."""
 
-from __future__ import annotations
-
 import torch
 
 from sim2vr_harness.base.torch_threads import FastestThreads

@@ -1,7 +1,5 @@
 """tools/bench: two runs side by side, and the tables of the performance page."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import sys

@@ -1,7 +1,5 @@
 """Commands as a shell would call them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

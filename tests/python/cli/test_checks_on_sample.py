@@ -1,7 +1,5 @@
 """The commands of the workflow for continuous integration run on the sample game."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

@@ -1,7 +1,5 @@
 """Shell completion, and the nearest name of a mistyped one."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

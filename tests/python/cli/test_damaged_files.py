@@ -1,7 +1,5 @@
 """Commands that are given files which nobody can read: one line, which names the file; status 2."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The report of ``sim2vr-harness doctor``."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

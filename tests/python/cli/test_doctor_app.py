@@ -1,7 +1,5 @@
 """``doctor --app``: an app's trial, with the app at its best and at its worst."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

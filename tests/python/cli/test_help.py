@@ -1,7 +1,5 @@
 """``--help``: groups, whole lines, and examples."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """An interrupted command of the console exits at once, and in order."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

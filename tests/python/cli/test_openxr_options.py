@@ -1,7 +1,5 @@
 """``--openxr`` and what belongs to it, with a stand-in for a program."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """WebXR pages on the command line: baselines, and what cannot be."""
 
-from __future__ import annotations
-
 import json
 import os
 import socket

@@ -1,7 +1,5 @@
 """Progress lines outside a terminal: one at once, then one every 15 s."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

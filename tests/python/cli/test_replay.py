@@ -1,7 +1,5 @@
 """``sim2vr-harness replay`` on a small round of our own."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

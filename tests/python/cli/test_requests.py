@@ -1,7 +1,5 @@
 """Options of the command line, made from the fields of a request."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """The tables that ``study`` prints: nothing is cut, nothing is empty, digits follow the spread."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

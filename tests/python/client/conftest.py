@@ -1,7 +1,5 @@
 """A stand-in for a Unity build, as an executable."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Iterator

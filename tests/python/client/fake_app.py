@@ -5,8 +5,6 @@
 in the first process that gets there. ``-record FILE`` keeps every message, one line each.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """A channel that is interrupted."""
 
-from __future__ import annotations
-
 import pytest
 import zmq
 

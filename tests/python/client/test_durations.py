@@ -1,7 +1,5 @@
 """Times to wait that cannot be waited are refused before anything is started."""
 
-from __future__ import annotations
-
 import math
 import os
 import re

@@ -1,7 +1,5 @@
 """MuJoCo <-> app frame conversion, against numbers of the SIM2VR reference and by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

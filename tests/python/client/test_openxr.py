@@ -1,7 +1,5 @@
 """OpenXR programs: the channel, values, rounds, and what goes wrong, with stand-ins."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

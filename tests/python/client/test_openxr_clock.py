@@ -1,7 +1,5 @@
 """The preloaded virtual clock: times, sleeps and waits of a program, with Python in it."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The X server of ``--xvfb``: reached by cookie only, and nothing of it stays."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """Child processes: started, watched, quoted in errors, and never left behind."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

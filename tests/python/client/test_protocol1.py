@@ -1,7 +1,5 @@
 """Protocol 1 against a stand-in that knows the reference's fields only, faults included."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

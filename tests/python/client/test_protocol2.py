@@ -1,7 +1,5 @@
 """Protocol 2 beyond what the contract suite covers: faults on both sides, images, the example."""
 
-from __future__ import annotations
-
 import ast
 import os
 import re

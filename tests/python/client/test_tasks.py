@@ -1,7 +1,5 @@
 """Tasks: rules and code, over any transport; what is wrong is said in one line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

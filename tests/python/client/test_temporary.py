@@ -1,7 +1,5 @@
 """Temporary folders of apps: what is swept, and what is left alone."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Timelines of levels, of every game that has them."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import pytest

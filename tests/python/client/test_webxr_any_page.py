@@ -1,7 +1,5 @@
 """Pages as they are on the web: older engines, missing files, previews, doors of every kind."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time

@@ -1,7 +1,5 @@
 """Pages that cannot be played, or not any more: one line each that names page and cause."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

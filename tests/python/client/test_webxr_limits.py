@@ -1,7 +1,5 @@
 """What a page may have us keep, and how much memory it may take."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

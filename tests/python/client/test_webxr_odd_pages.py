@@ -1,7 +1,5 @@
 """Pages that do things in their own way, and are played all the same."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """npm packages behind a page's addresses: which, fetched by npm, mapped, checked."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import io

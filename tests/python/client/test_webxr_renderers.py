@@ -1,7 +1,5 @@
 """What draws in a browser: SwiftShader with one thread, or Mesa."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

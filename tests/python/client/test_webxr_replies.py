@@ -1,7 +1,5 @@
 """What a page answers is checked, whatever its scripts have replaced."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a page shows, as boxes: validation, and the scene that pictures from outside draw."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

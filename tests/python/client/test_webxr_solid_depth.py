@@ -1,7 +1,5 @@
 """The depth picture of a page: what is solid, behind lines and what is seen through."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

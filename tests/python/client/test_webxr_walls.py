@@ -1,7 +1,5 @@
 """What a page may not: read files outside its folder, reach the network, write anywhere."""
 
-from __future__ import annotations
-
 import re
 import socket
 import time

@@ -1,7 +1,5 @@
 """An app that does what it is told with everything a user wears, and writes down what it got."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from typing import Any

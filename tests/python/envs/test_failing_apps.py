@@ -1,7 +1,5 @@
 """Apps outside this process that die, hang or talk nonsense while users play in them."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Iterator

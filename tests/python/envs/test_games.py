@@ -1,7 +1,5 @@
 """What a configuration takes over of the game that it names."""
 
-from __future__ import annotations
-
 import pytest
 
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, UserConfig

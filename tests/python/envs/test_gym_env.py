@@ -1,7 +1,5 @@
 """The Gymnasium face: registration, checkers, pictures, copies."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 import subprocess

@@ -1,7 +1,5 @@
 """Fingers on the controllers' inputs, and heads that answer what apps wish."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The option hand_lag_s: apps see controllers where they were, and heads where they are."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A left-handed user plays with the left hand."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from pathlib import Path
 from typing import Any

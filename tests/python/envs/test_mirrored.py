@@ -1,7 +1,5 @@
 """Left-handers who are right-handers' mirror images, in one crowd."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from pathlib import Path
 from typing import Any

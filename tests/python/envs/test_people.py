@@ -1,7 +1,5 @@
 """Users who are people: who plays an episode, what it is told, and what it perceives when."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

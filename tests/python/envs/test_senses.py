@@ -1,7 +1,5 @@
 """What users perceive in an app: every sense and wrapper end to end, saved, and in any batch."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Users and apps in lockstep: observation, reward, ends of episodes, saved states."""
 
-from __future__ import annotations
-
 from contextlib import closing
 
 import numpy as np

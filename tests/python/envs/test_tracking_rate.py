@@ -1,7 +1,5 @@
 """Several app frames per user step: the app sees the hand more often than the user acts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Transports are rows of one table: what a configuration may say goes by it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path

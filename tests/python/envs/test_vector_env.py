@@ -1,7 +1,5 @@
 """Many users as Gymnasium's vector environment."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 

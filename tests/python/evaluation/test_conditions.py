@@ -1,7 +1,5 @@
 """Options that a user names beside conditions that set them, too."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

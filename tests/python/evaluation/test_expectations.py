@@ -1,7 +1,5 @@
 """Checks of results: bounds, and comparisons with a baseline."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Several people play: who plays which round, and means over people, not over rounds."""
 
-from __future__ import annotations
-
 import io
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A trained user from Python, as the README has it."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Beats and its model at once: the same users at the same time, moving about at random."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

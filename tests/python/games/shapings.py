@@ -1,7 +1,5 @@
 """Settings of a game's model whose shaping has other values than those that ship."""
 
-from __future__ import annotations
-
 from types import ModuleType
 from typing import Any
 

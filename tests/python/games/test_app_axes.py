@@ -1,7 +1,5 @@
 """Game models place things as the app does: right is x, up is y, away from the player is z."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 

@@ -1,7 +1,5 @@
 """Maps as people have them: other encodings, and folders whose names are not UTF-8."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

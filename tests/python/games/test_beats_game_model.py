@@ -1,7 +1,5 @@
 """Imagined Beats by itself: blades that go where they are told to, and boxes made by hand."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """What an evaluation tells of Beats, in each of its conditions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

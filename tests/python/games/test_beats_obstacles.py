@@ -1,7 +1,5 @@
 """Mines and walls of imagined Beats against the true game's: both see the same users."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Recorded rounds of Beat Saber, played in Beats with the rules of the original."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

@@ -1,7 +1,5 @@
 """Does imagined Beats play by the true game's rules? Both see the same users at the same time."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """The body with a trunk and a neck that move gets past every kind of wall that levels have."""
 
-from __future__ import annotations
-
 from contextlib import closing
 
 import numpy as np

@@ -5,8 +5,6 @@ its own chance. So what happens in it, what a teacher observes and what it pays 
 average over users, within what chance explains. Rules one by one are tested beside this.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any

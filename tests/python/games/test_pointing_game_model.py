@@ -1,7 +1,5 @@
 """Imagined pointing by itself: tips that go where they are told to."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

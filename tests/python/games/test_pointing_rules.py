@@ -1,7 +1,5 @@
 """Does imagined pointing play by the true game's rules? Both see the same users."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 from unittest.mock import patch

@@ -1,7 +1,5 @@
 """Published numbers of the games: found by condition, user and length of the round."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Imagined Whac-A-Mole by itself: users whose controllers stay where they are told to."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

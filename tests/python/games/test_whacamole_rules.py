@@ -1,7 +1,5 @@
 """The model's numbers are the true game's: the running app is asked for every one of them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 from unittest.mock import patch

@@ -1,7 +1,5 @@
 """Rounds whose measures can be worked out by hand."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sessions of any app beside each other: measures with numbers derived by hand."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Users beside people: persons, totals, differences, fatigue."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import replace
 

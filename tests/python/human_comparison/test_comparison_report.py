@@ -1,7 +1,5 @@
 """Users beside people: ranges, cells of both rules, signs of differences, fatigue."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Fitts' law from logs that were made by hand."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

@@ -1,7 +1,5 @@
 """Measures of recorded people, against figures that were published of the same recordings."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Where rounds come from, and what cannot be used."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

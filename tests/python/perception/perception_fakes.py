@@ -1,7 +1,5 @@
 """Users that count their substeps instead of moving, for senses that want numbers by hand."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

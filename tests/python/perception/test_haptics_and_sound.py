@@ -1,7 +1,5 @@
 """What comes from the app beside the picture: vibrations and sounds, with numbers by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from perception_fakes import SUBSTEPS, TIMESTEP_S, World, pulse, sound

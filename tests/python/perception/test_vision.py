@@ -1,7 +1,5 @@
 """The headset's picture: channels, eyes, and where it is sharp."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from perception_fakes import SUBSTEPS, World

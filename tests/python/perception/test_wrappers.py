@@ -1,7 +1,5 @@
 """Delay lines, noise and history around any sense, with numbers made by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from perception_fakes import SUBSTEPS, TIMESTEP_S, World, clock

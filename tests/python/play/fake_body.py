@@ -1,7 +1,5 @@
 """Stands in for the drawing of the body, which needs OpenGL."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

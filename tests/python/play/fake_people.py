@@ -1,7 +1,5 @@
 """The quick stand-in of a simulation, with people."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """``sim2vr-harness render film``: users of the same round, side by side."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

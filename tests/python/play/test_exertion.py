@@ -1,7 +1,5 @@
 """Exertion of rounds that are played: against the meters fed by hand from the simulation."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Fatigue per muscle and body part: who crosses what, names, and numbers by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

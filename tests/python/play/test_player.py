@@ -1,7 +1,5 @@
 """The loop that plays rounds, its watchers, and who plays."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Attention crops: their pixels, and that a student learns to place them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """Policies in Python files (``FILE.py:CLASS``) are evaluated like trained users."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

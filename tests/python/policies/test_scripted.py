@@ -1,7 +1,5 @@
 """Scripted users: words and files, inputs, and what they do on a page and in a game."""
 
-from __future__ import annotations
-
 import json
 import re
 from contextlib import closing

@@ -1,7 +1,5 @@
 """Trained users, packed: what they weigh, what they remember, and where they cannot play."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

@@ -1,7 +1,5 @@
 """The network against a hand-written one and a parameter count by hand."""
 
-from __future__ import annotations
-
 import copy
 import math
 import pickle

@@ -1,7 +1,5 @@
 """What is saved is finite, what is damaged is named and kept, and one training works at a time."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

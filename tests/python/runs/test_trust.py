@@ -1,7 +1,5 @@
 """Programs that a run's configuration names are started only if this user has said so."""
 
-from __future__ import annotations
-
 import json
 import os
 import stat

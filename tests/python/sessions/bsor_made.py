@@ -1,7 +1,5 @@
 """Writes BSOR as its description has it, for tests of the reader."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping, Sequence
 from typing import Any

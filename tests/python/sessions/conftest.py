@@ -1,7 +1,5 @@
 """Recordings made by our own app with a scripted hammer, and the original's log written by hand."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

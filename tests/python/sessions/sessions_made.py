@@ -1,7 +1,5 @@
 """A session with everything in it, made of closed forms, and the folder of shared data."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

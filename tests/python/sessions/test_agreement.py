@@ -1,7 +1,5 @@
 """The figures of a replay, worked out by hand for a handful of events."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

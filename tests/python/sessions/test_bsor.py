@@ -1,7 +1,5 @@
 """BSOR: boxes and poses of made-up replays, and of a person's, written as the format says."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Which clock made a recording's rounded times. Numbers by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

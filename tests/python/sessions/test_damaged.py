@@ -1,7 +1,5 @@
 """Damaged and odd files, made from good ones: one clear sentence each."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import struct

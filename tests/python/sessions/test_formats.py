@@ -1,7 +1,5 @@
 """Sessions written and read again, in every format."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

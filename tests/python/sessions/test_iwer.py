@@ -1,7 +1,5 @@
 """IWER's own recorder and player against our reader and writer, in Node; npm brings it."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

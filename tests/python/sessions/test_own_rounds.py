@@ -1,7 +1,5 @@
 """Rounds that our own app logged, replayed: the very same log must come out."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Reading the original's logs and the packed form, with wrong files too."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

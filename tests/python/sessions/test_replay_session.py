@@ -1,7 +1,5 @@
 """Sessions replayed in games and pages: the same events, or the first difference and its cause."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Reading ``states.csv``; tests/cpp/rl/state_log_test.cpp has the same cases."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

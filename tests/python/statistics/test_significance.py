@@ -1,7 +1,5 @@
 """Tests against numbers worked out by hand, and examples that libraries publish."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

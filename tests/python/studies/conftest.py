@@ -1,7 +1,5 @@
 """Tables of a game that the package does not know, and their report."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What the processes of the pool's test do, importable by them."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

@@ -1,7 +1,5 @@
 """A study of four cells, and what it leaves."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -4,8 +4,6 @@ Two conditions of two rounds each, 4 s long. Items come up at the corners of a s
 back by 45 degrees; the tool stays 0.1 m in front of it.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

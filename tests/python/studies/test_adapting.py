@@ -1,7 +1,5 @@
 """Trained users that go on in what a cell plays: the training, the study and who is refused."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

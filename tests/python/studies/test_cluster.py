@@ -1,7 +1,5 @@
 """Studies on Ray: a cluster of three nodes on this machine, one of which dies."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Iterator

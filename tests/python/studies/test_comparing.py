@@ -1,7 +1,5 @@
 """Comparisons of tables that were written by hand: what n counts, and when there is no p value."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

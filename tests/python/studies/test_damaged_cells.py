@@ -1,7 +1,5 @@
 """Cells of a study whose files have changed: refused, or played again."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Published effects beside a user's: signs, sizes, intervals, and files that cannot be used."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from types import SimpleNamespace

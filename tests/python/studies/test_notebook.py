@@ -1,7 +1,5 @@
 """docs/examples/study.ipynb runs from top to bottom."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Processes that do tasks, and die of them."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

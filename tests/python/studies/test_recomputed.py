@@ -1,7 +1,5 @@
 """Results of three small studies, worked out again by SciPy and statsmodels alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Figures and tables of a report: on its page and as files for papers."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import re

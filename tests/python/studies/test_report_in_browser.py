@@ -1,7 +1,5 @@
 """The page as people see it: in a browser, on a desk and on a telephone."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

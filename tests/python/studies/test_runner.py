@@ -1,7 +1,5 @@
 """Studies of the quick stand-in: what is done, kept, gone on with; what if something fails."""
 
-from __future__ import annotations
-
 import errno
 import json
 import shutil

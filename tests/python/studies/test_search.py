@@ -1,7 +1,5 @@
 """Searches: what is chosen, told and kept; that a killed one goes on as if nothing had happened."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Nothing of a study knows its game: shipped users of Beats, for half a second each."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

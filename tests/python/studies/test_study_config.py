@@ -1,7 +1,5 @@
 """What a study's file may say, and what is said of one that cannot be used."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

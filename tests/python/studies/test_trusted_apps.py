@@ -1,7 +1,5 @@
 """Studies that start somebody's app ask once; those without one do not ask."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What the exertion models say of people's recorded rounds."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 from dataclasses import replace

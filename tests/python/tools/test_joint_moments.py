@@ -1,7 +1,5 @@
 """Moments about joints against those that MuJoCo works out itself."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -1,7 +1,5 @@
 """The recorder: a session file has what the page's headset reports, and strangers stay out."""
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import http.client
@@ -29,7 +27,6 @@ from sim2vr_harness.sessions.replay import replay_session
 from sim2vr_harness.tools.record import (
     RecordingServer,
     bookmarklet,
-    certificate,
     parts,
     recover,
     script_tag,
@@ -427,9 +424,9 @@ def test_the_local_network_is_served_over_https(
 
 
 def test_without_openssl_the_error_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(certificate.shutil, "which", lambda name: None)
+    monkeypatch.setattr(server.shutil, "which", lambda name: None)
     with pytest.raises(InputError, match="openssl on the PATH"):
-        certificate.self_signed("127.0.0.1")
+        server.self_signed("127.0.0.1")
 
 
 @pytest.mark.parametrize(

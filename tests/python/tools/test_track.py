@@ -1,7 +1,5 @@
 """Recorded hands that a body follows: files, frames and places by hand, and a circle."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Planning of muscles ahead: its parts against other ways to the same numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

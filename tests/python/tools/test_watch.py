@@ -1,7 +1,5 @@
 """What is to be seen of play, without a browser."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

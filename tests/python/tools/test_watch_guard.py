@@ -1,7 +1,5 @@
 """Strangers neither see nor touch what somebody watches."""
 
-from __future__ import annotations
-
 import contextlib
 import http.client
 import socket

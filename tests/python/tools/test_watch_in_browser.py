@@ -1,7 +1,5 @@
 """What people see when they watch: the scene, and the buttons beside it, in a browser."""
 
-from __future__ import annotations
-
 import socket
 import threading
 import time

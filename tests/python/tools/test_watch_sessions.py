@@ -1,7 +1,5 @@
 """Sessions to watch, alone and beside a user, without a browser."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A quick stand-in for the simulation, with its interface and none of its physics."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass

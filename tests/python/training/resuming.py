@@ -1,7 +1,5 @@
 """The contract of everything that learns: it goes on from its state to the same bits."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable, Mapping
 from pathlib import Path

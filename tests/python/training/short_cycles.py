@@ -1,7 +1,5 @@
 """Constants of the model-based stage, as small as tests need them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from unittest.mock import patch

@@ -1,7 +1,5 @@
 """The distilled recipe end to end, tiny, in the real game: what its stages leave behind."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

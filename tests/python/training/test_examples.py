@@ -1,7 +1,5 @@
 """The examples of other learners run as they are, where their package is installed."""
 
-from __future__ import annotations
-
 import importlib.util
 import subprocess
 import sys

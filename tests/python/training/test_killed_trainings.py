@@ -1,7 +1,5 @@
 """Trainings that are killed and resumed leave the same bits, and the tool that says so can tell."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import shutil

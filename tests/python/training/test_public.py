@@ -1,7 +1,5 @@
 """What the room says is public is there, is documented, and costs no torch until it needs it."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

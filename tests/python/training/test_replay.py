@@ -1,7 +1,5 @@
 """The replay store: pictures in files, the last frames only where it has a slack."""
 
-from __future__ import annotations
-
 import copy
 import errno
 import os

@@ -1,7 +1,5 @@
 """Training and evaluation on the real simulation: tiny, but nothing is replaced."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Training and evaluation in apps outside this process, some of which fail on the way."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """The distilled recipe in seconds: the real game, and as little of everything as there can be."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 from pathlib import Path

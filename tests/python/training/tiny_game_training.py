@@ -1,7 +1,5 @@
 """Model-based training in Whac-A-Mole with as little of everything as there can be."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from unittest.mock import patch

@@ -1,7 +1,5 @@
 """What users of the true game do, in the tensors of imagined rollouts."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import torch

@@ -1,7 +1,5 @@
 """Small bodies for tests: an MJCF and its description, written to a folder."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -4,8 +4,6 @@ The excerpts in `tests/data/mobl_arms` always serve; the full reference files wh
 in the folder that SIM2VR_SHARED names or in `shared` next to the repository.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

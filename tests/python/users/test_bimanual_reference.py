@@ -1,7 +1,5 @@
 """The body with two arms and 14 motors against the User-in-the-Box conversion."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from typing import Any
 

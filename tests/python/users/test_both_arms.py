@@ -1,7 +1,5 @@
 """The wrist model's arm on both sides: right as in the tables, left its mirror image."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco

@@ -1,7 +1,5 @@
 """Endurance models and arm loads against numbers worked out by hand."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The reflex that moves heads: what it does to the headset, and that it does it to nothing else."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Whether a hand can flick: what wrists of people are judged by."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

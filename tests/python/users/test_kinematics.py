@@ -1,7 +1,5 @@
 """Forward and inverse kinematics: MuJoCo's own is the reference."""
 
-from __future__ import annotations
-
 from contextlib import closing
 
 import mujoco

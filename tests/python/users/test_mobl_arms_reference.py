@@ -1,7 +1,5 @@
 """The rebuilt wrist model against reference values of the User-in-the-Box conversion."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco

@@ -1,7 +1,5 @@
 """A second source of bodies: MyoSuite's arm, from the package myo-sim."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """How far reaches of people go astray whom nobody corrects: what their motor noise is judged by."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """People: a distribution whose members do not depend on one another, and what acts of a person."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

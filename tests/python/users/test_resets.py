@@ -1,7 +1,5 @@
 """How episodes begin where that is asked for."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Whole bodies that sit or stand still: locked free joints and balls, and the two postures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

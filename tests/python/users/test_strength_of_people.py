@@ -1,7 +1,5 @@
 """Whether everybody can hold up an arm: what the strength of people is judged by."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

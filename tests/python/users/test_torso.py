@@ -1,7 +1,5 @@
 """Trunk and neck that move: what they are made of, what they can do, that they stand."""
 
-from __future__ import annotations
-
 import csv
 import re
 from contextlib import closing

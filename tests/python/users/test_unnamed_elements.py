@@ -1,7 +1,5 @@
 """Elements of an MJCF need no names."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """An MJCF of somebody else is checked before MuJoCo reads it: bounds, numbers, files."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Imagined bodies of all kinds: muscles, motors and both, one arm, two arms, a trunk that moves."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Columns of tensors."""
 
-from __future__ import annotations
-
 import torch
 
 from sim2vr_harness.world_models.columns import Columns

@@ -1,7 +1,5 @@
 """The critic behind imagined windows, against values worked out by hand."""
 
-from __future__ import annotations
-
 import torch
 
 from sim2vr_harness.world_models.value_function import ValueFunction

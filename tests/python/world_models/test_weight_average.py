@@ -1,7 +1,5 @@
 """The mean of weights over the last updates, against values worked out by hand."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 

@@ -1,7 +1,5 @@
 """The bodies that a game can be played with, with and without a trunk that moves."""
 
-from __future__ import annotations
-
 from sim2vr_harness.envs.config import EffortConfig, EnvConfig, body_of
 from sim2vr_harness.envs.games import with_hand
 from sim2vr_harness.runs.config import TrainingConfig

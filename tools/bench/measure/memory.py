@@ -3,8 +3,6 @@
 Run as a program it is such a process: settings come in as JSON, the peak goes out.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

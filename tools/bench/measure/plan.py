@@ -1,7 +1,5 @@
 """Benchmark plan: scenes, numbers of users, threads and transports to measure."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Sequence

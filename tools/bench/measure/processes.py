@@ -1,7 +1,5 @@
 """Processor time and memory of this process and its descendants (Linux)."""
 
-from __future__ import annotations
-
 import os
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Profile of a training: time of its stages and of their parts."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from tempfile import TemporaryDirectory
 

@@ -1,7 +1,5 @@
 """Benchmark output on the command line: a table and ratios."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

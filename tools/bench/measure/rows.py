@@ -1,7 +1,5 @@
 """Results as JSON rows, with what is needed to compare them with those of another day."""
 
-from __future__ import annotations
-
 import json
 import os
 import platform

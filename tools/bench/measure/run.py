@@ -1,7 +1,5 @@
 """A run: scenes take turns, rows that must play alike are compared, ratios are paired."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace

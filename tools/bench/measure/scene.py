@@ -5,8 +5,6 @@ which its state is hashed. User i does the same in every scene of users, for any
 threads and transport.
 """
 
-from __future__ import annotations
-
 import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Benchmark scenes: the body alone, drawing apps, whole users, learning."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from typing import Any
 

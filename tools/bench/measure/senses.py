@@ -1,7 +1,5 @@
 """Variants of whole users with one more sense, or one thing done to a sense: what each costs."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from sim2vr_harness.envs.config import EnvConfig

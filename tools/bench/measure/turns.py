@@ -1,7 +1,5 @@
 """Measuring several things in turns, so that other programs slow them all alike."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

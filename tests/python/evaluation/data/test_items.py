@@ -1,7 +1,5 @@
 """Items of a round, by logs that were written by hand."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

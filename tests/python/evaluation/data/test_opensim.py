@@ -1,7 +1,5 @@
 """OpenSim's own reader reads what is exported."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Real rounds of several games, played by users who know nothing, in tables."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """An evaluation's rounds as recordings of IWER."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Tables that are written, added to and read again."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Who waits in vain: one hand and four cells, by hand."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any, cast
 

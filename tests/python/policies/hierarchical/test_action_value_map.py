@@ -1,7 +1,5 @@
 """Values of options by image cell, against the same layers written out in float64."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import torch

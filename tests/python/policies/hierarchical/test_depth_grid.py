@@ -1,7 +1,5 @@
 """Places of what is seen, by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """The human motor policy: what it feels late, how it misjudges goals, and where it begins."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import replace
 from pathlib import Path

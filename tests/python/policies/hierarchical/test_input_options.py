@@ -1,7 +1,5 @@
 """Options with controller inputs: which there are, when fingers pull, where rays point."""
 
-from __future__ import annotations
-
 import copy
 from contextlib import closing
 from types import SimpleNamespace

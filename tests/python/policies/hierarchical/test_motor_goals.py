@@ -1,7 +1,5 @@
 """What a motor layer is told, by hand."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

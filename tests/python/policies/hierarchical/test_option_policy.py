@@ -1,7 +1,5 @@
 """Users who decide and leave the doing to their motor layer."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a person decides by: late pictures, and time between decisions."""
 
-from __future__ import annotations
-
 from typing import Any
 from unittest.mock import patch
 

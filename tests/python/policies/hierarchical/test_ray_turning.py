@@ -1,7 +1,5 @@
 """Rays that persons turn: angles as lengths, and what counts of velocities."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

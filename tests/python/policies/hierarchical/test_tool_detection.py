@@ -1,7 +1,5 @@
 """What is in the hand, told from pictures drawn by hand: a wall, and a stick or nothing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """A student who imitates: on a stand-in whose best action shows in the observation."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Imagined rollouts on a GPU: what is captured reads no values, and runs as it does eagerly."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

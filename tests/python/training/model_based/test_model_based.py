@@ -1,7 +1,5 @@
 """Imagined rollouts: do the imagined body and game do what the true ones do?"""
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Iterator

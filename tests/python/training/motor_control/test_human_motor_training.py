@@ -1,7 +1,5 @@
 """The training of human motor policies, and its measures, against numbers worked out by hand."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Preferred decisions, and what they weigh."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

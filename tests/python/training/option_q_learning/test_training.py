@@ -1,7 +1,5 @@
 """The recipe ``skills`` on a running app, small."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Iterator
 from dataclasses import asdict

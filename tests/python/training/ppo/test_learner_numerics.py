@@ -1,7 +1,5 @@
 """What is quick must compute what Stable-Baselines3 and plain torch compute."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What a training says at its start: devices, times, and cores that are not free."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import platform
 
 from sim2vr_harness.training.run.trainer import keep_freed_memory

@@ -1,7 +1,5 @@
 """Progress of work in a terminal and in plain lines."""
 
-from __future__ import annotations
-
 import io
 import time
 

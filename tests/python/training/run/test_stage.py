@@ -1,7 +1,5 @@
 """Every stage is stopped, saved and resumed in the same way, to the same bits."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Whole training sessions on the quick stand-in for the simulation."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

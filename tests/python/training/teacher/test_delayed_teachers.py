@@ -1,7 +1,5 @@
 """Teachers of users whose senses are late and whose bodies differ: true and imagined."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The teacher: what it senses, its curriculum, and how it acts."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

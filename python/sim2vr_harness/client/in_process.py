@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,10 @@ _DEVICE_ROWS = ("head", "left_controller", "right_controller", "left_inputs", "r
 
 
 class InProcessBatch:
-    """N apps of one game in the C++ runtime; each is an app as any other (:meth:`app`).
+    """N apps of one game in the C++ runtime: arrays there and back, no loop over users.
+
+    Each is an app as any other (:attr:`apps`), and all together are the apps of N users
+    (:class:`~sim2vr_harness.envs.app_group.AppGroup`, where results and calls are described).
 
     What an app does depends on its own input only, to the bit: not on N, its place or the threads.
 
@@ -54,7 +58,7 @@ class InProcessBatch:
         log_dirs: N roots of the apps' episode logs; None for no logs.
         threads: 1 or more.
         vision_channels: which channels of the images (0 red, 1 green, 2 blue, 3 depth)
-            :attr:`vision` holds.
+            :attr:`pictures` holds.
         clock: fixed step and tolerances of the apps' clocks.
 
     Raises:
@@ -95,12 +99,18 @@ class InProcessBatch:
             **asdict(clock or ClockSettings()),
         )
         self._bind()
-        self.log_names: list[str] = []
-        """Names of the columns of :attr:`logs`, from the first reset on."""
-        self.logs: Float64Array = np.zeros((n, 0))
-        """(N, L) the games' named numbers."""
+        self._log_names: list[str] = []  # from the first reset on
+        self._logs: Float64Array = np.zeros((n, 0))
         self._started: dict[int, tuple[Int64Array, DevicePoses, int]] = {}
-        self._left = set(range(n))
+        self._open = set(range(n))
+        self.failed: dict[int, str] = {}
+        self.left: dict[int, str] = {}
+        self.failures: list[Any] = []
+        # Mesa's drivers for the processor say so by name.
+        name = str(self.native.renderer_description)
+        self.drawn_by_gpu = not any(
+            word in name for word in ("llvmpipe", "softpipe", "null renderer")
+        )
 
     def _bind(self) -> None:
         """Take the extension's arrays, which it overwrites, as attributes."""
@@ -109,19 +119,17 @@ class InProcessBatch:
         self.images: UInt8Array = self._batch.images
         """(N, H, W, 4), with two eyes (N, 2, H, W, 4), the apps' headset images, overwritten by
         their steps; no copy."""
-        self.vision: UInt8Array = self._batch.vision
+        self.pictures: UInt8Array = self._batch.vision
         """(N, eyes * C, H, W) the chosen channels of the images, the left eye's first; overwritten
         like them."""
-        self.rewards: NDArray[np.float32] = self._batch.rewards
+        self.reward: NDArray[np.float32] = self._batch.rewards
         """(N,) of every app's last step or reset; overwritten, as all results."""
         self.finished: UInt8Array = self._batch.finished
         """(N,) 1 where the round is over."""
-        self.time_features: NDArray[np.float32] = self._batch.time_features
+        self.time_feature: NDArray[np.float32] = self._batch.time_features
         """(N,)"""
-        self.haptic_counts: NDArray[np.int32] = self._batch.haptic_counts
-        """(N,) how many :meth:`haptics` each app's last step or reset brought."""
-        self.sound_counts: NDArray[np.int32] = self._batch.sound_counts
-        """(N,) how many :meth:`sounds`."""
+        self._haptic_counts: NDArray[np.int32] = self._batch.haptic_counts
+        self._sound_counts: NDArray[np.int32] = self._batch.sound_counts
         self.privileged_names: tuple[str, ...] = tuple(self._batch.privileged_names)
         """Names of the numbers behind the picture, for teachers; none for a game without."""
         self.privileged: Float32Array = self._batch.privileged
@@ -130,9 +138,10 @@ class InProcessBatch:
         self.privileged_drawn: Float32Array = self._batch.privileged_drawn
         """The same after the frames that are drawn: what the pictures show."""
 
-    def app(self, index: int) -> InProcessBatchApp:
-        """App ``index``, 0 to N - 1."""
-        return InProcessBatchApp(self, index)
+    @cached_property
+    def apps(self) -> list[AppClient]:
+        """The apps; the batch closes with its last one."""
+        return [InProcessBatchApp(self, index) for index in range(len(self.images))]
 
     @property
     def native(self) -> Any:
@@ -145,83 +154,86 @@ class InProcessBatch:
             raise RuntimeError("the app is closed; make a new one")
         return self._batch
 
-    @property
-    def drawn_by_gpu(self) -> bool:
-        """Whether a GPU draws the images; Mesa's drivers for the processor say so by name."""
-        name = str(self.native.renderer_description)
-        return not any(word in name for word in ("llvmpipe", "softpipe", "null renderer"))
-
     # --- M apps at a time --------------------------------------------------------------------
 
-    def reset_rounds(
+    def reset(
         self,
-        indices: Sequence[int] | Int64Array,
+        ids: Sequence[int] | Int64Array,
         seeds: Sequence[int] | Int64Array,
         poses: DevicePoses,
         options: Mapping[str, OptionValue] | None = None,
         *,
         time_ns: int = 0,
     ) -> None:
-        """Starts rounds in M apps and draws their first frames; see :meth:`AppClient.reset`.
-
-        Args:
-            indices: (M,) which apps.
-            seeds: (M,) 32-bit seeds.
-            poses: (M, ...) per device.
-            options: of these apps from this round on.
-            time_ns: game time of the first frames.
-        """
         self.native.reset(
-            np.asarray(indices, dtype=np.int32),
+            np.asarray(ids, dtype=np.int32),
             np.asarray(seeds, dtype=np.uint32),
             json.dumps(plain_options(options)),
             *_arguments(poses),
             time_ns,
         )
-        for index in indices:
+        for index in ids:
             self._started.pop(int(index), None)
         self._find_logs()
 
-    def step_frames(
+    def step(
         self,
-        indices: Sequence[int] | Int64Array,
+        ids: Int64Array,
         times_ns: Int64Array,
         poses: DevicePoses,
-        drawn: int = -1,
-    ) -> None:
-        """One user step of K frames in M apps; see :meth:`AppClient.step_frames`.
+        steps: Int64Array,
+        last: int,
+        *,
+        drawn: int | Int64Array = -1,
+    ) -> Int64Array:
+        if isinstance(drawn, int):
+            self._run(ids, times_ns, poses, drawn)
+            return ids
+        for frame in np.unique(drawn).tolist():
+            rows = np.flatnonzero(drawn == frame)
+            self._run(ids[rows], times_ns[rows], poses[rows], frame)
+        return ids
 
-        Args:
-            indices: (M,) which apps.
-            times_ns: (M, K) game times.
-            poses: (M, K, ...) per device.
-            drawn: which of the K frames is drawn; -1: the last.
-        """
-        self.native.step(np.asarray(indices, dtype=np.int32), times_ns, *_arguments(poses), drawn)
+    def _run(
+        self,
+        ids: Sequence[int] | Int64Array,
+        times_ns: Int64Array,
+        poses: DevicePoses,
+        drawn: int,
+    ) -> None:
+        self.native.step(np.asarray(ids, dtype=np.int32), times_ns, *_arguments(poses), drawn)
         self._find_logs()
 
     def head_requests(
         self,
-        indices: Sequence[int] | Int64Array,
+        ids: Sequence[int] | Int64Array,
         seeds: Sequence[int] | Int64Array,
         options: Mapping[str, OptionValue] | None = None,
     ) -> Float64Array:
-        """What M apps wish of the head; see :meth:`AppClient.head_request`.
-
-        Args:
-            indices: (M,) which apps.
-            seeds: (M,) of the rounds that would begin.
-            options: as in :meth:`reset_rounds`.
-
-        Returns:
-            (M,) pitch in degrees, up positive; NaN: no wish.
-        """
         requests: Float64Array = self.native.head_requests(
-            np.asarray(indices, dtype=np.int32),
+            np.asarray(ids, dtype=np.int32),
             np.asarray(seeds, dtype=np.uint32),
             json.dumps(plain_options(options)),
         )
         return requests
+
+    @property
+    def haptics(self) -> dict[int, tuple[HapticPulse, ...]]:
+        return {i: self._haptics(i) for i in np.flatnonzero(self._haptic_counts).tolist()}
+
+    @property
+    def sounds(self) -> dict[int, tuple[SoundEvent, ...]]:
+        return {i: self._sounds(i) for i in np.flatnonzero(self._sound_counts).tolist()}
+
+    def logs(self) -> LogRows:
+        return LogRows(self._log_names, self._logs.copy())
+
+    def save(self, i: int, step: int) -> bytes:
+        return self.apps[i].save()
+
+    def close(self) -> None:
+        for app in self.apps:
+            app.close()
 
     # --- one app -----------------------------------------------------------------------------
 
@@ -241,7 +253,7 @@ class InProcessBatch:
             for (_, drawn, *_given), indices in groups.items():
                 steps = [started[started_index] for started_index in indices]
                 times = np.stack([times for times, _, _ in steps])
-                self.step_frames(
+                self._run(
                     indices, times, DevicePoses.stack([poses for _, poses, _ in steps]), drawn
                 )
         return self.reply(index)
@@ -249,26 +261,24 @@ class InProcessBatch:
     def reply(self, index: int) -> AppReply:
         """What an app's last step or reset came to."""
         return AppReply(
-            float(self.rewards[index]),
+            float(self.reward[index]),
             bool(self.finished[index]),
-            float(self.time_features[index]),
-            numbers_of_log(self.log_names, self.logs[index].tolist()),
-            self.haptics(index),
-            self.sounds(index),
+            float(self.time_feature[index]),
+            numbers_of_log(self._log_names, self._logs[index].tolist()),
+            self._haptics(index),
+            self._sounds(index),
         )
 
-    def haptics(self, index: int) -> tuple[HapticPulse, ...]:
-        """The pulses that an app's last step or reset requested."""
-        if self.haptic_counts[index] == 0:
+    def _haptics(self, index: int) -> tuple[HapticPulse, ...]:
+        if self._haptic_counts[index] == 0:
             return ()
         return tuple(
             HapticPulse(hand, amplitude, frequency_hz, duration_ns * 1e-9)
             for hand, amplitude, frequency_hz, duration_ns in self.native.haptics(index)
         )
 
-    def sounds(self, index: int) -> tuple[SoundEvent, ...]:
-        """The sounds that began in an app's last step or reset."""
-        if self.sound_counts[index] == 0:
+    def _sounds(self, index: int) -> tuple[SoundEvent, ...]:
+        if self._sound_counts[index] == 0:
             return ()
         return tuple(
             SoundEvent(name, tuple(position_m), gain)
@@ -281,16 +291,31 @@ class InProcessBatch:
 
     def let_go(self, index: int) -> None:
         """The batch closes with its last app."""
-        self._left.discard(index)
+        self._open.discard(index)
         self._started.pop(index, None)
-        if not self._left and self._batch is not None:
+        if not self._open and self._batch is not None:
             self._batch.close()
             self._batch = None
 
     def _find_logs(self) -> None:
         """Looks at the rounds' logs, which have names from the first round on, begun or loaded."""
-        if not self.log_names:
-            self.log_names, self.logs = self.native.log_names, self.native.logs
+        if not self._log_names:
+            self._log_names, self._logs = self.native.log_names, self.native.logs
+
+
+class LogRows:
+    """Rows of numbers that become dictionaries only when someone looks."""
+
+    def __init__(self, names: Sequence[str], rows: NDArray[np.float64]) -> None:
+        self._names, self._rows = names, rows
+
+    def __getitem__(self, i: int) -> Mapping[str, float]:
+        return numbers_of_log(self._names, self._rows[i].tolist())
+
+    def total(self, name: str) -> float:
+        if name not in self._names:
+            return 0.0
+        return float(np.nansum(self._rows[:, self._names.index(name)]))
 
 
 class InProcessBatchApp(AppClient):
@@ -343,9 +368,7 @@ class InProcessBatchApp(AppClient):
         time_ns: int = 0,
     ) -> AppReply:
         batch = self.batch
-        batch.reset_rounds(
-            [self._index], [checked_seed(seed)], _one_app(poses), options, time_ns=time_ns
-        )
+        batch.reset([self._index], [checked_seed(seed)], _one_app(poses), options, time_ns=time_ns)
         return batch.reply(self._index)
 
     def step(self, time_ns: int, poses: DevicePoses) -> AppReply:

@@ -332,7 +332,7 @@ class _Apps:
     def __call__(self, index: int, log_dir: Path | None) -> AppClient:
         if self._made is None:
             self._made = _batch(self._wanted, log_dir)
-        return self._made.app(index)
+        return self._made.apps[index]
 
 
 IN_PROCESS = Transport(

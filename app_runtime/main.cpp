@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // sim2vr-app: a VR game of the runtime as a program of its own.
 #include "sim2vr/program/program.hpp"
 

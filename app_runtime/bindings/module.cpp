@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The extension module: the one place where C++ errors become Python's.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>

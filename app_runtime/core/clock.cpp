@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "sim2vr/core/clock.hpp"
 
 #include <fmt/format.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "sim2vr/core/options.hpp"
 
 #include <algorithm>
@@ -99,8 +100,7 @@ bool Options::getBool(const std::string& name, bool fallback) {
 double Options::getNumber(const std::string& name, double fallback, double minimum,
                           double maximum) {
   const Json* found = find(name, "number", fallback, rangeOf(minimum, maximum));
-  return found == nullptr ? fallback
-                          : numberInRange(optionField(name), *found, minimum, maximum);
+  return found == nullptr ? fallback : numberInRange(optionField(name), *found, minimum, maximum);
 }
 
 std::vector<double> Options::getNumbers(const std::string& name, double minimum, double maximum) {

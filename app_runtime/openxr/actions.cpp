@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Action sets and actions: made by the instance, attached to the session.
 #include "actions.hpp"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // OpenXR's types. Distributions ship headers of 1.0; what 1.1 added to the core is declared here
 // where they lack it, with the registry's numbers.
 #pragma once

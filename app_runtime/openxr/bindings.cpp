@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Suggested bindings, which of them apply, and what the program is told about them.
 #include <algorithm>
 

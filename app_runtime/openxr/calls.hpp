@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The functions of the specification that this runtime has, found by name in dispatch.cpp.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Checks that many calls share: structures, arrays that are asked for twice, poses, names.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // XR_EXT_debug_utils: labels go to the harness, as values that a task can read; messengers hear of
 // the errors of calls.
 #include "calls.hpp"

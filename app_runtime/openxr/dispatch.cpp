@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Functions by name, and the door through which the loader comes.
 #include <algorithm>
 #include <array>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The one exception of this room: the code that a call returns, and why.
 #pragma once
 

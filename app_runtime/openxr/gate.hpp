@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Where xrWaitFrame waits: for the harness's next step, or for the display in real time.
 #pragma once
 

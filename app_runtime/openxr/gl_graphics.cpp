@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "gl_graphics.hpp"
 
 #include <fmt/format.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // OpenGL in the program's own context, whatever window system it came from: textures for
 // swapchains and their pixels. The program finds its context's state as it left it.
 #pragma once

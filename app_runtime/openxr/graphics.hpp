@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What a session asks of the program's graphics API: swapchain images on the program's own device,
 // and the pixels of those that it submitted. One file per API implements it.
 #pragma once

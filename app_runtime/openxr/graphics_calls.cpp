@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What the functions of graphics extensions ask of the core.
 #include "check.hpp"
 #include "graphics.hpp"

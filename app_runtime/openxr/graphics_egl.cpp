@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // XR_MNDX_egl_enable: OpenGL contexts of EGL, with or without a window or a screen.
 #define EGL_NO_X11
 #include <EGL/egl.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // XR_KHR_opengl_enable with Xlib's binding: OpenGL contexts of GLX.
 #include <dlfcn.h>
 #include <fmt/format.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // XR_KHR_vulkan_enable and XR_KHR_vulkan_enable2: images on the program's own device.
 #include <fmt/format.h>
 

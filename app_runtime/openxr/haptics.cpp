@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Vibrations that the program asks for: they go to the harness with the frame's time.
 #include <utility>
 

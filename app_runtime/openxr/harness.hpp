@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The conversation with the harness, and the watch over the program that must not stall it.
 #pragma once
 

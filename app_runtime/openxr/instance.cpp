@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Instances, their properties and events.
 #include <openxr/openxr_reflection.h>
 #include <unistd.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What a program submits with xrEndFrame: checked, and composed into the picture for the harness.
 #pragma once
 

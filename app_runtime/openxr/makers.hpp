@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // One way to draw per file, gathered by graphics.cpp.
 #pragma once
 

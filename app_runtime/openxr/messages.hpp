@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What runtime and harness say to each other over the program's socket: u32 length, u8 kind, body;
 // little-endian. Decoding throws wire::MalformedMessage.
 #pragma once

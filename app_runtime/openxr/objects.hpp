@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What the program holds handles of. Everything here is read and changed under the world's lock.
 #pragma once
 

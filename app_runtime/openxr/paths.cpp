@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Paths: strings that the specification's rules allow, and the numbers that stand for them.
 #include "paths.hpp"
 

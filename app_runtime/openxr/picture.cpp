@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Layers composed into the picture that the harness gets.
 #include <algorithm>
 #include <cmath>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // From a program's pixels to the picture of a screen: sRGB-encoded bytes, rows top-down, at the
 // size that the simulated user sees. Done on the CPU, the same for OpenGL and Vulkan.
 #pragma once

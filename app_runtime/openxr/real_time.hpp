@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Time that a preloaded virtual clock does not touch: the kernel's own, asked past the C library.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // How calls fail: one line on standard error, and the program's debug messengers.
 #include <fmt/format.h>
 #include <openxr/openxr_reflection.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Sessions: made, begun, ended.
 #include "calls.hpp"
 #include "check.hpp"

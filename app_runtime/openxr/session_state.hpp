@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A session's states and what announces them.
 #pragma once
 

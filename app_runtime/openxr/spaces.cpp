@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Reference and action spaces, and the eyes' views.
 #include <algorithm>
 #include <array>

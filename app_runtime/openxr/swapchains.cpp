@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Swapchains: acquire, wait, release, in this order for each image.
 #include <algorithm>
 #include <bit>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // xrSyncActions, and the values of actions as of the latest one.
 #include <algorithm>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The one system: a headset with two eyes that nothing shines through.
 #include <array>
 

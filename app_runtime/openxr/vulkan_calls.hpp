@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What the runtime learns of the program's Vulkan instances before there is a session, and the
 // functions of XR_KHR_vulkan_enable and XR_KHR_vulkan_enable2 by which it does.
 #pragma once

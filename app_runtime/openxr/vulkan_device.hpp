@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The program's Vulkan device and queue: memory, one command buffer, one staging buffer.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The Vulkan functions that the runtime calls on the program's own instance and device.
 #pragma once
 

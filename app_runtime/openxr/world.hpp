@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What all calls share: one lock, the table of handles, and the way in which a call fails.
 #pragma once
 

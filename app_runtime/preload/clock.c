@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /* Virtual clocks for a program in lockstep, preloaded into it (LD_PRELOAD).
  *
  * The harness shares a page with the program (environment SIM2VR_CLOCK: its descriptor):

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /* Virtual time of a program that the harness plays; see clock.c. */
 #ifndef SIM2VR_CLOCK_H
 #define SIM2VR_CLOCK_H

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A preloaded library for programs on an X server without the XFree86-VidMode extension, such as
 // Xvfb: where the server has no list of video modes, it gives one mode of the screen's size.
 // hello_xr -g OpenGL reads the list without looking whether there is one.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /* Sleeps and waits with a timeout, in virtual time; see clock.c for what that means. */
 #define _GNU_SOURCE
 #include <errno.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "outputs.hpp"
 
 #include <unistd.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The reference's single-dash arguments.
 #include <array>
 #include <cctype>

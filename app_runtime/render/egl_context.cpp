@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // EGL without a window. libEGL is loaded on demand, so that machines without it still start.
 #include <EGL/egl.h>
 #include <EGL/eglext.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What one picture needs, gathered from a scene without touching OpenGL.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // An OpenGL context without a window, and the scope in which it is current on a thread.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "gl_renderer.hpp"
 
 #include <fmt/format.h>

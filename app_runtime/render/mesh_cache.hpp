@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Which meshes are on the GPU: all in one vertex and one index buffer, so that draws share their
 // state.
 #pragma once

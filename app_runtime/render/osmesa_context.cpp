@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // OSMesa: Mesa's CPU driver as a plain library, for machines without EGL. Loaded on demand.
 #include <GL/glcorearb.h>
 #include <dlfcn.h>

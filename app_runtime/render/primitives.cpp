@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Mesh builders. Surfaces are grids of points; a cache keeps one mesh per set of arguments.
 #include <fmt/format.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Brings drawn pictures from the GPU to memory.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // GLSL programs from the files in shaders/, which the build embeds in the library.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Single scattering in a thin shell of air, two samples along each ray: the model of O'Neil,
 // "Accurate Atmospheric Scattering" (GPU Gems 2, chapter 16), with the constants of Unity's
 // procedural skybox, so that a scene's Skybox settings give the colours they give there. The planet

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Colours of the procedural sky, on the CPU.
 #pragma once
 

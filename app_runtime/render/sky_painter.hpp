@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Draws the sky behind a picture, or copies it from a picture of it.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "sim2vr/rl/view_frustum.hpp"
 
 #include <cmath>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "sim2vr/runtime/app_batch.hpp"
 
 #include <fmt/format.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "sim2vr/server/server.hpp"
 
 #include <sys/eventfd.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "sim2vr/server/time_mapping.hpp"
 
 #include <cmath>

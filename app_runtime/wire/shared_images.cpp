@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "sim2vr/wire/shared_images.hpp"
 
 #include <fcntl.h>

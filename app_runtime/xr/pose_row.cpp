@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "sim2vr/xr/pose_row.hpp"
 
 #include <sstream>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Saves Khronos' plain structs, which cannot have a fields() of their own.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The short pass: every target on its corpus and on some thousand mutations of it, always the same.
 #include <gtest/gtest.h>
 

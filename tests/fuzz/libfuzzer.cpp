@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The entry of one libFuzzer program; SIM2VR_FUZZ_TARGET names its target.
 #include <cstddef>
 #include <cstdint>

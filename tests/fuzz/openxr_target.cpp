@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What a harness sends to the OpenXR runtime, through a real socket.
 #include <sys/socket.h>
 #include <unistd.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What is fuzzed: everything that reads bytes from outside. A target takes any input; what it must
 // not do is crash, hang, run out of memory, or accept something and then contradict itself.
 #pragma once

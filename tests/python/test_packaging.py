@@ -101,3 +101,20 @@ def test_games_json_is_replaced_whole(tmp_path: Path) -> None:
         assert reader.read() == "old"
     assert json.loads(out.read_text())["Beats"] == "beats"
     assert list(tmp_path.iterdir()) == [out]
+
+
+def test_every_cpp_file_names_its_licence() -> None:
+    folders = [ROOT / "app_runtime", ROOT / "tests" / "cpp", ROOT / "tests" / "fuzz"]
+    files = [
+        file
+        for folder in folders
+        for file in folder.rglob("*")
+        if re.search(r"\.[ch](pp)?$", file.name)
+    ]
+    without = [
+        str(file.relative_to(ROOT))
+        for file in files
+        if not file.read_text("utf-8").startswith("// SPDX-License-Identifier: Apache-2.0\n")
+    ]
+    assert len(files) > 300
+    assert without == []

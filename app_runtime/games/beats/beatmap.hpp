@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // One difficulty of a map as it is written, in beats; the three versions of the format have become
 // the same.
 #pragma once

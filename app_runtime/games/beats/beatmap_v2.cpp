@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Version 2: names with an underscore; boxes and mines in one list, tempo among the lights.
 #include "beats/map_reader.hpp"
 #include "sim2vr/core/errors.hpp"

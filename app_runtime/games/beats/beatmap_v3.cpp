@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Version 3: a list for each kind, names of one or two letters. A field that is not there is 0.
 #include "beats/map_reader.hpp"
 

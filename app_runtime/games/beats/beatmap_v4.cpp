@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Version 4: what and where in one list, when in another that points into it. A field that is not
 // there is 0.
 #include <fmt/format.h>

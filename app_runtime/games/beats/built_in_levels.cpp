@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "beats/built_in_levels.hpp"
 
 #include "beats/level_hash.hpp"

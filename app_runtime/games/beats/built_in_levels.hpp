@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The levels that come with the game.
 #pragma once
 

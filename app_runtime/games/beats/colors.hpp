@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The game's colours, read off the reference's videos; those of mines and walls are ours.
 // Everything is as bright as its colour says, whatever the light.
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Cut directions as vectors and back.
 #pragma once
 

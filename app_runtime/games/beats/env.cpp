@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "beats/env.hpp"
 
 #include <algorithm>
@@ -35,7 +36,8 @@ void Env::declareLog() {
   logColumn("Combo", [&] { return tally.combo(); });
   logColumn("MaxCombo", [&] { return tally.longestCombo(); });
   logColumn("Multiplier", [&] { return tally.factor(); });
-  logColumn("Energy", [&, energy = round_.settings().energy] { return energy ? tally.energy() : 1.0; });
+  logColumn("Energy",
+            [&, energy = round_.settings().energy] { return energy ? tally.energy() : 1.0; });
   logColumn("CutSpeed", [&] { return tally.meanSpeed_mps(); });
   logColumn("CutAngleError", [&] { return tally.meanAngle_deg(); });
   const Saber& left = round_.saber(Hand::kLeft);

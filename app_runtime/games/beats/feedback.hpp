@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What the player feels and hears.
 #pragma once
 

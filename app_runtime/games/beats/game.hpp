@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Beats: cut the boxes that come in time with a beat, in the direction they show, leave mines alone
 // and keep the head out of walls. Rules, numbers and reward: docs/reference/games/beats.md.
 #pragma once

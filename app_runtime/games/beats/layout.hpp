@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Where things are: from the level's cells and seconds to metres relative to the round's origin.
 #pragma once
 

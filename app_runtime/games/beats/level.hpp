@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What is played: boxes, mines and walls of one level with their times, wherever it came from.
 //
 // The grid is Beat Saber's: 4 columns from left (0) to right (3), 3 rows from bottom (0) to top

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "beats/level_facts.hpp"
 
 #include <algorithm>

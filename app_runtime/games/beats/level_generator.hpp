@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Levels made of a seed, for training and for levels that no user has played.
 //
 // They can be played: a hand's cuts go back and forth (down, up, down ...), so that each stroke

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // From a round's options to its level.
 #pragma once
 

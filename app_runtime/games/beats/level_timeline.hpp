@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A level as a picture over time, in the words that the harness draws any game's timeline with.
 #pragma once
 

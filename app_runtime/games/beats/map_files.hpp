@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The files of a map, wherever they lie: in a folder, in a zip archive, in memory.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Info.dat: what a map offers, and how fast its boxes come.
 #pragma once
 

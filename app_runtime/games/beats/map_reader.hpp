@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What the readers of the versions share: limits, places in the grid, and unknown fields.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The numbers behind the picture that a teacher learns from (docs/reference/games/beats.md,
 // "Privileged observations").
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // One round: things that come, blades and head that meet them, and what that counts.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A saber in a hand: a blade rigidly on the grip, and how it moved since the frame before.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What the player has been able to see. Teachers and shaped rewards may know that and no more.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Shows what is out: boxes, mines, walls, and what has just gone to pieces.
 #pragma once
 

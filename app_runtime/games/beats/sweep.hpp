@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // When a moving rod first comes near a moving block. The games' physics room tests where things are
 // in a fixed step; a blade that is swung between two frames needs the whole way.
 #pragma once

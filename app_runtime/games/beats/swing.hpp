@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Points for how far a blade swings before and after a cut, and for how near the cut comes to the
 // box's centre: Beat Saber's (docs/reference/games/beats.md).
 #pragma once

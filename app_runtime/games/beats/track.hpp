@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Which of a level's boxes, mines or walls are done with.
 #pragma once
 

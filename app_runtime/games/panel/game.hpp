@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // "Panel": buttons, sliders, a dial and a list, operated by a ray or a fingertip. See
 // docs/reference/games/panel.md.
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The panel's plate, the rays and cursors of the hands, the room.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A hand on the panel: where it points, and whether it holds what it points at.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A round of the panel: one widget after the other is lit and has to be operated.
 #pragma once
 

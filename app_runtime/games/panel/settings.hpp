@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The options of a round of the panel (docs/reference/games/panel.md).
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Flat shapes and colours of a panel. In red light only what is to be operated is bright.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What can be operated on a panel. A pointer presses, holds and releases a widget; the widget says
 // when it has been operated, and whether it is then as the player was to set it.
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Where the targets of a block are, which one is next, and how hard it is to reach.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What was really done in a block: effective distance, width, index and throughput of ISO 9241-411,
 // as R. W. Soukoreff and I. S. MacKenzie compute them (International Journal of Human-Computer
 // Studies 61 (2004) 751-789).

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // "Pointing": the multi-directional tapping task of ISO 9241-411, in VR. See
 // docs/reference/games/pointing.md.
 #pragma once

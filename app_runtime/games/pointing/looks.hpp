@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What pointing looks like: the stylus, the targets, the room. In red light only the target that is
 // up is bright.
 #pragma once

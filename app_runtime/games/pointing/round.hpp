@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The course of a round: blocks of targets, one up at a time, and what became of each.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The options of a round of pointing (docs/reference/games/pointing.md).
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "pointing/stylus.hpp"
 
 namespace sim2vr::games::pointing {

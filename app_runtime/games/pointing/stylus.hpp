@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The stylus in the player's hand, and where its tip comes through the target plane.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "pointing/tally.hpp"
 
 namespace sim2vr::games::pointing {

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What a round counts and measures.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "sample.hpp"
 
 #include "sim2vr/core/random.hpp"

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // "Touch the ball": the game to copy. See docs/reference/games/sample.md.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What a round of Whac-A-Mole is like: the conditions of the user study and the game's options.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Whac-A-Mole: hit the targets that come up in a 3 x 3 grid, for 60 s. Rules, numbers and reward:
 // docs/reference/games/whacamole.md.
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "whacamole/hammer.hpp"
 
 #include "sim2vr/physics/collider.hpp"

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The hammer in the player's hand.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Physics layers of Whac-A-Mole. Only this pair collides.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What Whac-A-Mole looks like, apart from the targets: shapes, colours, light, cameras.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What a teacher may know of a round: the numbers behind the picture, as far as the head camera has
 // shown them. docs/reference/games/whacamole.md, "Privileged observations".
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The course of a round: placing the area, countdown, play, end; and everything it counts.
 #pragma once
 

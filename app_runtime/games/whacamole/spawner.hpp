@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // When and where the next target appears, drawn or from a list: the only user of the round's random
 // numbers.
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // One mole: fades in, can be hit for a second, fades out.
 #pragma once
 

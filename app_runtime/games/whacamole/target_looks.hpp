@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What a target shows: its body with two black rings, and the burst of sparks of a hit.
 #pragma once
 

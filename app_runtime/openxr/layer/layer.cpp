@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // An API layer that records what a person does in any OpenXR program, over any runtime. It does
 // nothing unless SIM2VR_OPENXR_RECORD names a file.
 #include "layer.hpp"

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What the recording layer shares: the next functions of the chain, and the recording of a session.
 // It runs inside other people's programs while a person wears the headset: nothing here may end
 // such a program, change what its calls return, or keep its frames waiting.

@@ -9,6 +9,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 from scipy.sparse import coo_matrix
@@ -22,7 +23,7 @@ from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
 from sim2vr_harness.envs.config import EnvConfig, UserConfig, body_of, people_of
 from sim2vr_harness.envs.people_preset import with_people
-from sim2vr_harness.figures.html import save_page, table
+from sim2vr_harness.figures.html import heading, save_page, table
 from sim2vr_harness.users import Body
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 from sim2vr_harness.users.kinematics.inverse import CLOSE_M, solve
@@ -605,12 +606,13 @@ def write_page(found: Measured, file: Path) -> Path:
     """
     names = found.missed
     low, high = found.extent_m
-    words = (
-        f"<p>Everywhere that <b>{found.point.part}</b> of <b>{found.body.name}</b> can be brought "
+    where = Markup("<b>{}</b> of <b>{}</b>").format(found.point.part, found.body.name)
+    words = Markup("<p>Everywhere that {} can be brought {}</p>").format(
+        where,
         f"within the limits of {len(found.reach.linkage.joints)} joints: "
         f"{found.volume.litres:,.0f} litres, from {low[0]:.2f} to {high[0]:.2f} m to the right, "
         f"{low[1]:.2f} to {high[1]:.2f} m up and {low[2]:.2f} to {high[2]:.2f} m ahead. Origin: "
-        "the floor below the body. Collisions with oneself and strength do not count.</p>"
+        "the floor below the body. Collisions with oneself and strength do not count.",
     )
     parts: list[str | Any] = [words]
     if found.targets:
@@ -619,15 +621,15 @@ def write_page(found: Measured, file: Path) -> Path:
             if names
             else f"All {len(found.targets)} targets can be reached"
         )
-        parts.append(f"<p><b>{verdict}.</b></p>")
+        parts.append(Markup("<p><b>{}.</b></p>").format(verdict))
     parts.append(_figure(found))
     if found.targets:
-        parts += ["<h2>Targets</h2>", _table(found)]
+        parts += [heading("Targets"), _table(found)]
     title = f"Reach of {found.body.name}, {found.point.part}"
     return save_page(file, title, parts)
 
 
-def _table(found: Measured) -> str:
+def _table(found: Measured) -> Markup:
     rows, bad = [], []
     for i, (target, verdict) in enumerate(zip(found.targets, found.verdicts, strict=True)):
         place = [f"{value:.3f}" for value in target.place_m]

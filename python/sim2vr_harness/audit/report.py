@@ -5,11 +5,11 @@ import logging
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from sim2vr_harness.audit.acting import Actor
@@ -25,7 +25,7 @@ from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
 from sim2vr_harness.client.webxr.printing import print_page
 from sim2vr_harness.figures.figure import GREY, INK, Bars, Figure, Panel
 from sim2vr_harness.figures.figure import Path as Places
-from sim2vr_harness.figures.html import save_page, table
+from sim2vr_harness.figures.html import heading, save_page, table
 from sim2vr_harness.figures.matplotlib_backend import write_figure
 from sim2vr_harness.play.film import Film
 from sim2vr_harness.users import load_body
@@ -205,7 +205,7 @@ def _percent(share: Mapping[str, Any]) -> str:
 
 
 def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[str | Panel]:
-    parts: list[str | Panel] = [f"<p><b>{escape(headline(values))}</b></p>"]
+    parts: list[str | Panel] = [Markup("<p><b>{}</b></p>").format(headline(values))]
     rows = []
     for target in _missed(values):
         why = next(iter(target["causes"]), "")
@@ -229,20 +229,10 @@ def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[
             rows.append((group[0], name, share, why, change))
         if len(group[1]) > _MOST:
             rows.append((group[0], f"{len(group[1]) - _MOST} more", "", "", ""))
-    if not rows:
-        answer = ""
-    else:
+    if rows:
         rows = [(*row[:2], row[2].replace(" ", "\u00a0"), *row[3:]) for row in rows]
-        head = "".join(f"<th>{each}</th>" for each in _ANSWER)
-        body = "".join(
-            "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
-        )
-        answer = f'<table class="answer"><tr>{head}</tr>{body}</table>'
-    parts.append(answer)
-    if weak := too_weak(values):
-        parts.append(f"<p>{escape(weak)}</p>")
-    if silent := unanswered(values):
-        parts.append(f"<p>{escape(silent)}</p>")
+        parts.append(table(_ANSWER, rows, kind="words"))
+    parts += [told for told in (too_weak(values), unanswered(values)) if told]
     case = worst_case(audit)
     if worst is not None and case is not None:
         person, column = audit.subjects[case[0]], audit.targets[case[1]].name
@@ -250,21 +240,20 @@ def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[
             f"Worst case: {column}, by a {'man' if person.man else 'woman'} of "
             f"{person.person.stature_m:.2f} m"
         )
-        parts.append(f'<p>{escape(words)} (<a href="{escape(worst.name)}">film</a>).</p>')
-    limits = "".join(f"<li>{escape(text)}</li>" for text in LIMITS)
-    parts.append(f'<div class="warn">Limits of the model:<ul>{limits}</ul></div>')
-    parts += ["<h2>Where the targets are</h2>", _space(audit), f"<p>{escape(_CAPTION)}</p>"]
-    parts += ["<h2>By target</h2>", _target_table(values)]
+        link = Markup('<p>{} (<a href="{}">film</a>).</p>')
+        parts.append(link.format(words, worst.name))
+    limits = Markup().join(Markup("<li>{}</li>").format(text) for text in LIMITS)
+    parts.append(Markup('<div class="warn">Limits of the model:<ul>{}</ul></div>').format(limits))
+    parts += [heading("Where the targets are"), _space(audit), _CAPTION]
+    parts += [heading("By target"), _target_table(values)]
     if told := [[each["name"], each["in_app"]] for each in values["targets"] if each["in_app"]]:
-        parts += ["<h2>Operated in the app</h2>", table(["target", "reaction"], told, wrap=True)]
+        parts += [heading("Operated in the app"), table(["target", "reaction"], told, kind="wrap")]
     # Groups by targets, some targets a table, so that it fits a page.
     names = [each["name"] for each in values["targets"]]
     table_parts = [names[i : i + _ABREAST] for i in range(0, len(names), _ABREAST)]
-    group_table = "".join(
-        _some_targets(values, part, first=part is table_parts[0]) for part in table_parts
-    )
-    parts += ["<h2>By group</h2>", group_table, f"<p>{escape(_GROUPS)}</p>"]
-    parts += ["<h2>Exertion by target</h2>", _exertion_table(values), f"<p>{escape(_EXERTION)}</p>"]
+    parts.append(heading("By group"))
+    parts += [_some_targets(values, part, first=part is table_parts[0]) for part in table_parts]
+    parts += [_GROUPS, heading("Exertion by target"), _exertion_table(values), _EXERTION]
     reached = [
         each for each in values["targets"] if each["exertion"]["n"] and each["how"] != "look"
     ]
@@ -275,10 +264,10 @@ def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[
     exertion_panel = Panel(title, (bars,), y_label="share of maximum")
     parts += [exertion_panel]
     if any(each["operated"] for each in values["targets"]):
-        parts += ["<h2>Acted out</h2>", _operated_table(values), f"<p>{_OPERATED}</p>"]
+        parts += [heading("Acted out"), _operated_table(values), _OPERATED]
     if values["paths"]:
-        parts += ["<h2>Exertion between targets</h2>", _path_table(values), f"<p>{_PATHS}</p>"]
-    return [*parts, "<h2>Sources</h2>", _sources(values)]
+        parts += [heading("Exertion between targets"), _path_table(values), _PATHS]
+    return [*parts, heading("Sources"), _sources(values)]
 
 
 _ANSWER = ("who", "target", "can use it", "why not", "smallest change that includes 95 %")
@@ -315,7 +304,7 @@ _MOST = 4
 """Targets that the answer names for a group."""
 
 
-def _target_table(values: Mapping[str, Any]) -> str:
+def _target_table(values: Mapping[str, Any]) -> Markup:
     header = ["target", "how", "can use *", "seen", "reached", "held *", "must lean"]
     header += ["model's muscles suffice", "excluded by"]
     rows, bad = [], []
@@ -327,14 +316,14 @@ def _target_table(values: Mapping[str, Any]) -> str:
         rows.append([each["name"], how, *parts, why])
         if each["remedy"] is not None:
             bad.append(number)
-    return table(header, rows, bad, wrap=True)
+    return table(header, rows, bad, kind="wrap")
 
 
 _ABREAST = 5
 """Targets beside each other."""
 
 
-def _some_targets(values: Mapping[str, Any], names: list[str], *, first: bool) -> str:
+def _some_targets(values: Mapping[str, Any], names: list[str], *, first: bool) -> Markup:
     header = ["group", "persons", *(["every target"] if first else []), *names]
     rows = []
     for group in values["groups"]:
@@ -342,10 +331,10 @@ def _some_targets(values: Mapping[str, Any], names: list[str], *, first: bool) -
         row += [_percent(group["every_target"])] if first else []
         row += [_percent(group["targets"][name]) for name in names]
         rows.append([cell.replace(" ", "\u00a0") if i else cell for i, cell in enumerate(row)])
-    return table(header, rows, wrap=True)
+    return table(header, rows, kind="wrap")
 
 
-def _exertion_table(values: Mapping[str, Any]) -> str:
+def _exertion_table(values: Mapping[str, Any]) -> Markup:
     pace = f"{values['pace_per_minute']:g} a minute"
     gripped = any(each["grip_n"] or each["load_kg"] for each in values["targets"])
     keys = {
@@ -361,7 +350,7 @@ def _exertion_table(values: Mapping[str, Any]) -> str:
         for each in values["targets"]
         if each["how"] != "look"
     ]
-    return table(["target", *keys], rows, wrap=True)
+    return table(["target", *keys], rows, kind="wrap")
 
 
 def _spread(target: Mapping[str, Any], key: str) -> str:
@@ -376,7 +365,7 @@ def _spread(target: Mapping[str, Any], key: str) -> str:
     return middle if low == middle == high else f"{middle} ({low} to {high})"
 
 
-def _operated_table(values: Mapping[str, Any]) -> str:
+def _operated_table(values: Mapping[str, Any]) -> Markup:
     rows = [
         [
             target["name"],
@@ -394,7 +383,7 @@ def _operated_table(values: Mapping[str, Any]) -> str:
     )
 
 
-def _path_table(values: Mapping[str, Any]) -> str:
+def _path_table(values: Mapping[str, Any]) -> Markup:
     rows = [
         [f"{path['start']} to {path['end']}", f"{path['mean']:.2f}", f"{path['peak']:.2f}"]
         for path in values["paths"]
@@ -436,7 +425,7 @@ def _places(name: str, places: np.ndarray[Any, np.dtype[np.float64]], colour: st
     return Places(name, right, ahead, up, colour, places=True)
 
 
-def _sources(values: Mapping[str, Any]) -> str:
+def _sources(values: Mapping[str, Any]) -> Markup:
     rows = [
         [group["name"], group["source"], "yes" if group["verified"] else "no"]
         for group in values["groups"]

@@ -6,14 +6,14 @@ import io
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
-from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from sim2vr_harness.base.files import write_atomically
-from sim2vr_harness.figures.html import save_page, table
+from sim2vr_harness.figures.html import heading, save_page, table
 from sim2vr_harness.human_comparison.comparing import (
     Compared,
     ComparisonRow,
@@ -175,7 +175,7 @@ def write_page(
         file: The page.
         notes: Sentences on what is left out, which stand first.
     """
-    parts = [f"<p>{escape(text)}</p>" for text in notes]
+    parts: list[str] = [*notes]
     for compared in report.compared:
         found = total(compared.rows)
         text = f"{compared.name}: {len(compared.rows)} measures"
@@ -183,15 +183,16 @@ def write_page(
             text += f", {100 * found.inside:.0f} % of them inside people's range"
         elif any(row.people for row in compared.rows):
             text += "; one person was recorded, who has no range"
-        parts += [f"<h2>{escape(text)}</h2>", _page_table(compared)]
+        parts += [heading(text), _page_table(compared)]
     for figure in figures:
         content = base64.b64encode(figure.read_bytes()).decode()
         title = figure.stem.replace("_", " ").capitalize()
-        parts.append(f"<h2>{title}</h2><img class=figure src='data:image/png;base64,{content}'>")
+        image = Markup('<img class="figure" src="data:image/png;base64,{}">').format(content)
+        parts += [heading(title), image]
     return save_page(file, f"Users and people: {report.behaviour.game}", parts)
 
 
-def _page_table(compared: Compared) -> str:
+def _page_table(compared: Compared) -> Markup:
     """A row per measure; those outside people's range stand out."""
     rows = [
         (

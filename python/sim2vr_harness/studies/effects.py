@@ -6,7 +6,6 @@ numbers are compared with.
 
 from __future__ import annotations
 
-import html
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -21,6 +20,7 @@ from pydantic import Field, model_validator
 from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name, read_yaml, write_atomically
 from sim2vr_harness.base.settings import Settings, first_problem
+from sim2vr_harness.figures import html
 from sim2vr_harness.policies.hierarchical.motor_store import human_policy_for, load_human_policy
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import TrainingConfig, load_config
@@ -374,11 +374,13 @@ def _published(each: EffectResult) -> str:
 def _write(out: Path, found: Sequence[EffectResult], user: str | None) -> None:
     rows = table(found)
     lines = [" | ".join(cells) for cells in (HEADER, ("-",) * len(HEADER), *rows)]
-    text = "\n".join([f"# Effects: {user or 'shipped users'}", "", score(found), "", *(
+    title = f"Effects: {user or 'shipped users'}"
+    text = "\n".join([f"# {title}", "", score(found), "", *(
         f"| {line} |" for line in lines
     )])  # fmt: skip
     write_atomically(out / "effects.md", (text + "\n").encode())
-    write_atomically(out / "effects.html", _page(rows, score(found), user).encode())
+    parts = [score(found), html.table(HEADER, rows, kind="words")]
+    html.save_page(out / "effects.html", title, parts)
     told = [
         {**asdict(each), "sign_found": each.sign_found, "size_found": each.size_found}
         for each in found
@@ -386,20 +388,3 @@ def _write(out: Path, found: Sequence[EffectResult], user: str | None) -> None:
     for row in told:
         row["value"] = None if row["note"] else row["value"]
     write_atomically(out / "effects.json", (json.dumps(told, indent=2) + "\n").encode())
-
-
-def _page(rows: Sequence[tuple[str, ...]], line: str, user: str | None) -> str:
-    def cells(tag: str, row: Sequence[str]) -> str:
-        return "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in row) + "</tr>"
-
-    title = html.escape(f"Effects: {user or 'shipped users'}")
-    style = (
-        "body{font-family:sans-serif;margin:2em}td,th{padding:.3em .6em;text-align:left;"
-        "border-bottom:1px solid #ccc}"
-    )
-    body = "\n".join(cells("td", row) for row in rows)
-    return (
-        f'<!doctype html>\n<html lang="en"><meta charset="utf-8"><title>{title}</title>'
-        f"<style>{style}</style>\n<h1>{title}</h1>\n<p>{html.escape(line)}</p>\n<table>\n"
-        f"{cells('th', HEADER)}\n{body}\n</table></html>\n"
-    )

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The generator against numbers computed independently (arbitrary-precision integers), and against
 // rounds that the original application recorded.
 #include "sim2vr/core/random.hpp"

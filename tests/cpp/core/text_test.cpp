@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "sim2vr/core/text.hpp"
 #include "own_folder.hpp"
 

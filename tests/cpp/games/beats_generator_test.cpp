@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What holds for generated levels, whatever the seed, and for the level of our own.
 #include "beats/level_generator.hpp"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The levels that come with Beats, and the options that choose them.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What is wrong with a map is said with its file, object and field.
 #include <gtest/gtest.h>
 #include <spdlog/sinks/ostream_sink.h>

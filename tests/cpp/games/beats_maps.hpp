@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Maps for the tests of Beats' loader.
 #pragma once
 

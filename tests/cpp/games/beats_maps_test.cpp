@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Maps of the three versions of Beat Saber's format. The files in tests/data/beats_maps are the
 // same music, written by hand from the formats' description (bsmg.wiki/mapping/map-format).
 #include "beats_maps.hpp"

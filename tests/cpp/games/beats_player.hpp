@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Rounds of Beats on levels made by hand, and a player whose blades lie along z: what the blade
 // does at a box is then what the hand does.
 #pragma once

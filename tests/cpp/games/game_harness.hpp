@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Plays a game frame by frame, as runtime/App does, without pictures.
 #pragma once
 

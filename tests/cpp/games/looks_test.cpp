@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What Whac-A-Mole shows: the spectators' camera, the player's headset, the burst of a hit.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Rounds of the panel, frame by frame. The head is at (0, 1.2, 0): the panel's centre is at
 // (0, 1.1, 1.5). The ray begins at the hand, which lies 1 m before the panel.
 #include <gtest/gtest.h>

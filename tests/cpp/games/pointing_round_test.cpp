@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Rounds of pointing, frame by frame. The head is at (0, 1.2, 0): the circle's centre is at (0.15,
 // 1.1, 0.4). A tap takes two frames, and its tip comes through the plane in the middle of the
 // second.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The task of ISO 9241-411 without a scene: the circle, the order, what is measured.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Privileged observations. Frames are 50 ms apart (50 ns short of it), so that 1 cm in a frame is
 // 0.2 m/s, of which the hammer's filter shows a half at first.
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A short round of our own scripted player, kept as its log: the same poses and seed must give the
 // same events again, in every build and version.
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -120,7 +121,7 @@ TEST(Round, EndsInTheFirstFrameAfterSixtySeconds) {
   WhacAMoleRound round(conditionJson("medium"), 1, testing::referenceTime(), nullptr, 50'000'000);
   round.idle(601);
   EXPECT_FLOAT_EQ(round.harness.env().timeFeature(), 0.0F);  // t = 30
-  round.idle(600);                                              // t = 60 is not beyond 60
+  round.idle(600);                                           // t = 60 is not beyond 60
   EXPECT_FALSE(round.harness.env().finished());
   EXPECT_FLOAT_EQ(round.harness.env().timeFeature(), 1.0F);
   const Counts before = round.round().counts();

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Puts the hammer where a test wants it.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Actions, their bindings and priorities, and haptics.
 #include <atomic>
 #include <cstring>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Every call with wrong arguments: null, wrong type, destroyed handles, out of order.
 #include "calls.hpp"
 

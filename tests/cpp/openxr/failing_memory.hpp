@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Memory that runs out: from the n-th allocation of this process on, operator new throws.
 #pragma once
 

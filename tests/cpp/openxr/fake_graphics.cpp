@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Graphics of the tests: an image is one colour and one depth.
 #include <cstring>
 #include <vector>

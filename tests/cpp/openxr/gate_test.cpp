@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Lockstep: the harness's steps, the program's frames, and how either may fail.
 #include <sys/wait.h>
 

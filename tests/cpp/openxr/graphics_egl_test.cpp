@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Swapchains of a program that draws with OpenGL over EGL. Expected bytes as in pixels_test.cpp.
 #define EGL_NO_X11
 #include <EGL/egl.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The core's side of the graphics calls, without an instance: every call is allowed.
 #include "graphics.hpp"
 

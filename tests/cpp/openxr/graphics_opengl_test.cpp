@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Swapchains of a program that draws with OpenGL over Xlib, on an Xvfb of its own. What does not
 // depend on the window system is in graphics_egl_test.cpp.
 #include <dlfcn.h>

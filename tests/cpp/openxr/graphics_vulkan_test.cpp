@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Swapchains of a program that draws with Vulkan, under Khronos' validation layer where it is
 // installed: any warning or error fails the test. Expected bytes as in pixels_test.cpp.
 #include <gtest/gtest.h>

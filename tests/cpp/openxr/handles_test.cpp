@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The table of handles: what lies below what, and that many handles cost no more each than few.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The recording layer in a program whose memory runs out: what the program gets from its calls, and
 // what the runtime gets of the program's, is as without the layer.
 #include <dlfcn.h>

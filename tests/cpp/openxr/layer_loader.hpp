@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What a loader gives to an API layer and gets from it (openxr/loader_interfaces.h).
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The recording layer over our runtime: what the harness sent stands in the file.
 #include <gtest/gtest.h>
 

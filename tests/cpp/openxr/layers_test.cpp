@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Swapchains, the checks of xrEndFrame, and the picture that the harness gets.
 #include <unistd.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The library as a loader opens it: its one symbol, its negotiation, and Khronos' loader itself
 // where it is installed.
 #include <dlfcn.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What arrives over the socket, and what may not.
 #include "messages.hpp"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Calls of the runtime where memory runs out: they return, and nothing is thrown through them.
 #include <dlfcn.h>
 #include <gtest/gtest.h>

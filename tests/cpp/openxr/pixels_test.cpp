@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Bytes derived by hand from the sRGB transfer function of IEC 61966-2-1:
 // encoded = 12.92 l below 0.0031308, else 1.055 l^(1/2.4) - 0.055; the byte is encoded x 255,
 // rounded.

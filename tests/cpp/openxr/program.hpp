@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A program in small, and the harness at the other end of its socket. Graphics are pixels in memory
 // (XR_TEST_pixels), so that no device is needed.
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Spaces, velocities and views, with numbers of the steps that FakeHarness sends: in the app's
 // frame the head is at (n, 1.6, 0) and the right hand at (0.2, 1.0, 0.5 + 0.1 n) in frame n, every
 // 10 ms.

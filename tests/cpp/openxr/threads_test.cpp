@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Calls from several threads at once (the preset tsan looks at them closely).
 #include <atomic>
 #include <thread>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // OpenXR structures with their type and zeros.
 #pragma once
 

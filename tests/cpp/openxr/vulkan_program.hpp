@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A program in small that draws with Vulkan: its own instance and device (made through
 // XR_KHR_vulkan_enable2), one queue, and the validation layer where it is installed.
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Scenes of a few colliders, and a component that writes down trigger events.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The game's two boxes against a separating-axis test written by hand in double precision: random
 // pairs, half of them moved to within 1 mm .. 10 nm of touching, an eighth nearly parallel.
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Hand-derived contacts of spheres, capsules and boxes, each tested a hair (0.1 um) on either side.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Which pairs have trigger events at all.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Sequence of trigger events.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What the program says and how it ends, without starting one.
 #include "sim2vr/program/program.hpp"
 #include "own_folder.hpp"

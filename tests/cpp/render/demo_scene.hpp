@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A still life with the shapes, colours and lights of the Whac-A-Mole study, to judge the renderer
 // by. The game itself builds its own objects.
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Views of an eye: through a frustum that need not be symmetric, from beside the camera.
 #include <cmath>
 

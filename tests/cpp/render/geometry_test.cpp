@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Where things appear: orientation, field of view, depth channel, clipping, culling.
 #include "picture.hpp"
 

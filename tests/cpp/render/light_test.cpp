@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Which colours things have: encoding, lights, blending, sky. Hand-derived values.
 #include "demo_scene.hpp"
 #include "picture.hpp"

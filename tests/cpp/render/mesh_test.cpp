@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Meshes, OBJ files, PNG files and the components' saved state.
 #include "sim2vr/render/mesh.hpp"
 #include "own_folder.hpp"

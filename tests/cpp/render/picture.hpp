@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Helpers of the render tests: pictures whose pixels can be read, and a scene with a camera.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Developers' tool, not a test: writes pictures of the demo scene and measures the CPU time of one.
 // Usage: render_demo <folder> [automatic|egl|osmesa]
 #include <time.h>

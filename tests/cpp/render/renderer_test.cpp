@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The renderer as an object: kinds, errors, determinism, threads, contexts, caches.
 #include "sim2vr/render/renderer.hpp"
 #include "own_folder.hpp"

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What a scene shows, as plain data.
 #include "sim2vr/render/shown.hpp"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Many apps together: each plays as it would alone, to the bit, whatever the company and threads.
 #include <gtest/gtest.h>
 

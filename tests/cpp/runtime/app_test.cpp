@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The app in lockstep. What every game must keep is in tests/contract; here is what Python cannot
 // see.
 #include <gtest/gtest.h>

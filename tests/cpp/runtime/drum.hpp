@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A game made for tests, of the smallest kind that uses every device: a drum.
 #pragma once
 

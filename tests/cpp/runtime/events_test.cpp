@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Inputs on their way to a game, and pulses and sounds on their way back.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The seam below server and batch, proved by an app that is none of the runtime's.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // An app with a loop of its own, as small as it can be: no game, no scene, no renderer, and of the
 // capabilities those that a test gives it.
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What is drawn: of which eye, and of which frame of a step.
 #include <gtest/gtest.h>
 

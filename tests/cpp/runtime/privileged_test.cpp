@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Privileged numbers on their way from a game to a batch of apps.
 #include <gtest/gtest.h>
 

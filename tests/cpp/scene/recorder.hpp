@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A component that writes down which of its methods were called.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A player, the messages that carry its poses in both protocols, and the same round in process.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Reads the PNGs of protocol 1.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "sim2vr/server/protocol2.hpp"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The server over real sockets.
 #include "sim2vr/server/server.hpp"
 #include "own_folder.hpp"

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Sessions of protocol 1 without a socket.
 #include <fmt/format.h>
 #include <gtest/gtest.h>

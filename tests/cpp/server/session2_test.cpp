@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Sessions of protocol 2 without a socket.
 #include <fcntl.h>
 #include <gtest/gtest.h>

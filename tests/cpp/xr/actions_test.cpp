@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What inputs make of actions (action.hpp), for our own games and for OpenXR programs alike.
 #include "sim2vr/xr/action.hpp"
 #include "support.hpp"

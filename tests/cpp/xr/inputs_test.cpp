@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Rows of controller inputs (pose_row.hpp).
 #include <array>
 #include <limits>

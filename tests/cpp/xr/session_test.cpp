@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The sessions of our own games (session.hpp).
 #include "sim2vr/xr/session.hpp"
 

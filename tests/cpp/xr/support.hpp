@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Devices and poses of the tests, and shorthands.
 #pragma once
 

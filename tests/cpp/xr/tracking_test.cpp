@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Where spaces are, for our own games and for OpenXR programs alike.
 #include "sim2vr/xr/tracking.hpp"
 

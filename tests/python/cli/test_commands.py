@@ -99,7 +99,7 @@ def test_ctrl_c_saves_and_says_so(
     status, out, _ = train(capsys, tmp_path / "run", "--timesteps", "180")
     assert status == 130
     lost = "(12 steps of an unfinished iteration will be repeated)"
-    assert f"Stopped in stage 'ppo'; saved: step 60 of 180 {lost}." in out
+    assert f"Stopped in stage 'ppo'; saved: 60 of 180 user steps {lost}." in out
     assert "--resume" in out
     assert (tmp_path / "run" / "checkpoints" / "step_000000060.zip").is_file()
 

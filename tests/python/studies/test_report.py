@@ -22,7 +22,6 @@ from sim2vr_harness.studies.report import write_report
 from sim2vr_harness.studies.report.body import load_of
 from sim2vr_harness.studies.report.methods import PlayedBy, methods_of, varied_in
 from sim2vr_harness.studies.report.numbers import summary_of
-from sim2vr_harness.studies.report.page import Content, _summary
 from sim2vr_harness.studies.report.sentences import (
     dropout_sentences,
     n_sentence,
@@ -32,6 +31,7 @@ from sim2vr_harness.studies.report.source import ReportSource, read_source
 from sim2vr_harness.studies.report.strategy import depth_of
 from sim2vr_harness.studies.report.tables import measure_table
 from sim2vr_harness.studies.report.tables import test_table as table_of_tests
+from sim2vr_harness.studies.report.write import Content, page_of
 
 REPORT = Path(__file__).parents[3] / "python" / "sim2vr_harness" / "studies" / "report"
 NOBODY = published_of("strange")
@@ -158,8 +158,8 @@ def test_five_sentences_stand_first_each_of_them_one_sentence(source: ReportSour
         for number in range(5)
     ]  # fmt: skip
     asked = replace(source, comparisons=compared, unit="person")
-    page = _summary(Content(asked, NOBODY, sentences_of(asked, NOBODY), [], [], [], [], ""))
-    before, _, after = page.partition("<details>")
+    page = page_of(Content(asked, NOBODY, sentences_of(asked, NOBODY), [], [], [], [], ""))
+    before, _, after = page.partition("</section>")[0].partition("<details>")
     assert before.count("<li>") == 5 and after.count("<li>") == 1
     assert "Inconclusive: sparks in calm and wild (place=0)" in before.partition("</li>")[0]
     for one in sentences_of(asked, NOBODY):

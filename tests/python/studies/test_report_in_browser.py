@@ -7,7 +7,7 @@ import pytest
 import strange_game
 
 from chromium import Page
-from sim2vr_harness.figures.html import save_page
+from sim2vr_harness.figures.html import save_page, table
 from sim2vr_harness.studies.report import write_report
 from webxr_pages import NEEDS_BROWSER
 
@@ -59,15 +59,21 @@ def test_a_key_hides_and_shows_its_lines(report: Path) -> None:
 
 
 def test_a_small_page_draws_figures_whatever_their_names_are(tmp_path: Path) -> None:
-    """As ``reach`` and ``rewards`` write them, with names that look like markup."""
+    """As ``audit`` writes them, with names that look like markup, in figures and in words."""
     go = pytest.importorskip("plotly.graph_objects")
     names = ("<!--<script>", "</script>")
     figures = [go.Figure(go.Scatter(x=[1, 2], y=[1, 2], name=name)) for name in names]
-    file = save_page(tmp_path / "page.html", "Names", ["<p>first</p>", *figures, "<p>last</p>"])
+    file = save_page(
+        tmp_path / "page.html", "Names", ["first", *figures, table(["<b>"], [["last<i>"]])]
+    )
     with Page() as page:
         page.open(file.as_uri(), 1280)
         page.wait_for("document.querySelectorAll('.figure .svg-container').length === 2")
-        drawn = "JSON.stringify([...document.querySelectorAll('.figure')].map(f => f.data[0].name))"
+        plots = "[...document.querySelectorAll('.js-plotly-plot')]"
+        drawn = f"JSON.stringify({plots}.map(f => f.data[0].name))"
         assert json.loads(page.value(drawn)) == list(names)
-        assert page.value("document.body.lastElementChild.textContent") == "last"
+        assert page.value("document.body.lastElementChild.textContent").split() == [
+            "<b>",
+            "last<i>",
+        ]
         assert page.errors == []

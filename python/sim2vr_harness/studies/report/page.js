@@ -38,8 +38,9 @@ function addKeys(panel, plot) {
   }
 }
 
+const plots = document.querySelectorAll(".plot");
 panels.forEach((panel, i) => {
-  const plot = document.getElementById("plot" + i);
+  const plot = plots[i];
   addKeys(panel, plot);
   Plotly.newPlot(plot, panel.data, panel.layout, configOf(panel)).then(
     () => { state.drawn += 1; plot.dataset.drawn = "yes"; },

@@ -5,13 +5,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from sim2vr_harness.client import Measure
 from sim2vr_harness.figures.figure import GREY, Figure, Layer, Line, Panel, Points, colour_of
+from sim2vr_harness.figures.html import table
 from sim2vr_harness.studies.report.numbers import in_words
 from sim2vr_harness.studies.report.sentences import Sentence
 from sim2vr_harness.studies.report.source import ReportSource, Search
-from sim2vr_harness.studies.report.tables import Html, table
 from sim2vr_harness.studies.search.config import ParameterConfig
 from sim2vr_harness.studies.search.table import parameter_column
 
@@ -300,11 +301,11 @@ def _measured(row: Any, measures: Mapping[str, Measure]) -> str:
     )
 
 
-def trial_table(source: ReportSource) -> str:
+def trial_table(source: ReportSource) -> Markup:
     """Every trial: parameters, what it is judged by, what became of it."""
     search = source.search
     if search is None:
-        return ""
+        return Markup()
     measures = {name: source.measure(name) for name in search.wanted.measures}
     headings = [
         "Trial",
@@ -323,5 +324,5 @@ def trial_table(source: ReportSource) -> str:
             *(_value(row[name], measure) for name, measure in measures.items()),
             became,
         ]
-        rows.append([Html(f"<b>{cell}</b>") if row["chosen"] else cell for cell in cells])
-    return "<h3>Every trial</h3>" + table(headings, rows)
+        rows.append([Markup("<b>{}</b>").format(cell) if row["chosen"] else cell for cell in cells])
+    return Markup("<h3>Every trial</h3>") + table(headings, rows)

@@ -1,12 +1,13 @@
 """The tables of a report, as HTML."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from html import escape
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from sim2vr_harness.client import Measure
+from sim2vr_harness.figures.html import table
 from sim2vr_harness.games.published import Published
 from sim2vr_harness.studies.report.methods import PlayedBy
 from sim2vr_harness.studies.report.numbers import summary_of, with_spread
@@ -21,48 +22,25 @@ from sim2vr_harness.studies.report.sentences import (
 from sim2vr_harness.studies.report.source import ReportSource
 
 
-def table(headings: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "") -> str:
-    """Return a table; texts are escaped here, and may be marked by :class:`Html`."""
-    head = "".join(f"<th>{_cell(text)}</th>" for text in headings)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{_cell(text)}</td>" for text in row) + "</tr>" for row in rows
-    )
-    told = f"<caption>{escape(caption)}</caption>" if caption else ""
-    return (
-        f'<div class="scroll"><table>{told}<thead><tr>{head}</tr></thead>'
-        f"<tbody>{body}</tbody></table></div>"
-    )
-
-
-class Html(str):
-    """Text that is HTML already."""
-
-    __slots__ = ()
-
-
-def _cell(text: str) -> str:
-    return text if isinstance(text, Html) else escape(text)
-
-
-def measure_table(source: ReportSource, published: Published) -> str:
+def measure_table(source: ReportSource, published: Published) -> Markup:
     """Every measure, a column per group; people's mean and range below ours."""
     rows: list[list[str]] = []
     for measure in source.measures:
         cells = []
         for group in source.groups:
-            text = _whole(
+            text = _pieces(
                 with_spread(summary_of(group, measure.name), measure, len(set(group.units)))
             )
             people = published.people_in(group.condition, measure.name)
             if people:
-                told = "<br>".join(map(_whole, _people(people, measure)))
-                text += f'<br><span class="people">people {told}</span>'
-            cells.append(Html(text))
-        heading = escape(measure.heading)
+                told = _pieces(*_people(people, measure), between="<br>")
+                text += Markup('<br><span class="people">people {}</span>').format(told)
+            cells.append(text)
+        heading = measure.heading
         if measure.better != "none":
-            heading += ' <span class="people">' + ("↑" if measure.better == "higher" else "↓")
-            heading += "</span>"
-        rows.append([Html(heading), *cells])
+            arrow = "↑" if measure.better == "higher" else "↓"
+            heading = Markup('{} <span class="people">{}</span>').format(heading, arrow)
+        rows.append([heading, *cells])
     counts = [
         f"{len(set(group.units))} × {len(group.episodes) // max(1, len(set(group.units)))}"
         for group in source.groups
@@ -71,14 +49,9 @@ def measure_table(source: ReportSource, published: Published) -> str:
     return table(["", *(group.label for group in source.groups)], rows)
 
 
-def _whole(text: str) -> str:
-    """Text that stays in a line."""
-    return f'<span class="whole">{escape(text)}</span>'
-
-
-def _pieces(*texts: str) -> Html:
+def _pieces(*texts: str, between: str = " ") -> Markup:
     """Texts that stay in a line each."""
-    return Html(" ".join(map(_whole, texts)))
+    return Markup(between).join(Markup('<span class="whole">{}</span>').format(t) for t in texts)
 
 
 def _people(people: Sequence[float], measure: Measure) -> tuple[str, str]:
@@ -88,16 +61,14 @@ def _people(people: Sequence[float], measure: Measure) -> tuple[str, str]:
     return f"{mean:,.{digits}f}", f"[{min(people):,.{digits}f} to {max(people):,.{digits}f}]"
 
 
-def beside_table(source: ReportSource, published: Published) -> str | None:
-    """Compare our values with people's and published ones; None where there are no others.
-
-    A table per measure, with a column for each who has values of it.
-    """
-    tables = [_beside(source, published, measure) for measure in source.measures]
-    return "".join(tables) or None
+def beside_tables(source: ReportSource, published: Published) -> Iterator[tuple[str, Markup]]:
+    """Yield each measure that others have values of, too, with a column for each of them."""
+    for measure in source.measures:
+        if found := _beside(source, published, measure):
+            yield measure.heading, found
 
 
-def _beside(source: ReportSource, published: Published, measure: Measure) -> str:
+def _beside(source: ReportSource, published: Published, measure: Measure) -> Markup | None:
     digits = measure.digits
     rows: list[tuple[list[str], dict[str, float]]] = []
     own_means: list[float] = []
@@ -119,7 +90,7 @@ def _beside(source: ReportSource, published: Published, measure: Measure) -> str
         rows.append(([group.label, here, *beside], dict(others)))
         own_means.append(own.mean)
     if not rows:
-        return ""
+        return None
     sources = [one.source for one in published.values]
     used = [name for name in dict.fromkeys(sources) if any(name in others for _, others in rows)]
     with_people = any(row[2] for row, _ in rows)
@@ -139,10 +110,10 @@ def _beside(source: ReportSource, published: Published, measure: Measure) -> str
         ]
         for (row, others), mean in zip(rows, own_means, strict=True)
     ]
-    return f"<h3>{escape(measure.heading)}</h3>{table(headings, cells)}"
+    return table(headings, cells)
 
 
-def published_tests(published: Published) -> str | None:
+def published_tests(published: Published) -> Markup | None:
     """Tests that others made; None without any."""
     if not published.tests:
         return None
@@ -153,7 +124,7 @@ def published_tests(published: Published) -> str | None:
     return table(["Source", "What", "Test", "n", "Z", "p"], rows)
 
 
-def test_table(source: ReportSource) -> str | None:
+def test_table(source: ReportSource) -> Markup | None:
     """The results of a study's comparisons, those that were refused with the reason."""
     if not source.comparisons:
         return None
@@ -161,12 +132,12 @@ def test_table(source: ReportSource) -> str | None:
     notes: list[str] = []
     for result in source.comparisons:
         measure = source.measure(str(result["measure"]))
-        counted = escape(counted_units(result))
+        counted = counted_units(result)
         note = result.get("note")
         if note:
             if note not in notes:
                 notes.append(note)
-            counted += f" <sup>{notes.index(note) + 1}</sup>"
+            counted = Markup("{} <sup>{}</sup>").format(counted, notes.index(note) + 1)
         sign = {"less": " < ", "greater": " > "}.get(str(result.get("alternative")), " – ")
         means = ", ".join(
             "–" if m is None else number(m, measure) for m in result.get("means") or ()
@@ -177,22 +148,22 @@ def test_table(source: ReportSource) -> str | None:
             sign.join(map(str, result.get("levels") or ())),
             means,
             difference_words(result, measure, "[]"),
-            Html(counted),
+            counted,
             str(result["test"]),
             *_outcome(result),
             "" if detectable is None else number(detectable, measure),
         ]
         rows.append(test_row)
     headings = ["Measure", "Compared", "Means", "Difference [95 %]", "n", "Test", "Statistic", "p"]
-    items = "".join(f"<li>{escape(note)}</li>" for note in notes)
-    below = f'<ol class="notes">{items}</ol>' if notes else ""
-    return table([*headings, "p, Holm (tests)", "Effect", "Found with power .8"], rows) + below
+    found = table([*headings, "p, Holm (tests)", "Effect", "Found with power .8"], rows)
+    items = Markup().join(Markup("<li>{}</li>").format(note) for note in notes)
+    return found + Markup('<ol class="notes">{}</ol>').format(items) if notes else found
 
 
 def _outcome(result: Mapping[str, Any]) -> list[str]:
     """Statistic, p, corrected p and effect size; or why there is no p."""
     if result.get("refused"):
-        reason = Html(f'<span class="refused">no p value: {escape(result["refused"])}</span>')
+        reason = Markup('<span class="refused">no p value: {}</span>').format(result["refused"])
         return [reason, "", "", ""]
     z, adjusted = result.get("z"), result.get("p_holm")
     return [
@@ -213,7 +184,7 @@ def _effect(result: Mapping[str, Any]) -> str:
     return "" if value is None else f"{value:.2f} ({name})"
 
 
-def user_table(users: Sequence[PlayedBy]) -> str:
+def user_table(users: Sequence[PlayedBy]) -> Markup:
     """Who played, with the hashes."""
     rows = [
         [
@@ -222,8 +193,8 @@ def user_table(users: Sequence[PlayedBy]) -> str:
             user.body,
             str(user.muscles) if user.body else "",
             user.effort,
-            Html(f"<code>{escape(user.contract)}</code>"),
-            Html(f"<code>{escape(user.weights)}</code>"),
+            Markup("<code>{}</code>").format(user.contract),
+            Markup("<code>{}</code>").format(user.weights),
         ]
         for user in users
     ]
@@ -231,7 +202,7 @@ def user_table(users: Sequence[PlayedBy]) -> str:
     return table(headings, rows)
 
 
-def glossary(source: ReportSource) -> str:
+def glossary(source: ReportSource) -> Markup:
     """What each measure is."""
     rows = [
         [m.label, m.unit, {"higher": "more", "lower": "less"}.get(m.better, ""), m.description]

@@ -1,16 +1,18 @@
 """Writes the report of an evaluation or a study: a page, and its figures for papers."""
 
 import csv
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
+from markupsafe import Markup
 
 from sim2vr_harness.base.errors import InputError, counted
 from sim2vr_harness.base.files import naming, write_atomically
+from sim2vr_harness.base.optional import needed
 from sim2vr_harness.client import Measure
 from sim2vr_harness.figures.figure import (
     GREY,
@@ -24,28 +26,41 @@ from sim2vr_harness.figures.figure import (
     Ranges,
     colour_of,
 )
+from sim2vr_harness.figures.html import render
 from sim2vr_harness.figures.matplotlib_backend import write_stills
+from sim2vr_harness.figures.plotly_backend import plotly_of
 from sim2vr_harness.games.published import Published, published_of
 from sim2vr_harness.studies.report.body import (
+    BodyPicture,
     body_pictures,
     body_with,
     figures_of_body,
     load_of,
     trained_users_of,
 )
-from sim2vr_harness.studies.report.media import examples_of
-from sim2vr_harness.studies.report.methods import methods_of, played_by
+from sim2vr_harness.studies.report.media import Example, examples_of
+from sim2vr_harness.studies.report.methods import BIBTEX, PlayedBy, methods_of, played_by
 from sim2vr_harness.studies.report.numbers import known, summary_of, with_spread
-from sim2vr_harness.studies.report.page import Content, page_of
-from sim2vr_harness.studies.report.search import figures_of_search, search_sentences
+from sim2vr_harness.studies.report.search import figures_of_search, search_sentences, trial_table
 from sim2vr_harness.studies.report.sentences import (
+    MOST_SENTENCES,
+    Sentence,
     difference_words,
+    n_sentence,
     p_words,
     place_of,
     sentences_of,
 )
 from sim2vr_harness.studies.report.source import Group, ReportSource, read_source
 from sim2vr_harness.studies.report.strategy import figures_of_strategy
+from sim2vr_harness.studies.report.tables import (
+    beside_tables,
+    glossary,
+    measure_table,
+    published_tests,
+    test_table,
+    user_table,
+)
 
 _MOST_POINTS = 400
 """Of items in a panel; more would only cover each other."""
@@ -269,18 +284,10 @@ def _coloured(own: Sequence[Any], ends: Sequence[str]) -> list[tuple[str, str]]:
     ]
 
 
-_SPECIAL = {
-    **{letter: "\\" + letter for letter in "&%$#_{}"},
-    "\\": r"\textbackslash{}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    "<": r"$<$",
-    ">": r"$>$",
-    "±": r"$\pm$",
-    "–": "--",
-    "−": r"$-$",
-    "×": r"$\times$",
-}
+_SYMBOLS = str.maketrans(
+    {"<": "$<$", ">": "$>$", "±": r"$\pm$", "–": "--", "−": "$-$", "×": r"$\times$"}
+)
+"""Letters that pandas leaves as they are, for LaTeX without Unicode fonts."""
 _DIFFERENCE = ("estimate", "low", "high")
 
 Rows = list[list[str]]
@@ -349,18 +356,11 @@ def write_tables(source: ReportSource, folder: Path) -> Iterator[Path]:
 
 def latex_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a ``tabular`` with rules of the package booktabs; texts are escaped."""
-    lines = [" & ".join(map(_escaped, row)) + r" \\" for row in (header, *rows)]
-    return "\n".join([
-        "% needs \\usepackage{booktabs}",
-        rf"\begin{{tabular}}{{l{'r' * (len(header) - 1)}}}",
-        r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule",
-        r"\end{tabular}", "",
-    ])  # fmt: skip
-
-
-def _escaped(text: str) -> str:
-    minus = re.sub(r"(?<!\w)-(?=\d)", "−", text)
-    return "".join(_SPECIAL.get(letter, letter) for letter in minus)
+    cells = pd.DataFrame([header, *rows]).replace(r"(?<!\w)-(?=\d)", "−", regex=True)
+    table = cells.T.set_index(0).T.to_latex(
+        index=False, escape=True, column_format="l" + "r" * (len(header) - 1)
+    )
+    return "% needs \\usepackage{booktabs}\n" + table.translate(_SYMBOLS)
 
 
 def _shown_tests(source: ReportSource) -> Rows:
@@ -451,6 +451,50 @@ def _parts(source: ReportSource, group: Group) -> dict[str, float]:
     terms = {labels.get(column, column): float(np.mean(own)) for column, own in sums.items()}
     rest = float(np.mean(game)) - sum(terms.values())
     return {source.facts.reward_rest: rest, **terms, "effort": -float(np.mean(effort))}
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a page is made of; ``methods`` is the paragraph, ``examples`` are films."""
+
+    source: ReportSource
+    published: Published
+    sentences: Sequence[Sentence]
+    figures: Sequence[Figure]
+    bodies: Sequence[BodyPicture]
+    examples: Sequence[Example]
+    users: Sequence[PlayedBy]
+    methods: str
+
+
+def page_of(content: Content) -> str:
+    """Return the page: figures of a search come first, then the measures."""
+    source, published = content.source, content.published
+    rounds = counted(sum(len(group.episodes) for group in source.groups), "round")
+    about = f"{source.facts.description}. " if source.facts.description else ""
+    figures = sorted(
+        content.figures,
+        key=lambda figure: (not figure.key.startswith("search"), figure.key != "measures"),
+    )
+    return render(
+        "studies/report/page.html.jinja",
+        **vars(content) | {"figures": figures, "users": user_table(content.users)},
+        title=source.title,
+        lead=f"{about}{rounds} of {source.facts.name} by {', '.join(source.users)}.",
+        most=MOST_SENTENCES,
+        tables={
+            "search_parallel": trial_table(source),
+            "measures": measure_table(source, published),
+        },
+        beside=list(beside_tables(source, published)),
+        tests_of_others=published_tests(published),
+        n=n_sentence(source),
+        tests=test_table(source),
+        measures=glossary(source),
+        bibtex=BIBTEX,
+        drawn=[plotly_of(panel) for figure in figures for panel in figure.panels],
+        plotly=Markup(needed("plotly.offline", "studies", "report").get_plotlyjs()),
+    )
 
 
 PAGE = "report.html"

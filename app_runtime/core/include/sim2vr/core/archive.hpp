@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // One field list per type drives save, load and state hash: a type writes
 //   void fields(Archive& a) { a.field("score", score_); a.field("rng", rng_); }
 // and the archive either appends the values to a byte string or reads them back. Field names are

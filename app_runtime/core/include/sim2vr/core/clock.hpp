@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The lockstep clock: integer nanoseconds inside, Unity's binary32 seconds outside. It moves only
 // when a frame begins, never with the wall clock.
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Typed errors. Library code throws these and never exits; the bindings translate them in one place
 // (InvalidArgument -> ValueError, the EngineError family -> RuntimeError).
 #pragma once

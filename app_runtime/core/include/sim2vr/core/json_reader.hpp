@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Strict reading of JSON that a stranger wrote: every surprise is an InvalidArgument whose field is
 // the path to it, such as "state.frames[2].time".
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The runtime's log: spdlog to standard error. Silent below "warning" unless asked, so that the
 // extension module does not write into a Python program's output.
 #pragma once

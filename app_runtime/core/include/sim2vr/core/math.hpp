@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Vectors, rotations and poses. Scene quantities are double precision, metres, in the app's frame:
 // Unity's convention, left-handed, x right, y up, z forward; quaternions rotate local to world.
 #pragma once
@@ -9,7 +10,6 @@ namespace sim2vr {
 
 using Vec3 = Eigen::Vector3d;
 using Quat = Eigen::Quaterniond;
-
 
 /// Rotation that turns z (forward) along `direction` and keeps x level; not for straight up or
 /// down.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A game's options as named values with strict reading: a wrong type, a value outside its choices
 // or a name that is never read is an error that says what was expected.
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The games' random generator: 128-bit xorshift with Unity's seeding and range rules, so that a
 // "random seed N" in a recording means the same round here.
 #pragma once

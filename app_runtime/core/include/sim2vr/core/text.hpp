@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Texts from outside: files that are read whole, and words that are shown.
 #pragma once
 

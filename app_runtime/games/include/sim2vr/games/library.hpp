@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What a game outside the repository includes: with SIM2VR_GAMES a shared library says which games
 // it has (docs/guide/own_game.md). sim2vr-app and the harness open it with --game-library.
 #pragma once

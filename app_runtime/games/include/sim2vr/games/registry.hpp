@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Every game that the runtime can play.
 #pragma once
 

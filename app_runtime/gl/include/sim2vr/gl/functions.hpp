@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The OpenGL 4.2 functions that are called, looked up per context: in the renderer's own, and in
 // that of an OpenXR program. A table instead of a loader library, because OSMesa's functions cannot
 // be found through EGL or GLX.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Shapes that the physics world tests for overlap, and the Rigidbody that makes trigger events
 // happen.
 #pragma once

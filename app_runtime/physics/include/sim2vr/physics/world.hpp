@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Trigger events of a scene's colliders. Bullet decides which shapes overlap.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The command line of sim2vr-app: our own options and the reference's single-dash arguments.
 #pragma once
 

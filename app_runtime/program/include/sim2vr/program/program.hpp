@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What sim2vr-app does.
 #pragma once
 

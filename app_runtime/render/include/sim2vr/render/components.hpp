@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What a scene shows: components that the renderer looks for. They hold data only and may be
 // changed between frames; disabled components and inactive objects are not drawn.
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Images to files and to the bytes of files.
 #pragma once
 

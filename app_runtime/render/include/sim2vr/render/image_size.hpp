@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Width and height of an image.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // How a surface looks: the part of Unity's Standard material that the scenes use.
 #pragma once
 

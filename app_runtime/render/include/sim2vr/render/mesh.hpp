@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Triangle meshes and the builders that games make their objects from.
 //
 // Conventions: the app's frame (Unity: left-handed, x right, y up, z forward). A triangle a, b, c

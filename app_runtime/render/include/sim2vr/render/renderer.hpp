@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Pictures of a scene. A GPU is not needed: Mesa draws on the CPU.
 #pragma once
 

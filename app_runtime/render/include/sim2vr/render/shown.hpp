@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What a scene holds and shows, as plain data, for those who draw or measure it elsewhere.
 #pragma once
 

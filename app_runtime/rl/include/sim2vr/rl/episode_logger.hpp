@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Episode logs in the reference's text format (docs/reference/games/whacamole.md, "Logs"): one
 // folder per round with states.csv (tracked poses, one row per frame) and events.csv (what
 // happened, when).

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What a game gives the runtime: a Game that survives rounds and fills an empty scene for each of
 // them, and the round's RLEnv, which turns play into reward, end and time feature (SIM2VR's RLEnv).
 #pragma once

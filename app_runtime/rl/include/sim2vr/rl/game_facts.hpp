@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What a game publishes about itself: how its rounds are measured, which conditions it
 // has, what its cameras and names are called. Tables, curves, progress and pictures are made of it.
 #pragma once

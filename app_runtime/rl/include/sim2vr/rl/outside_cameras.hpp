@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Pictures of a game from outside, for games that bring no cameras for them.
 #pragma once
 

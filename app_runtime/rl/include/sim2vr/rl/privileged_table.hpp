@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A game's privileged observations: one table of names and getters.
 #pragma once
 

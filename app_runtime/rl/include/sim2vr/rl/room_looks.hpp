@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What rooms of games have in common: a light, a floor, cameras from outside.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What the player hears. Nothing is played: a sound is an event with a name, a place and a gain,
 // and the listener decides what it is worth.
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Reads what EpisodeLogger and the reference write to states.csv: the tracked poses of a round.
 #pragma once
 

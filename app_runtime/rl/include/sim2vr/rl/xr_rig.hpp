@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The player's rig: head camera and controllers, moved by what the XR session tracks.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // One of the registered games as an app in lockstep.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Many apps of one kind, stepped together on a pool of threads.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The seam below server and batch: whatever moves in lockstep, by one frame at a time, can be
 // played through it. runtime::App is the one that plays the games of games::registry().
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Pictures of every frame for people, as the reference records them: a third-person view and what
 // the headset shows.
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A fixed set of threads that work through a range together and wait for each other.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Behaviour attached to a GameObject, with Unity's life cycle.
 #pragma once
 

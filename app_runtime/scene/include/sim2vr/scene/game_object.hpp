@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A named node of the scene: a Transform and components.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The tree of GameObjects and Unity's order of execution within a frame.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A node's place in the scene tree: local position, rotation and scale relative to the parent.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Makes the apps of the sessions from the command line's settings and the clients' wishes.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What both protocols share: the one error of their decoders, and what the devices report.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Protocol 1: the reference's messages, JSON text over REQ/REP, and our optional fields in them.
 // docs/reference/protocol.md is the specification.
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Protocol 2: binary multipart messages, several apps in one. docs/reference/protocol.md is the
 // specification.
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The lockstep server: one socket, one client at a time, an answer to every message.
 #pragma once
 

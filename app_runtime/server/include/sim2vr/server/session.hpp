@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What one client and its apps have between them. No sockets here.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // From a user's clock in seconds to game time in integer nanoseconds.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Numbers in binary messages: little-endian, one after the other.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The images of a session's apps in memory that a client on the same machine can map.
 #pragma once
 

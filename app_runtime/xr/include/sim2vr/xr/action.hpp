@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Actions: what an app wants to know ("grab"), apart from the button that says it.
 #pragma once
 

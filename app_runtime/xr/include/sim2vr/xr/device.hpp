@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The devices: a head-mounted display and two hand controllers.
 #pragma once
 

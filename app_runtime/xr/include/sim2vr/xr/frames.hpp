@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The only place where the app's frame and OpenXR's meet. The app's frame is Unity's: left-handed,
 // x right, y up, z forward. OpenXR's is right-handed: x right, y up, z backward. Both have the same
 // floor origin (STAGE), so that a conversion only flips signs:

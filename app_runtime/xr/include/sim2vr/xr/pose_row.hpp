@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Poses and inputs as they come from outside (arrays, messages, logs). A pose is a row of 7
 // binary64 numbers, position x y z in metres and rotation x y z w, in the app's frame; the inputs
 // of one controller are a row of 13.

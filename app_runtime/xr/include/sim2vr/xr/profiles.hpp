@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Interaction profiles: which inputs and outputs a controller has, and which of the simulated
 // controller's stands for each.
 #pragma once

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A device that plays a timeline: for demonstrations, tests and recorded input.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A session of one of our own games: OpenXR's actions and spaces as C++ classes on Khronos' own
 // types, in lockstep. It is focused from its first frame on, and there is no time but the one
 // passed to nextFrame. Wrong use that OpenXR reports as an error code is a StateError (wrong order)

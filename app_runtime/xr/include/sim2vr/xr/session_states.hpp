@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The states of a session, and how they follow one another.
 #pragma once
 

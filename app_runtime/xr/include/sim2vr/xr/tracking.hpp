@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Where devices and spaces were, at the times of the latest frames and between them.
 #pragma once
 

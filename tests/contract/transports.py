@@ -54,9 +54,9 @@ def in_a_batch(
     """The last of three apps that are stepped together in this process, on two threads."""
     log_dirs = None if log_dir is None else [log_dir / str(i) for i in range(3)]
     batch = InProcessBatch(3, game, options, threads=2, log_dirs=log_dirs, **settings)
-    batch.app(0).close()
-    batch.app(1).close()
-    return batch.app(2)
+    batch.apps[0].close()
+    batch.apps[1].close()
+    return batch.apps[2]
 
 
 TRANSPORTS: dict[str, Callable[..., AppClient]] = {

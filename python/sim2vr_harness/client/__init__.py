@@ -10,7 +10,6 @@ from sim2vr_harness.client.base import (
     AppReply,
     ClockSettings,
     OptionValue,
-    require_capability,
 )
 from sim2vr_harness.client.channel import Channel
 from sim2vr_harness.client.devices import (
@@ -45,8 +44,7 @@ from sim2vr_harness.client.games import (
     list_options,
     load_game_library,
 )
-from sim2vr_harness.client.in_process import InProcessApp
-from sim2vr_harness.client.in_process_batch import InProcessBatch, InProcessBatchApp
+from sim2vr_harness.client.in_process import InProcessApp, InProcessBatch, InProcessBatchApp
 from sim2vr_harness.client.launch import (
     StartingApp,
     connect,
@@ -59,8 +57,7 @@ from sim2vr_harness.client.launch import (
 from sim2vr_harness.client.openxr import OpenXRApp
 from sim2vr_harness.client.process import AppProcess
 from sim2vr_harness.client.protocol1 import Protocol1App
-from sim2vr_harness.client.protocol2 import Protocol2Connection
-from sim2vr_harness.client.protocol2_app import Protocol2App
+from sim2vr_harness.client.protocol2 import Protocol2App, Protocol2Connection
 from sim2vr_harness.client.runtime import (
     frame_time_ns,
     frame_times_ns,
@@ -158,7 +155,6 @@ __all__ = [
     "load_game_library",
     "load_task",
     "register_transport",
-    "require_capability",
     "runtime_version",
     "sim2vr_arguments",
     "start_sim2vr_app",

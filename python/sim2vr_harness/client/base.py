@@ -1,16 +1,24 @@
 """Interface of VR apps, whatever the transport."""
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.base.paths import uri_unless_utf8
-from sim2vr_harness.client.devices import DevicePoses, HapticPulse, SoundEvent
+from sim2vr_harness.client.devices import (
+    DevicePoses,
+    Float64Array,
+    HapticPulse,
+    Int64Array,
+    SoundEvent,
+)
 from sim2vr_harness.client.errors import AppUnsupported
+from sim2vr_harness.client.poses import one_frame
 from sim2vr_harness.client.scene import AppScene
 
 __all__ = [
@@ -29,7 +37,6 @@ __all__ = [
     "ThirdPersonView",
     "UInt8Array",
     "plain_options",
-    "require_capability",
 ]
 
 OptionValue = bool | int | float | str | list[float]
@@ -37,8 +44,6 @@ AppValue = bool | int | float | tuple[float, float, float] | None
 """Of an app's expression: a number, a truth, or a place x y z, metres, in the app's frame."""
 UInt8Array = NDArray[np.uint8]
 Float32Array = NDArray[np.float32]
-Float64Array = NDArray[np.float64]
-Int64Array = NDArray[np.int64]
 
 ThirdPersonView = Literal["recorder", "spectator"]
 
@@ -112,22 +117,23 @@ CAPABILITIES: dict[str, str] = {
 """What an app may be able to do, and what that is; see :attr:`AppClient.capabilities`."""
 
 
-def require_capability(capabilities: frozenset[str], name: str) -> None:
-    """Raise AppUnsupported unless ``name``, one of :data:`CAPABILITIES`, is among them."""
-    if name not in capabilities:
-        raise AppUnsupported(
-            f"{name}: the app does not have this capability ({CAPABILITIES[name]})"
-        )
+class AppClient(ABC):
+    """One app in lockstep: it moves only when told to.
 
+    What only apps of some kinds can do refuses by itself: a client says what it is
+    (:attr:`kind`) and writes the methods of its :attr:`capabilities`.
+    """
 
-class AppClient(Protocol):
-    """One app in lockstep: it moves only when told to."""
+    kind = "the app"
+    """What errors call it."""
 
     @property
+    @abstractmethod
     def renderer_description(self) -> str:
         """The GL renderer in use, for example ``EGL surfaceless: llvmpipe ...``."""
 
     @property
+    @abstractmethod
     def image(self) -> UInt8Array:
         """Headset image of the drawn frame, (H, W, 4) RGBA; alpha is linear depth / far plane.
 
@@ -135,6 +141,7 @@ class AppClient(Protocol):
         reset or step, so copy what must last.
         """
 
+    @abstractmethod
     def reset(
         self,
         seed: int,
@@ -162,6 +169,7 @@ class AppClient(Protocol):
             ValueError: a pose is not finite, a rotation not normalised, the time runs backwards.
             RuntimeError: no round was started or the app is closed.
         """
+        return self.step_frames(np.array([time_ns], dtype=np.int64), one_frame(poses))
 
     def step_frames(self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1) -> AppReply:
         """One user step of K frames, of which one is drawn.
@@ -177,7 +185,10 @@ class AppClient(Protocol):
         Raises:
             ValueError, RuntimeError: as :meth:`step`; then no frame was run.
         """
+        self.start_step(times_ns, poses, drawn)
+        return self.finish_step()
 
+    @abstractmethod
     def start_step(
         self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False
     ) -> None:
@@ -197,15 +208,27 @@ class AppClient(Protocol):
             ValueError, RuntimeError: as :meth:`step`, here or in :meth:`finish_step`.
         """
 
+    @abstractmethod
     def finish_step(self) -> AppReply:
         """Second half: the reply to :meth:`start_step`; then :attr:`image` is the new one."""
 
     @property
+    @abstractmethod
     def capabilities(self) -> frozenset[str]:
         """Names of :data:`CAPABILITIES` that the app has.
 
         What needs one that is missing raises AppUnsupported, which names it.
         """
+
+    def require(self, capability: str) -> None:
+        """Raise AppUnsupported unless the app has it, one of :data:`CAPABILITIES`."""
+        if capability not in self.capabilities:
+            raise self._without(capability)
+
+    def _without(self, capability: str) -> AppUnsupported:
+        return AppUnsupported(
+            f"{capability}: {self.kind} does not have this capability ({CAPABILITIES[capability]})"
+        )
 
     def head_request(
         self, seed: int, options: Mapping[str, OptionValue] | None = None
@@ -222,17 +245,22 @@ class AppClient(Protocol):
         Raises:
             ValueError: an option that cannot be used.
         """
+        return None
 
     def render_headset(self, width: int, height: int) -> UInt8Array:
         """The headset view of the last frame at another size, (height, width, 4) RGBA.
 
         From between the eyes, however many the app was made with.
         """
+        if self.image.shape == (height, width, 4):
+            return self.image.copy()
+        raise self._without("views")
 
     def render_third_person(
         self, width: int, height: int, view: ThirdPersonView = "spectator"
     ) -> UInt8Array:
         """A third-person view of the last frame, (height, width, 4) RGBA."""
+        raise self._without("views")
 
     def scene(self) -> AppScene:
         """What the last frame's scene holds and shows, app frame.
@@ -240,9 +268,11 @@ class AppClient(Protocol):
         Raises:
             RuntimeError: no round was started.
         """
+        raise self._without("scene")
 
     def save(self) -> bytes:
         """The whole app state, mid-round included."""
+        raise self._without("save")
 
     def load(self, state: bytes) -> None:
         """Continues from :meth:`save` of an app with the same game and options.
@@ -250,9 +280,18 @@ class AppClient(Protocol):
         Raises:
             RuntimeError: the bytes are damaged or belong to another game or version.
         """
+        raise self._without("save")
 
     def state_hash(self) -> int:
         """64-bit hash of the state; equal states have equal hashes."""
+        raise self._without("save")
 
+    @abstractmethod
     def close(self) -> None:
         """Ends the app; idempotent. Later calls raise RuntimeError."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Float64Array = NDArray[np.float64]
+Int64Array = NDArray[np.int64]
 Hand = Literal["left", "right"]
 HANDS: tuple[Hand, Hand] = ("left", "right")
 

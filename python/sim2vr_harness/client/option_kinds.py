@@ -3,7 +3,7 @@
 from functools import lru_cache
 from typing import Literal
 
-from sim2vr_harness.client.in_process_batch import InProcessBatch
+from sim2vr_harness.client.in_process import InProcessBatch
 from sim2vr_harness.client.runtime import list_games
 
 _EXPECTED: tuple[tuple[str, Literal["truth", "text"]], ...] = (

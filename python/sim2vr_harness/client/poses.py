@@ -2,8 +2,13 @@
 
 import numpy as np
 
-from sim2vr_harness.client.base import Float64Array, Int64Array
-from sim2vr_harness.client.devices import HANDS, INPUT_COUNT, DevicePoses
+from sim2vr_harness.client.devices import (
+    HANDS,
+    INPUT_COUNT,
+    DevicePoses,
+    Float64Array,
+    Int64Array,
+)
 from sim2vr_harness.client.errors import AppRefused, AppUnsupported
 
 DEVICES = ("head", "left_controller", "right_controller")

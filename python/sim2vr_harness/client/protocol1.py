@@ -22,6 +22,7 @@ from sim2vr_harness.client.answers import (
     truth_in,
 )
 from sim2vr_harness.client.base import (
+    AppClient,
     AppReply,
     Int64Array,
     OptionValue,
@@ -48,8 +49,6 @@ from sim2vr_harness.client.protocol1_wire import (
     pose_fields,
 )
 from sim2vr_harness.client.runtime import checked_seed
-from sim2vr_harness.client.scene import AppScene
-from sim2vr_harness.client.split_step import SplitStep
 
 QUIT_S = 2.0
 """How long an app may take to acknowledge the end of the session."""
@@ -59,7 +58,7 @@ _CAPABILITIES = frozenset({"left_controller"})
 _OUR_CAPABILITIES = _CAPABILITIES | {"save", "views", "frames", "head_request"}
 
 
-class Protocol1App(SplitStep):
+class Protocol1App(AppClient):
     """:class:`~sim2vr_harness.client.base.AppClient` over protocol 1.
 
     Makes the handshake, hence waits for an app that is still starting.
@@ -98,6 +97,7 @@ class Protocol1App(SplitStep):
         start_timeout_s: float = 60.0,
     ) -> None:
         self._channel = channel
+        self.kind = f"{channel.app}, over protocol 1,"
         self._shape = (height, width, 4)
         self._frequency_hz = frequency_hz
         self._options = dict(options or {})
@@ -265,13 +265,6 @@ class Protocol1App(SplitStep):
 
     # --- state and views ---------------------------------------------------------------------
 
-    def scene(self) -> AppScene:
-        """See :class:`AppClient`; this protocol has no word for it."""
-        raise AppUnsupported(
-            f"scene: {self._channel.app} speaks protocol 1, which has no word for its scene; "
-            "protocol 2 has"
-        )
-
     def save(self) -> bytes:
         reply = self._extra("save", "saving", {"save": True})
         with self._checking():
@@ -290,7 +283,6 @@ class Protocol1App(SplitStep):
             return int(field_in(reply, "stateHash", str), 16)
 
     def render_headset(self, width: int, height: int) -> UInt8Array:
-        """See :class:`AppClient`; an app of the reference has its own size only."""
         if not self._is_ours and (height, width, 4) == self._shape:
             return self._image.copy()
         return self._render("headset", width, height)
@@ -306,14 +298,14 @@ class Protocol1App(SplitStep):
         with self._checking():
             return decode_png(bytes_in("render", reply.get("render")), (height, width, 4))
 
+    def _without(self, capability: str) -> AppUnsupported:
+        who = "protocol 2" if self._is_ours else "sim2vr-app"
+        return AppUnsupported(f"{super()._without(capability)}; {who} has")
+
     def _extra(
         self, capability: str, doing: str, fields: dict[str, Any], image: bool = False
     ) -> dict[str, Any]:
-        if capability not in self.capabilities:
-            raise AppUnsupported(
-                f"{capability}: {self._channel.app} speaks the reference's protocol, which has no "
-                f"word for {doing}; sim2vr-app can do it"
-            )
+        self.require(capability)
         self._send(fields, doing)
         reply, png = self._receive()
         return reply | ({"image": png} if image else {})

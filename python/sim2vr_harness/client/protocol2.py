@@ -3,10 +3,13 @@
 docs/reference/protocol.md describes every byte.
 """
 
+from __future__ import annotations
+
 import json
+import struct
 import sys
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -19,18 +22,19 @@ from sim2vr_harness.client import protocol2_wire as wire
 from sim2vr_harness.client.answers import UNREADABLE, number_in, object_in
 from sim2vr_harness.client.base import (
     CAPABILITIES,
+    AppClient,
     AppReply,
     ClockSettings,
     Int64Array,
     OptionValue,
+    ThirdPersonView,
     UInt8Array,
     plain_options,
 )
 from sim2vr_harness.client.channel import Channel, checked_duration_s
 from sim2vr_harness.client.devices import DevicePoses
-from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported, ProtocolError
-from sim2vr_harness.client.poses import require_devices
-from sim2vr_harness.client.protocol2_app import Protocol2App
+from sim2vr_harness.client.errors import AppError, AppRefused, ProtocolError
+from sim2vr_harness.client.poses import frame_times, require_devices
 from sim2vr_harness.client.protocol2_wire import (
     HEADER,
     IN_SHARED_MEMORY,
@@ -43,6 +47,7 @@ from sim2vr_harness.client.protocol2_wire import (
     Type,
     error_of,
 )
+from sim2vr_harness.client.runtime import checked_seed
 from sim2vr_harness.client.scene import AppScene, SceneMesh
 from sim2vr_harness.client.shared_images import map_images
 
@@ -63,6 +68,136 @@ _DOING = {
     Type.HEAD_REQUEST: "the head's pitch",
     Type.SCENE: "its scene",
 }
+
+
+class Protocol2App(AppClient):
+    """One app of a connection.
+
+    Args:
+        connection: shared with the connection's other apps.
+        index: which of them, from 0.
+    """
+
+    def __init__(self, connection: Protocol2Connection, index: int = 0) -> None:
+        if not 0 <= index < connection.apps:
+            raise ValueError(f"index: got {index}, expected 0 to {connection.apps - 1}")
+        self._connection: Protocol2Connection | None = connection
+        self._index = index
+        self.kind = connection.channel.app
+        self._meshes: list[SceneMesh] = []
+
+    def _open(self) -> Protocol2Connection:
+        if self._connection is None:
+            raise RuntimeError("the app is closed; make a new one")
+        return self._connection
+
+    @property
+    def renderer_description(self) -> str:
+        connection = self._open()
+        return f"{connection.renderer_description} (protocol 2, {connection.channel.app})"
+
+    @property
+    def capabilities(self) -> frozenset[str]:
+        """See :class:`AppClient`; as the server has said."""
+        return self._open().capabilities
+
+    @property
+    def image(self) -> UInt8Array:
+        """See :class:`AppClient`; read-only, in shared memory where the connection has it."""
+        return self._open().images[self._index]
+
+    def reset(
+        self,
+        seed: int,
+        poses: DevicePoses,
+        options: Mapping[str, OptionValue] | None = None,
+        *,
+        time_ns: int = 0,
+    ) -> AppReply:
+        checked_seed(seed)
+        return self._open().reset(self._index, seed, poses, options, time_ns)
+
+    def start_step(
+        self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False
+    ) -> None:
+        """See :class:`AppClient`; the last app of the connection to start sends them all."""
+        times = frame_times(times_ns)
+        if len(times) > 1:
+            self.require("frames")
+        self._open().start_step(self._index, times, poses, drawn)
+
+    def finish_step(self) -> AppReply:
+        return self._open().finish_step(self._index)
+
+    def head_request(
+        self, seed: int, options: Mapping[str, OptionValue] | None = None
+    ) -> float | None:
+        self.require("head_request")
+        wanted = {"app": self._index, "seed": seed, "options": plain_options(options)}
+        text = self._ask(Type.HEAD_REQUEST, json.dumps(wanted).encode())
+        with self._reading("a head request"):
+            pitch_deg = object_in("a head request", text)["pitch_deg"]
+            return None if pitch_deg is None else number_in("pitch_deg", pitch_deg)
+
+    def render_headset(self, width: int, height: int) -> UInt8Array:
+        return self._render("headset", width, height)
+
+    def render_third_person(
+        self, width: int, height: int, view: ThirdPersonView = "spectator"
+    ) -> UInt8Array:
+        return self._render(view, width, height)
+
+    def _render(self, view: str, width: int, height: int) -> UInt8Array:
+        self.require("views")
+        wanted = {"app": self._index, "view": view, "width": width, "height": height}
+        data = self._ask(Type.RENDER, json.dumps(wanted).encode())
+        with self._reading("a view"):
+            return np.frombuffer(data, np.uint8).reshape(height, width, 4)
+
+    def scene(self) -> AppScene:
+        """See :class:`AppClient`; meshes that the server has sent before do not come again."""
+        self.require("scene")
+        wanted = {"app": self._index, "meshes": len(self._meshes)}
+        frames = self._open().ask(Type.SCENE, json.dumps(wanted).encode())
+        with self._reading("a scene"):
+            return wire.decode_scene(frames, self._meshes)
+
+    def save(self) -> bytes:
+        self.require("save")
+        return self._ask(Type.SAVE, wire.APP.pack(self._index))
+
+    def load(self, state: bytes) -> None:
+        self.require("save")
+        image = self._ask(Type.LOAD, wire.APP.pack(self._index), state)
+        connection = self._open()
+        if not connection.in_shared_memory:
+            with self._reading("an image"):
+                pixels = np.frombuffer(image, np.uint8)
+                connection.images[self._index] = pixels.reshape(connection.shape)
+
+    def state_hash(self) -> int:
+        self.require("save")
+        data = self._ask(Type.HASH, wire.APP.pack(self._index))
+        with self._reading("a hash"):
+            (value,) = wire.HASH.unpack(data)
+            return int(value)
+
+    def _ask(self, kind: Type, *body: bytes) -> bytes:
+        frames = self._open().ask(kind, *body)
+        return frames[0] if frames else b""
+
+    @contextmanager
+    def _reading(self, what: str) -> Iterator[None]:
+        try:
+            yield
+        except (struct.error, *UNREADABLE) as error:
+            raise self._open().malformed(f"{what}: {error!r}") from error
+
+    def close(self) -> None:
+        """See :class:`AppClient`; the last open app of a connection ends the session."""
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            connection.release()
 
 
 class Protocol2Connection:
@@ -125,7 +260,6 @@ class Protocol2Connection:
             )
         self._sequence, self._open_apps = 0, apps
         self._names = Names()
-        self._meshes: dict[int, list[SceneMesh]] = {}
         self._queued: dict[int, tuple[NDArray[Any], int]] = {}
         self._sent: list[int] = []
         self._results: dict[int, AppReply | Exception] = {}
@@ -167,9 +301,9 @@ class Protocol2Connection:
             memory = about["shared_memory"]
             place = None if memory is None else (str(memory["path"]), str(memory["link"]))
         except UNREADABLE as error:
-            raise self._malformed(f"hello: {error!r}") from error
+            raise self.malformed(f"hello: {error!r}") from error
         if shape != self.shape:
-            raise self._malformed(f"hello: images of {shape}, expected {self.shape}")
+            raise self.malformed(f"hello: images of {shape}, expected {self.shape}")
         if place is not None and not self._map(*place):
             self._hello(wanted | {"shared_memory": False}, timeout_s)
 
@@ -214,8 +348,6 @@ class Protocol2Connection:
         if app in self._queued or app in self._sent or app in self._results:
             raise AppError("start_step: the step before has not been finished")
         require_devices(poses, self.capabilities, self.channel.app)
-        if len(times_ns) > 1:
-            self.require("frames", "several frames in a step")
         self._queued[app] = wire.step_frames(times_ns, poses), drawn
         if len(self._queued) == self._open_apps:
             self._flush()
@@ -266,7 +398,7 @@ class Protocol2Connection:
             results = StepResults.decode(frames, apps, self._names)
             self._take_images(results.images, flags, apps)
         except UNREADABLE as error:
-            raise self._malformed(f"a reply to frames: {error!r}") from error
+            raise self.malformed(f"a reply to frames: {error!r}") from error
         self._results |= results.replies
 
     def _take_images(self, data: bytes, flags: int, apps: Sequence[int]) -> None:
@@ -278,77 +410,12 @@ class Protocol2Connection:
         for app, image in zip(apps, images, strict=True):
             self.images[app] = image
 
-    # --- state and views ---------------------------------------------------------------------
-
-    def require(self, capability: str, what: str) -> None:
-        """Raise AppUnsupported, which names the capability, where the apps lack it."""
-        if capability not in self.capabilities:
-            raise AppUnsupported(f"{capability}: {self.channel.app} has not {what}")
-
-    def head_request(
-        self, app: int, seed: int, options: Mapping[str, OptionValue] | None
-    ) -> float | None:
-        """One app's wish for the head; see :meth:`AppClient.head_request`."""
-        self.require("head_request", "wishes for the head")
-        wanted = {"app": app, "seed": seed, "options": plain_options(options)}
-        text = self._ask(Type.HEAD_REQUEST, [json.dumps(wanted).encode()])
-        try:
-            pitch_deg = object_in("a head request", text)["pitch_deg"]
-            return None if pitch_deg is None else number_in("pitch_deg", pitch_deg)
-        except UNREADABLE as error:
-            raise self._malformed(f"a head request: {error!r}") from error
-
-    def render(self, app: int, view: str, width: int, height: int) -> UInt8Array:
-        """A view of one app's last frame, (height, width, 4)."""
-        self.require("views", "other views than the user's")
-        wanted = {"app": app, "view": view, "width": width, "height": height}
-        data = self._ask(Type.RENDER, [json.dumps(wanted).encode()])
-        try:
-            return np.frombuffer(data, np.uint8).reshape(height, width, 4)
-        except ValueError as error:
-            raise self._malformed(f"a view: {error}") from error
-
-    def scene(self, app: int) -> AppScene:
-        """What one app's last frame shows; meshes that it has sent before do not come again."""
-        self.require("scene", "a scene that it tells of")
-        meshes = self._meshes.setdefault(app, [])
-        wanted = {"app": app, "meshes": len(meshes)}
-        self._settle()
-        frames, _ = self._request(Type.SCENE, [json.dumps(wanted).encode()])
-        try:
-            return wire.decode_scene(frames, meshes)
-        except UNREADABLE as error:
-            raise self._malformed(f"a scene: {error!r}") from error
-
-    def save(self, app: int) -> bytes:
-        """The state of one app."""
-        self.require("save", "a way to save its state")
-        return self._ask(Type.SAVE, [wire.APP.pack(app)])
-
-    def load(self, app: int, state: bytes) -> None:
-        """Brings one app to a saved state."""
-        self.require("save", "a way to load a state")
-        image = self._ask(Type.LOAD, [wire.APP.pack(app), state])
-        if self._shared is None:
-            try:
-                self.images[app] = np.frombuffer(image, np.uint8).reshape(self.shape)
-            except ValueError as error:
-                raise self._malformed(f"an image: {error}") from error
-
-    def state_hash(self, app: int) -> int:
-        """The hash of one app's state."""
-        self.require("save", "a hash of its state")
-        data = self._ask(Type.HASH, [wire.APP.pack(app)])
-        if len(data) != wire.HASH.size:
-            raise self._malformed(f"a hash of {len(data)} bytes, expected {wire.HASH.size}")
-        return int(wire.HASH.unpack(data)[0])
-
-    def _ask(self, kind: Type, body: Sequence[bytes]) -> bytes:
-        self._settle()
-        frames, _ = self._request(kind, body)
-        return frames[0] if frames else b""
-
     # --- messages ----------------------------------------------------------------------------
+
+    def ask(self, kind: Type, *body: bytes) -> list[bytes]:
+        """The frames of the answer to a request that moves nothing on."""
+        self._settle()
+        return self._request(kind, body)[0]
 
     def _request(
         self,
@@ -370,29 +437,30 @@ class Protocol2Connection:
         """The frames after the header, and flags; raises the server's errors."""
         frames = self.channel.receive(_DOING[kind], timeout_s)
         if len(frames[0]) != HEADER.size or frames[0][:4] != MAGIC:
-            raise self._malformed(
+            raise self.malformed(
                 f"{frames[0][:40]!r}, expected a header of protocol 2 (an app that only speaks "
                 "protocol 1 is used with --protocol 1)"
             )
         _, version, type_, sequence, _, status, flags = HEADER.unpack(frames[0])
         if version != VERSION:
-            raise self._malformed(
+            raise self.malformed(
                 f"messages of version {version} of protocol 2, expected {VERSION}: take app and "
                 "harness from the same release"
             )
         if status >= len(Status):
-            raise self._malformed(f"status {status}, expected 0 to {len(Status) - 1}")
+            raise self.malformed(f"status {status}, expected 0 to {len(Status) - 1}")
         if status != Status.OK:
             text = frames[1].decode(errors="replace") if len(frames) > 1 else f"status {status}"
             raise error_of(status, text)
         if type_ != kind | REPLY or sequence != self._sequence:
-            raise self._malformed(
+            raise self.malformed(
                 f"type {type_:#x}, sequence {sequence}; expected {kind | REPLY:#x}, "
                 f"{self._sequence}"
             )
         return frames[1:], flags
 
-    def _malformed(self, what: str) -> Exception:
+    def malformed(self, what: str) -> Exception:
+        """The error for an answer that cannot be read; the session ends."""
         return self.channel.give_up(
             ProtocolError(f"{self.channel.app} answered with another thing: {what}")
         )
@@ -405,6 +473,11 @@ class Protocol2Connection:
             raise ValueError(f"index: got {index}, which is taken, expected another app")
         self.taken.add(index)
         return Protocol2App(self, index)
+
+    @property
+    def in_shared_memory(self) -> bool:
+        """Whether the server draws where :attr:`images` are."""
+        return self._shared is not None
 
     @property
     def usable(self) -> bool:

@@ -10,7 +10,7 @@ from pathlib import Path
 from sim2vr_harness.client.base import AppClient, OptionValue
 from sim2vr_harness.client.errors import AppRefused
 from sim2vr_harness.client.games import GameFacts
-from sim2vr_harness.client.in_process_batch import InProcessBatch
+from sim2vr_harness.client.in_process import InProcessBatch
 
 AppSource = Callable[[int, Path | None], AppClient]
 """Makes the app of a user: (its number, root of the logs or None) -> client. Called again for a

@@ -22,7 +22,7 @@ from sim2vr_harness.client.errors import (
     ProtocolError,
 )
 from sim2vr_harness.client.games import GameFacts, read_facts
-from sim2vr_harness.client.in_process_batch import InProcessBatch
+from sim2vr_harness.client.in_process import InProcessBatch
 from sim2vr_harness.client.launch import (
     StartingApp,
     connect,
@@ -332,7 +332,7 @@ class _Apps:
     def __call__(self, index: int, log_dir: Path | None) -> AppClient:
         if self._made is None:
             self._made = _batch(self._wanted, log_dir)
-        return self._made.app(index)
+        return self._made.apps[index]
 
 
 IN_PROCESS = Transport(

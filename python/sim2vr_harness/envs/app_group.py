@@ -18,12 +18,10 @@ from sim2vr_harness.client import (
     AppReply,
     DevicePoses,
     HapticPulse,
-    InProcessBatch,
     OptionValue,
     SoundEvent,
     transport_named,
 )
-from sim2vr_harness.client.base import numbers_of_log
 from sim2vr_harness.envs.apps import IPD_M, AppFactory, app_factory, apps_wanted, judged
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.perception import channel_indices, pick_channels
@@ -63,7 +61,6 @@ class Logs(Protocol):
 class AppGroup(Protocol):
     """N apps. A call moves those of some users and writes their rows of the results."""
 
-    apps: list[AppClient]
     failed: dict[int, str]
     """Users whose app has failed, and why; their next reset starts another one."""
     left: dict[int, str]
@@ -81,6 +78,10 @@ class AppGroup(Protocol):
     pictures: NDArray[np.uint8]
     """(N, C, H, W) the channels of the headset images that the users see; with two eyes the left
     one's first. None where the user has no sight."""
+
+    @property
+    def apps(self) -> list[AppClient]:
+        """One for each user."""
 
     @property
     def haptics(self) -> Mapping[int, tuple[HapticPulse, ...]]:
@@ -183,7 +184,7 @@ def app_group(
     """
     batch = transport_named(config.app.transport).batch
     if make_app is None and batch is not None and not judged(config.app):
-        return BatchGroup(batch(apps_wanted(config, n, ipd_m), log_dir, _channels(config)), n)
+        return batch(apps_wanted(config, n, ipd_m), log_dir, _channels(config))
     make = app_factory(config, n, ipd_m) if make_app is None else make_app
     return ClientGroup(make, config, n, log_dir)
 
@@ -192,88 +193,6 @@ def _channels(config: EnvConfig) -> list[int]:
     """The channels that a user sees; none without sight."""
     sees = any(config.sense(name) is not None for name in ("vision", "fovea"))
     return channel_indices(config.vision.channels) if sees else []
-
-
-class BatchGroup:
-    """The apps of one :class:`InProcessBatch`: arrays there and back, no loop over users."""
-
-    def __init__(self, batch: InProcessBatch, n: int) -> None:
-        self.apps: list[AppClient] = [batch.app(i) for i in range(n)]
-        self.failed: dict[int, str] = {}
-        self.left: dict[int, str] = {}
-        self.failures: list[AppFailure] = []
-        self._batch = batch
-        self.drawn_by_gpu = batch.drawn_by_gpu
-        self.reward, self.finished = batch.rewards, batch.finished
-        self.time_feature, self.pictures = batch.time_features, batch.vision
-
-    @property
-    def haptics(self) -> Mapping[int, tuple[HapticPulse, ...]]:
-        batch = self._batch
-        return {i: batch.haptics(i) for i in np.flatnonzero(batch.haptic_counts).tolist()}
-
-    @property
-    def sounds(self) -> Mapping[int, tuple[SoundEvent, ...]]:
-        batch = self._batch
-        return {i: batch.sounds(i) for i in np.flatnonzero(batch.sound_counts).tolist()}
-
-    def head_requests(
-        self, ids: IntArray, seeds: IntArray, options: Mapping[str, OptionValue] | None
-    ) -> NDArray[np.float64]:
-        return self._batch.head_requests(ids, seeds, options)
-
-    def reset(
-        self,
-        ids: IntArray,
-        seeds: IntArray,
-        poses: DevicePoses,
-        options: Mapping[str, OptionValue] | None,
-    ) -> None:
-        self._batch.reset_rounds(ids, seeds, poses, options)
-
-    def step(
-        self,
-        ids: IntArray,
-        times_ns: IntArray,
-        poses: DevicePoses,
-        steps: IntArray,
-        last: int,
-        *,
-        drawn: int | IntArray = -1,
-    ) -> IntArray:
-        """See :class:`AppGroup`; every app answers."""
-        if isinstance(drawn, int):
-            self._batch.step_frames(ids, times_ns, poses, drawn)
-            return ids
-        for frame in np.unique(drawn).tolist():
-            rows = np.flatnonzero(drawn == frame)
-            self._batch.step_frames(ids[rows], times_ns[rows], poses[rows], frame)
-        return ids
-
-    def logs(self) -> Logs:
-        return _LogRows(self._batch.log_names, self._batch.logs.copy())
-
-    def save(self, i: int, step: int) -> bytes:
-        return self.apps[i].save()
-
-    def close(self) -> None:
-        for app in self.apps:
-            app.close()
-
-
-class _LogRows:
-    """Rows of numbers that become dictionaries only when someone looks."""
-
-    def __init__(self, names: Sequence[str], rows: NDArray[np.float64]) -> None:
-        self._names, self._rows = names, rows
-
-    def __getitem__(self, i: int) -> Mapping[str, float]:
-        return numbers_of_log(self._names, self._rows[i].tolist())
-
-    def total(self, name: str) -> float:
-        if name not in self._names:
-            return 0.0
-        return float(np.nansum(self._rows[:, self._names.index(name)]))
 
 
 class _LogList:

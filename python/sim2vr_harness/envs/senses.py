@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.client import HapticPulse, SoundEvent, require_capability
+from sim2vr_harness.client import HapticPulse, SoundEvent
 from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.envs.actions import Actions
 from sim2vr_harness.envs.app_group import AppGroup
@@ -132,7 +132,7 @@ class Senses:
         self._group = group
         for capability in perception.needs:
             for app in group.apps:
-                require_capability(app.capabilities, capability)
+                app.require(capability)
         self._moment = StepContext(
             users=users,
             pictures=group.pictures,

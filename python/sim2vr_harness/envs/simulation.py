@@ -15,7 +15,6 @@ from sim2vr_harness.base.errors import reason
 from sim2vr_harness.client import (
     AppClient,
     OptionValue,
-    require_capability,
 )
 from sim2vr_harness.client.devices import input_named
 from sim2vr_harness.envs.app_group import AppFailure, AppGroup, Logs, app_group
@@ -168,7 +167,7 @@ class Simulation:
         try:
             if config.user.inputs:
                 for app in self.apps:
-                    require_capability(app.capabilities, "inputs")
+                    app.require("inputs")
             self._senses = Senses(perception, self.users, self._group, self.actions)
             self._apps = AppSteps(config, self.users, self._group, self.actions, self.max_steps)
         except BaseException:

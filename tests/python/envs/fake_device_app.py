@@ -6,10 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from sim2vr_harness.client import CAPABILITIES, AppReply, DevicePoses, HapticPulse, SoundEvent
+from sim2vr_harness.client import (
+    CAPABILITIES,
+    AppClient,
+    AppReply,
+    DevicePoses,
+    HapticPulse,
+    SoundEvent,
+)
 
 
-class FakeDeviceApp:
+class FakeDeviceApp(AppClient):
     """Its picture shows the number of the drawn frame; 8 x 8 pixels.
 
     Args:
@@ -20,6 +27,8 @@ class FakeDeviceApp:
     """
 
     renderer_description = "none"
+    image = np.zeros((8, 8, 4), np.uint8)
+    capabilities: frozenset[str] = frozenset()
 
     def __init__(
         self,

@@ -7,6 +7,7 @@ from pathlib import Path
 from sim2vr_harness.base import paths
 from sim2vr_harness.client.base import AppClient
 from sim2vr_harness.client.errors import AppRefused
+from sim2vr_harness.client.foreign import FRAME_RATE_HZ, VERTICAL_FOV_DEG
 from sim2vr_harness.client.openxr.app import CAPABILITIES, OpenXRApp, config_of
 from sim2vr_harness.client.openxr.display import Display
 from sim2vr_harness.client.openxr.program import Launch
@@ -18,7 +19,6 @@ from sim2vr_harness.client.openxr.runtime_files import (
 )
 from sim2vr_harness.client.openxr.values import ProgramValues
 from sim2vr_harness.client.transport import AppSource, AppsWanted, Transport, checked_options
-from sim2vr_harness.client.unsaved import FRAME_RATE_HZ, VERTICAL_FOV_DEG
 
 __all__ = ["OPENXR", "OpenXRApp", "find_runtime"]
 

@@ -9,6 +9,7 @@ from sim2vr_harness.client.answers import BadReply
 from sim2vr_harness.client.base import AppReply, Float64Array, Int64Array, OptionValue, UInt8Array
 from sim2vr_harness.client.devices import HANDS, DevicePoses
 from sim2vr_harness.client.errors import AppDied, AppError, AppRefused, AppUnsupported
+from sim2vr_harness.client.foreign import FARTHEST_M, ForeignApp
 from sim2vr_harness.client.openxr.clock import START_NS
 from sim2vr_harness.client.openxr.link import SessionEnded
 from sim2vr_harness.client.openxr.program import Launch, Program
@@ -19,7 +20,6 @@ from sim2vr_harness.client.process import end_words
 from sim2vr_harness.client.runtime import checked_seed
 from sim2vr_harness.client.shared_images import map_file
 from sim2vr_harness.client.transport import AppsWanted
-from sim2vr_harness.client.unsaved import FARTHEST_M, UnsavedApp
 
 CAPABILITIES = frozenset({"frames", "inputs", "left_controller", "haptics", "two_eyes"})
 _AHEAD_S = 0.1
@@ -35,7 +35,7 @@ _HINT = (
 )
 
 
-class OpenXRApp(UnsavedApp):
+class OpenXRApp(ForeignApp):
     """One program, started anew for every round.
 
     Args:
@@ -49,6 +49,8 @@ class OpenXRApp(UnsavedApp):
         AppRefused: the program or an expression of the task cannot be used.
     """
 
+    kind = "a program"
+
     def __init__(
         self,
         wanted: AppsWanted,
@@ -58,7 +60,7 @@ class OpenXRApp(UnsavedApp):
         ahead: str,
         on_close: Callable[[], None],
     ) -> None:
-        super().__init__("a program", wanted.width, wanted.height, wanted.eyes)
+        super().__init__(wanted.width, wanted.height, wanted.eyes)
         self._wanted, self._launch = wanted, launch
         self._pipelined, self._ahead, self._on_close = pipelined, ahead, on_close
         self._values = ProgramValues(wanted.values)

@@ -18,7 +18,6 @@ from sim2vr_harness.client.base import (
 from sim2vr_harness.client.devices import DevicePoses
 from sim2vr_harness.client.errors import AppUnsupported
 from sim2vr_harness.client.scene import AppScene
-from sim2vr_harness.client.split_step import SplitStep
 from sim2vr_harness.client.tasks.loading import FIELD
 from sim2vr_harness.client.tasks.task import Outcome, Task, TaskMoment
 
@@ -26,7 +25,7 @@ _EARLY_S = 1e-3
 """Frames lie a hair before whole periods; a round of 30 s ends with the one at 29.9999982 s."""
 
 
-class TaskedApp(SplitStep):
+class TaskedApp(AppClient):
     """An app and what it is worth; everything else is the app's.
 
     A task may keep what it likes, so a round cannot be saved.
@@ -37,6 +36,8 @@ class TaskedApp(SplitStep):
         task: the judge, of this app alone.
         ends: whether the task ends rounds; else only the app does.
     """
+
+    kind = "an app that a task judges"
 
     def __init__(self, app: AppClient, task: Task, *, ends: bool = True) -> None:
         self.app, self.task, self._ends = app, task, ends
@@ -189,18 +190,6 @@ class TaskedApp(SplitStep):
 
     def scene(self) -> AppScene:
         return self.app.scene()
-
-    def save(self) -> bytes:
-        """See :class:`AppClient`; not with a task."""
-        raise AppUnsupported("save: a round that a task judges cannot be saved")
-
-    def load(self, state: bytes) -> None:
-        """See :class:`AppClient`; not with a task."""
-        raise AppUnsupported("save: a round that a task judges cannot be saved")
-
-    def state_hash(self) -> int:
-        """See :class:`AppClient`; not with a task."""
-        raise AppUnsupported("save: a round that a task judges cannot be saved")
 
     def close(self) -> None:
         self.app.close()

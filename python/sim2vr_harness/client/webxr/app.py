@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from sim2vr_harness.client.base import AppReply, Int64Array, OptionValue
 from sim2vr_harness.client.devices import DevicePoses
 from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported
+from sim2vr_harness.client.foreign import (
+    FARTHEST_M,
+    FRAME_RATE_HZ,
+    VERTICAL_FOV_DEG,
+    ForeignApp,
+)
 from sim2vr_harness.client.poses import checked_rows, later_times, one_frame
 from sim2vr_harness.client.runtime import checked_seed
 from sim2vr_harness.client.scene import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.transport import AppsWanted, checked_options
-from sim2vr_harness.client.unsaved import (
-    FARTHEST_M,
-    FRAME_RATE_HZ,
-    VERTICAL_FOV_DEG,
-    UnsavedApp,
-)
 from sim2vr_harness.client.webxr.browser import Browser, find_browser
 from sim2vr_harness.client.webxr.files import PageFiles
 from sim2vr_harness.client.webxr.hands import Ray, find_rays
@@ -81,7 +81,7 @@ def scene_of(boxes: Sequence[Box], head: NDArray[np.float64]) -> AppScene:
 CAPABILITIES = frozenset({"frames", "inputs", "left_controller", "haptics", "two_eyes", "scene"})
 
 
-class WebXRApp(UnsavedApp):
+class WebXRApp(ForeignApp):
     """One page in one browser.
 
     A reset loads the page anew, unless the task names what begins a round. A page takes no part in
@@ -95,8 +95,10 @@ class WebXRApp(UnsavedApp):
         AppDied, AppTimeout: the browser ends, or does not answer.
     """
 
+    kind = "a page"
+
     def __init__(self, wanted: AppsWanted) -> None:
-        super().__init__("a page", wanted.width, wanted.height, wanted.eyes)
+        super().__init__(wanted.width, wanted.height, wanted.eyes)
         place = wanted.place
         if place.page is None:
             raise AppRefused("app.page: got none, expected a page in HTML, a folder or an address")

@@ -202,7 +202,9 @@ class Player:
             result = watcher.measured(i, result)
         self.rounds[i] = result
         if words := info.get("app_error") or info.get("app_left"):
-            notice_once(f"{job.condition}, round {job.episode}: {words}")
+            # A snapshot's round has no condition.
+            which = f"{job.condition}, round {job.episode}: " if job.condition else ""
+            notice_once(f"{which}{words}")
         for watcher in self._watchers:
             watcher.ended(i, result)
 

@@ -251,6 +251,6 @@ def test_what_an_app_refuses_while_bodies_move_is_raised(monkeypatch) -> None:
     with closing(Simulation(CONFIG, 4)) as simulation:
         simulation._apps.shares = (0.5, 0.5)
         simulation.reset()
-        simulation._group._batch._batch.close()
+        simulation._group._batch.close()
         with pytest.raises(RuntimeError, match="closed"):
             simulation.step(np.zeros((4, 32)))

@@ -264,14 +264,14 @@ void Stage::Awake() {
                       &addHidden(scene(), "Dot Box", dotBox(), render::unlitMaterial(kRed))});
   }
   for (std::size_t i = mostOut(level.mines, level.approach_s, passing); i > 0; --i) {
-    mines_.push_back(&addHidden(scene(), "Mine", star(), render::unlitMaterial(kMine)));
+    mines_.push_back(&addHidden(scene(), "Mine", star(), render::unlitMaterial(kMineColor)));
   }
-  render::Material wall = render::unlitMaterial(kWall);
+  render::Material wall = render::unlitMaterial(kWallColor);
   wall.cull_back = false;
   for (std::size_t i = mostOut(level.walls, level.approach_s, going); i > 0; --i) {
     walls_.push_back(&addHidden(scene(), "Wall", stripedBlock(), wall));
   }
-  const std::array<render::Color, 3> colors{kRed, kCyan, kMine};
+  const std::array<render::Color, 3> colors{kRed, kCyan, kMineColor};
   for (std::size_t i = 0; i < sparks_.size(); ++i) {
     sparks_.at(i) = &scene().create("Sparks").addComponent<render::Billboards>();
     sparks_.at(i)->color = colors.at(i);

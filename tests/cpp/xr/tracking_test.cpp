@@ -59,7 +59,7 @@ class Spaces : public ::testing::Test {
     return found.value_or(Motion{}).pose;
   }
 
-  Frame frame_{.time = 100};
+  Frame frame_{.time = 100, .devices = {}};
   Tracking tracking_{32};
   ActionSet set_{.name = "play"};
   Action grip_;

@@ -10,6 +10,7 @@ from scipy.special import ndtr
 
 from sim2vr_harness.audit.postures import PostureHolder
 from sim2vr_harness.envs.config import UserConfig
+from sim2vr_harness.envs.people_preset import STRENGTH
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.users import Body, PeopleSettings, Person, Population
 from sim2vr_harness.users.exertion import Strength, arms_of
@@ -29,8 +30,6 @@ GROUPS = (
 )
 """Of the sampled persons; stature by percentile of the same sex."""
 LEFT_HANDED = 0.106
-STRENGTH = 1.28
-"""Median factor on the published arm's peak forces, as in the shipped populations."""
 Stance = Literal["seated", "standing"]
 
 EYE_HEIGHT_STANDING = 0.936

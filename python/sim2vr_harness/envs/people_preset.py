@@ -7,8 +7,9 @@ from sim2vr_harness.envs.config import EnvConfig, NoiseConfig, UserConfig
 from sim2vr_harness.users import PeopleSettings, Physique, load_body
 from sim2vr_harness.users.bodies.options import JointOptions
 
-_STRENGTH = 1.28
-"""The body's raised arm is weak (docs/concepts/people.md#strength)."""
+STRENGTH = 1.28
+"""Median factor on the published arm's peak forces, whose raised arm is weak
+(docs/concepts/people.md#strength)."""
 _LIGHT = JointOptions(armature=0.0, damping=0.03)
 _HAND_JOINTS = ("flexion", "deviation", "pro_sup")
 _NOISE = NoiseConfig(
@@ -27,7 +28,7 @@ def as_population(user: UserConfig, count: int | None = None) -> UserConfig:
     What the configuration sets itself stays. ``count`` is the number of persons, if it is given.
     """
     given = user.model_fields_set
-    people = user.people or PeopleSettings(strength=_STRENGTH)
+    people = user.people or PeopleSettings(strength=STRENGTH)
     if count is not None:
         people = PeopleSettings(**(people.model_dump() | {"count": count}))
     update: dict[str, object] = {"people": people}
@@ -59,7 +60,7 @@ def with_people(env: EnvConfig, count: int, seed: int, overrides: Sequence[str] 
         raise InputError("--people", str(count), "at least 1")
     user = env.user.model_dump()
     if env.user.people is None:
-        user["people"] = PeopleSettings(strength=_STRENGTH).model_dump()
+        user["people"] = PeopleSettings(strength=STRENGTH).model_dump()
         named = any(override.strip().startswith("env.user.noise") for override in overrides)
         if env.user.noise == NoiseConfig() and not named:
             user["noise"] = _NOISE

@@ -94,14 +94,3 @@ class FunctionPolicy:
     def state_dict(self) -> Mapping[str, Any]:
         """Return no weights."""
         return {}
-
-
-def episode_of(policy: Policy) -> Act:
-    """Return a function that acts for one user in one episode, with a memory of its own."""
-    memory = policy.begin(1)
-
-    def act(observation: Observation, rng: np.random.Generator | None) -> NDArray[np.float32]:
-        one = {key: np.asarray(value)[None] for key, value in observation.items()}
-        return policy.act(one, memory, [rng])[0]
-
-    return act

@@ -1,4 +1,4 @@
-"""What follows from a configuration is made once, and only when it is asked for."""
+"""A configuration is resolved once, and only when it is asked for."""
 
 import pickle
 from typing import Any

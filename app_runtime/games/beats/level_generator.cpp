@@ -6,9 +6,7 @@
 #include <cmath>
 #include <vector>
 
-#include "beats/directions.hpp"
 #include "beats/level.hpp"
-#include "beats/level_hash.hpp"
 #include "sim2vr/core/random.hpp"
 
 namespace sim2vr::games::beats {

@@ -9,7 +9,6 @@
 #include <string>
 #include <utility>
 
-#include "beats/colors.hpp"
 #include "sim2vr/core/math.hpp"
 #include "sim2vr/render/components.hpp"
 #include "sim2vr/render/mesh.hpp"

@@ -4,7 +4,7 @@
 #include <array>
 #include <string>
 
-#include "panel/shapes.hpp"
+#include "panel/widget.hpp"
 #include "sim2vr/render/mesh.hpp"
 #include "sim2vr/rl/room_looks.hpp"
 

@@ -8,12 +8,70 @@
 #include <string>
 #include <vector>
 
-#include "panel/pointer.hpp"
+#include "panel/round.hpp"
+#include "sim2vr/core/math.hpp"
+#include "sim2vr/core/options.hpp"
 #include "sim2vr/core/random.hpp"
 #include "sim2vr/render/components.hpp"
 #include "sim2vr/scene/scene.hpp"
+#include "sim2vr/xr/device.hpp"
 
 namespace sim2vr::games::panel {
+
+// The options of a round of the panel (docs/reference/games/panel.md).
+
+/// How widgets are operated: by the controller's ray and a button, or by a fingertip.
+enum class Select { ray, touch };
+enum class Widgets { buttons, sliders, dial, list, mixed };
+
+struct Settings {
+  Select select = Select::ray;
+  Widgets widgets = Widgets::buttons;
+
+  /// Centre of the panel from the head at the start of the round, world axes.
+  double side_m = 0.0;
+  double height_m = -0.1;
+  double distance_m = 1.5;
+
+  /// Of the buttons: a grid.
+  int columns = 3;
+  int rows = 4;
+  double button_m = 0.12;
+  double pitch_m = 0.20;
+
+  std::vector<xr::Hand> hands{xr::Hand::right};
+  float timeout_s = 10.0F;
+  float round_s = 20.0F;
+
+  /// Without the term that grows as the hand comes nearer.
+  bool sparse = false;
+  double error_cost = 2.0;
+
+  Vec3 center_m() const { return {side_m, height_m, distance_m}; }
+  /// Sizes of sliders, dials and lists are for 1.5 m; at other distances they look as large.
+  double scale() const { return distance_m / 1.5; }
+
+  /// Throws InvalidArgument naming the option.
+  static Settings fromOptions(Options& options);
+};
+
+// Flat shapes and colours of a panel. In red light only what is to be operated is bright.
+
+inline constexpr render::Color kLit{1.0F, 0.15F, 0.10F, 1.0F};
+inline constexpr render::Color kUnlit{0.12F, 0.35F, 0.55F, 1.0F};
+inline constexpr render::Color kRail{0.08F, 0.12F, 0.18F, 1.0F};
+inline constexpr render::Color kGoal{0.95F, 0.70F, 0.10F, 1.0F};
+inline constexpr render::Color kPlate{0.05F, 0.08F, 0.11F, 1.0F};
+inline constexpr render::Color kHit{0.10F, 0.85F, 0.30F, 1.0F};
+inline constexpr render::Color kError{0.15F, 0.25F, 1.0F, 1.0F};
+
+/// Adds an unlit shape below `parent`, `layer` steps of 1 mm in front of the panel.
+render::MeshRenderer& addShape(scene::GameObject& parent, const std::string& name,
+                               const render::MeshPtr& mesh, const Vec3& center_m,
+                               const Vec3& size_m, const render::Color& color, int layer);
+
+/// Moves it along the panel; its layer stays.
+void moveShape(render::MeshRenderer& shape, const Vec3& center_m);
 
 /// Whether a widget that has been operated is at its goal; none: it is not decided yet.
 using Result = std::optional<bool>;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "beats/beatmap.hpp"
 
-#include <algorithm>
 #include <fmt/format.h>
+#include <algorithm>
 #include <mutex>
 #include <set>
 
@@ -138,15 +138,6 @@ std::vector<JsonFields> readData(const JsonFields& map, const char* name, Unknow
   std::vector<JsonFields> data = mapObjects(map, name);
   for (const JsonFields& entry : data) unknown.look(entry, name, known);
   return data;
-}
-
-Box readBox(const JsonFields& data) {
-  return {0.0,
-          readColumn(data, "x"),
-          readRow(data, "y"),
-          readHand(data, "c"),
-          readCut(data, "d"),
-          data.number("a", 0.0, -360.0, 360.0)};
 }
 
 void readNotes(const JsonFields& map, Beatmap& beatmap, UnknownFields& unknown) {

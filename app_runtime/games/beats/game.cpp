@@ -5,9 +5,7 @@
 #include <array>
 #include <cmath>
 #include <optional>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include "beats/level.hpp"
 #include "beats/stage.hpp"
@@ -182,7 +180,7 @@ scene::Transform& addPart(scene::GameObject& controller, const std::string& name
                           const render::MeshPtr& mesh, const render::Material& material) {
   scene::GameObject& part = controller.scene().create(name, &controller);
   part.addComponent<render::MeshRenderer>(mesh, material);
-  part.transform().setLocalRotation(Quat::FromTwoVectors(Vec3::UnitY(), Vec3::UnitZ()));
+  part.transform().setLocalRotation(rotationBetween(Vec3::UnitY(), Vec3::UnitZ()));
   return part.transform();
 }
 

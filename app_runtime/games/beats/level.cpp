@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "beats/level.hpp"
 
+#include <fmt/format.h>
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstddef>
-#include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <set>

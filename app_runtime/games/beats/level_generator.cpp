@@ -6,7 +6,6 @@
 #include <cmath>
 #include <vector>
 
-#include "beats/level.hpp"
 #include "sim2vr/core/random.hpp"
 
 namespace sim2vr::games::beats {

@@ -5,12 +5,9 @@
 #include <array>
 #include <filesystem>
 #include <optional>
-#include <string>
 #include <vector>
 
 #include "beats/beatmap.hpp"
-#include "beats/level.hpp"
-#include "beats/map_files.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/text.hpp"
 

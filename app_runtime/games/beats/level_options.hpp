@@ -28,8 +28,8 @@ const std::map<std::string, std::string>& fullMap();
 
 // From the files of a map to a level.
 
-/// Reads one difficulty of a map; its names as in chooseDifficulty (map_info.hpp). Throws
-/// InvalidArgument naming file, object and field, or the option.
+/// Reads one difficulty of a map; its names as in matchingDifficulties. Throws InvalidArgument
+/// naming file, object and field, or the option.
 Level readMapLevel(const MapFiles& files, const std::string& characteristic,
                    const std::string& difficulty);
 

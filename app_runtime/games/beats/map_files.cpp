@@ -1,17 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "beats/map_files.hpp"
 
+#include <zip.h>
 #include <algorithm>
 #include <cctype>
 #include <fstream>
 #include <iterator>
-#include <map>
-#include <string>
 #include <system_error>
-#include <zip.h>
 
 #include "beats/beatmap.hpp"
-#include "sim2vr/core/errors.hpp"
 
 namespace sim2vr::games::beats {
 namespace {

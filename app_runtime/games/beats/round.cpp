@@ -1,19 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "beats/round.hpp"
 
-#include <algorithm>
-#include <array>
-#include <cmath>
 #include <fmt/format.h>
+#include <algorithm>
+#include <cmath>
 #include <limits>
 #include <numbers>
-#include <string>
 #include <utility>
-#include <vector>
 
-#include "beats/level.hpp"
-#include "beats/swing.hpp"
-#include "sim2vr/core/errors.hpp"
 #include "sim2vr/render/components.hpp"
 #include "sim2vr/rl/view_frustum.hpp"
 #include "sim2vr/scene/scene.hpp"

@@ -200,8 +200,30 @@ class Round : public scene::Component {
   const std::vector<Burst>& bursts() const { return bursts_; }
 
  private:
-  struct Touch;  // round_event.hpp
-  struct Event;
+  /// A blade that meets something.
+  struct Touch {
+    double time_s;
+    Hand hand;
+    Vec3 place_m;
+    /// Of the blade where it is nearest to the thing's middle, across the blade.
+    Vec3 velocity_mps;
+  };
+  struct Event {
+    enum class Kind : std::uint8_t {
+      kCut,
+      kMiss,
+      kMineTouched,
+      kMineAvoided,
+      kWallTouched,
+      kWallGone
+    };
+    double time_s;
+    Kind kind;
+    /// In the level's list.
+    std::size_t index;
+    Vec3 place_m;
+    std::optional<Touch> touch = std::nullopt;
+  };
 
   void begin();
   void play();
@@ -263,34 +285,6 @@ class Round : public scene::Component {
   Pose head_;
   Pose last_head_;
   std::vector<Burst> bursts_;
-};
-
-// What can happen within a frame of a round.
-
-/// A blade that meets something.
-struct Round::Touch {
-  double time_s;
-  Hand hand;
-  Vec3 place_m;
-  /// Of the blade where it is nearest to the thing's middle, across the blade.
-  Vec3 velocity_mps;
-};
-
-struct Round::Event {
-  enum class Kind : std::uint8_t {
-    kCut,
-    kMiss,
-    kMineTouched,
-    kMineAvoided,
-    kWallTouched,
-    kWallGone
-  };
-  double time_s;
-  Kind kind;
-  /// In the level's list.
-  std::size_t index;
-  Vec3 place_m;
-  std::optional<Touch> touch = std::nullopt;
 };
 
 // What the player has been able to see. Teachers and shaped rewards may know that and no more.

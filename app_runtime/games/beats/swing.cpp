@@ -2,11 +2,9 @@
 #include "beats/swing.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numbers>
 
-#include "beats/level.hpp"
 #include "sim2vr/core/errors.hpp"
 
 namespace sim2vr::games::beats {

@@ -25,7 +25,7 @@ struct ScoreRules {
   double full_speed_mps = 5.0;
   /// Further from the demanded direction than this is wrong.
   double angle_limit_deg = 60.0;
-  /// Points for the swing (swing.hpp) instead of speed and angle.
+  /// Points for the swing instead of speed and angle.
   bool swing = false;
 };
 

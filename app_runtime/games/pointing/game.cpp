@@ -8,12 +8,9 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <optional>
-#include <span>
 #include <utility>
 
 #include "pointing/looks.hpp"
-#include "pointing/round.hpp"
-#include "sim2vr/rl/game.hpp"
 #include "sim2vr/rl/privileged_table.hpp"
 #include "sim2vr/rl/view_frustum.hpp"
 #include "sim2vr/rl/xr_rig.hpp"

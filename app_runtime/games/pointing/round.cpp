@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "pointing/round.hpp"
 
-#include <array>
 #include <fmt/format.h>
-#include <string>
+#include <array>
 #include <utility>
-#include <vector>
 
 #include "pointing/looks.hpp"
 #include "sim2vr/scene/scene.hpp"

@@ -157,7 +157,6 @@ class Round : public scene::Component {
   void endBlock();
   void finish();
 
-  // round_log.cpp
   void openLog();
   void logState();
   void logBlock();

@@ -6,21 +6,16 @@
 #include <functional>
 #include <limits>
 #include <optional>
-#include <span>
-#include <string>
 #include <utility>
 
 #include "sim2vr/physics/collider.hpp"
 #include "sim2vr/physics/world.hpp"
-#include "sim2vr/rl/game.hpp"
 #include "sim2vr/rl/privileged_table.hpp"
 #include "sim2vr/rl/view_frustum.hpp"
 #include "sim2vr/rl/xr_rig.hpp"
 #include "sim2vr/scene/scene.hpp"
 #include "sim2vr/xr/session.hpp"
-#include "whacamole/conditions.hpp"
 #include "whacamole/looks.hpp"
-#include "whacamole/round.hpp"
 
 namespace sim2vr::games::whacamole {
 namespace {

@@ -1,20 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "whacamole/looks.hpp"
 
+#include <fmt/format.h>
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <fmt/format.h>
 #include <numbers>
 #include <span>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "sim2vr/render/components.hpp"
 #include "sim2vr/render/mesh.hpp"
 #include "sim2vr/rl/xr_rig.hpp"
-#include "sim2vr/scene/scene.hpp"
 
 namespace sim2vr::games::whacamole {
 namespace {
@@ -323,7 +321,7 @@ MeshPtr floorArrow() {
 }
 
 // Turns what was made around y.
-Quat aroundAxis(const Vec3& axis) { return Quat::FromTwoVectors(Vec3::UnitY(), axis); }
+Quat aroundAxis(const Vec3& axis) { return rotationBetween(Vec3::UnitY(), axis); }
 
 render::DirectionalLight& addLight(scene::Scene& scene, const std::string& name, const Vec3& travel,
                                    float intensity) {

@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "whacamole/round.hpp"
 
-#include <algorithm>
 #include <fmt/format.h>
+#include <algorithm>
 #include <numeric>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/physics/collider.hpp"

@@ -2,7 +2,6 @@
 #include "sim2vr/core/options.hpp"
 
 #include <algorithm>
-#include <memory>
 #include <nlohmann/json.hpp>
 #include <utility>
 

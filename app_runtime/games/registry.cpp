@@ -4,11 +4,8 @@
 #include <dlfcn.h>
 
 #include <algorithm>
-#include <filesystem>
 #include <map>
 #include <mutex>
-#include <string>
-#include <vector>
 
 #include "beats/game.hpp"
 #include "panel/game.hpp"
@@ -114,7 +111,7 @@ std::unique_ptr<rl::Game> createGame(std::string_view name) {
     if (game.name == name) return game.create();
     known.push_back(game.name);
   }
-  throw InvalidArgument("game", "'" + std::string(name) + "'", oneOf(known, name));
+  throw InvalidArgument("game", std::string("'").append(name) + "'", oneOf(known, name));
 }
 
 std::string gameFactsJson(std::string_view name) {

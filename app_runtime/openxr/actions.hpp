@@ -2,6 +2,7 @@
 // Actions, and what they are bound to.
 #pragma once
 
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -20,5 +21,9 @@ std::shared_ptr<Action> attachedAction(const Session& session, XrAction handle, 
 std::vector<std::shared_ptr<Action>> actionsOf(const ActionSet& set);
 /// Binds the session's actions from the suggestions for its profile.
 void bindActions(Session& session);
+
+XrPath toPath(Instance& instance, std::string_view text);
+/// Throws Failure (XR_ERROR_PATH_INVALID) naming `what`.
+const std::string& pathText(const Instance& instance, XrPath path, const char* what);
 
 }  // namespace sim2vr::openxr

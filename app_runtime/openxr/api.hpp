@@ -3,9 +3,10 @@
 // where they lack it, with the registry's numbers.
 #pragma once
 
-#include <openxr/openxr.h>
-
 #include <cstdint>
+#include <openxr/openxr.h>
+#include <stdexcept>
+#include <string>
 
 namespace sim2vr::openxr {
 
@@ -51,5 +52,29 @@ struct SpaceVelocities {
   std::uint32_t count;
   SpaceVelocityData* velocities;
 };
+
+// The one exception of this room: the code that a call returns, and why.
+
+/// Ends the call with `result`; the text goes to standard error with the call's name before it.
+class Failure : public std::runtime_error {
+ public:
+  Failure(XrResult result, const std::string& cause) : std::runtime_error(cause), result_(result) {}
+  XrResult result() const { return result_; }
+
+ private:
+  XrResult result_;
+};
+
+// What the simulated headset can do.
+
+inline constexpr std::uint32_t kEyes = 2;
+inline constexpr std::uint32_t kMaximumLayers = XR_MIN_COMPOSITION_LAYERS_SUPPORTED;
+/// Of a swapchain's image, along each side.
+inline constexpr std::uint32_t kMaximumImageSize = 8192;
+/// Of a colour image; every device of Vulkan and the OpenGL drivers tried have as many.
+inline constexpr std::uint32_t kMaximumSamples = 4;
+
+/// Throws Failure (XR_ERROR_VIEW_CONFIGURATION_TYPE_UNSUPPORTED).
+void requireStereo(XrViewConfigurationType type);
 
 }  // namespace sim2vr::openxr

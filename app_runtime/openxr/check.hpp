@@ -11,7 +11,6 @@
 #include <string_view>
 
 #include "api.hpp"
-#include "failure.hpp"
 
 namespace sim2vr::openxr {
 

@@ -3,8 +3,6 @@
 
 #include <vector>
 
-#include "makers.hpp"
-
 namespace sim2vr::openxr {
 
 std::span<const GraphicsMaker> graphicsMakers() {

@@ -3,14 +3,13 @@
 // and the pixels of those that it submitted. One file per API implements it.
 #pragma once
 
-#include <openxr/openxr.h>
-
 #include <cstdint>
 #include <memory>
+#include <openxr/openxr.h>
 #include <span>
 #include <string_view>
 
-#include "failure.hpp"
+#include "api.hpp"
 #include "pixels.hpp"
 
 namespace sim2vr::openxr {
@@ -96,5 +95,12 @@ XrResult graphicsCall(const char* call, XrInstance instance, XrSystemId system,
                       std::string_view extension);
 /// Says on standard error why `call` fails, and returns `result`.
 XrResult graphicsFailed(const char* call, XrResult result, std::string_view cause);
+
+// One way to draw per file, gathered by graphics.cpp.
+
+GraphicsMaker openglMaker();
+GraphicsMaker eglMaker();
+GraphicsMaker vulkanMaker();
+GraphicsMaker vulkan2Maker();
 
 }  // namespace sim2vr::openxr

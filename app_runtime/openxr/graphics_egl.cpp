@@ -11,7 +11,7 @@
 #include <openxr/openxr_platform.h>
 
 #include "gl_graphics.hpp"
-#include "makers.hpp"
+#include "graphics.hpp"
 
 namespace sim2vr::openxr {
 namespace {

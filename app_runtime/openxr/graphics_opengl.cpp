@@ -4,7 +4,7 @@
 #include <fmt/format.h>
 
 #include "gl_graphics.hpp"
-#include "makers.hpp"
+#include "graphics.hpp"
 
 // After the others: Xlib defines macros with everyday names.
 #include <GL/glx.h>

@@ -9,9 +9,8 @@
 #include <utility>
 #include <vector>
 
-#include "makers.hpp"
+#include "graphics.hpp"
 #include "pixels.hpp"
-#include "vulkan_calls.hpp"
 #include "vulkan_device.hpp"
 
 #define XR_USE_GRAPHICS_API_VULKAN

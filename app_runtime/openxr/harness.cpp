@@ -3,18 +3,134 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <poll.h>
+#include <sys/eventfd.h>
 #include <sys/socket.h>
-
+#include <sys/syscall.h>
+#include <unistd.h>
+#include <array>
+#include <cerrno>
 #include <charconv>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <ctime>
+#include <nlohmann/json.hpp>
 
-#include "failure.hpp"
-#include "world.hpp"
+#include "objects.hpp"
+#include "sim2vr/core/errors.hpp"
+#include "sim2vr/core/json_reader.hpp"
+#include "sim2vr/core/version.hpp"
+#include "sim2vr/xr/pose_row.hpp"
 
 namespace sim2vr::openxr {
 namespace {
+
+using nlohmann::json;
+using wire::MalformedMessage;
+
+constexpr double kMaximumRate_hz = 1000.0;
+constexpr std::int64_t kMaximumSize = 4096;
+constexpr XrTime kLatest_ns = 1'000'000'000'000'000'000;
+
+/// What the program says of itself may be any bytes.
+std::string dumped(const json& value) {
+  return value.dump(-1, ' ', false, json::error_handler_t::replace);
+}
+
+std::string versionText(XrVersion version) {
+  return fmt::format("{}.{}.{}", XR_VERSION_MAJOR(version), XR_VERSION_MINOR(version),
+                     XR_VERSION_PATCH(version));
+}
+
+Config configFrom(const JsonFields& fields) {
+  Config config;
+  config.width = static_cast<std::uint32_t>(fields.integer("width", 120, 1, kMaximumSize));
+  config.height = static_cast<std::uint32_t>(fields.integer("height", 80, 1, kMaximumSize));
+  config.ipd_m = fields.number("ipd_m", config.ipd_m, 0.0, 0.2);
+  config.vertical_fov_deg = fields.number("vertical_fov_deg", config.vertical_fov_deg, 1.0, 170.0);
+  config.frame_rate_hz = fields.number("frame_rate_hz", config.frame_rate_hz, 1.0, kMaximumRate_hz);
+  config.images = fields.flag("images", true);
+  config.depth = fields.flag("depth");
+  config.eyes = static_cast<std::uint32_t>(fields.integer("eyes", 2, 1, 2));
+  if (fields.has("hands")) {
+    config.left_hand = config.right_hand = false;
+    for (const std::string& hand : fields.texts("hands")) {
+      if (hand != "left" && hand != "right") {
+        throw InvalidArgument(fields.path("hands"), "'" + hand + "'", "'left' and 'right'");
+      }
+      (hand == "left" ? config.left_hand : config.right_hand) = true;
+    }
+  }
+  config.profile = fields.text("profile", config.profile);
+  const std::string gate = fields.text("gate", "strict");
+  if (gate != "strict" && gate != "pipelined") {
+    throw InvalidArgument(fields.path("gate"), "'" + gate + "'", "'strict' or 'pipelined'");
+  }
+  config.pipelined = gate == "pipelined";
+  config.timeout_s = fields.number("timeout_s", config.timeout_s, 0.01, 1e6);
+  config.start_time_ns = fields.integer("start_time_ns", 1, 0, kLatest_ns);
+  config.farthest_m = fields.number("farthest_m", config.farthest_m, 1e-3, 1e6);
+  return config;
+}
+
+struct RawFrame {
+  XrTime time_ns = 0;
+  std::array<double, xr::kPoseRowNumbers> head{};
+  std::array<std::array<double, xr::kPoseRowNumbers>, 2> hands{};
+  std::array<std::array<double, xr::kInputRowNumbers>, 2> inputs{};
+  std::array<bool, 2> tracked{};
+};
+
+RawFrame takeFrame(wire::Reader& reader) {
+  RawFrame frame;
+  frame.time_ns = reader.take<std::int64_t>();
+  reader.take(frame.head);
+  for (bool& tracked : frame.tracked) tracked = reader.take<std::uint8_t>() != 0;
+  for (auto& hand : frame.hands) reader.take(hand);
+  for (auto& inputs : frame.inputs) reader.take(inputs);
+  return frame;
+}
+
+xr::DeviceState devicesOf(const RawFrame& frame) {
+  std::array<xr::ControllerState, 2> inputs;
+  for (const xr::Hand hand : xr::kHands) {
+    const auto i = static_cast<std::size_t>(hand);
+    if (frame.tracked[i]) inputs[i] = xr::inputsFromRow(hand, frame.inputs[i].data());
+  }
+  return xr::validated(
+      xr::devicesFromRows(frame.head.data(), frame.tracked[0] ? frame.hands[0].data() : nullptr,
+                          frame.tracked[1] ? frame.hands[1].data() : nullptr, inputs));
+}
+
+template <class Decode>
+auto decoded(Decode decode) {
+  try {
+    return decode();
+  } catch (const InvalidArgument& error) {
+    throw MalformedMessage(error.what());
+  }
+}
+
+json eventJson(const Event& event) {
+  if (event.kind == "haptic") {
+    return {{"kind", event.kind},
+            {"hand", event.text},
+            {"amplitude", event.amplitude},
+            {"frequency_hz", event.frequency_hz},
+            {"duration_ns", event.duration_ns},
+            {"time_ns", event.time_ns}};
+  }
+  return {{"kind", event.kind},
+          {event.kind == "state" ? "state" : "text", event.text},
+          {"time_ns", event.time_ns}};
+}
+
+constexpr std::int64_t kSecond_ns = 1'000'000'000;
+
+struct timespec timespecOf(std::int64_t duration_ns) {
+  return {duration_ns / kSecond_ns, duration_ns % kSecond_ns};
+}
 
 constexpr const char* kVariable = "SIM2VR_OPENXR_SOCKET";
 
@@ -37,6 +153,192 @@ int socketOf(const char* text) {
 }
 
 }  // namespace
+
+void Channel::send(MessageKind kind, std::string_view body, int file) {
+  if (body.size() + 1 > kMaximumMessageBytes) {
+    throw wire::MalformedMessage(
+        fmt::format("message to the harness: got {} bytes, expected up to {}", body.size() + 1,
+                    kMaximumMessageBytes));
+  }
+  std::string bytes;
+  wire::append(bytes, static_cast<std::uint32_t>(body.size() + 1));
+  wire::append(bytes, static_cast<std::uint8_t>(kind));
+  bytes += body;
+  const std::lock_guard lock(sending_);
+  alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof file)> control{};
+  for (std::size_t sent = 0; sent < bytes.size();) {
+    iovec rest{bytes.data() + sent, bytes.size() - sent};
+    msghdr message{};
+    message.msg_iov = &rest;
+    message.msg_iovlen = 1;
+    if (file >= 0 && sent == 0) {
+      message.msg_control = control.data();
+      message.msg_controllen = control.size();
+      cmsghdr* rights = CMSG_FIRSTHDR(&message);
+      rights->cmsg_level = SOL_SOCKET;
+      rights->cmsg_type = SCM_RIGHTS;
+      rights->cmsg_len = CMSG_LEN(sizeof file);
+      std::memcpy(CMSG_DATA(rights), &file, sizeof file);
+    }
+    const ssize_t n = ::sendmsg(socket_, &message, MSG_NOSIGNAL);
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) throw ChannelClosed(fmt::format("the harness is gone ({})", std::strerror(errno)));
+    sent += static_cast<std::size_t>(n);
+  }
+}
+
+void Channel::read(char* to, std::size_t bytes) {
+  while (bytes > 0) {
+    const ssize_t n = ::recv(socket_, to, bytes, 0);
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0 && errno == EAGAIN) {
+      throw ChannelClosed(
+          fmt::format("the harness gave no answer within {:g} s, expected one to every hello and "
+                      "session; see where it hangs, and start the program again",
+                      limit_s_));
+    }
+    if (n < 0) throw ChannelClosed(fmt::format("the harness is gone ({})", std::strerror(errno)));
+    if (n == 0) throw ChannelClosed("the harness is gone (it closed the socket)");
+    to += n;
+    bytes -= static_cast<std::size_t>(n);
+  }
+}
+
+Message Channel::receive() {
+  std::array<char, 5> head{};
+  read(head.data(), head.size());
+  wire::Reader reader(std::string_view(head.data(), head.size()));
+  const auto length = reader.take<std::uint32_t>();
+  const auto kind = reader.take<std::uint8_t>();
+  if (length < 1 || length > kMaximumMessageBytes) {
+    throw wire::MalformedMessage(fmt::format("message.length: got {} bytes, expected 1 to {}",
+                                             length, kMaximumMessageBytes));
+  }
+  if (kind < 1 || kind > static_cast<std::uint8_t>(MessageKind::error)) {
+    throw wire::MalformedMessage(fmt::format("message.kind: got {}, expected 1 to 9", kind));
+  }
+  Message message{static_cast<MessageKind>(kind), std::string(length - 1, '\0')};
+  read(message.body.data(), message.body.size());
+  return message;
+}
+
+void Channel::limit(double seconds) {
+  limit_s_ = seconds;
+  // The kernel's own time-out: poll() would wait for virtual time.
+  const auto us = static_cast<std::int64_t>(seconds * 1e6);
+  const timeval time{us / 1'000'000, us % 1'000'000};
+  ::setsockopt(socket_, SOL_SOCKET, SO_RCVTIMEO, &time, sizeof time);
+}
+
+void Channel::shutdown() { ::shutdown(socket_, SHUT_RDWR); }
+
+Config decodeConfig(std::string_view body) {
+  return decoded([&] {
+    const json parsed = parseJson(body, "config", 1000);
+    return configFrom(JsonFields(parsed, "config"));
+  });
+}
+
+std::string decodeError(std::string_view body) {
+  try {
+    const json parsed = parseJson(body, "error", 1000);
+    return JsonFields(parsed, "error").text("error", std::string(body));
+  } catch (const InvalidArgument&) {
+    return std::string(body.substr(0, 1000));
+  }
+}
+
+Step decodeStep(std::string_view body) {
+  wire::Reader reader(body);
+  const auto count = reader.take<std::uint32_t>();
+  if (count < 1 || count > kMaximumFrames) {
+    throw MalformedMessage(
+        fmt::format("step.frames: got {}, expected 1 to {}", count, kMaximumFrames));
+  }
+  constexpr std::size_t kFrameBytes =
+      8 + 2 + 8 * (3 * xr::kPoseRowNumbers + 2 * xr::kInputRowNumbers);
+  if (body.size() != 4 + count * kFrameBytes + 1) {
+    throw MalformedMessage(fmt::format("step: got {} bytes, expected {} for {} frames", body.size(),
+                                       4 + count * kFrameBytes + 1, count));
+  }
+  Step step;
+  XrTime latest = 0;
+  for (std::uint32_t i = 0; i < count; ++i) {
+    const RawFrame raw = takeFrame(reader);
+    if (raw.time_ns <= latest || raw.time_ns > kLatest_ns) {
+      throw MalformedMessage(
+          fmt::format("step.frames[{}].time: got {} ns, expected above {} and "
+                      "up to {}",
+                      i, raw.time_ns, latest, kLatest_ns));
+    }
+    latest = raw.time_ns;
+    step.frames.push_back({raw.time_ns, decoded([&] { return devicesOf(raw); })});
+  }
+  step.image_wanted = reader.take<std::uint8_t>() != 0;
+  return step;
+}
+
+std::string encodeHello(const Hello& hello) {
+  return dumped({{"protocol", 2},
+                 {"runtime_version", version()},
+                 {"application", hello.application},
+                 {"application_version", hello.application_version},
+                 {"engine", hello.engine},
+                 {"engine_version", hello.engine_version},
+                 {"api_version", versionText(hello.api_version)},
+                 {"extensions", hello.extensions},
+                 {"pid", hello.pid}});
+}
+
+std::string encodeSession(const SessionFacts& facts) {
+  return dumped({{"graphics", facts.graphics},
+                 {"depth_layers", facts.depth_layers},
+                 {"image_bytes", facts.image_bytes}});
+}
+
+std::string encodeAnswer(const Answer& answer) {
+  json events = json::array();
+  for (const Event& event : answer.events) events.push_back(eventJson(event));
+  json body{{"events", std::move(events)},
+            {"should_render", answer.should_render},
+            {"layers", answer.layers}};
+  if (!answer.note.empty()) body["note"] = answer.note;
+  const std::string text = dumped(body);
+  std::string bytes;
+  wire::append(bytes, answer.frames_shown);
+  wire::append<std::uint8_t>(bytes, answer.has_image ? 1 : 0);
+  wire::append<std::uint8_t>(bytes, answer.has_depth ? 1 : 0);
+  wire::append(bytes, static_cast<std::uint32_t>(text.size()));
+  return bytes + text;
+}
+
+std::string encodeEnded(std::string_view reason, std::string_view call) {
+  return dumped({{"reason", reason}, {"call", call}});
+}
+
+std::int64_t realNow_ns() {
+  struct timespec now{};
+  ::syscall(SYS_clock_gettime, CLOCK_MONOTONIC, &now);
+  return now.tv_sec * kSecond_ns + now.tv_nsec;
+}
+
+void realSleep(std::int64_t duration_ns) {
+  if (duration_ns <= 0) return;
+  const struct timespec duration = timespecOf(duration_ns);
+  ::syscall(SYS_nanosleep, &duration, nullptr);
+}
+
+Bell::Bell() : event_(::eventfd(0, EFD_CLOEXEC)) {}
+
+Bell::~Bell() { ::close(event_); }
+
+void Bell::ring() { ::eventfd_write(event_, 1); }
+
+void Bell::wait(std::int64_t duration_ns) const {
+  struct pollfd waited{event_, POLLIN, 0};
+  const struct timespec duration = timespecOf(duration_ns);
+  ::syscall(SYS_ppoll, &waited, 1, &duration, nullptr, 0);
+}
 
 std::shared_ptr<Harness> Harness::connect(const Hello& hello) {
   const char* text = std::getenv(kVariable);

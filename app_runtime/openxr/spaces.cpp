@@ -4,11 +4,11 @@
 #include <array>
 
 #include "actions.hpp"
+#include "api.hpp"
 #include "calls.hpp"
 #include "check.hpp"
 #include "objects.hpp"
-#include "session_state.hpp"
-#include "system.hpp"
+#include "session.hpp"
 
 namespace sim2vr::openxr {
 namespace {

@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <bit>
 
+#include "api.hpp"
 #include "calls.hpp"
 #include "check.hpp"
-#include "session_state.hpp"
-#include "system.hpp"
+#include "session.hpp"
 
 namespace sim2vr::openxr {
 namespace {

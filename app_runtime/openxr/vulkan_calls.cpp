@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "vulkan_calls.hpp"
+#include "vulkan_device.hpp"
 
 #include <dlfcn.h>
 #include <fmt/format.h>

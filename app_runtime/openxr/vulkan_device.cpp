@@ -7,8 +7,6 @@
 #include <bit>
 #include <optional>
 
-#include "graphics.hpp"
-
 namespace sim2vr::openxr {
 namespace {
 

@@ -9,14 +9,12 @@
 #include <array>
 #include <compare>
 #include <cstdint>
-#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/math.hpp"
-#include "sim2vr/physics/collider.hpp"
 #include "sim2vr/scene/game_object.hpp"
 
 namespace sim2vr::physics {

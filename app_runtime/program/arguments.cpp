@@ -7,7 +7,6 @@
 #include <limits>
 #include <memory>
 #include <sstream>
-#include <string>
 #include <type_traits>
 
 #include "sim2vr/core/errors.hpp"

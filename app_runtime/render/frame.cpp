@@ -2,9 +2,11 @@
 #include "frame.hpp"
 
 #include <fmt/format.h>
-
 #include <algorithm>
-#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <numbers>
 #include <tuple>
 
@@ -12,6 +14,30 @@
 
 namespace sim2vr::render {
 namespace {
+
+constexpr std::size_t kLogSize = 4096;
+
+GLuint compile(const gl::Functions& gl, GLenum stage, const std::string& file,
+               const std::string& variant) {
+  const std::string define = variant.empty() ? "" : fmt::format("#define {} 1\n", variant);
+  const std::string text =
+      "#version 420 core\n" + define + shaderText("frame.glsl") + "#line 1\n" + shaderText(file);
+  const GLuint shader = gl.CreateShader(stage);
+  const char* source = text.c_str();
+  gl.ShaderSource(shader, 1, &source, nullptr);
+  gl.CompileShader(shader);
+  GLint ok = 0;
+  gl.GetShaderiv(shader, GL_COMPILE_STATUS, &ok);
+  if (ok == GL_TRUE) return shader;
+  std::array<char, kLogSize> log{};
+  gl.GetShaderInfoLog(shader, static_cast<GLsizei>(log.size()), nullptr, log.data());
+  gl.DeleteShader(shader);
+  throw RenderError(fmt::format("shader {} {} does not compile: {}", file, variant, log.data()));
+}
+
+constexpr std::uint64_t kFramesBetweenSweeps = 512;
+
+std::array<float, 3> floats(const Eigen::Vector3f& v) { return {v.x(), v.y(), v.z()}; }
 
 /// Part of the light that paint mirrors at normal incidence (Unity's dielectric specular colour).
 constexpr float kDielectricSpecular = 0.04F;
@@ -83,6 +109,113 @@ void setSurface(const Material& material, bool opaque, InstanceData& instance) {
 }
 
 }  // namespace
+
+std::string shaderText(std::string_view file_name) {
+  if (const char* folder = std::getenv("SIM2VR_SHADER_DIR")) {
+    std::ifstream file(std::filesystem::path(folder) / file_name);
+    if (file) return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+  }
+  const auto found = embeddedShaders().find(std::string(file_name));
+  if (found == embeddedShaders().end()) {
+    throw RenderError(fmt::format("there is no shader file '{}'", file_name));
+  }
+  return found->second;
+}
+
+GLuint buildProgram(const gl::Functions& gl, const std::string& name, const std::string& variant) {
+  const GLuint vertex = compile(gl, GL_VERTEX_SHADER, name + ".vert", variant);
+  const GLuint fragment = compile(gl, GL_FRAGMENT_SHADER, name + ".frag", variant);
+  const GLuint program = gl.CreateProgram();
+  gl.AttachShader(program, vertex);
+  gl.AttachShader(program, fragment);
+  gl.LinkProgram(program);
+  gl.DeleteShader(vertex);
+  gl.DeleteShader(fragment);
+  GLint ok = 0;
+  gl.GetProgramiv(program, GL_LINK_STATUS, &ok);
+  if (ok != GL_TRUE) {
+    std::array<char, kLogSize> log{};
+    gl.GetProgramInfoLog(program, static_cast<GLsizei>(log.size()), nullptr, log.data());
+    gl.DeleteProgram(program);
+    throw RenderError(fmt::format("shader {} {} does not link: {}", name, variant, log.data()));
+  }
+  const GLuint block = gl.GetUniformBlockIndex(program, "Frame");
+  if (block != GL_INVALID_INDEX) gl.UniformBlockBinding(program, block, 0);
+  return program;
+}
+
+MeshSlot& MeshCache::slot(const MeshPtr& mesh) {
+  MeshSlot& slot = slots_[mesh.get()];
+  // An expired slot belonged to another mesh at the same address.
+  if (slot.index_count == 0 || slot.mesh.expired()) {
+    slot = MeshSlot{};
+    slot.mesh = mesh;
+    append(*mesh, slot);
+  }
+  return slot;
+}
+
+void MeshCache::append(const Mesh& mesh, MeshSlot& slot) {
+  slot.first_index = static_cast<std::uint32_t>(indices_.size());
+  slot.index_count = static_cast<std::uint32_t>(mesh.indices.size());
+  slot.base_vertex = static_cast<std::int32_t>(vertices_.size());
+  slot.vertex_count = static_cast<std::uint32_t>(mesh.vertices.size());
+  Eigen::AlignedBox3f bounds;
+  for (const Vertex& vertex : mesh.vertices) {
+    vertices_.push_back({floats(vertex.position), floats(vertex.normal)});
+    bounds.extend(vertex.position);
+  }
+  indices_.insert(indices_.end(), mesh.indices.begin(), mesh.indices.end());
+  slot.centre = bounds.center();
+  for (const Vertex& vertex : mesh.vertices) {
+    slot.radius = std::max(slot.radius, (vertex.position - slot.centre).norm());
+  }
+  changed_ = true;
+}
+
+void MeshCache::beginFrame() {
+  ++frame_;
+  ranks_ = 0;
+  if (frame_ % kFramesBetweenSweeps == 0) sweep();
+}
+
+std::uint32_t MeshCache::rank(MeshSlot& slot) {
+  if (slot.frame != frame_) {
+    slot.frame = frame_;
+    slot.rank = ranks_++;
+  }
+  return slot.rank;
+}
+
+void MeshCache::sweep() {
+  std::size_t live_indices = 0;
+  for (auto it = slots_.begin(); it != slots_.end();) {
+    if (it->second.mesh.expired()) {
+      it = slots_.erase(it);
+    } else {
+      live_indices += it->second.index_count;
+      ++it;
+    }
+  }
+  if (indices_.size() <= 2 * live_indices) return;
+  vertices_.clear();
+  indices_.clear();
+  for (auto& [pointer, slot] : slots_) {
+    if (const MeshPtr mesh = slot.mesh.lock()) {
+      const std::uint64_t frame = slot.frame;
+      slot = MeshSlot{};
+      slot.mesh = mesh;
+      slot.frame = frame;
+      append(*mesh, slot);
+    }
+  }
+}
+
+bool MeshCache::takeChanged() {
+  const bool changed = changed_;
+  changed_ = false;
+  return changed;
+}
 
 void FrameCollector::collect(const ViewRequest& request, Frame& frame) {
   const Camera& camera = request.camera;

@@ -3,8 +3,6 @@
 
 #include <png.h>
 
-#include <string>
-
 #include "sim2vr/core/errors.hpp"
 
 namespace sim2vr::render {

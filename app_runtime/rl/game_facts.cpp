@@ -4,7 +4,6 @@
 #include <cctype>
 #include <nlohmann/json.hpp>
 #include <set>
-#include <string>
 
 #include "sim2vr/core/errors.hpp"
 

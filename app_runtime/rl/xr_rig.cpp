@@ -8,7 +8,6 @@
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/render/components.hpp"
 #include "sim2vr/render/mesh.hpp"
-#include "sim2vr/scene/game_object.hpp"
 #include "sim2vr/scene/scene.hpp"
 #include "sim2vr/xr/frames.hpp"
 

@@ -4,14 +4,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <string>
 
 #include "sim2vr/core/archive.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/options.hpp"
 #include "sim2vr/physics/world.hpp"
 #include "sim2vr/rl/episode_logger.hpp"
-#include "sim2vr/rl/outside_cameras.hpp"
+#include "sim2vr/rl/room_looks.hpp"
 #include "sim2vr/rl/xr_rig.hpp"
 #include "sim2vr/scene/scene.hpp"
 #include "sim2vr/xr/frames.hpp"

@@ -10,7 +10,6 @@
 
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/json_reader.hpp"
-#include "sim2vr/server/base64.hpp"
 
 namespace sim2vr::server::protocol1 {
 namespace {

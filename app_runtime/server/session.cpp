@@ -7,12 +7,10 @@
 #include <cmath>
 #include <cstdint>
 #include <exception>
-#include <memory>
 #include <new>
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <optional>
-#include <string>
 #include <thread>
 #include <utility>
 #include <variant>
@@ -26,8 +24,6 @@
 #include "sim2vr/render/image_io.hpp"
 #include "sim2vr/runtime/thread_pool.hpp"
 #include "sim2vr/server/protocol1.hpp"
-#include "sim2vr/server/protocol2.hpp"
-#include "sim2vr/server/time_mapping.hpp"
 #include "sim2vr/wire/shared_images.hpp"
 
 namespace sim2vr::server {

@@ -2,7 +2,6 @@
 #include "sim2vr/xr/device.hpp"
 
 #include <cmath>
-#include <string>
 
 #include "sim2vr/core/errors.hpp"
 #include "xr_archive.hpp"

@@ -24,13 +24,13 @@ std::vector<std::string> knownPaths() {
   return paths;
 }
 
-std::string quoted(std::string_view text) { return "'" + std::string(text) + "'"; }
+std::string inQuotes(std::string_view text) { return "'" + std::string(text) + "'"; }
 
 void requireName(const char* what, const std::string& name, bool used) {
   if (!isName(name) || name.size() >= XR_MAX_ACTION_NAME_SIZE) {
-    throw InvalidArgument(what, quoted(name), "1 to 63 characters out of a-z 0-9 - _ .");
+    throw InvalidArgument(what, inQuotes(name), "1 to 63 characters out of a-z 0-9 - _ .");
   }
-  if (used) throw InvalidArgument(what, quoted(name) + " twice", "a name not used before");
+  if (used) throw InvalidArgument(what, inQuotes(name) + " twice", "a name not used before");
 }
 
 }  // namespace
@@ -108,11 +108,11 @@ void Session::suggestBinding(Action& action, std::string_view path) {
   const Component* component = touchProfile().find(path);
   if (component == nullptr || component->input == Input::none) {
     throw InvalidArgument(
-        "binding path", quoted(path),
+        "binding path", inQuotes(path),
         "an input or output of the Touch controllers" + didYouMean(path, knownPaths()));
   }
   if (!action.bind(*component)) {
-    throw InvalidArgument("binding path", quoted(path),
+    throw InvalidArgument("binding path", inQuotes(path),
                           std::string("a path for the ") + typeName(action.type) + " action '" +
                               action.name + "' and of a hand that it was created with");
   }
@@ -128,7 +128,7 @@ void Session::attachActionSets() {
 void Session::applyHapticFeedback(const Action& action, std::optional<Hand> hand,
                                   const XrHapticVibration& vibration) {
   if (action.type != XR_ACTION_TYPE_VIBRATION_OUTPUT) {
-    throw InvalidArgument("action " + quoted(action.name), typeName(action.type),
+    throw InvalidArgument("action " + inQuotes(action.name), typeName(action.type),
                           "a vibration output");
   }
   if (!isVibration(vibration)) {
@@ -150,7 +150,7 @@ std::vector<HapticPulse> Session::takePulses() { return std::exchange(pulses_, {
 Space Session::actionSpace(const Action& action, Hand hand) const {
   const auto index = static_cast<std::size_t>(hand);
   if (action.type != XR_ACTION_TYPE_POSE_INPUT || !action.hands[index]) {
-    throw InvalidArgument("action " + quoted(action.name), "a request for an action space",
+    throw InvalidArgument("action " + inQuotes(action.name), "a request for an action space",
                           "a pose action that was created with this hand");
   }
   return {.action = &action, .hand = index};

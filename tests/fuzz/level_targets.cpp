@@ -5,10 +5,9 @@
 #include <map>
 #include <string>
 
-#include "beats/level_facts.hpp"
-#include "beats/level_timeline.hpp"
-#include "beats/map_info.hpp"
-#include "beats/map_level.hpp"
+#include "beats/level.hpp"
+#include "beats/map_files.hpp"
+#include "beats/level_options.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/log.hpp"
 #include "targets.hpp"

@@ -5,7 +5,7 @@
 
 #include <array>
 
-#include "channel.hpp"
+#include "harness.hpp"
 #include "targets.hpp"
 
 namespace sim2vr::fuzz {

@@ -11,7 +11,7 @@
 #include "sim2vr/core/log.hpp"
 #include "sim2vr/rl/state_log.hpp"
 #include "sim2vr/runtime/app.hpp"
-#include "sim2vr/server/base64.hpp"
+#include "sim2vr/server/message.hpp"
 #include "sim2vr/server/protocol1.hpp"
 #include "sim2vr/server/protocol2.hpp"
 #include "sim2vr/server/session.hpp"

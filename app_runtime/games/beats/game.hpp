@@ -3,12 +3,59 @@
 // and keep the head out of walls. Rules, numbers and reward: docs/reference/games/beats.md.
 #pragma once
 
+#include <limits>
 #include <memory>
+#include <span>
+#include <string>
+#include <vector>
 
+#include "beats/round.hpp"
 #include "beats/settings.hpp"
 #include "sim2vr/rl/game.hpp"
 
 namespace sim2vr::games::beats {
+
+// The numbers behind the picture that a teacher learns from (docs/reference/games/beats.md,
+// "Privileged observations").
+
+/// How many are reported: of each hand's boxes, of mines, of walls.
+inline constexpr std::size_t kShownBoxes = 2;
+inline constexpr std::size_t kShownMines = 3;
+inline constexpr std::size_t kShownWalls = 2;
+
+const std::vector<std::string>& privilegedNames();
+
+/// Writes one value for each of privilegedNames().
+void writePrivileged(const Round& round, const Sight& sight, std::span<float> values);
+
+// What a learner sees of the game.
+
+class Env : public rl::RLEnv {
+ public:
+  /// `aspect`: width / height of the headset image. The round outlives it.
+  Env(const Round& round, double aspect) : round_(round), sight_(round, aspect) {}
+
+  std::string_view typeName() const override { return "beats.Env"; }
+  void declareLog() override;
+  double calculateReward() override;
+  bool isOver() const override { return round_.phase() == Round::Phase::kDone; }
+  float timeFeature() const override;
+  void fillPrivileged(std::span<float> values) const override;
+  void fields(Archive& archive) override;
+
+ private:
+  double approachReward() const;
+
+  const Round& round_;
+  Sight sight_;
+  // As they were in the frame before.
+  int score_ = 0;
+  int misses_ = 0;
+  double errors_ = 0.0;
+  // Of the present frame; NaN, which clients do not get, of a round without.
+  double approach_ = std::numeric_limits<double>::quiet_NaN();
+  double penalty_ = std::numeric_limits<double>::quiet_NaN();
+};
 
 class Beats : public rl::Game {
  public:

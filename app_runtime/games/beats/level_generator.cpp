@@ -6,9 +6,6 @@
 #include <cmath>
 #include <vector>
 
-#include "beats/directions.hpp"
-#include "beats/level.hpp"
-#include "beats/level_hash.hpp"
 #include "sim2vr/core/random.hpp"
 
 namespace sim2vr::games::beats {

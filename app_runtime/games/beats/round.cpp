@@ -3,27 +3,152 @@
 
 #include <fmt/format.h>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <string>
 #include <utility>
-#include <vector>
 
-#include "beats/directions.hpp"
-#include "beats/round_event.hpp"
-#include "sim2vr/core/errors.hpp"
+#include "sim2vr/render/components.hpp"
+#include "sim2vr/rl/view_frustum.hpp"
 #include "sim2vr/scene/scene.hpp"
 
 namespace sim2vr::games::beats {
 namespace {
 
+constexpr double kSliceEnergy = 0.01;
+constexpr double kMissEnergy = -0.15;
+constexpr double kWrongCutEnergy = -0.10;
+constexpr double kMineEnergy = -0.15;
+constexpr double kWallEnergy_per_s = -1.3;
+
+double energyOf(Fault fault) {
+  switch (fault) {
+    case Fault::kWrongHand:
+    case Fault::kWrongDirection:
+      return kWrongCutEnergy;
+    case Fault::kMine:
+      return kMineEnergy;
+    case Fault::kMiss:
+      return kMissEnergy;
+    case Fault::kWall:
+      break;  // by the time inside
+  }
+  return 0.0;
+}
+
 constexpr double kSecondsPerNs = 1e-9;
 // Frames lie a hair before the grid: those of 20 Hz at multiples of 49.999997 ms.
 constexpr double kEndTolerance_s = 1e-3;
 
+// The middle and the corners of the side that faces the player.
+std::array<Vec3, 5> frontPoints(const Block& wall) {
+  const Vec3 front = wall.center_m - Vec3(0.0, 0.0, wall.half_m.z());
+  const double x = wall.half_m.x(), y = wall.half_m.y();
+  return {front, front + Vec3(x, y, 0.0), front + Vec3(x, -y, 0.0), front + Vec3(-x, y, 0.0),
+          front + Vec3(-x, -y, 0.0)};
+}
+
+void transferFlags(Archive& archive, std::string_view name, std::vector<std::uint8_t>& flags) {
+  const std::size_t count = flags.size();
+  archive.field(name, flags);
+  if (flags.size() != count) {
+    throw EngineError("saved state: a level with another number of things");
+  }
+}
+
 }  // namespace
+
+void Tally::addSlice(int points, double speed_mps, double angle_deg) {
+  score_ += points * factor();
+  ++slices_;
+  multiplier_.addSlice();
+  longest_combo_ = std::max(longest_combo_, ++combo_);
+  speed_sum_mps_ += speed_mps;
+  angle_sum_deg_ += angle_deg;
+  addEnergy(kSliceEnergy);
+}
+
+void Tally::addFault(Fault fault) {
+  ++faults_.at(static_cast<std::size_t>(fault));
+  combo_ = 0;
+  multiplier_.addFault();
+  addEnergy(energyOf(fault));
+}
+
+void Tally::addWallTime(double seconds, double errors_per_second) {
+  wall_s_ += seconds;
+  wall_time_errors_ += errors_per_second * seconds;
+  addEnergy(kWallEnergy_per_s * seconds);
+}
+
+double Tally::errors() const {
+  return count(Fault::kWrongHand) + count(Fault::kWrongDirection) + count(Fault::kMine) +
+         count(Fault::kWall) + wall_time_errors_;
+}
+
+// What is used up stays so.
+void Tally::addEnergy(double change) {
+  if (energy_ > 0.0) energy_ = std::clamp(energy_ + change, 0.0, 1.0);
+}
+
+void Tally::fields(Archive& archive) {
+  archive.field("score", score_, kCounts);
+  archive.field("slices", slices_, kCounts);
+  archive.field("faults", faults_, kCounts);
+  archive.field("mines_avoided", mines_avoided_, kCounts);
+  archive.field("walls_avoided", walls_avoided_, kCounts);
+  archive.field("wall_s", wall_s_, kQuantities);
+  archive.field("wall_time_errors", wall_time_errors_, kQuantities);
+  archive.field("combo", combo_, kCounts);
+  archive.field("longest_combo", longest_combo_, kCounts);
+  archive.field("multiplier", multiplier_);
+  archive.field("energy", energy_, {0.0, 1.0});
+  archive.field("speed_sum", speed_sum_mps_, kQuantities);
+  archive.field("angle_sum", angle_sum_deg_, kQuantities);
+}
+
+Feedback::Feedback(xr::Session& session, rl::SoundLog& sounds)
+    : session_(&session), sounds_(&sounds) {
+  xr::ActionSet& set = session.createActionSet("beats");
+  xr::Action& vibration = session.createAction(set, "vibrate", XR_ACTION_TYPE_VIBRATION_OUTPUT);
+  session.suggestBinding(vibration, "/user/hand/left/output/haptic");
+  session.suggestBinding(vibration, "/user/hand/right/output/haptic");
+  vibration_ = &vibration;
+}
+
+void Feedback::slice(Hand hand, const Vec3& place_m) {
+  play("cut", place_m);
+  vibrate(hand, {20, 0.5F});
+}
+
+void Feedback::wrongCut(Hand hand, const Vec3& place_m) {
+  play("bad_cut", place_m);
+  vibrate(hand, {60, 0.8F});
+}
+
+void Feedback::mine(Hand hand, const Vec3& place_m) {
+  play("mine", place_m);
+  vibrate(hand, {100, 1.0F});
+}
+
+void Feedback::wall(const Vec3& place_m) {
+  play("wall", place_m);
+  for (const Hand hand : {Hand::kLeft, Hand::kRight}) vibrate(hand, {50, 0.7F});
+}
+
+void Feedback::miss(const Vec3& place_m) { play("miss", place_m); }
+
+void Feedback::vibrate(Hand hand, const Pulse& pulse) {
+  constexpr XrDuration kNsPerMillisecond = 1'000'000;
+  const XrHapticVibration vibration{XR_TYPE_HAPTIC_VIBRATION, nullptr,
+                                    pulse.milliseconds * kNsPerMillisecond,
+                                    XR_FREQUENCY_UNSPECIFIED, pulse.amplitude};
+  session_->applyHapticFeedback(*vibration_, controllerOf(hand), vibration);
+}
+
+void Feedback::play(std::string_view sound, const Vec3& place_m) {
+  sounds_->play({std::string(sound), place_m});
+}
 
 Round::Round(RoundSetup setup, const Feedback& feedback)
     : setup_(std::move(setup)),
@@ -462,6 +587,52 @@ void Round::closeLog() {
       fmt::format("episode statistics, score {}, slices {}, errors {}, misses {}", tally.score(),
                   tally.slices(), rl::formatFloat(tally.errors()), tally.misses()));
   setup_.logger->endRound();
+}
+
+Sight::Sight(const Round& round, double aspect)
+    : round_(&round),
+      aspect_(aspect),
+      boxes_(round.level().boxes.size(), 0),
+      mines_(round.level().mines.size(), 0),
+      walls_(round.level().walls.size(), 0) {}
+
+void Sight::look() {
+  const auto& camera = *round_->head().getComponent<render::Camera>();
+  const auto visible = [&](const Vec3& point_m) { return rl::inView(camera, aspect_, point_m); };
+  for (const std::size_t i : round_->boxesOut()) {
+    if (boxes_[i] == 0 && visible(round_->box(i).center_m)) boxes_[i] = 1;
+  }
+  for (const std::size_t i : round_->minesOut()) {
+    if (mines_[i] == 0 && visible(round_->mine(i).center_m)) mines_[i] = 1;
+  }
+  for (const std::size_t i : round_->wallsOut()) {
+    if (walls_[i] == 0 && std::ranges::any_of(frontPoints(round_->wall(i)), visible)) walls_[i] = 1;
+  }
+}
+
+std::vector<std::size_t> Sight::seen(std::vector<std::size_t> out, const Flags& flags) {
+  std::erase_if(out, [&flags](std::size_t i) { return flags[i] == 0; });
+  return out;
+}
+
+std::vector<std::size_t> Sight::boxes(Hand hand) const {
+  std::vector<std::size_t> of_hand = boxes();
+  std::erase_if(of_hand, [&](std::size_t i) { return round_->level().boxes[i].hand != hand; });
+  return of_hand;
+}
+
+std::optional<double> Sight::bladeToBox_m(Hand hand) const {
+  const std::vector<std::size_t> next = boxes(hand);
+  const Saber& saber = round_->saber(hand);
+  if (next.empty() || !saber.held()) return std::nullopt;
+  const double gap_m = distance_m(saber.segment(), round_->box(next.front())) - kBladeRadius_m;
+  return std::max(0.0, gap_m);
+}
+
+void Sight::fields(Archive& archive) {
+  transferFlags(archive, "boxes", boxes_);
+  transferFlags(archive, "mines", mines_);
+  transferFlags(archive, "walls", walls_);
 }
 
 }  // namespace sim2vr::games::beats

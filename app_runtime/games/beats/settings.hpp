@@ -2,9 +2,9 @@
 // The game's options.
 #pragma once
 
-#include "beats/layout.hpp"
+#include "beats/level.hpp"
 #include "beats/level_options.hpp"
-#include "beats/scoring.hpp"
+#include "beats/swing.hpp"
 #include "sim2vr/core/options.hpp"
 
 namespace sim2vr::games::beats {

@@ -2,16 +2,13 @@
 #include "beats/stage.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 #include <numbers>
 #include <string>
 #include <utility>
 
-#include "beats/colors.hpp"
 #include "sim2vr/core/math.hpp"
-#include "sim2vr/render/components.hpp"
 #include "sim2vr/render/mesh.hpp"
 #include "sim2vr/rl/room_looks.hpp"
 #include "sim2vr/rl/xr_rig.hpp"

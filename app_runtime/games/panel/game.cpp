@@ -9,7 +9,6 @@
 
 #include "panel/looks.hpp"
 #include "panel/round.hpp"
-#include "sim2vr/rl/game.hpp"
 
 namespace sim2vr::games::panel {
 namespace {

@@ -3,7 +3,7 @@
 // docs/reference/games/panel.md.
 #pragma once
 
-#include "panel/settings.hpp"
+#include "panel/widget.hpp"
 #include "sim2vr/rl/game.hpp"
 
 namespace sim2vr::games::panel {

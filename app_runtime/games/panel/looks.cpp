@@ -4,7 +4,7 @@
 #include <array>
 #include <string>
 
-#include "panel/shapes.hpp"
+#include "panel/widget.hpp"
 #include "sim2vr/render/mesh.hpp"
 #include "sim2vr/rl/room_looks.hpp"
 
@@ -98,7 +98,7 @@ void Looks::LateUpdate() {
     const Vec3 end_m = round_.center_m() + state.place_m;
     const Vec3 way = end_m - state.origin_m;
     rays_[i]->transform().setPose(
-        {state.origin_m + way / 2.0, Quat::FromTwoVectors(Vec3::UnitY(), way)});
+        {state.origin_m + way / 2.0, rotationBetween(Vec3::UnitY(), way)});
     rays_[i]->transform().setLocalScale({kRayRadius_m, way.norm(), kRayRadius_m});
   }
 }

@@ -5,11 +5,44 @@
 #include <cmath>
 #include <numbers>
 
-#include "panel/shapes.hpp"
+#include "sim2vr/core/errors.hpp"
 #include "sim2vr/render/mesh.hpp"
+#include "sim2vr/xr/frames.hpp"
 
 namespace sim2vr::games::panel {
 namespace {
+
+// In the order of the enumerations.
+const std::vector<std::string> kSelects{"ray", "touch"};
+const std::vector<std::string> kWidgets{"buttons", "sliders", "dial", "list", "mixed"};
+const std::vector<std::string> kHands{"right", "left", "both"};
+
+template <class T>
+T choice(Options& options, const std::string& name, const std::vector<std::string>& names,
+         T fallback) {
+  const std::string& usual = names.at(static_cast<std::size_t>(fallback));
+  const std::string chosen = options.getChoice(name, usual, names);
+  std::size_t index = 0;
+  while (names.at(index) != chosen) ++index;
+  return static_cast<T>(index);
+}
+
+int wholeNumber(Options& options, const std::string& name, int fallback, int most) {
+  const double value = options.getNumber(name, fallback, 1, most);
+  if (value != static_cast<int>(value)) {
+    throw InvalidArgument("option '" + name + "'", std::to_string(value), "a whole number");
+  }
+  return static_cast<int>(value);
+}
+
+// A fingertip farther from the plane points at nothing.
+constexpr double kNear_m = 0.15;
+// How steeply a ray has to meet the plane.
+constexpr double kLeastForward = 0.05;
+
+// At half strength, at the frequency that the controller likes best.
+constexpr XrHapticVibration kPulse{XR_TYPE_HAPTIC_VIBRATION, nullptr, 20'000'000,
+                                   XR_FREQUENCY_UNSPECIFIED, 0.5F};
 
 bool inBox(const Vec3& place_m, const Vec3& center_m, double width_m, double height_m) {
   const Vec3 away = (place_m - center_m).cwiseAbs();
@@ -24,6 +57,139 @@ bool inDisc(const Vec3& place_m, const Vec3& center_m, double diameter_m) {
 Vec3 discSize(double diameter_m) { return {diameter_m / 2.0, diameter_m / 2.0, 1.0}; }
 
 }  // namespace
+
+Settings Settings::fromOptions(Options& options) {
+  Settings settings;
+  settings.select = choice(options, "select", kSelects, settings.select);
+  settings.widgets = choice(options, "widgets", kWidgets, settings.widgets);
+  const double usual_m = settings.select == Select::ray ? settings.distance_m : 0.45;
+  settings.side_m = options.getNumber("side_m", settings.side_m, -2.0, 2.0);
+  settings.height_m = options.getNumber("height_m", settings.height_m, -1.0, 1.0);
+  settings.distance_m = options.getNumber("distance_m", usual_m, 0.2, 6.0);
+  settings.columns = wholeNumber(options, "columns", settings.columns, 7);
+  settings.rows = wholeNumber(options, "rows", settings.rows, 7);
+  const double scale = settings.scale();
+  settings.button_m = options.getNumber("button_m", scale * settings.button_m, 0.005, 1.0);
+  settings.pitch_m = options.getNumber("pitch_m", scale * settings.pitch_m, 0.005, 2.0);
+  if (settings.pitch_m < settings.button_m) {
+    throw InvalidArgument("option 'pitch_m'", std::to_string(settings.pitch_m),
+                          "at least button_m, " + std::to_string(settings.button_m));
+  }
+  const std::string hand = options.getChoice("hand", "right", kHands);
+  if (hand == "left") settings.hands = {xr::Hand::left};
+  if (hand == "both") settings.hands = {xr::Hand::right, xr::Hand::left};
+  settings.timeout_s = static_cast<float>(options.getNumber("timeout_seconds", 10.0, 0.5, 600.0));
+  settings.round_s = static_cast<float>(options.getNumber("round_seconds", 20.0, 1.0, 600.0));
+  settings.sparse = options.getBool("sparse", settings.sparse);
+  settings.error_cost = options.getNumber("error_cost", settings.error_cost, 0.0, 100.0);
+  return settings;
+}
+
+render::MeshRenderer& addShape(scene::GameObject& parent, const std::string& name,
+                               const render::MeshPtr& mesh, const Vec3& center_m,
+                               const Vec3& size_m, const render::Color& color, int layer) {
+  constexpr double kLayer_m = 0.001;
+  scene::GameObject& shape = parent.scene().create(name, &parent);
+  shape.transform().setLocalPosition(center_m - Vec3(0.0, 0.0, kLayer_m * layer));
+  shape.transform().setLocalScale(size_m);
+  render::Material material = render::unlitMaterial(color);
+  material.cull_back = false;
+  return shape.addComponent<render::MeshRenderer>(mesh, material);
+}
+
+void moveShape(render::MeshRenderer& shape, const Vec3& center_m) {
+  Vec3 place = center_m;
+  place.z() = shape.transform().localPosition().z();
+  shape.transform().setLocalPosition(place);
+}
+
+Controls Controls::make(xr::Session& session) {
+  xr::ActionSet& set = session.createActionSet("panel");
+  const auto bound = [&](const char* name, XrActionType type, const char* path) {
+    xr::Action& action = session.createAction(set, name, type);
+    session.suggestBinding(action, std::string("/user/hand/left/") + path);
+    session.suggestBinding(action, std::string("/user/hand/right/") + path);
+    return &action;
+  };
+  return {bound("aim", XR_ACTION_TYPE_POSE_INPUT, "input/aim/pose"),
+          bound("trigger", XR_ACTION_TYPE_BOOLEAN_INPUT, "input/trigger/value"),
+          bound("squeeze", XR_ACTION_TYPE_BOOLEAN_INPUT, "input/squeeze/value"),
+          bound("scroll", XR_ACTION_TYPE_VECTOR2F_INPUT, "input/thumbstick"),
+          bound("vibrate", XR_ACTION_TYPE_VIBRATION_OUTPUT, "output/haptic")};
+}
+
+void PointerState::fields(Archive& archive) {
+  archive.field("active", active);
+  archive.field("on_plane", on_plane);
+  archive.field("place_m", place_m);
+  archive.field("origin_m", origin_m);
+  archive.field("forward", forward);
+  archive.field("held", held);
+  archive.field("pressed", pressed);
+  archive.field("released", released);
+  archive.field("roll_rad", roll_rad, kQuantities);
+  archive.field("scroll", scroll, kQuantities);
+}
+
+void Pointer::update(const Vec3& center_m) {
+  const bool was_held = state_.held;
+  state_ = PointerState();
+  state_.active = controller_->activeInHierarchy();
+  if (state_.active) {
+    if (select_ == Select::ray) {
+      updateRay(center_m);
+    } else {
+      updateTouch(center_m);
+    }
+    const Quat& turned = controller_->transform().rotation();
+    const Vec3 right = turned * Vec3::UnitX();
+    state_.roll_rad = std::atan2(-right.y(), (turned * Vec3::UnitY()).y());
+    state_.scroll = session_->actionState(*controls_.scroll, hand_).value.y;
+  } else {
+    in_front_ = false;
+  }
+  state_.pressed = state_.held && !was_held;
+  state_.released = was_held && !state_.held;
+}
+
+void Pointer::updateRay(const Vec3& center_m) {
+  const xr::Space aim = session_->actionSpace(*controls_.aim, hand_);
+  const Pose ray = xr::fromXr(session_->locateSpace(aim).value_or(xr::kIdentityPose));
+  state_.origin_m = ray.position;
+  state_.forward = ray.rotation * Vec3::UnitZ();
+  const double ahead_m = center_m.z() - ray.position.z();
+  state_.on_plane = ahead_m > 0.0 && state_.forward.z() > kLeastForward;
+  if (state_.on_plane) {
+    state_.place_m = ray.position + state_.forward * (ahead_m / state_.forward.z()) - center_m;
+    state_.place_m.z() = 0.0;
+  }
+  const auto pulled = [this](const xr::Action* action) {
+    return session_->actionState(*action, hand_).pressed();
+  };
+  state_.held = pulled(controls_.trigger) || pulled(controls_.squeeze);
+}
+
+void Pointer::updateTouch(const Vec3& center_m) {
+  const Pose grip = controller_->transform().pose();
+  state_.origin_m = grip * Vec3(0.0, 0.0, kFinger_m);
+  state_.forward = grip.rotation * Vec3::UnitZ();
+  const double behind_m = state_.origin_m.z() - center_m.z();
+  state_.on_plane = std::abs(behind_m) < kNear_m;
+  state_.place_m = state_.origin_m - center_m;
+  state_.place_m.z() = 0.0;
+  if (behind_m < 0.0) in_front_ = true;
+  // A finger that comes from behind the panel touches nothing.
+  state_.held = in_front_ && behind_m >= 0.0 && state_.on_plane;
+  if (!state_.on_plane && behind_m >= 0.0) in_front_ = false;
+}
+
+void Pointer::vibrate() const { session_->applyHapticFeedback(*controls_.vibrate, hand_, kPulse); }
+
+double Pointer::gap(const Vec3& place_m) const {
+  const Vec3 way = place_m - state_.origin_m;
+  if (select_ == Select::touch) return way.norm();
+  return std::atan2(state_.forward.cross(way).norm(), state_.forward.dot(way));
+}
 
 // --- Button
 

@@ -8,12 +8,152 @@
 #include <string>
 #include <vector>
 
-#include "panel/pointer.hpp"
+#include "sim2vr/core/archive.hpp"
+#include "sim2vr/core/math.hpp"
+#include "sim2vr/core/options.hpp"
 #include "sim2vr/core/random.hpp"
 #include "sim2vr/render/components.hpp"
+#include "sim2vr/scene/game_object.hpp"
 #include "sim2vr/scene/scene.hpp"
+#include "sim2vr/xr/device.hpp"
+#include "sim2vr/xr/session.hpp"
 
 namespace sim2vr::games::panel {
+
+// The options of a round of the panel (docs/reference/games/panel.md).
+
+/// How widgets are operated: by the controller's ray and a button, or by a fingertip.
+enum class Select { ray, touch };
+enum class Widgets { buttons, sliders, dial, list, mixed };
+
+struct Settings {
+  Select select = Select::ray;
+  Widgets widgets = Widgets::buttons;
+
+  /// Centre of the panel from the head at the start of the round, world axes.
+  double side_m = 0.0;
+  double height_m = -0.1;
+  double distance_m = 1.5;
+
+  /// Of the buttons: a grid.
+  int columns = 3;
+  int rows = 4;
+  double button_m = 0.12;
+  double pitch_m = 0.20;
+
+  std::vector<xr::Hand> hands{xr::Hand::right};
+  float timeout_s = 10.0F;
+  float round_s = 20.0F;
+
+  /// Without the term that grows as the hand comes nearer.
+  bool sparse = false;
+  double error_cost = 2.0;
+
+  Vec3 center_m() const { return {side_m, height_m, distance_m}; }
+  /// Sizes of sliders, dials and lists are for 1.5 m; at other distances they look as large.
+  double scale() const { return distance_m / 1.5; }
+
+  /// Throws InvalidArgument naming the option.
+  static Settings fromOptions(Options& options);
+};
+
+// Flat shapes and colours of a panel. In red light only what is to be operated is bright.
+
+inline constexpr render::Color kLit{1.0F, 0.15F, 0.10F, 1.0F};
+inline constexpr render::Color kUnlit{0.12F, 0.35F, 0.55F, 1.0F};
+inline constexpr render::Color kRail{0.08F, 0.12F, 0.18F, 1.0F};
+inline constexpr render::Color kGoal{0.95F, 0.70F, 0.10F, 1.0F};
+inline constexpr render::Color kPlate{0.05F, 0.08F, 0.11F, 1.0F};
+inline constexpr render::Color kHit{0.10F, 0.85F, 0.30F, 1.0F};
+inline constexpr render::Color kError{0.15F, 0.25F, 1.0F, 1.0F};
+
+/// Adds an unlit shape below `parent`, `layer` steps of 1 mm in front of the panel.
+render::MeshRenderer& addShape(scene::GameObject& parent, const std::string& name,
+                               const render::MeshPtr& mesh, const Vec3& center_m,
+                               const Vec3& size_m, const render::Color& color, int layer);
+
+/// Moves it along the panel; its layer stays.
+void moveShape(render::MeshRenderer& shape, const Vec3& center_m);
+
+// A hand on the panel: where it points, and whether it holds what it points at.
+
+/// From the grip to the fingertip, along the controller's forward axis.
+inline constexpr double kFinger_m = 0.10;
+
+/// The actions that both hands have; made before the rig attaches all action sets.
+struct Controls {
+  const xr::Action* aim = nullptr;
+  const xr::Action* trigger = nullptr;
+  const xr::Action* squeeze = nullptr;
+  const xr::Action* scroll = nullptr;
+  const xr::Action* vibrate = nullptr;
+
+  static Controls make(xr::Session& session);
+};
+
+/// What a hand does in a frame.
+struct PointerState {
+  /// The hand is tracked.
+  bool active = false;
+  /// The ray meets the panel's plane, or the fingertip is near it.
+  bool on_plane = false;
+  /// There, from the panel's centre; z is 0.
+  Vec3 place_m = Vec3::Zero();
+  /// World: where the ray begins and which way it goes; or the fingertip, and ahead of it.
+  Vec3 origin_m = Vec3::Zero();
+  Vec3 forward = Vec3::UnitZ();
+  /// The trigger or the grip button is pulled; or the fingertip has come through the plane.
+  bool held = false;
+  /// `held` began, or ended, in this frame.
+  bool pressed = false;
+  bool released = false;
+  /// Of the controller about its forward axis, rad, clockwise for the player.
+  double roll_rad = 0.0;
+  /// Thumbstick, up positive, -1 to 1.
+  double scroll = 0.0;
+
+  void fields(Archive& archive);
+};
+
+class Pointer {
+ public:
+  /// What is passed outlives it.
+  Pointer(const scene::GameObject& controller, xr::Hand hand, xr::Session& session,
+          const Controls& controls, Select select)
+      : controller_(&controller),
+        hand_(hand),
+        session_(&session),
+        controls_(controls),
+        select_(select) {}
+
+  xr::Hand hand() const { return hand_; }
+  const PointerState& state() const { return state_; }
+
+  /// Looks at the hand, in every frame; the panel's centre, world.
+  void update(const Vec3& center_m);
+  /// A pulse of 20 ms.
+  void vibrate() const;
+  /// How far it is from pointing at a place, world: an angle, rad, or a distance, m.
+  double gap(const Vec3& place_m) const;
+
+  void fields(Archive& archive) {
+    archive.field("state", state_);
+    archive.field("in_front", in_front_);
+  }
+
+ private:
+  void updateRay(const Vec3& center_m);
+  void updateTouch(const Vec3& center_m);
+
+  const scene::GameObject* controller_;
+  xr::Hand hand_;
+  xr::Session* session_;
+  Controls controls_;
+  Select select_;
+  PointerState state_;
+  /// The fingertip has been on the player's side of the plane since it last came through.
+  bool in_front_ = false;
+};
 
 /// Whether a widget that has been operated is at its goal; none: it is not decided yet.
 using Result = std::optional<bool>;

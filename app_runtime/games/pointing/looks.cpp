@@ -68,7 +68,7 @@ void addStylusLooks(scene::GameObject& controller, double length_m) {
   paint.albedo = kPen;
   const double length_of_pen_m = kPenBack_m + length_m - kTipRadius_m;
   // Made around y, shown around z.
-  const Quat along_z = Quat::FromTwoVectors(Vec3::UnitY(), Vec3::UnitZ());
+  const Quat along_z = rotationBetween(Vec3::UnitY(), Vec3::UnitZ());
   auto& pen = addShape(controller, "Pen", render::cylinder(8), paint);
   pen.transform().setLocalRotation(along_z);
   pen.transform().setLocalPosition({0.0, 0.0, length_of_pen_m / 2.0 - kPenBack_m});

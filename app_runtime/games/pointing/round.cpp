@@ -3,9 +3,7 @@
 
 #include <fmt/format.h>
 #include <array>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include "pointing/looks.hpp"
 #include "sim2vr/scene/scene.hpp"
@@ -13,11 +11,73 @@
 namespace sim2vr::games::pointing {
 namespace {
 
+// 20 ms at half strength, at the frequency that the controller likes best.
+constexpr XrHapticVibration kPulse{XR_TYPE_HAPTIC_VIBRATION, nullptr, 20'000'000,
+                                   XR_FREQUENCY_UNSPECIFIED, 0.5F};
+
 // Frames lie a hair beside the times that they are meant for; no rounding shall decide in which of
 // them a target goes away.
 constexpr float kTimeTolerance_s = 1e-3F;
 
 }  // namespace
+
+Feedback::Feedback(xr::Session& session, rl::SoundLog& sounds, xr::Hand hand)
+    : session_(&session), sounds_(&sounds), hand_(hand) {
+  xr::ActionSet& set = session.createActionSet("pointing");
+  xr::Action& vibration =
+      session.createAction(set, "vibrate", XR_ACTION_TYPE_VIBRATION_OUTPUT, {hand});
+  session.suggestBinding(vibration, hand == xr::Hand::left ? "/user/hand/left/output/haptic"
+                                                           : "/user/hand/right/output/haptic");
+  vibration_ = &vibration;
+}
+
+void Feedback::selection(std::string_view sound, const Vec3& place_m) {
+  sounds_->play({std::string(sound), place_m});
+  session_->applyHapticFeedback(*vibration_, hand_, kPulse);
+}
+
+Pose Stylus::tipPose() const {
+  return controller_->transform().pose() * Pose{{0.0, 0.0, length_m_}, Quat::Identity()};
+}
+
+std::optional<Crossing> Stylus::follow(float time_s, double plane_z_m) {
+  const bool was_held = held_;
+  const float last_s = time_s_;
+  const Vec3 last_m = tip_m_;
+  held_ = controller_->activeInHierarchy();
+  time_s_ = time_s;
+  velocity_mps_ = Vec3::Zero();
+  if (!held_) {
+    armed_ = false;
+    return std::nullopt;
+  }
+  tip_m_ = tipPose().position;
+  std::optional<Crossing> crossing;
+  const double before_m = last_m.z() - plane_z_m;
+  const double now_m = tip_m_.z() - plane_z_m;
+  // A stylus that comes into a hand has come from nowhere.
+  if (was_held) {
+    const float dt_s = time_s - last_s;
+    if (dt_s > 0.0F) velocity_mps_ = (tip_m_ - last_m) / static_cast<double>(dt_s);
+    if (armed_ && before_m < 0.0 && now_m >= 0.0) {
+      const double share = before_m / (before_m - now_m);
+      Vec3 place_m = last_m + share * (tip_m_ - last_m);
+      place_m.z() = plane_z_m;
+      crossing = Crossing{place_m, last_s + static_cast<float>(share) * dt_s};
+      armed_ = false;
+    }
+  }
+  if (now_m < 0.0 && now_m <= -rearm_m_) armed_ = true;
+  return crossing;
+}
+
+void Stylus::fields(Archive& archive) {
+  archive.field("held", held_);
+  archive.field("armed", armed_);
+  archive.field("time_s", time_s_, kQuantities);
+  archive.field("tip_m", tip_m_);
+  archive.field("velocity_mps", velocity_mps_);
+}
 
 Round::Round(RoundSetup setup)
     : setup_(std::move(setup)), blocks_(drawBlocks(setup_.settings, setup_.seed)) {}

@@ -212,7 +212,7 @@ rl::RLEnv& TouchTheBall::build(rl::GameContext& context) {
                                          context.xr, controls);
 
   scene::GameObject& light = scene.create("Light");
-  light.transform().setLocalRotation(Quat::FromTwoVectors(Vec3::UnitZ(), Vec3(0.3, -1.0, 0.5)));
+  light.transform().setLocalRotation(rotationBetween(Vec3::UnitZ(), Vec3(0.3, -1.0, 0.5)));
   light.addComponent<render::DirectionalLight>();
   scene.create("Sky").addComponent<render::Skybox>();
 

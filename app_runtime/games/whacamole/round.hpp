@@ -6,14 +6,172 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
+#include "sim2vr/core/archive.hpp"
+#include "sim2vr/core/random.hpp"
 #include "sim2vr/rl/episode_logger.hpp"
 #include "sim2vr/rl/xr_rig.hpp"
 #include "sim2vr/scene/component.hpp"
+#include "sim2vr/scene/game_object.hpp"
 #include "whacamole/conditions.hpp"
-#include "whacamole/spawner.hpp"
 
 namespace sim2vr::games::whacamole {
+
+// Physics layers of Whac-A-Mole. Only this pair collides.
+
+inline constexpr int kTargetLayer = 10;
+inline constexpr int kPlayerLayer = 11;
+
+// When and where the next target appears, drawn or from a list: the only user of the round's random
+// numbers.
+
+struct Spawn {
+  int id = 0;
+  int cell = 0;
+};
+
+class Spawner {
+ public:
+  /// Draws the spawns, or takes them from `schedule` where that is not empty.
+  Spawner(std::uint32_t seed, CellWeights weights, std::vector<ScheduledSpawn> schedule = {});
+
+  /// A spawn at frame time `time_s`, or nothing. Drawn: nothing when `live` targets (fading ones
+  /// included) are already `max_targets`, or the pause after the last spawn is not over. From the
+  /// schedule: the next one that is due, whatever lives.
+  std::optional<Spawn> next(float time_s, int live, int max_targets);
+
+  /// Gives a cell back once its target has disappeared.
+  void release(int cell) {
+    if (schedule_.empty()) free_.push_back(cell);
+  }
+
+  void fields(Archive& archive);
+
+ private:
+  std::optional<Spawn> nextScheduled(float time_s);
+  int takeCell();
+  int takeWeightedCell();
+
+  Random random_;
+  CellWeights weights_;
+  std::vector<ScheduledSpawn> schedule_;
+  std::vector<int> free_{0, 3, 6, 1, 4, 7, 2, 5, 8};
+  float pause_end_s_ = 0.0F;
+  int next_id_ = 0;
+};
+
+/// Adaptive curriculum: weight_i = fail rate_i + mean fail rate, of the last round. Equal weights
+/// (none) when nothing failed.
+CellWeights adaptiveWeights(const std::array<double, kCells>& fail_rates);
+
+// One mole: fades in, can be hit for a second, fades out.
+
+class Hammer;
+class Round;
+class TargetLooks;
+
+inline constexpr float kFadeOut_s = 0.3F;
+
+/// All times are binary32 on the scene's clock, as in the reference: when a miss falls between two
+/// fixed steps, the rounding decides.
+class Target : public scene::Component {
+ public:
+  enum class State { kFadeIn, kAlive, kFadeOut };
+
+  /// The target of `round`, struck by `hammer`; both outlive it.
+  Target(Round& round, const Hammer& hammer) : round_(round), hammer_(hammer) {}
+
+  std::string_view typeName() const override { return "whacamole.Target"; }
+  void Awake() override;
+  /// Starts the life of a fresh target; the spawn time is the latest fixed time.
+  void begin(const Spawn& spawn);
+
+  /// Expiry. Precedes the step's overlap test.
+  void FixedUpdate() override;
+  void OnTriggerEnter(const scene::TriggerContact& contact) override;
+  void Update() override;
+  void fields(Archive& archive) override;
+
+  int id() const { return id_; }
+  int cell() const { return cell_; }
+  State state() const { return state_; }
+  /// The fixed time that its life counts from.
+  /// The time of the frame in which it appeared.
+  float spawnFrameTime_s() const { return spawn_frame_time_; }
+  /// When it can no longer be hit.
+  float expiry_s() const { return expiry_; }
+  /// World position of the middle of its hit volume, full-grown.
+  Vec3 hitCenter_m() const;
+
+ private:
+  double radius_m() const;
+  void fadeIn(float age_s);
+  void fadeOut();
+  void endLife(bool was_hit);
+
+  Round& round_;
+  const Hammer& hammer_;
+  TargetLooks* looks_ = nullptr;
+  State state_ = State::kFadeIn;
+  int id_ = 0;
+  int cell_ = 0;
+  float spawn_time_ = 0.0F;
+  float spawn_frame_time_ = 0.0F;
+  float expiry_ = 0.0F;
+  float end_time_ = 0.0F;
+  bool touched_ = false;
+  bool was_hit_ = false;
+};
+
+/// Centre of a cell in the target area's frame; ids run row-wise from the top left as the player
+/// sees it.
+Vec3 cellCenter_m(int cell, const Settings& settings = {});
+/// Where a target's origin sits: a radius behind the plane, so that its front is in the plane.
+Vec3 targetOrigin_m(int cell, const Settings& settings = {});
+
+/// Registers the prefab "Target" for targets of `round`.
+void registerTargetPrefab(scene::Scene& scene, Round& round, const Hammer& hammer);
+inline constexpr const char* kTargetPrefab = "Target";
+
+// The hammer in the player's hand.
+
+/// Measures the hammer's velocity: that of its root (the pivot near the hand, not the head), per
+/// frame, low-pass filtered as v <- v + 0.5 (raw - v), from 0 at the start. The settings can choose
+/// the head and another factor.
+class Hammer : public scene::Component {
+ public:
+  explicit Hammer(const Settings& settings)
+      : smoothing_(settings.velocity_smoothing),
+        point_(settings.velocity_point),
+        hand_(settings.hand) {}
+
+  std::string_view typeName() const override { return "whacamole.Hammer"; }
+  void Update() override;
+  void fields(Archive& archive) override;
+
+  /// Smoothed velocity of the latest frame, m/s, world axes.
+  const Vec3& velocity_mps() const { return velocity_; }
+  /// Pose of the marker, the centre of the striking face.
+  Pose markerPose() const { return marker_->transform().pose(); }
+  Vec3 markerPosition() const { return marker_->transform().position(); }
+
+  void setMarker(const scene::GameObject& marker) { marker_ = &marker; }
+
+ private:
+  Vec3 measuredPoint() const;
+
+  double smoothing_;
+  VelocityPoint point_;
+  xr::Hand hand_;
+  const scene::GameObject* marker_ = nullptr;
+  Vec3 velocity_ = Vec3::Zero();
+  Vec3 last_position_ = Vec3::Zero();
+  bool has_position_ = false;
+};
+
+/// Builds hammer, marker and hit collider below the controller of the hand of the settings.
+Hammer& buildHammer(scene::GameObject& controller, const Settings& settings);
 
 class Hammer;
 class Target;

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "beats/env.hpp"
+#include "beats/game.hpp"
 #include "beats/stage.hpp"
 #include "beats_player.hpp"
 #include "sim2vr/core/errors.hpp"

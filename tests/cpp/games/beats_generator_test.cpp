@@ -9,11 +9,8 @@
 #include <set>
 #include <tuple>
 
-#include "beats/built_in_levels.hpp"
-#include "beats/directions.hpp"
-#include "beats/level_facts.hpp"
-#include "beats/level_hash.hpp"
 #include "beats/level_options.hpp"
+#include "beats/level.hpp"
 #include "beats_maps.hpp"
 
 namespace sim2vr::games::beats {

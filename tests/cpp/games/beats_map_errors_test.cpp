@@ -10,7 +10,7 @@
 #include <sstream>
 
 #include "beats/beatmap.hpp"
-#include "beats/map_info.hpp"
+#include "beats/map_files.hpp"
 #include "beats_maps.hpp"
 #include "own_folder.hpp"
 #include "sim2vr/core/log.hpp"

@@ -7,7 +7,7 @@
 #include <string>
 
 #include "beats/map_files.hpp"
-#include "beats/map_level.hpp"
+#include "beats/level_options.hpp"
 #include "sim2vr/core/errors.hpp"
 
 namespace sim2vr::games::beats::testing {

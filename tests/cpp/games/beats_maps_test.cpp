@@ -8,9 +8,8 @@
 #include <filesystem>
 #include <fstream>
 
-#include "beats/level_hash.hpp"
-#include "beats/map_info.hpp"
-#include "beats/tempo.hpp"
+#include "beats/level.hpp"
+#include "beats/map_files.hpp"
 #include "own_folder.hpp"
 
 namespace sim2vr::games::beats {

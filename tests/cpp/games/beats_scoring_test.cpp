@@ -4,10 +4,9 @@
 #include <cmath>
 #include <vector>
 
-#include "beats/directions.hpp"
-#include "beats/layout.hpp"
-#include "beats/scoring.hpp"
-#include "beats/tally.hpp"
+#include "beats/level.hpp"
+#include "beats/swing.hpp"
+#include "beats/round.hpp"
 
 namespace sim2vr::games::beats {
 namespace {

@@ -5,8 +5,7 @@
 #include <numbers>
 #include <random>
 
-#include "beats/saber.hpp"
-#include "beats/sweep.hpp"
+#include "beats/swing.hpp"
 
 namespace sim2vr::games::beats {
 namespace {

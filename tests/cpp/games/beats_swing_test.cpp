@@ -4,7 +4,7 @@
 #include <cmath>
 #include <string>
 
-#include "beats/layout.hpp"
+#include "beats/level.hpp"
 #include "beats/settings.hpp"
 #include "beats/swing.hpp"
 #include "beats_player.hpp"

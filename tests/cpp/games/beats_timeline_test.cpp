@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "beats/level_timeline.hpp"
+#include "beats/level.hpp"
 
 #include <gtest/gtest.h>
 

@@ -6,7 +6,7 @@
 #include "game_harness.hpp"
 #include "sim2vr/games/registry.hpp"
 #include "sim2vr/render/components.hpp"
-#include "sim2vr/rl/outside_cameras.hpp"
+#include "sim2vr/rl/room_looks.hpp"
 #include "sim2vr/rl/xr_rig.hpp"
 
 namespace sim2vr::games {

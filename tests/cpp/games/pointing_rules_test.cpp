@@ -7,8 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "pointing/circle.hpp"
-#include "pointing/effective.hpp"
+#include "pointing/rules.hpp"
 #include "sim2vr/core/errors.hpp"
 
 namespace sim2vr::games::pointing {

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "sim2vr/core/errors.hpp"
-#include "whacamole/privileged.hpp"
+#include "whacamole/game.hpp"
 #include "whacamole_player.hpp"
 
 namespace sim2vr::games::whacamole {

@@ -5,7 +5,7 @@
 #include <array>
 #include <vector>
 
-#include "whacamole/spawner.hpp"
+#include "whacamole/round.hpp"
 
 namespace sim2vr::games::whacamole {
 namespace {

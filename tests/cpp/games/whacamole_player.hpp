@@ -7,9 +7,7 @@
 
 #include "game_harness.hpp"
 #include "whacamole/game.hpp"
-#include "whacamole/hammer.hpp"
 #include "whacamole/round.hpp"
-#include "whacamole/target.hpp"
 
 namespace sim2vr::games::whacamole {
 

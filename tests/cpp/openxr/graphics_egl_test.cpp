@@ -16,7 +16,7 @@
 #define XR_USE_GRAPHICS_API_OPENGL
 #include <openxr/openxr_platform.h>
 
-#include "makers.hpp"
+#include "graphics.hpp"
 #include "sim2vr/gl/functions.hpp"
 #include "typed.hpp"
 

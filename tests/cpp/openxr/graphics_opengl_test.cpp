@@ -15,7 +15,7 @@
 #include <string>
 #include <vector>
 
-#include "makers.hpp"
+#include "graphics.hpp"
 #include "sim2vr/gl/functions.hpp"
 #include "typed.hpp"
 

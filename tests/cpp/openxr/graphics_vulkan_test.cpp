@@ -5,9 +5,9 @@
 
 #include <vector>
 
-#include "makers.hpp"
+#include "graphics.hpp"
 #include "typed.hpp"
-#include "vulkan_calls.hpp"
+#include "vulkan_device.hpp"
 #include "vulkan_program.hpp"
 
 #define XR_USE_GRAPHICS_API_VULKAN

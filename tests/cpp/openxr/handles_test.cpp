@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "failing_memory.hpp"
-#include "world.hpp"
+#include "objects.hpp"
 
 namespace sim2vr::openxr::test {
 namespace {

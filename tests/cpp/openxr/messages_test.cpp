@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What arrives over the socket, and what may not.
-#include "messages.hpp"
+#include "harness.hpp"
 
 #include <gtest/gtest.h>
 

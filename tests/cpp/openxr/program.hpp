@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "api.hpp"
-#include "channel.hpp"
+#include "harness.hpp"
 
 namespace sim2vr::openxr::test {
 

@@ -10,9 +10,9 @@
 #define XR_USE_GRAPHICS_API_VULKAN
 #include <openxr/openxr_platform.h>
 
-#include "makers.hpp"
+#include "graphics.hpp"
 #include "typed.hpp"
-#include "vulkan_calls.hpp"
+#include "vulkan_device.hpp"
 
 namespace sim2vr::openxr {
 namespace {

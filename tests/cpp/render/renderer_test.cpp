@@ -9,8 +9,8 @@
 #include <thread>
 
 #include "demo_scene.hpp"
+#include "frame.hpp"
 #include "gl_context.hpp"
-#include "mesh_cache.hpp"
 #include "picture.hpp"
 
 namespace sim2vr::render::testing {

@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "sim2vr/server/base64.hpp"
+#include "sim2vr/server/message.hpp"
 
 #include <gtest/gtest.h>
-
-#include "sim2vr/server/message.hpp"
 
 namespace sim2vr::server {
 namespace {

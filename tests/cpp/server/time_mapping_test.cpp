@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "sim2vr/server/time_mapping.hpp"
+#include "sim2vr/server/message.hpp"
 
 #include <gtest/gtest.h>
 

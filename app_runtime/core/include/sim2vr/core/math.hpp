@@ -13,13 +13,10 @@ using Quat = Eigen::Quaterniond;
 
 /// Rotation that turns z (forward) along `direction` and keeps x level; not for straight up or
 /// down.
-inline Quat lookAlong(const Vec3& direction) {
-  const Vec3 forward = direction.normalized();
-  const Vec3 right = Vec3::UnitY().cross(forward).normalized();
-  Eigen::Matrix3d axes;
-  axes << right, forward.cross(right), forward;
-  return Quat(axes);
-}
+Quat lookAlong(const Vec3& direction);
+
+/// The shortest rotation that turns one direction into another.
+Quat rotationBetween(const Vec3& from, const Vec3& to);
 
 /// Rigid pose a_T_b: maps coordinates of frame b to frame a. Position in metres.
 struct Pose {

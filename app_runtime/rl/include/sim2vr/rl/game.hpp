@@ -133,7 +133,7 @@ class Game {
 
   /// Populates the EMPTY scene for a new round and returns its environment. The scene holds the
   /// head camera (kHeadCameraPath in xr_rig.hpp) and may hold kThirdPersonCameraPath and
-  /// kSpectatorCameraPath; a scene without gets them from outside_cameras.hpp.
+  /// kSpectatorCameraPath; a scene without gets them from room_looks.hpp.
   virtual RLEnv& build(GameContext& context) = 0;
 
   /// How the head shall be held in the round that `seed` and the present options would start: pitch

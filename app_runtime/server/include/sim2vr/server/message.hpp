@@ -17,6 +17,23 @@
 
 namespace sim2vr::server {
 
+// Bytes as text (RFC 4648, with padding), for saved states in protocol 1.
+
+std::string encodeBase64(std::string_view bytes);
+
+/// Inverse of encodeBase64. Throws MalformedMessage for anything that encodeBase64 would not write.
+std::string decodeBase64(std::string_view text);
+
+// From a user's clock in seconds to game time in integer nanoseconds.
+
+/// Game time at `time_s` on the clock of a user who sends `sample_frequency_hz` states per second.
+/// Where time_s lies on the grid of states, n / sample_frequency_hz, it is
+/// lockstepFrameTimeNs(n, sample_frequency_hz); elsewhere it is time_s rounded to a nanosecond.
+/// "On the grid" means within 1e-6 + 1e-8 n periods: a clock that adds up 2 ms substeps in
+/// binary64, as MuJoCo's does, is 2e-4 periods off after 10^6 states and must not drift against the
+/// fixed steps. Throws InvalidArgument ("time") unless time_s is from 0 to 1e9.
+std::int64_t frameTimeNs(double time_s, int sample_frequency_hz);
+
 using wire::MalformedMessage;
 
 /// What `decode` returns; what reading JSON finds wrong becomes a MalformedMessage.

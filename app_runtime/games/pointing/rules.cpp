@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "pointing/settings.hpp"
+#include "pointing/rules.hpp"
 
+#include <cmath>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "sim2vr/core/errors.hpp"
+#include "sim2vr/core/random.hpp"
 
 namespace sim2vr::games::pointing {
 namespace {
@@ -79,6 +82,92 @@ std::string Settings::playOptionsJson() const {
   add("timeout_seconds", timeout_s, usual.timeout_s);
   if (hand == xr::Hand::left) options["hand"] = "left";
   return options.dump();
+}
+
+double Block::index_bits() const { return std::log2(distance_m / width_m + 1.0); }
+
+std::vector<Block> drawBlocks(const Settings& settings, std::uint32_t seed) {
+  std::vector<Block> all;
+  Random random(seed);
+  // The first words of neighbouring seeds resemble each other.
+  for (int i = 0; i < 8; ++i) random.next();
+  for (int i = 0; i < settings.repeats; ++i) {
+    std::vector<Block> once;
+    for (const double distance_m : settings.distances_m) {
+      for (const double width_m : settings.widths_m) once.push_back({distance_m, width_m});
+    }
+    random.shuffle(once);
+    all.insert(all.end(), once.begin(), once.end());
+  }
+  return all;
+}
+
+int targetOfTrial(int trial, int targets) { return trial * ((targets + 1) / 2) % targets; }
+
+Vec3 targetCenter_m(int target, int targets, double distance_m) {
+  const double radius_m = 0.5 * distance_m / std::cos(std::numbers::pi / (2.0 * targets));
+  const double angle = 2.0 * std::numbers::pi * target / targets;
+  return {radius_m * std::sin(angle), radius_m * std::cos(angle), 0.0};
+}
+
+Movement movementOf(const Vec3& from_m, const Vec3& to_m, const Vec3& began_m, const Vec3& ended_m,
+                    double time_s) {
+  const Vec3 axis = (to_m - from_m).normalized();
+  return {time_s, (ended_m - to_m).dot(axis), (ended_m - began_m).dot(axis)};
+}
+
+double Effective::index_bits() const { return std::log2(distance_m / width_m() + 1.0); }
+
+void MovementSums::add(const Movement& movement) {
+  ++count_;
+  time_sum_s_ += movement.time_s;
+  length_sum_m_ += movement.length_m;
+  offset_sum_m_ += movement.offset_m;
+  offset_square_sum_m2_ += movement.offset_m * movement.offset_m;
+}
+
+std::optional<Effective> MovementSums::effective() const {
+  constexpr double kLeastVariance_m2 = 1e-12;
+  if (count_ < 2) return std::nullopt;
+  const double variance_m2 =
+      (offset_square_sum_m2_ - offset_sum_m_ * offset_sum_m_ / count_) / (count_ - 1);
+  const double distance_m = length_sum_m_ / count_;
+  if (variance_m2 < kLeastVariance_m2 || distance_m <= 0.0) return std::nullopt;
+  return Effective{time_sum_s_ / count_, distance_m, std::sqrt(variance_m2)};
+}
+
+void MovementSums::fields(Archive& archive) {
+  archive.field("count", count_, kCounts);
+  archive.field("time_sum_s", time_sum_s_, kQuantities);
+  archive.field("length_sum_m", length_sum_m_, kQuantities);
+  archive.field("offset_sum_m", offset_sum_m_, kQuantities);
+  archive.field("offset_square_sum_m2", offset_square_sum_m2_, kQuantities);
+}
+
+void Tally::add(const Movement& movement, double index_bits) {
+  ++movements;
+  time_sum_s += movement.time_s;
+  index_sum_bits += index_bits;
+}
+
+void Tally::add(const Effective& block) {
+  ++blocks;
+  throughput_sum_bps += block.throughput_bps();
+  effective_index_sum_bits += block.index_bits();
+  variance_sum_m2 += block.deviation_m * block.deviation_m;
+}
+
+void Tally::fields(Archive& archive) {
+  archive.field("hits", hits, kCounts);
+  archive.field("errors", errors, kCounts);
+  archive.field("timeouts", timeouts, kCounts);
+  archive.field("movements", movements, kCounts);
+  archive.field("time_sum_s", time_sum_s, kQuantities);
+  archive.field("index_sum_bits", index_sum_bits, kQuantities);
+  archive.field("blocks", blocks, kCounts);
+  archive.field("throughput_sum_bps", throughput_sum_bps, kQuantities);
+  archive.field("effective_index_sum_bits", effective_index_sum_bits, kQuantities);
+  archive.field("variance_sum_m2", variance_sum_m2, kQuantities);
 }
 
 }  // namespace sim2vr::games::pointing

@@ -2,17 +2,13 @@
 
 import base64
 import hashlib
-import importlib.util
 import json
 import re
-import shutil
 import subprocess
 import sys
 import tomllib
 import zipfile
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 STUB = ROOT / "python/sim2vr_harness/_app_runtime.pyi"
@@ -35,24 +31,16 @@ def test_packages_txt_has_one_known_kind_per_line():
     assert len(rows) == len({package for _, package in rows})
 
 
-@pytest.mark.skipif(not STUB.exists(), reason="the extension module has no stub yet")
-@pytest.mark.skipif(
-    importlib.util.find_spec("pybind11_stubgen") is None, reason="needs pybind11-stubgen"
-)
 def test_the_stub_of_the_extension_module_is_current(tmp_path):
     fresh = tmp_path / "_app_runtime.pyi"
     subprocess.run([ROOT / "tools/dev/stubs.sh", fresh], check=True, capture_output=True)
     assert fresh.read_text() == STUB.read_text(), "the stub is out of date; run: make stubs"
 
 
-@pytest.mark.skipif(shutil.which("dpkg") is None, reason="a wheel is made on Debian or Ubuntu")
-@pytest.mark.skipif(importlib.util.find_spec("auditwheel") is None, reason="needs auditwheel")
 def test_a_wheel_carries_the_licences_of_what_it_carries(tmp_path):
     """Of a wheel with one library, renamed as auditwheel does; hashes and headers stay right."""
     tool = ROOT / "tools/dev/wheel_licences.py"
     real = sorted(Path("/usr/lib").glob("*-linux-gnu/libzmq.so.*.*"))
-    if not real:
-        pytest.skip("no libzmq here")
     renamed = real[0].name.replace("libzmq.so", "libzmq-98f0defc.so")
     made = tmp_path / "x-1-cp311-cp311-manylinux_2_35_x86_64.whl"
     with zipfile.ZipFile(made, "w") as archive:

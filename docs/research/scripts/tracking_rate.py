@@ -2,8 +2,8 @@
 
 Part A swings the hammer straight at a target, at many speeds and many phases of the app's frames,
 and asks the real app (no display needed) what it noticed. Part B plays rounds that people recorded
-in the original game, resampled to 20 and 100 Hz; it is skipped where there are no recordings
-($SIM2VR_SHARED or ../shared beside the repository, data/human_rounds).
+in the original game, resampled to 20 and 100 Hz, from human_rounds in the folder that
+SIM2VR_RECORDINGS names; it is skipped without.
 
     python docs/research/scripts/tracking_rate.py [--out FIGURE.png] [--strikes 61] [--rounds 54]
 """
@@ -30,7 +30,7 @@ from sim2vr_harness.client import ClockSettings, DevicePoses, InProcessApp, fram
 
 ROOT = Path(__file__).resolve().parents[3]
 FIGURE = ROOT / "docs/images/tracking_rate.png"
-ROUNDS = Path(os.environ.get("SIM2VR_SHARED", ROOT.parent / "shared")) / "data/human_rounds"
+ROUNDS = Path(os.environ.get("SIM2VR_RECORDINGS") or "none") / "human_rounds"
 
 Float64Array = NDArray[np.float64]
 
@@ -499,7 +499,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if given.rounds < 1:
         return
     if not (ROUNDS / "manifest.json").is_file():
-        print("\nB. Skipped: no recordings; SIM2VR_SHARED can name a folder with data/human_rounds")
+        print("\nB. Skipped: SIM2VR_RECORDINGS names no folder with human_rounds")
         return
     print_people(replay_people(given.rounds))
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 from fake_body import FakeBody
@@ -23,10 +24,6 @@ from sim2vr_harness.play import film as video
 from sim2vr_harness.play.player import Job
 from sim2vr_harness.play.render import parse_size, snapshot
 from sim2vr_harness.play.round import round_result
-
-imageio_ffmpeg = pytest.importorskip(
-    "imageio_ffmpeg", reason="needs imageio-ffmpeg: pip install imageio-ffmpeg"
-)
 
 WHACAMOLE = describe_game("whacamole")
 

@@ -2,13 +2,9 @@
 
 from pathlib import Path
 
-import pytest
+import imageio_ffmpeg
 
 import sim2vr_harness
-
-imageio_ffmpeg = pytest.importorskip(
-    "imageio_ffmpeg", reason="needs imageio-ffmpeg: pip install imageio-ffmpeg"
-)
 
 
 def test_a_study_of_beats(tmp_path: Path) -> None:

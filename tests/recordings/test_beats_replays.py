@@ -2,7 +2,6 @@
 
 import csv
 import json
-import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,18 +10,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim2vr_harness.client import DevicePoses, InProcessApp, OptionValue, describe_level
+from parts import RECORDINGS
+from sim2vr_harness.client import DevicePoses, InProcessApp, OptionValue
 from sim2vr_harness.client.devices import HANDS
 from sim2vr_harness.games.beats.maps import MapBox, write_map
 
-pytest.importorskip("sim2vr_harness._app_runtime")
-
-SHARED = Path(os.environ.get("SIM2VR_SHARED", Path(__file__).parents[4] / "shared"))
-REPLAYS = SHARED / "data" / "beats_replays"
+REPLAYS = RECORDINGS / "beats_replays"
 BOXES = {"easy_21": 21, "normal_241": 241, "normal_406": 406}
-recorded = pytest.mark.skipif(
-    not REPLAYS.is_dir(), reason=f"people's recordings are not part of the repository ({REPLAYS})"
-)
 
 
 @dataclass(frozen=True)
@@ -137,14 +131,12 @@ def column(recording: Recording, name: str) -> NDArray[np.float64]:
     return np.array([box[name] for box in recording.boxes])
 
 
-@recorded
 def test_every_box_that_the_person_cut_is_cut(played: tuple[Recording, Cuts]) -> None:
     recording, cuts = played
     assert cuts.log["AccumulatedCorrectSlices"] == len(recording.boxes)
     assert cuts.log["AccumulatedErrors"] == cuts.log["Misses"] == 0.0
 
 
-@recorded
 def test_cuts_are_worth_the_same(played: tuple[Recording, Cuts]) -> None:
     recording, cuts = played
     off = np.abs(cuts.points - column(recording, "points"))
@@ -156,7 +148,6 @@ def test_cuts_are_worth_the_same(played: tuple[Recording, Cuts]) -> None:
     assert np.median(swing) < 0.02
 
 
-@recorded
 def test_cuts_are_at_the_same_time_and_angle(played: tuple[Recording, Cuts]) -> None:
     """The original counts at the end of a frame (11 ms) and by the blade's tip."""
     recording, cuts = played
@@ -166,19 +157,3 @@ def test_cuts_are_at_the_same_time_and_angle(played: tuple[Recording, Cuts]) -> 
     one_way = column(recording, "direction") < 8
     angle = np.abs(column(recording, "direction_deviation_deg"))
     assert np.median(np.abs(cuts.angle_deg - angle)[one_way]) < 3.0
-
-
-def test_a_list_of_boxes_becomes_a_level(tmp_path: Path) -> None:
-    boxes = [MapBox(2.5, 3, 2, "right", 5), MapBox(1.25, 0, 1, "left", 8)]
-    folder = write_map(tmp_path / "two", boxes)
-    level = describe_level("beats", {"level": str(folder)}, 1)
-    assert [(item.time_s, item.lane, item.kind) for item in level.items] == [
-        (1.25, 4, "left box"),
-        (2.5, 11, "right box"),
-    ]
-    assert [item.arrow_deg for item in level.items] == [None, pytest.approx(45.0)]
-
-
-def test_an_unknown_rule_is_named() -> None:
-    with pytest.raises(ValueError, match=r"rules.*paper.*beat_saber"):
-        InProcessApp("beats", {"rules": "original"}, renderer="null")

@@ -1,24 +1,17 @@
 """What the exertion models say of people's recorded rounds."""
 
 import importlib.util
-import os
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
-import pytest
-
+from parts import RECORDINGS
 from sim2vr_harness.tools.track.paths import read_paths
 from sim2vr_harness.users import load_body
 
-ROOT = Path(__file__).parents[3]
-SHARED = Path(os.environ.get("SIM2VR_SHARED", ROOT.parent / "shared"))
-ROUNDS = SHARED / "data" / "human_rounds"
+ROOT = Path(__file__).parents[2]
+ROUNDS = RECORDINGS / "human_rounds"
 SECONDS = 10.0
-
-pytestmark = pytest.mark.skipif(
-    not ROUNDS.is_dir(), reason=f"people's recordings are not part of the repository ({ROUNDS})"
-)
 
 
 def _script() -> ModuleType:

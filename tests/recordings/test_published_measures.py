@@ -1,11 +1,9 @@
 """Measures of recorded people, against figures that were published of the same recordings."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 
+from parts import RECORDINGS
 from sim2vr_harness.games.registry import behaviour_of
 from sim2vr_harness.human_comparison.comparing import left_out, total
 from sim2vr_harness.human_comparison.report import ComparisonReport
@@ -17,13 +15,8 @@ from sim2vr_harness.human_comparison.sources import (
     read_user,
 )
 
-SHARED = Path(os.environ.get("SIM2VR_SHARED", Path(__file__).parents[4] / "shared"))
-ROUNDS = SHARED / "data" / "human_rounds"
+ROUNDS = RECORDINGS / "human_rounds"
 WHACAMOLE = behaviour_of("whacamole")
-
-pytestmark = pytest.mark.skipif(
-    not ROUNDS.is_dir(), reason=f"people's recordings are not part of the repository ({ROUNDS})"
-)
 
 # (condition, measure): mean, least and greatest of six people, facts "How people play".
 CONSTRAINED = {
@@ -105,7 +98,7 @@ def test_one_of_the_people_is_inside_the_others_range_as_published(people: Sourc
 
 
 def test_published_simulated_users_do_not_wait_for_the_target() -> None:
-    folder = SHARED / "data" / "simulated_rounds"
+    folder = RECORDINGS / "simulated_rounds"
     source = measured_user("simulated", read_user(folder), WHACAMOLE)
     (user,) = source.persons["constrained", "easy"]
     assert user.values["vm_latency"] < 0.1
@@ -115,7 +108,7 @@ def test_published_simulated_users_do_not_wait_for_the_target() -> None:
 def test_the_published_simulated_users_move_unlike_people(people: Source) -> None:
     """Values as published, and whether they lie in people's range."""
 
-    folder = SHARED / "data" / "simulated_rounds"
+    folder = RECORDINGS / "simulated_rounds"
     source = measured_user("simulated", read_user(folder), WHACAMOLE)
     report = ComparisonReport(WHACAMOLE, people, [source])
     rows = {(row.measure.name, row.condition): row for row in report.rows()}

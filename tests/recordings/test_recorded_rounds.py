@@ -1,11 +1,9 @@
 """Rounds that others recorded in the original game, replayed in ours.
 
-The recordings are not part of this project (they carry no licence). They are looked for in
-``$SIM2VR_SHARED/data`` and in ``../shared/data`` beside the repository. The bounds are those that
-an independent replay of the same recordings reached, a little relaxed (docs/concepts/alignment.md).
+The bounds are those that an independent replay of the same recordings reached, a little relaxed
+(docs/concepts/alignment.md).
 """
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -16,24 +14,21 @@ from typing import Any
 import numpy as np
 import pytest
 
+from parts import RECORDINGS
 from sim2vr_harness.client import OptionValue
-from sim2vr_harness.sessions import Controller, Session, read_sessions
+from sim2vr_harness.sessions import (
+    Controller,
+    Session,
+    read_session,
+    read_sessions,
+    write_session,
+)
 from sim2vr_harness.sessions.agreement import Agreement, agreement_of, rounds_json
 from sim2vr_harness.sessions.logs import TargetEvent, target_events
 from sim2vr_harness.sessions.replay import replay_session
 from sim2vr_harness.sessions.whacamole import constrained, with_clock, without_constraint
 
-ROOT = Path(__file__).resolve().parents[2]
-DATA = Path(os.environ.get("SIM2VR_SHARED", ROOT.parent / "shared")) / "data"
-PEOPLE, SIMULATED = DATA / "human_rounds", DATA / "simulated_rounds"
-needs_people = pytest.mark.skipif(
-    not (PEOPLE / "manifest.json").is_file(),
-    reason="no recorded rounds of people: SIM2VR_SHARED can name a folder with data/human_rounds",
-)
-needs_simulated = pytest.mark.skipif(
-    not (SIMULATED / "manifest.json").is_file(),
-    reason="no recorded rounds: SIM2VR_SHARED can name a folder with data/simulated_rounds",
-)
+PEOPLE, SIMULATED = RECORDINGS / "human_rounds", RECORDINGS / "simulated_rounds"
 
 
 @cache
@@ -62,7 +57,6 @@ def people(closed_loop: bool = False) -> dict[str, Any]:
     return total(recordings(PEOPLE), closed_loop=closed_loop)
 
 
-@needs_people
 @pytest.mark.parametrize(
     ("kind", "outcomes", "hits"), [("constrained", 0.997, 0.997), ("unconstrained", 0.999, 0.998)]
 )
@@ -80,14 +74,12 @@ def test_rounds_of_people_with_the_spawns_of_the_log(
     assert figures["hits_predicted"] == pytest.approx(figures["hits_recorded"], rel=0.002)
 
 
-@needs_people
 @pytest.mark.parametrize("kind", ["constrained", "unconstrained"])
 def test_most_rounds_of_people_follow_from_seed_and_poses(kind: str) -> None:
     # The rest tips where a frame time, rounded in the log, decides about a threshold.
     assert people(closed_loop=True)[kind]["identical"] >= 0.70
 
 
-@needs_simulated
 @pytest.mark.parametrize("closed_loop", [False, True])
 def test_rounds_of_a_simulated_user(closed_loop: bool) -> None:
     figures = total(recordings(SIMULATED), closed_loop=closed_loop)
@@ -96,6 +88,17 @@ def test_rounds_of_a_simulated_user(closed_loop: bool) -> None:
     assert figures["mean_abs_dt_s"] == 0.0
     assert figures["dv_p95"] <= 1e-4
     assert figures["identical"] == 1.0
+
+
+def test_rounds_of_people_come_again_by_the_general_path(tmp_path: Path) -> None:
+    recorded = again = 0
+    for recording in read_sessions(PEOPLE)[::6]:
+        write_session(recording, tmp_path / "round.jsonl")
+        again_read = read_session(tmp_path / "round.jsonl")
+        found = replay_session(with_clock(again_read, closed_loop=False)).comparison
+        recorded, again = recorded + found.recorded, again + found.again
+    assert recorded > 2000
+    assert again / recorded >= 0.997
 
 
 # --- wrong conventions must show ---------------------------------------------------------------
@@ -168,7 +171,6 @@ ABLATIONS: dict[str, tuple[Change, dict[str, OptionValue], Worse]] = {
 }
 
 
-@needs_people
 @pytest.mark.parametrize("convention", ABLATIONS)
 def test_a_wrong_convention_shows(convention: str) -> None:
     change, options, worse = ABLATIONS[convention]
@@ -206,8 +208,6 @@ def write_as_the_original(recording: Session, folder: Path) -> None:
     (folder / "events.csv").write_text("\n".join(lines) + "\n")
 
 
-@needs_people
-@needs_simulated
 def test_the_originals_layout_gives_the_same_figures(tmp_path: Path) -> None:
     packed = recordings(PEOPLE)[3:54:10] + recordings(SIMULATED)[:2]
     for speed_rule in (True, False):

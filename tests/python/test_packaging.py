@@ -3,12 +3,15 @@
 import base64
 import hashlib
 import json
+import os
 import re
 import subprocess
 import sys
 import tomllib
 import zipfile
 from pathlib import Path
+
+import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 STUB = ROOT / "python/sim2vr_harness/_app_runtime.pyi"
@@ -106,3 +109,34 @@ def test_every_cpp_file_names_its_licence() -> None:
     ]
     assert len(files) > 300
     assert without == []
+
+
+def test_the_example_workflow_passes(tmp_path: Path) -> None:
+    """Its checks pass beside results that were kept, and fail beside better ones.
+
+    `tools/dev/nightly.sh wheel` runs it with a wheel that it installs.
+    """
+    workflow = yaml.safe_load((ROOT / "docs/examples/ci_workflow.yml").read_text("utf-8"))
+    steps = {
+        step["name"]: step["run"] for step in workflow["jobs"]["play"]["steps"] if "run" in step
+    }
+    packages = {
+        line.split()[-1] for line in (ROOT / "packages.txt").read_text().splitlines() if line
+    }
+    install = re.search(r"no-install-recommends (.*)", steps["Install"])
+    assert install and set(install[1].split()) <= packages
+
+    def run(command: str) -> int:
+        environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+        return subprocess.run(
+            ["bash", "-euo", "pipefail", "-c", command], cwd=tmp_path, env=environment, check=False
+        ).returncode
+
+    play = steps["Play and check"]
+    evaluate = play.partition("--expect")[0].replace("--out played", "--out ci").rstrip(" \\\n")
+    assert run(f"{evaluate} && mv ci/results.json ci/baseline.json") == 0
+    assert run(play) == 0
+    assert "<testsuite" in (tmp_path / "played/checks.xml").read_text()
+    baseline = json.loads((tmp_path / "ci/baseline.json").read_text())
+    assert {"usual", "big"} <= baseline.keys()
+    assert run(f"rm -r played && {play.replace('distance_m <= 0.6', 'distance_m <= 0.01')}") == 1

@@ -55,14 +55,14 @@ lock: setup  ## Regenerate requirements.lock from pyproject.toml
 wheel: setup  ## Make one portable wheel in dist/, users included, for other machines (PYTHON=)
 	@tools/dev/wheel.sh
 
-bench: setup  ## Measure this machine and write the tables of docs/research/performance.md (some seven minutes)
+bench: setup  ## Measure this machine and write the tables of docs/evidence/training_and_speed.md (some seven minutes)
 	mkdir -p build/bench
 	rm -f $(ROWS)
 	$(BENCH) --seconds 5 --train-steps 4000
 	$(BENCH) --scene physics,env,memory --n 1,4,16,64,256,512 --threads 1,$$(nproc) --seconds 4
 	$(BENCH) --scene render,env --transport all --n 1,8 --seconds 3
 	$(BENCH) --scene senses --seconds 3
-	$(VENV)/bin/python tools/bench/tables.py $(ROWS) docs/research/performance.md
+	$(VENV)/bin/python tools/bench/tables.py $(ROWS) docs/evidence/training_and_speed.md
 
 golden: setup  ## Compare what the commands do with tests/golden, to the bit (NAMES=)
 	$(VENV)/bin/python tests/golden/golden.py compare --bits $(NAMES)

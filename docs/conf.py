@@ -36,7 +36,7 @@ SECTIONS = {
     "Tutorials": "tutorials/*",
     "Reference": "reference/* reference/games/*",
     "Concepts": "concepts/* architecture",
-    "Research notes": "research/*",
+    "Evidence": "evidence/*",
     "Glossary": "glossary",
 }
 """Section of the site -> its pages, as patterns below docs/. A page in no section is an error."""

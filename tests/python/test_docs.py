@@ -162,9 +162,7 @@ def _problems(page: Path) -> list[str]:
 
 
 GUIDE = [page for page in PAGES if page == ROOT / "README.md" or "docs" in page.parts]
-GUIDE = [
-    page for page in GUIDE if "research" not in page.parts and page.name != "command_line.md"
-]  # the last is generated
+GUIDE = [page for page in GUIDE if page.name != "command_line.md"]  # the last is generated
 
 
 @pytest.mark.parametrize("page", GUIDE, ids=lambda page: str(page.relative_to(ROOT)))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-SCRIPT = Path(__file__).resolve().parents[2] / "docs/research/scripts/headset_comparison.py"
+SCRIPT = Path(__file__).resolve().parents[2] / "tools/research/headset_comparison.py"
 
 
 @pytest.fixture(scope="module")

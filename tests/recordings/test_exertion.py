@@ -24,7 +24,7 @@ def _script() -> ModuleType:
 
 
 def test_high_targets_tire_more_than_low_ones() -> None:
-    """As people rated them (docs/research/exertion.md), by every model."""
+    """As people rated them (docs/evidence/body_and_alignment.md), by every model."""
     paths = []
     for name in ("01_low", "01_high"):
         (path,) = read_paths(ROUNDS / f"{name}.npz")

@@ -1,10 +1,10 @@
-"""Writes the tables of docs/research/performance.md from rows of ``tools/bench/bench.py``.
+"""Writes the tables of docs/evidence/training_and_speed.md from rows of ``tools/bench/bench.py``.
 
 A table stands between the comments ``<!-- table NAME -->`` and ``<!-- end -->`` and is replaced as
 a whole; one whose scenes no run has measured stays as it is. Where the file holds several runs, the
 last one with the table's scenes counts. Numbers are thus never typed by hand.
 
-Run: python tools/bench/tables.py build/bench/performance.jsonl docs/research/performance.md
+Run: python tools/bench/tables.py build/bench/performance.jsonl docs/evidence/training_and_speed.md
 """
 
 import json

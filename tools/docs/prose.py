@@ -8,7 +8,7 @@ Rules:
 - ``docstring``: a module's docstring does not begin with What, Who, Where, How or Which
 - ``word``: no word of tests/data/retired_words.txt in pages, configurations and the package
 
-Tables, code blocks and docs/research/ are exempt. No file may break a rule.
+Tables, code blocks and docs/evidence/ are exempt. No file may break a rule.
 
 Run: python tools/docs/prose.py [FILE ...] to list the problems
 """
@@ -29,11 +29,11 @@ LINE_CHARACTERS = 120
 NUMBERS_PER_100_WORDS = 3
 
 EXEMPT = (
-    "docs/research/",
+    "docs/evidence/",
     "docs/reference/settings.md",
     "docs/reference/command_line.md",
 )
-"""Notes of the past and generated pages."""
+"""Pages of figures and generated pages."""
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@
     python tools/research/exertion.py recordings FOLDER RATINGS.csv
     python tools/research/exertion.py user whacamole_constrained --episodes 3
 
-Prints Markdown tables; docs/research/exertion.md holds them with their date. FOLDER has packed
+Prints Markdown tables; docs/evidence/body_and_alignment.md holds them. FOLDER has packed
 rounds of Whac-A-Mole, RATINGS.csv the columns scale, group, placement, mean.
 """
 

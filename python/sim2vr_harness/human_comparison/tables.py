@@ -116,7 +116,7 @@ def _law(report: ComparisonReport, *, every: bool) -> Iterator[RenderableType]:
     if not any(study.throughput_bps for study in STUDIES):
         yield Text(
             "Published throughput of people with a VR controller: none could be looked up "
-            "(docs/research/games.md); --people takes recordings of your own."
+            "(docs/evidence/people.md); --people takes recordings of your own."
         )
 
 

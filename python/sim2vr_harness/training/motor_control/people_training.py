@@ -42,7 +42,7 @@ _LEARNING_RATE, _CLIP = 2e-3, 1.0
 class Execution:
     """How well hands do what is wanted, per user step.
 
-    Measured in reaches of ``mobl_arms_wrist`` (docs/research/human_motor.md). Of the error that
+    Measured in reaches of ``mobl_arms_wrist`` (docs/evidence/people.md). Of the error that
     grows with the change of velocity, half is taken to be noise; the rest is the same for a person
     and a posture, and is adapted to.
 

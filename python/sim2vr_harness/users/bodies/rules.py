@@ -6,7 +6,7 @@ reference: an action changes a muscle's activation, and shifts the smoothed targ
 At rest muscles relax: without any activation an arm hangs where gravity and passive forces leave
 it, within 4 cm of the starting posture of the `mobl_arms` bodies. Constant activations that balance
 the starting posture hold it no better, as the balance is unstable, and a minute of them tires more
-(docs/research/people.md).
+(docs/evidence/body_and_alignment.md).
 """
 
 from abc import ABC, abstractmethod

@@ -76,7 +76,7 @@ class Renderer {
   /// Whether the thread that asks for pictures draws them itself (Mesa's CPU drivers), so that a
   /// renderer per thread draws more. A GPU serves one context at a time and takes about a
   /// millisecond to change to another: there one renderer draws the most
-  /// (docs/research/performance.md).
+  /// (docs/evidence/training_and_speed.md).
   virtual bool drawsOnCpu() const = 0;
 
   /// Draws the scene as `camera` sees it (its GameObject's pose; the component need not be enabled)

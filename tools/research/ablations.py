@@ -3,7 +3,7 @@
 The persons are those of a run of ``train APP --people``. Their action values stay as they were
 learned; a mechanism is taken away while they play. Persons and seeds are the same in every row.
 
-    python docs/research/scripts/ablations.py RUN --persons 6 --measures points
+    python tools/research/ablations.py RUN --persons 6 --measures points
 """
 
 from __future__ import annotations

@@ -2,10 +2,9 @@
 
 Part A swings the hammer straight at a target, at many speeds and many phases of the app's frames,
 and asks the real app (no display needed) what it noticed. Part B plays rounds that people recorded
-in the original game, resampled to 20 and 100 Hz, from human_rounds in the folder that
-SIM2VR_RECORDINGS names; it is skipped without.
+in the original game, resampled to 20 and 100 Hz: packed rounds with a manifest.json in FOLDER.
 
-    python docs/research/scripts/tracking_rate.py [--out FIGURE.png] [--strikes 61] [--rounds 54]
+    python tools/research/tracking_rate.py [--out FIGURE.png] [--strikes 61] [--recordings FOLDER]
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ from __future__ import annotations
 import argparse
 import csv
 import json
-import os
 import re
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -28,9 +26,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from sim2vr_harness.client import ClockSettings, DevicePoses, InProcessApp, frame_time_ns
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[2]
 FIGURE = ROOT / "docs/images/tracking_rate.png"
-ROUNDS = Path(os.environ.get("SIM2VR_RECORDINGS") or "none") / "human_rounds"
 
 Float64Array = NDArray[np.float64]
 
@@ -300,10 +297,10 @@ class Recording:
     events: list[Event]
 
 
-def load_recording(trial: Mapping[str, Any]) -> Recording:
+def load_recording(folder: Path, trial: Mapping[str, Any]) -> Recording:
     """Reads a round of the manifest; row 0 is the frame in which the target area was placed."""
-    rows = np.load(ROUNDS / f"{trial['file']}.npz")
-    with (ROUNDS / f"{trial['file']}_events.csv").open() as file:
+    rows = np.load(folder / f"{trial['file']}.npz")
+    with (folder / f"{trial['file']}_events.csv").open() as file:
         lines = list(csv.DictReader(file))
     spawns = [line for line in lines if line["type"] == "spawn"]
     touches = [line for line in lines if line["type"] in ("hit", "contact")]
@@ -364,12 +361,13 @@ def resample(t: Float64Array, poses: Float64Array, at: Float64Array) -> Float64A
     return np.hstack([position, Slerp(t, Rotation.from_quat(poses[:, 3:]))(at).as_quat()])
 
 
-def replay_people(rounds: int) -> dict[tuple[str, str], Tally]:
+def replay_people(folder: Path, rounds: int | None = None) -> dict[tuple[str, str], Tally]:
     """(constrained or unconstrained, tracking rate) -> what was found, over recorded rounds."""
-    trials = json.loads((ROUNDS / "manifest.json").read_text())["trials"]
+    trials = json.loads((folder / "manifest.json").read_text())["trials"]
     tallies: dict[tuple[str, str], Tally] = {}
-    for trial in trials[:: max(1, len(trials) // rounds)][:rounds]:
-        recording = load_recording(trial)
+    every = max(1, len(trials) // rounds) if rounds else 1
+    for trial in trials[::every][:rounds]:
+        recording = load_recording(folder, trial)
         group = "constrained" if trial["constrained"] else "unconstrained"
         played = {"as recorded": play_as_recorded(recording)}
         for tracking in TRACKING:
@@ -490,18 +488,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--strikes", type=int, default=61, help="per stroke, speed and rate; a prime"
     )
     parser.add_argument("--speeds", type=float, nargs="+", default=SPEEDS_MPS, help="m/s")
-    parser.add_argument("--rounds", type=int, default=54, help="recorded rounds; 0 leaves them out")
+    parser.add_argument("--recordings", type=Path, help="a folder of packed rounds: part B, too")
     given = parser.parse_args(arguments)
     results = strike_everywhere(given.strikes, given.speeds)
     print_strikes(results)
     draw(results, given.out)
     print(f"\nFigure: {given.out}")
-    if given.rounds < 1:
-        return
-    if not (ROUNDS / "manifest.json").is_file():
-        print("\nB. Skipped: SIM2VR_RECORDINGS names no folder with human_rounds")
-        return
-    print_people(replay_people(given.rounds))
+    if given.recordings:
+        print_people(replay_people(given.recordings))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ hammer's outline. The headset's field of view is not stated there; the fit gives
 top to bottom, and the sky, which took no part in it, then agrees to a few levels. Our head camera
 sees 90 degrees, so a panel is the middle of a larger picture.
 
-Usage: python docs/research/scripts/headset_comparison.py REFERENCE.png [--out PICTURE.png]
+Usage: python tools/research/headset_comparison.py REFERENCE.png [--out PICTURE.png]
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -160,7 +161,7 @@ def spawns(moment: Moment) -> dict[str, list[float]]:
 
 def play(moment: Moment) -> Picture:
     """Play up to the moment and return the panel, (257, 456, 3)."""
-    options = {
+    options: dict[str, Any] = {
         "condition": "medium-unconstrained",
         "fade_in_seconds": FADE_IN_S,
         "life_seconds": LIFE_S,
@@ -232,7 +233,7 @@ def main() -> None:
     """Write the picture and print the table."""
     parser = argparse.ArgumentParser(description="Our headset view beside the published one.")
     parser.add_argument("reference", type=Path, help="the published figure, both views, PNG")
-    parser.add_argument("--out", type=Path, default=Path("docs/images/headset_comparison.png"))
+    parser.add_argument("--out", type=Path, default=Path("headset_comparison.png"))
     arguments = parser.parse_args()
     figure = Image.open(arguments.reference).convert("RGB")
     reference = [published(figure, moment) for moment in MOMENTS]

@@ -140,3 +140,30 @@ def test_the_example_workflow_passes(tmp_path: Path) -> None:
     baseline = json.loads((tmp_path / "ci/baseline.json").read_text())
     assert {"usual", "big"} <= baseline.keys()
     assert run(f"rm -r played && {play.replace('distance_m <= 0.6', 'distance_m <= 0.01')}") == 1
+
+
+def test_every_package_is_in_the_list_of_third_parties() -> None:
+    """Dependencies, extras and libraries of C++ by their names there; and no figure of others."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    wanted = list(project["dependencies"])
+    for extra in project["optional-dependencies"].values():
+        wanted += extra
+    names = {re.split(r"[<>=!~\[ ]", entry)[0].lower() for entry in wanted}
+    text = (ROOT / "THIRD_PARTY_LICENSES.md").read_text("utf-8").lower()
+    called = {"torch": "pytorch", "types-pyyaml": "mypy", "clang-format": "clang-format"}
+    assert [name for name in sorted(names) if called.get(name, name) not in text] == []
+    data = ROOT / "python/sim2vr_harness/users/data"
+    terms = (data / "LICENCES.md").read_text("utf-8")
+    assert [entry.name for entry in data.iterdir() if entry.name[:9] not in terms] == [
+        "LICENCES.md"
+    ]
+    assert "non-commercial" in terms and "Copyright" in (ROOT / "NOTICE").read_text()
+
+
+def test_the_citation_is_of_this_version() -> None:
+    """Its address comes with the page's: until there is one, both say nothing."""
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    assert citation["version"] == (ROOT / "VERSION").read_text().strip()
+    assert re.fullmatch(r"20\d\d-\d\d-\d\d", citation["date-released"])
+    unknown = "git clone REPOSITORY " in (ROOT / "docs/guide/install.md").read_text("utf-8")
+    assert unknown != ("repository-code" in citation)

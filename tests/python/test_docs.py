@@ -15,7 +15,7 @@ from sim2vr_harness.cli.errors import _ClickException as ClickError
 from sim2vr_harness.cli.errors import _usage
 from sim2vr_harness.cli.main import app
 from sim2vr_harness.client import describe_game, list_games, list_options
-from sim2vr_harness.policies.store import list_cards
+from sim2vr_harness.policies.store import list_cards, more_users
 from sim2vr_harness.runs.config import apply_overrides, defaults, load_config, parse_config
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -74,7 +74,7 @@ def test_presets_are_those_of_the_page() -> None:
 
 BLOCK = re.compile(r"^ *```\w*\n(.*?)^ *```", flags=re.S | re.M)
 COMMANDS: Any = typer.main.get_command(app)
-SHIPPED_USERS = {card["name"] for card in list_cards()}
+SHIPPED_USERS = {card["name"] for card in list_cards()} | more_users().keys()
 CONDITIONS = {one.name for game in list_games() for one in describe_game(game).conditions}
 
 

@@ -2,6 +2,7 @@
 
 import gzip
 import json
+import lzma
 import os
 import pickle
 import re
@@ -301,7 +302,7 @@ def weights(case: Case) -> None:
         case.read("train", "--resume", run)
     packed = case.folder / "packed"
     shutil.copytree(paths.trained_users_dir() / "whacamole_constrained", packed)
-    (packed / "policy.pt").write_bytes(saved.getvalue())
+    (packed / "policy.pt.xz").write_bytes(lzma.compress(saved.getvalue()))
     case.read("evaluate", packed, "--out", case.folder / "out", "--condition", "easy")
     assert not case.marker.exists()
 

@@ -175,19 +175,6 @@ def test_commands_of_pages_are_found() -> None:
     assert calls["README.md"] > 5 and calls["train.md"] > 15 and calls["web_developer.md"] > 3
 
 
-def test_every_command_is_in_the_readme() -> None:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
-    shown = [name for name, command in commands.items() if not command.hidden]
-    assert [name for name in shown if f"`{name}`" not in text and f"`{name} " not in text] == []
-
-
-def test_the_readme_is_short() -> None:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= 150
-    assert text.count("![") == 1
-
-
 @pytest.mark.parametrize(
     ("code", "message"),
     [

@@ -326,7 +326,9 @@ def test_users_are_fetched_from_a_folder_or_an_address(
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         place = f"http://127.0.0.1:{server.server_port}" if served else str(more)
-        main(["users", "get", "tester", "--from", place])
+        with pytest.raises(SystemExit) as ended:
+            main(["users", "get", "tester", "--from", place])
+        assert not ended.value.code
         server.shutdown()
     assert capsys.readouterr().out.startswith("Written: ")
     assert find_user("pretrained:tester").card["name"] == "tester"

@@ -1,4 +1,4 @@
-# sim2vr: everything a newcomer needs is `make train`, `make play` and `make test`.
+# sim2vr: everything a newcomer needs is `make play`, `make train` and `make test`.
 
 SHELL       := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
@@ -10,15 +10,14 @@ TIMESTEPS ?=
 PLAYER    ?= whacamole_constrained
 CONDITION ?= medium
 RUN       ?= runs/$(basename $(notdir $(CONFIG)))
+PARTS     ?=
 ROWS      ?= build/bench/performance.jsonl
 BENCH      = $(VENV)/bin/python tools/bench/bench.py --output $(ROWS)
 
-CPP_FILES = $(shell find app_runtime tests/cpp tests/fuzz tools -name '*.[ch]pp')
-
-.PHONY: help setup train play docs test test-all check lint types format stubs lock reference wheel bench golden clean distclean
+.PHONY: help setup train play docs check test nightly format stubs lock reference wheel bench golden clean distclean
 
 help:  ## Show this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z -]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup:  ## Install everything: system packages, .venv, Python packages, C++ build
 	@tools/dev/setup.sh
@@ -29,28 +28,16 @@ train: setup  ## Train and evaluate a simulated user (CONFIG=, TIMESTEPS=, RUN=)
 play: setup  ## Let a trained user that ships play a round, and film it (PLAYER=, CONDITION=)
 	$(VENV)/bin/sim2vr-harness evaluate pretrained:$(PLAYER) --condition $(CONDITION) --episodes 1 --record
 
-test: setup  ## Run the C++ and Python tests (PYTEST_ARGS=...)
-	@tools/dev/test.sh $(PYTEST_ARGS)
+check test: setup  ## Check it as CI does: format, lint, types, C++ and Python tests (PARTS=, PYTEST_ARGS=)
+	@SIM2VR_PARTS="$(PARTS)" tools/dev/check.sh $(PYTEST_ARGS)
 
-test-all: setup  ## Run the tests, the slow training tests included
-	@tools/dev/test.sh -m "slow or not slow" $(PYTEST_ARGS)
-
-check: export SIM2VR_WERROR := ON
-check: lint types  ## What CI does: lint, types, warnings as errors, tests
-	@tools/dev/test.sh $(PYTEST_ARGS)
-
-lint: setup  ## Check formatting and lint (clang-format, ruff)
-	$(VENV)/bin/ruff check .
-	$(VENV)/bin/ruff format --check .
-	$(if $(CPP_FILES),$(VENV)/bin/clang-format --dry-run --Werror $(CPP_FILES))
-
-types: setup  ## Check Python types (mypy)
-	$(VENV)/bin/mypy
+nightly: setup  ## What takes too long for every commit (PARTS=): sanitizers, fuzzing, slow trainings, wheels ...
+	@tools/dev/nightly.sh $(PARTS)
 
 format: setup  ## Rewrite the sources in the house style
 	$(VENV)/bin/ruff check --fix-only .
 	$(VENV)/bin/ruff format .
-	$(if $(CPP_FILES),$(VENV)/bin/clang-format -i $(CPP_FILES))
+	$(VENV)/bin/clang-format -i $$(git ls-files '*.cpp' '*.hpp')
 
 stubs: setup  ## Regenerate python/sim2vr_harness/_app_runtime.pyi
 	@tools/dev/stubs.sh

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
+from parts import missing
 from sim2vr_harness.client import (
     AppPlace,
     AppRefused,
@@ -194,13 +194,13 @@ def playable(found: Played) -> Played:
     try:
         find_runtime()
     except AppRefused as error:
-        pytest.skip(str(error))
+        missing("runtime", str(error))
     if shutil.which(found.command[0]) is None:
-        pytest.skip(f"no {found.command[0]} (apt-get install libopenxr-utils)")
+        missing("openxr", f"no {found.command[0]} (apt-get install libopenxr-utils)")
     if found.options.get("xvfb") and shutil.which("Xvfb") is None:
-        pytest.skip("no Xvfb")
+        missing("openxr", "no Xvfb")
     if found.needs and not has(found.needs):
-        pytest.skip(f"{PYTHON} has no {found.needs}; SIM2VR_OPENXR_PYTHON names another Python")
+        missing("openxr", f"no {found.needs} in the Python of SIM2VR_OPENXR_PYTHON")
     return found
 
 

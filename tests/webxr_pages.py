@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
+from parts import missing, needs
 from sim2vr_harness.client import AppPlace, AppRefused, AppsWanted, DevicePoses, WebXRApp
 from sim2vr_harness.client.webxr.browser import find_browser
 
@@ -39,10 +39,8 @@ def _no_browser() -> str:
     return ""
 
 
-NEEDS_BROWSER = pytest.mark.skipif(bool(_no_browser()), reason=_no_browser() or "none")
-NEEDS_ENGINES = pytest.mark.skipif(
-    not ENGINES.is_dir(), reason="no engines; docs/examples/webxr/engines.sh gets them from npm"
-)
+NEEDS_BROWSER = needs("browser", not _no_browser(), _no_browser())
+NEEDS_ENGINES = needs("npm", ENGINES.is_dir(), "docs/examples/webxr/engines.sh was not run")
 
 
 @cache
@@ -61,7 +59,7 @@ def _without_npm() -> str:
 def require_npm() -> None:
     """Skip a test where npm cannot be reached."""
     if why := _without_npm():
-        pytest.skip(why)
+        missing("npm", why)
 
 
 def hands(frame: int) -> DevicePoses:

@@ -5,17 +5,17 @@ from collections.abc import Callable
 import numpy as np
 import players
 import pytest
-from transports import TRANSPORTS
+from transports import TRANSPORTS, cases
 
-from sim2vr_harness.client import AppClient, AppReply, DevicePoses, list_games
+from sim2vr_harness.client import AppClient, AppReply, DevicePoses, InProcessApp, list_games
 
 Player = Callable[[int], DevicePoses]
-GAMES = sorted(list_games())
 
 
-@pytest.fixture(params=sorted(TRANSPORTS))
-def make_app(request: pytest.FixtureRequest) -> Callable[..., AppClient]:
-    return TRANSPORTS[request.param]
+@pytest.fixture(params=cases(), ids=lambda case: f"{case[1]}-{case[0]}")
+def case(request: pytest.FixtureRequest) -> tuple[Callable[..., AppClient], str]:
+    """How an app is made, and its game."""
+    return TRANSPORTS[request.param[0]], request.param[1]
 
 
 def play(
@@ -37,8 +37,8 @@ def play(
     return trace
 
 
-@pytest.mark.parametrize("game", GAMES)
-def test_the_same_input_gives_the_same_bits(make_app, game: str) -> None:
+def test_the_same_input_gives_the_same_bits(case) -> None:
+    make_app, game = case
     with make_app(game) as one, make_app(game) as two:
         first = play(one, players.wander, 40)
         assert play(two, players.wander, 40) == first
@@ -46,8 +46,8 @@ def test_the_same_input_gives_the_same_bits(make_app, game: str) -> None:
         assert play(one, players.wander, 40) == first
 
 
-@pytest.mark.parametrize("game", GAMES)
-def test_a_saved_round_goes_on_to_the_bit_in_another_app(make_app, game: str) -> None:
+def test_a_saved_round_goes_on_to_the_bit_in_another_app(case) -> None:
+    make_app, game = case
     with make_app(game) as one, make_app(game) as two:
         play(one, players.wander, 25)
         saved = one.save()
@@ -59,14 +59,14 @@ def test_a_saved_round_goes_on_to_the_bit_in_another_app(make_app, game: str) ->
         assert play(one, players.wander, 30, start=25) == rest
 
 
-@pytest.mark.parametrize("game", GAMES)
-def test_seeds_matter(make_app, game: str) -> None:
+def test_seeds_matter(case) -> None:
+    make_app, game = case
     with make_app(game) as app:
         assert play(app, players.wander, 40, seed=1) != play(app, players.wander, 40, seed=2)
 
 
-@pytest.mark.parametrize("game", GAMES)
-def test_images_are_alive_and_rewards_finite(make_app, game: str) -> None:
+def test_images_are_alive_and_rewards_finite(case) -> None:
+    make_app, game = case
     with make_app(game) as app:
         trace = play(app, players.wander, 40)
         images = {image for _, image, _ in trace}
@@ -78,8 +78,8 @@ def test_images_are_alive_and_rewards_finite(make_app, game: str) -> None:
         assert all(int(np.ptp(app.image[..., channel])) > 0 for channel in range(4))
 
 
-@pytest.mark.parametrize("game", GAMES)
-def test_any_image_size_shows_the_same_scene(make_app, game: str) -> None:
+def test_any_image_size_shows_the_same_scene(case) -> None:
+    make_app, game = case
     with make_app(game) as app:
         play(app, players.wander, 5)
         np.testing.assert_array_equal(app.render_headset(120, 80), app.image)
@@ -89,8 +89,8 @@ def test_any_image_size_shows_the_same_scene(make_app, game: str) -> None:
         assert np.mean(difference <= 8) > 0.97
 
 
-@pytest.mark.parametrize("game", GAMES)
-def test_bad_input_names_the_field_and_leaves_the_round_as_it_was(make_app, game: str) -> None:
+def test_bad_input_names_the_field_and_leaves_the_round_as_it_was(case) -> None:
+    make_app, game = case
     with make_app(game) as app:
         play(app, players.wander, 3)
         before = app.state_hash()
@@ -109,8 +109,8 @@ def test_bad_input_names_the_field_and_leaves_the_round_as_it_was(make_app, game
         app.step(3 * players.FRAME_NS, good)
 
 
-@pytest.mark.parametrize("game", GAMES)
-def test_calls_out_of_order_say_what_to_do(make_app, game: str) -> None:
+def test_calls_out_of_order_say_what_to_do(case) -> None:
+    make_app, game = case
     app = make_app(game)
     with pytest.raises(RuntimeError, match="call reset first"):
         app.step(0, players.idle(0))
@@ -127,8 +127,8 @@ def test_calls_out_of_order_say_what_to_do(make_app, game: str) -> None:
     np.testing.assert_array_equal(image, copy)
 
 
-@pytest.mark.parametrize("game", GAMES)
-def test_damaged_or_foreign_states_are_refused(make_app, game: str) -> None:
+def test_damaged_or_foreign_states_are_refused(case) -> None:
+    make_app, game = case
     with make_app(game) as app:
         play(app, players.wander, 10)
         saved = app.save()
@@ -137,12 +137,12 @@ def test_damaged_or_foreign_states_are_refused(make_app, game: str) -> None:
                 app.load(damaged)
         app.load(saved)
         assert app.save() == saved
-        for other in GAMES:
-            if other != game:
-                with make_app(other) as foreign, pytest.raises(RuntimeError, match=game):
-                    foreign.load(saved)
+        other = next(name for name in sorted(list_games()) if name != game)
+        with make_app(other) as foreign, pytest.raises(RuntimeError, match=game):
+            foreign.load(saved)
 
 
+@pytest.mark.parametrize("make_app", TRANSPORTS.values(), ids=TRANSPORTS)
 def test_unknown_game_and_condition_name_the_nearest(make_app) -> None:
     with pytest.raises(ValueError, match=r"game.*'wackamole'.*did you mean 'whacamole'"):
         make_app("wackamole")
@@ -152,8 +152,8 @@ def test_unknown_game_and_condition_name_the_nearest(make_app) -> None:
         make_app("whacamole", width=0, height=80)
 
 
-def test_whacamole_rewards_the_whacker_and_not_the_idle(make_app) -> None:
-    with make_app("whacamole", {"condition": "medium"}) as app:
+def test_whacamole_rewards_the_whacker_and_not_the_idle() -> None:
+    with InProcessApp("whacamole", {"condition": "medium"}) as app:
         hits = play(app, players.whacker, 600)[-1][0].log["Points"]
         idle_hits = play(app, players.idle, 600)[-1][0].log["Points"]
     # 30 s of play; a strike of a random cell at the right time is not rare.

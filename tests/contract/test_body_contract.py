@@ -1,6 +1,5 @@
 """What every body that is registered must keep, with and without a trunk that moves."""
 
-import importlib.util
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -21,8 +20,6 @@ CASES = [(name, False) for name in list_bodies()] + [(name, True) for name in TR
 @pytest.fixture(params=CASES, ids=[f"{name}{'-torso' * torso}" for name, torso in CASES])
 def body(request: pytest.FixtureRequest) -> Body:
     name, torso = request.param
-    if name.startswith("myo") and importlib.util.find_spec("myo_sim") is None:
-        pytest.skip("myo-sim is not installed: pip install 'sim2vr-harness[myo]'")
     return loaded(name, torso)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from openxr_programs import PROGRAMS, PYTHON, Played, hands, opened, playable
+from parts import missing
 from sim2vr_harness.client import AppRefused, OpenXRApp, frame_time_ns
 
 LAYER = "XR_APILAYER_LUNARG_core_validation"
@@ -33,7 +34,7 @@ def folder_of_layer() -> Path:
     asked = subprocess.run([PYTHON, "-c", where], capture_output=True, text=True, check=False)
     folder = Path(asked.stdout.strip(), "api_layer", f"linux_{os.uname().machine}")
     if asked.returncode != 0 or not folder.is_dir():
-        pytest.skip(f"{PYTHON} has no validation layer (pip install pyopenxr)")
+        missing("openxr", "no pyopenxr in the Python of SIM2VR_OPENXR_PYTHON")
     return folder
 
 

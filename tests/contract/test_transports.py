@@ -11,6 +11,7 @@ import numpy as np
 import players
 import pytest
 import transports
+from transports import ALONE
 
 from sim2vr_harness.base.paths import app_executable
 from sim2vr_harness.client import (
@@ -18,16 +19,14 @@ from sim2vr_harness.client import (
     DevicePoses,
     InProcessApp,
     frame_time_ns,
-    list_games,
     start_sim2vr_app,
 )
 from sim2vr_harness.client.protocol2 import Protocol2Connection
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation
 
 Player = Callable[[int], DevicePoses]
-GAMES = sorted(list_games())
 PLAYERS = {"scripted": players.whacker, "random": players.flailing}
-ALONE, *REMOTE = transports.TRANSPORTS
+REMOTE = [case for case in transports.cases() if case[0] != ALONE]
 FRAMES = 60
 
 
@@ -58,8 +57,7 @@ def logs(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("player", PLAYERS)
-@pytest.mark.parametrize("game", GAMES)
-@pytest.mark.parametrize("transport", REMOTE)
+@pytest.mark.parametrize(("transport", "game"), [*REMOTE, ("protocol2", "whacamole")])
 def test_a_round_is_the_same_to_the_bit(
     transport: str, game: str, player: str, tmp_path: Path
 ) -> None:
@@ -91,8 +89,7 @@ def two_apps(kind: str, game: str) -> Iterator[list[AppClient]]:
             yield [stack.enter_context(make(game)) for _ in range(2)]
 
 
-@pytest.mark.parametrize("game", GAMES)
-@pytest.mark.parametrize("kind", transports.TRANSPORTS)
+@pytest.mark.parametrize(("kind", "game"), transports.cases())
 def test_two_apps_on_two_threads_are_as_one_alone(kind: str, game: str) -> None:
     with InProcessApp(game) as app:
         expected = [as_told(kind, trace(app, players.flailing, seed)) for seed in (3, 4)]
@@ -104,7 +101,7 @@ def test_two_apps_on_two_threads_are_as_one_alone(kind: str, game: str) -> None:
         assert [job.result() for job in jobs] == expected
 
 
-@pytest.mark.parametrize("game", GAMES)
+@pytest.mark.parametrize("game", transports.TWO_GAMES)
 @pytest.mark.parametrize("kind", ["one server 1 thread", "one server 2 threads"])
 def test_two_apps_in_one_message_are_as_one_alone(kind: str, game: str) -> None:
     with InProcessApp(game) as app:
@@ -140,7 +137,7 @@ def frames_of(moments: list[DevicePoses]) -> DevicePoses:
     return DevicePoses(**rows)
 
 
-@pytest.mark.parametrize("transport", REMOTE)
+@pytest.mark.parametrize("transport", transports.REMOTE)
 def test_the_frames_of_a_step(transport: str) -> None:
     def play(app: AppClient) -> list[Any]:
         rows = [(app.reset(5, players.flailing(0)), app.image.tobytes(), app.state_hash())]
@@ -157,7 +154,7 @@ def test_the_frames_of_a_step(transport: str) -> None:
         assert play(app) == expected
 
 
-@pytest.mark.parametrize("transport", REMOTE)
+@pytest.mark.parametrize("transport", transports.REMOTE)
 def test_states_and_views_cross_transports(transport: str) -> None:
     with InProcessApp("whacamole") as near, transports.TRANSPORTS[transport]("whacamole") as far:
         trace(near, players.whacker, 9)
@@ -176,7 +173,7 @@ def test_states_and_views_cross_transports(transport: str) -> None:
         assert far.state_hash() == near.state_hash()
 
 
-@pytest.mark.parametrize("transport", REMOTE)
+@pytest.mark.parametrize("transport", transports.REMOTE)
 def test_a_round_on_an_absolute_clock(transport: str) -> None:
     start = frame_time_ns(2400, 20)
     with InProcessApp("whacamole") as near, transports.TRANSPORTS[transport]("whacamole") as far:

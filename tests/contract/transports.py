@@ -13,6 +13,7 @@ from sim2vr_harness.client import (
     InProcessBatch,
     OptionValue,
     Protocol2Connection,
+    list_games,
     list_transports,
     start_sim2vr_app,
     transport_named,
@@ -70,3 +71,16 @@ TRANSPORTS: dict[str, Callable[..., AppClient]] = {
     "protocol2, images through the socket": through_the_socket,
 }
 """The first is what the others are compared with."""
+ALONE, *REMOTE = TRANSPORTS
+TWO_GAMES = ("beats", "sample")
+"""Played over every transport: one with both hands and levels, and one with little of all."""
+
+
+def cases() -> list[tuple[str, str]]:
+    """Transports with games: every game in this process, and two over each other transport."""
+    everywhere = list_games() if loaded_game_libraries() else TWO_GAMES
+    return [
+        (transport, game)
+        for game in sorted(list_games())
+        for transport in (TRANSPORTS if game in everywhere else (ALONE,))
+    ]

@@ -28,6 +28,7 @@ def own_state_folder(tmp_path_factory: pytest.TempPathFactory):
     """Nothing of the tests is remembered in the home of who runs them."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        patch.setenv("XDG_DATA_HOME", str(tmp_path_factory.mktemp("data")))
         yield
 
 

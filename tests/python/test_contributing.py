@@ -20,11 +20,6 @@ ROOT = Path(__file__).resolve().parents[2]
 BUILD = ROOT / "build" / "release"
 APP = BUILD / "app_runtime" / "sim2vr-app"
 
-pytestmark = pytest.mark.skipif(
-    not APP.exists() or shutil.which("cmake") is None,
-    reason="cmake and a build of this checkout are needed (a game is compiled against it)",
-)
-
 SHORTER = (
     "--set total_timesteps=500 --set skills.q_learning.users=2 "
     "--set skills.q_learning.user_steps=120 --set skills.q_learning.try_steps=60 "

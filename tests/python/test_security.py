@@ -1,8 +1,8 @@
 """SECURITY.md's table, row by row: a hostile file does nothing before somebody has agreed."""
 
-import ctypes.util
 import gzip
 import json
+import lzma
 import os
 import pickle
 import re
@@ -265,10 +265,7 @@ def mjcf(case: Case) -> None:
         "#include <stdio.h>\n__attribute__((constructor)) void f(void) "
         f'{{ fclose(fopen("{case.marker}", "w")); }}\n'
     )
-    compiler = shutil.which("cc")
-    if compiler is None or ctypes.util.find_library("c") is None:
-        pytest.skip("needs a C compiler")
-    subprocess.run([compiler, "-shared", "-fPIC", "-o", library, source], check=True)
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", library, source], check=True)
     load = f"import ctypes; ctypes.CDLL({str(library)!r})"
     case.would(lambda: subprocess.run([sys.executable, "-c", load], check=True))
     text = (Path(OWN_ARM).parent / "arm.xml").read_text()
@@ -305,7 +302,7 @@ def weights(case: Case) -> None:
         case.read("train", "--resume", run)
     packed = case.folder / "packed"
     shutil.copytree(paths.trained_users_dir() / "whacamole_constrained", packed)
-    (packed / "policy.pt").write_bytes(saved.getvalue())
+    (packed / "policy.pt.xz").write_bytes(lzma.compress(saved.getvalue()))
     case.read("evaluate", packed, "--out", case.folder / "out", "--condition", "easy")
     assert not case.marker.exists()
 

@@ -1,7 +1,6 @@
 """tools/research/tracking_rate.py still runs, and its strikes are what it says they are."""
 
 import importlib.util
-import os
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -73,16 +72,3 @@ def test_resampling_by_hand(study) -> None:
     # Half of 90 degrees about y.
     expected = [0.5, 1, 3, 0, np.sin(np.pi / 8), 0, np.cos(np.pi / 8)]
     np.testing.assert_allclose(middle, [expected], atol=1e-12)
-
-
-def test_people(study) -> None:
-    folder = Path(os.environ.get("SIM2VR_SHARED", "none")) / "data/human_rounds"
-    if not folder.is_dir():
-        pytest.skip("no recorded rounds: SIM2VR_SHARED can name a folder with data/human_rounds")
-    tallies = study.replay_people(folder, rounds=2)
-    for (_, name), tally in tallies.items():
-        if name in ("as recorded", "100 Hz"):
-            assert tally.found >= 0.98 * len(tally.speeds_mps)
-    twenty, hundred = tallies["constrained", "20 Hz"], tallies["constrained", "100 Hz"]
-    assert twenty.found < 0.6 * hundred.found
-    assert np.median(twenty.errors_mps) > np.median(hundred.errors_mps)

@@ -1,9 +1,10 @@
 """Run the shell commands of README, guides and tutorials, in the order in which they stand.
 
-    .venv/bin/python tools/docs/run_guides.py [PAGE ...] [--folder out/guides] [--limit 60]
+    .venv/bin/python tools/docs/run_guides.py [PAGE ...] [--first] [--folder FOLDER] [--limit 60]
 
-The commands run in one empty folder that has links to what a checkout contains, with the state that
-`make setup` leaves. `STAND_INS` names the files of readers that pages speak of, `CHANGES` shortens
+With ``--first`` all commands of README run, and the first of each other page. They run in one
+empty folder that has links to what a checkout contains, in the state that `make setup` leaves.
+`STAND_INS` names the files of readers that pages speak of, `CHANGES` shortens
 commands, and `SKIPPED` says why some do not run. The output of each command is kept in the folder's
 `log/`. The exit status is 1 if a command failed that should not, or the other way round.
 """
@@ -11,10 +12,10 @@ commands, and `SKIPPED` says why some do not run. The output of each command is 
 import argparse
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -39,6 +40,7 @@ PAGES = (
             "own_body",
         )
     ),
+    "docs/reference/sessions.md",
     *(
         f"docs/tutorials/{name}.md"
         for name in ("researcher", "web_developer", "unity_developer", "rl_engineer")
@@ -55,6 +57,18 @@ SHOP = """targets:
   - {name: pay, place: [0.2, 1.1, 0.45], how: press, radius_m: 0.02}
   - {name: sign, place: [0, 1.6, 4], how: look}
 """
+# Head and right hand of a person at 60 Hz, 20 s, right-handed axes, y up.
+PERSON = """import csv, math
+
+parts = ("x", "y", "z", "qx", "qy", "qz", "qw")
+with open("person.csv", "w", newline="") as file:
+    table = csv.writer(file)
+    table.writerow(["time_s", *(f"{one}_{part}" for one in ("head", "right") for part in parts)])
+    for k in range(1200):
+        t = k / 60
+        hand = [0.15 + 0.1 * math.sin(2 * t), 1 + 0.1 * math.cos(3 * t), -0.4, 0, 0, 0, 1]
+        table.writerow([t, 0, 1.2, 0, 0, 0, 0, 1, *hand])
+"""
 WEBXR = "docs/examples/webxr"
 # Before a page: shell commands that make the reader's own files of which it speaks.
 STAND_INS = {
@@ -64,6 +78,8 @@ STAND_INS = {
     "docs/guide/own_page.md": f"cp {WEBXR}/drawer/index.html game.html; "
     f"cp {WEBXR}/drawer/task.yaml task.yaml",
     "docs/guide/own_program.md": "cp program.task task.yaml",
+    "docs/reference/sessions.md": "python person.py && sim2vr-harness session convert person.csv "
+    f"recording.json; cp {WEBXR}/drawer/index.html game.html; cp {WEBXR}/drawer/task.yaml .",
 }
 ENGINES = f"--map https://cdn.jsdelivr.net/npm/={WEBXR}/engines"
 ROUND = "--set env.app.options.round_seconds=3"
@@ -122,6 +138,8 @@ SKIPPED = (
     ("mygame", "needs a C++ game of one's own"),
     ("--connect", "needs a server"),
     ("--port", "serves until it is stopped"),
+    ("session record", "serves until it is stopped"),
+    ("runs/my_page", "needs a trained user of the reader's own"),
     ("harness watch", "serves until it is stopped"),
     ("mujoco.viewer", "needs a display"),
     ("paper_whacamole", "plays for an hour"),
@@ -169,11 +187,15 @@ def skipped(command: str) -> str | None:
     return None
 
 
+def with_path() -> dict[str, str]:
+    """Return the environment of a shell in which .venv is active."""
+    return {**os.environ, "PATH": f"{ROOT / '.venv/bin'}:{os.environ['PATH']}"}
+
+
 def run(command: str, before: str, folder: Path, log: Path, limit_s: float) -> tuple[int, float]:
     """Run a shell command; return its exit status (124: too long) and its seconds."""
     started = time.monotonic()
     script = f"{before}\n{command}"
-    path = f"{ROOT / '.venv/bin'}:{os.environ['PATH']}"
     with log.open("w", encoding="utf-8") as file:
         file.write(f"$ {command}\n")
         file.flush()
@@ -183,7 +205,7 @@ def run(command: str, before: str, folder: Path, log: Path, limit_s: float) -> t
             stdin=subprocess.DEVNULL,
             stdout=file,
             stderr=subprocess.STDOUT,
-            env={**os.environ, "PATH": path},
+            env=with_path(),
             start_new_session=True,
         )
         try:
@@ -205,24 +227,25 @@ def last_line(log: Path) -> str:
 
 
 def prepare(folder: Path) -> None:
-    """Make an empty folder with links to the checkout, and the stand-ins' texts."""
-    shutil.rmtree(folder, ignore_errors=True)
+    """Put links to the checkout and the stand-ins' texts into an empty folder."""
     (folder / "log").mkdir(parents=True)
     for name in ("docs", "configs", "studies", "tools", "build", ".venv"):
         (folder / name).symlink_to(ROOT / name)
     subprocess.run(["sh", ROOT / WEBXR / "engines.sh"], check=True, stdout=subprocess.DEVNULL)
     (folder / "shop.targets").write_text(SHOP)
     (folder / "program.task").write_text(TASK)
+    (folder / "person.py").write_text(PERSON)
 
 
 def main() -> int:
     """Run the pages' commands and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument("pages", nargs="*", default=[])
-    parser.add_argument("--folder", type=Path, default=ROOT / "build/guides")
+    parser.add_argument("--first", action="store_true", help="of other pages than README")
+    parser.add_argument("--folder", type=Path, help="an empty one; default: a temporary one")
     parser.add_argument("--limit", type=float, default=60, help="seconds for a command")
     options = parser.parse_args()
-    folder = options.folder.resolve()
+    folder = Path(options.folder or tempfile.mkdtemp(prefix="sim2vr_guides_")).resolve()
     prepare(folder)
     bad = 0
     counts = []
@@ -233,7 +256,7 @@ def main() -> int:
         count = {"run": 0, "ok": 0, "differ": 0, "skipped": 0}
         before = STAND_INS.get(page, "")
         if before:
-            subprocess.run(["bash", "-c", before], cwd=folder, check=True)
+            subprocess.run(["bash", "-c", before], cwd=folder, check=True, env=with_path())
         before = ""
         for number, command in enumerate(commands((ROOT / page).read_text(encoding="utf-8")), 1):
             shown = " ".join(command.split("\n")[0].split())
@@ -247,12 +270,14 @@ def main() -> int:
             if re.match(r"(export \w+|\w+)=\S*( #.*)?$", command):
                 before += command + "\n"  # holds for the page's later commands
                 continue
+            if options.first and page != "README.md" and count["run"]:
+                break
             log = folder / "log" / f"{Path(page).stem}_{number:02}.txt"
             status, seconds = run(command, before, folder, log, options.limit)
             fails = any(page == where and text in command for where, text in FAILING)
             fine = (status == 1) if fails else (status == 0)
             bad += not fine
-            count["run"] += 1
+            count["run"] += not command.startswith("cat > ")
             count["ok" if fine else "differ"] += 1
             mark = "" if fine else "  <-- FAILED"
             print(

@@ -8,6 +8,7 @@ what was found and what was expected.
 import gzip
 import io
 import json
+import lzma
 import math
 import os
 import pickletools
@@ -49,22 +50,36 @@ def file_name(path: Path_) -> str:
     return shown(text, 300) if not text.isprintable() or len(text) > 300 else text
 
 
-def read_bytes(path: Path_, expected: str, *, most: int = MOST_BINARY) -> bytes:
+def read_bytes(
+    path: Path_, expected: str, *, most: int = MOST_BINARY, unpack: bool = True
+) -> bytes:
     """Return a file's content.
 
     Args:
         path: of a regular file, or a link to one.
         expected: what it should hold, for the error.
         most: bytes that it may have.
+        unpack: whether to unpack a file whose name ends with ``.xz``.
 
     Raises:
         InputError: it is missing, a folder, a device or a pipe, too long, or cannot be read.
     """
     try:
         with _opened(path, expected, most) as stream:
-            return stream.read()
+            content = stream.read()
+        if not (unpack and os.fspath(path).endswith(".xz")):
+            return content
+        reader = lzma.LZMADecompressor()
+        content = reader.decompress(content, MOST_UNPACKED)
+    except lzma.LZMAError as error:
+        raise InputError(file_name(path), "no data of xz, or damaged ones", expected) from error
     except (OSError, MemoryError) as error:
         raise InputError(file_name(path), reason(error), expected) from error
+    if not reader.eof:
+        long = f"more than {MOST_UNPACKED:,} bytes when unpacked"
+        got = "data of xz that are cut off or damaged" if reader.needs_input else long
+        raise InputError(file_name(path), got, expected)
+    return content
 
 
 def _opened(path: Path_, expected: str, most: int) -> BinaryIO:

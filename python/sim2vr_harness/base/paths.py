@@ -86,6 +86,13 @@ def trained_users_dir() -> Path:
     return _PACKAGE / "trained_users"
 
 
+def fetched_users_dir() -> Path:
+    """Return the folder of trained users that this account has fetched (``users get``)."""
+    base = os.environ.get("XDG_DATA_HOME", "")
+    data = base if os.path.isabs(base) else os.path.expanduser("~/.local/share")
+    return Path(data) / "sim2vr" / "users"
+
+
 def app_executable() -> Path:
     """Return the path of the ``sim2vr-app`` executable; ``SIM2VR_APP`` takes precedence.
 

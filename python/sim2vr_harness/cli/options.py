@@ -38,9 +38,10 @@ def known_games(incomplete: str) -> list[str]:
 
 
 def known_users(incomplete: str) -> list[str]:
-    """Complete the name of a trained user that ships, without ``pretrained:``."""
-    cards = paths.trained_users_dir().glob("*/card.json")
-    return sorted(card.parent.name for card in cards if card.parent.name.startswith(incomplete))
+    """Complete the name of a trained user that is here, without ``pretrained:``."""
+    folders = (paths.trained_users_dir(), paths.fetched_users_dir())
+    cards = [card for folder in folders for card in folder.glob(f"{incomplete}*/card.json")]
+    return sorted(card.parent.name for card in cards)
 
 
 def known_configs(incomplete: str) -> list[str]:

@@ -44,6 +44,19 @@ class ShowRequest(JsonOutput):
 
 
 @dataclass(frozen=True, kw_only=True)
+class GetRequest:
+    """Which users to fetch, and where they are."""
+
+    name: tuple[str, ...] = argument("NAME...", "Names of `sim2vr-harness users list`.")
+    source: str = option(
+        "Folder or http(s) address with a folder for each user.",
+        MISSING,
+        name="--from",
+        metavar="PLACE",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class PackRequest(TrustedApp):
     """Which user to pack, and how to measure it."""
 
@@ -80,7 +93,7 @@ class ExportRequest(TrustedApp):
 
 
 def list_users(request: ListRequest) -> None:
-    """List the trained users that ship.
+    """List the trained users that are here, and those that can be fetched.
 
     `sim2vr-harness evaluate pretrained:NAME` lets one play.
 
@@ -88,7 +101,7 @@ def list_users(request: ListRequest) -> None:
         sim2vr-harness users list
         sim2vr-harness users list --json
     """
-    from sim2vr_harness.policies.store import list_cards
+    from sim2vr_harness.policies.store import list_cards, more_users
 
     cards = list_cards()
     if request.json:
@@ -104,6 +117,8 @@ def list_users(request: ListRequest) -> None:
         )
     Console().print(table)
     typer.echo("More on one: sim2vr-harness users show NAME")
+    if more := sorted(more_users().keys() - {card["name"] for card in cards}):
+        typer.echo(f"To fetch: {', '.join(more)} (sim2vr-harness users get NAME --from PLACE)")
 
 
 def _headline(card: Mapping[str, Any]) -> str:
@@ -228,6 +243,22 @@ def _sections(user: TrainedUser, name: str) -> Iterator[tuple[str, list[str]]]:
     )
 
 
+def get(request: GetRequest) -> None:
+    """Fetch trained users that the package has no room for.
+
+    Each file must have the SHA-256 that the package knows. Afterwards they are called
+    `pretrained:NAME`.
+
+    Examples:
+        sim2vr-harness users get beats_songs --from ~/Downloads/users
+        sim2vr-harness users get beats_songs beats_muscles --from https://example.org/users
+    """
+    from sim2vr_harness.policies.store import fetch_user
+
+    for name in request.name:
+        typer.echo(f"Written: {fetch_user(name, request.source)}")
+
+
 def pack(request: PackRequest) -> None:
     """Pack the user of a run, and measure what was packed.
 
@@ -334,7 +365,7 @@ def _physique(request: ExportRequest) -> Physique:
 
 
 app = CommandGroup(
-    """List, show and pack users; export bodies; train motor layers.
+    """List, show, fetch and pack users; export bodies; train motor layers.
 
     Examples:
         sim2vr-harness users list
@@ -343,6 +374,7 @@ app = CommandGroup(
 )
 app.add("list", list_users)
 app.add("show", show)
+app.add("get", get)
 app.add("pack", pack)
 app.add("bodies", bodies)
 app.add("export", export)

@@ -1,6 +1,7 @@
 """Learning curves of runs, from what their stages have written down."""
 
 import json
+import lzma
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +18,7 @@ from sim2vr_harness.runs.run_folder import RunFolder, metric_key, read_rows
 
 _PANELS = 6
 _MOST_DRAWN = 1e100
-_CURVES = "curves.json"
+_CURVES = "curves.json.xz"
 """In the folder of a packed user: what its run had written down."""
 _MOST_ROWS = 500
 """Of a packed curve."""
@@ -115,7 +116,7 @@ def pack_curves(run: Path, place: Path) -> None:
         "student": _thinned(found.student, ("student/", "rollout/ep_")),
         "rows": _thinned(found.rows, tuple(key for key, _ in _panels(found.facts))),
     }
-    write_atomically(place / _CURVES, (json.dumps(content) + "\n").encode())
+    write_atomically(place / _CURVES, lzma.compress(json.dumps(content).encode(), preset=9))
 
 
 def _thinned(rows: Rows, prefixes: tuple[str, ...] | None) -> Rows:
@@ -138,7 +139,7 @@ def _read(run: str | Path) -> _Run:
             raise InputError(
                 "RUN",
                 f"{str(run)!r}, which was packed without its learning curves",
-                "a run's folder, or a user packed since they are kept (curves.json)",
+                "a run's folder, or a user packed since they are kept (curves.json.xz)",
             )
         expected = "learning curves: a JSON object with lists of rows"
         rows = read_json(file, expected)

@@ -1,26 +1,32 @@
 """Trained users: of a run's folder, or packed small enough to ship with the package.
 
 A packed user is a folder with ``card.json`` (who it is, what it was measured to do),
-``config.yaml`` (how it was trained) and ``policy.pt``, read without pickle: large matrices as bytes
-with a scale per row, all other weights as binary16.
+``config.yaml`` (how it was trained) and ``policy.pt.xz``, read without pickle: large matrices as
+bytes with a scale per row, all other weights as binary16. Users that the package has no room for
+are fetched from where people say (:func:`fetch_user`); ``trained_users/more.json`` has the hashes.
 """
 
+import hashlib
+import io
 import json
+import lzma
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property, partial
+from http.client import HTTPException
 from pathlib import Path
 from typing import Any
+from urllib.request import urlopen
 
 import torch
 from torch import nn
 
 from sim2vr_harness import __version__
 from sim2vr_harness.base import paths
-from sim2vr_harness.base.errors import InputError, UnusableFile, closest, shown
-from sim2vr_harness.base.files import file_name, read_json, write_atomically
+from sim2vr_harness.base.errors import InputError, UnusableFile, closest, reason, shown
+from sim2vr_harness.base.files import file_name, read_bytes, read_json, write_atomically
 from sim2vr_harness.base.finite import first_not_finite
 from sim2vr_harness.base.python_classes import load_class
 from sim2vr_harness.envs.resolved import ResolvedEnv, contract_hash, differences, worded
@@ -29,7 +35,6 @@ from sim2vr_harness.runs.checkpoint import (
     in_words,
     load_policy_weights,
     read_tensors,
-    write_tensors,
 )
 from sim2vr_harness.runs.config import (
     TrainingConfig,
@@ -42,7 +47,9 @@ from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.users.bodies import foreign_package
 
 PREFIX = "pretrained:"
-_CARD, _CONFIG, _WEIGHTS = "card.json", "config.yaml", "policy.pt"
+_CARD, _CONFIG, _WEIGHTS = "card.json", "config.yaml", "policy.pt.xz"
+_MOST_FETCHED = 2**26
+"""Bytes of a file of a packed user."""
 _CODE = re.compile(r"\.py:\w+$")
 _CARD_EXPECTED = "the card of a packed user, a JSON object with name and steps"
 
@@ -111,7 +118,7 @@ def find_user(run: str | Path, *, code: bool = False) -> TrainedUser:
         return TrainedUser(source, settings, {}, place, _no_network, code=made)
     path = Path(run)
     if not path.exists():
-        names = [card["name"] for card in list_cards()]
+        names = [*_places(), *more_users()]
         if text in names:
             return _shipped(text)
         if meant := closest(text, names):
@@ -149,28 +156,90 @@ def is_packed(run: str | Path) -> bool:
     return str(run).startswith(PREFIX) or (Path(run) / _CARD).is_file()
 
 
-def _shipped_dir() -> Path:
-    return paths.trained_users_dir()
-
-
 def _shipped(name: str) -> TrainedUser:
-    names = [card["name"] for card in list_cards()]
-    if name not in names:
-        near = closest(name, names)
+    places, more = _places(), more_users()
+    if name in places and name in more:
+        for file, digest in more[name].items():
+            _require_digest(file_name(places[name] / file), _raw(places[name] / file), digest)
+    if name not in places and name in more:
+        expected = f"this first: sim2vr-harness users get {name} --from FOLDER_OR_ADDRESS"
+        raise InputError("RUN", f"'{PREFIX}{name}', who is not here yet", expected)
+    if name not in places:
+        near = closest(name, [*places, *more])
         raise InputError(
             "RUN",
             f"'{PREFIX}{name}'",
-            f"one of {', '.join(PREFIX + known for known in names) or 'none: no users are shipped'}"
+            f"one of {', '.join(PREFIX + known for known in places)}"
             + (f" (did you mean {PREFIX + near!r}?)" if near else ""),
         )
-    return open_packed(_shipped_dir() / name, evaluation_dir=Path("evaluation") / name)
+    return open_packed(places[name], evaluation_dir=Path("evaluation") / name)
+
+
+def _places() -> dict[str, Path]:
+    """The folders of the users that ship with the package or were fetched, by name."""
+    found = {file.parent.name: file.parent for file in paths.trained_users_dir().glob(f"*/{_CARD}")}
+    fetched = {name: paths.fetched_users_dir() / name for name in more_users()}
+    found |= {name: folder for name, folder in fetched.items() if (folder / _CARD).is_file()}
+    return dict(sorted(found.items()))
 
 
 def list_cards() -> list[dict[str, Any]]:
-    """The cards of the users that ship with the package, by name."""
-    root = _shipped_dir()
-    files = sorted(root.glob(f"*/{_CARD}")) if root.is_dir() else []
-    return [read_json(file, _CARD_EXPECTED) for file in files]
+    """The cards of the users that ship with the package or were fetched, by name."""
+    return [read_json(folder / _CARD, _CARD_EXPECTED) for folder in _places().values()]
+
+
+def more_users() -> dict[str, dict[str, str]]:
+    """Users that can be fetched: the SHA-256 of each file by its name."""
+    file = paths.trained_users_dir() / "more.json"
+    users: dict[str, dict[str, str]] = read_json(file, "hashes of users, a JSON object")
+    return users
+
+
+def fetch_user(name: str, source: str) -> Path:
+    """Fetch a user of :func:`more_users`; from then on it is ``pretrained:NAME`` as others are.
+
+    Args:
+        name: whom.
+        source: a folder, or an address that begins with ``http://`` or ``https://``, below which
+            the user's files are in a folder of its name.
+
+    Returns:
+        The folder that the files are in.
+
+    Raises:
+        InputError: there is no such user, or a file cannot be read or is another one.
+    """
+    more = more_users()
+    if name not in more:
+        raise InputError("NAME", shown(name), f"one of {', '.join(more)}")
+    files = {}
+    for file, digest in more[name].items():
+        place = f"{source.rstrip('/')}/{name}/{file}"
+        if source.startswith(("http://", "https://")):
+            try:
+                with urlopen(place, timeout=60) as answer:
+                    content = answer.read(_MOST_FETCHED)
+            except (OSError, HTTPException, ValueError) as error:
+                raise InputError(place, reason(error), "a file of a packed user") from error
+        else:
+            content = _raw(Path(place).expanduser())
+        _require_digest(place, content, digest)
+        files[file] = content
+    folder = paths.fetched_users_dir() / name
+    for file in sorted(files, key=lambda file: file == _CARD):  # the card last: it makes the user
+        write_atomically(folder / file, files[file])
+    return folder
+
+
+def _raw(file: Path) -> bytes:
+    return read_bytes(file, "a file of a packed user", most=_MOST_FETCHED, unpack=False)
+
+
+def _require_digest(place: str, content: bytes, digest: str) -> None:
+    found = hashlib.sha256(content).hexdigest()
+    if found != digest:
+        got = f"a file with SHA-256 {found[:16]}..."
+        raise InputError(place, got, f"{digest[:16]}..., of the user of this version")
 
 
 def open_packed(folder: Path, *, evaluation_dir: Path | None = None) -> TrainedUser:
@@ -305,16 +374,20 @@ def pack(
     if too_large is not None:
         raise InputError("RUN", f"{too_large} above 65504", "weights that binary16 can hold")
     terms = user.env.contract
+    stream = io.BytesIO()
+    torch.save({key: _as_bytes(value) for key, value in weights.items()}, stream)
+    packed = lzma.compress(stream.getvalue(), preset=9)
     card = {
         "name": name,
         "steps": steps,
+        "weights_sha256": hashlib.sha256(packed).hexdigest(),
         **details,
         "contract": terms,
         "contract_hash": contract_hash(terms),
         "sim2vr_harness": __version__,
         "packed": datetime.now(UTC).date().isoformat(),
     }
-    write_tensors(folder / _WEIGHTS, {key: _as_bytes(value) for key, value in weights.items()})
+    write_atomically(folder / _WEIGHTS, packed)
     write_atomically(folder / _CONFIG, to_yaml(user.config).encode())
     write_atomically(folder / _CARD, (json.dumps(card, indent=2) + "\n").encode())
     return card

@@ -325,7 +325,6 @@ def found(reach: Reach) -> Measured:
 
 
 def test_tables_and_page(found: Measured, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("plotly")
     monkeypatch.setattr(hull, "write_picture", lambda found, file: file)
     written = [file.name for file in hull.write(found, tmp_path)]
     assert written == ["targets.csv", "hull.csv", "hull.html", "hull.png"]

@@ -1,6 +1,7 @@
 """Commands that are given files which nobody can read: one line, which names the file; status 2."""
 
 import json
+import lzma
 import shutil
 from pathlib import Path
 from typing import Any
@@ -58,9 +59,8 @@ def places(folder: Path) -> dict[str, tuple[Path, list[str]]]:
     config.write_text(to_yaml(defaults()))
     for name in ("user", "curves"):
         shutil.copytree(shipped(), folder / name)
-    (folder / "curves" / "curves.json").write_text(
-        '{"q_learning": [], "imagined": [], "student": [], "rows": []}'
-    )
+    curves = b'{"q_learning": [], "imagined": [], "student": [], "rows": []}'
+    (folder / "curves" / "curves.json.xz").write_bytes(lzma.compress(curves))
     shutil.copytree(DATA / "whacamole_round", folder / "round")
     (folder / "results").mkdir()
     (folder / "results" / "results.json").write_text("{}")
@@ -69,12 +69,12 @@ def places(folder: Path) -> dict[str, tuple[Path, list[str]]]:
     return {
         "configuration": (config, ["train", str(config), "--timesteps", "0", "--out", out]),
         "policy": (
-            folder / "user" / "policy.pt",
+            folder / "user" / "policy.pt.xz",
             ["evaluate", user, "--episodes", "1", "--condition", "medium", "--out", out],
         ),
         "user": (folder / "user" / "config.yaml", ["users", "show", user]),
         "curves": (
-            folder / "curves" / "curves.json",
+            folder / "curves" / "curves.json.xz",
             ["plot", "curves", str(folder / "curves"), "--out", str(folder / "curves.png")],
         ),
         "states": (folder / "round" / "states.csv", ["replay", str(folder / "round")]),

@@ -87,7 +87,6 @@ def test_a_checkout_without_the_openxr_libraries_fails_and_names_the_command(
     assert "expected the package's own; run: make setup" in " ".join(err.split())
 
 
-@pytest.mark.skipif(shutil.which("ninja") is None, reason="needs ninja")
 def test_setup_builds_what_is_looked_for(tmp_path: Path) -> None:
     """Each file that commands of the guides use is an output of the targets that it names."""
     root = paths.checkout_dir()

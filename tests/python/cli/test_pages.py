@@ -170,7 +170,6 @@ def test_sigterm_cleans_up_as_ctrl_c_does(command: str, tmp_path: Path) -> None:
     if command == "evaluate":
         words += ["--episodes", "1", "--out", str(tmp_path / "out")]
     else:
-        pytest.importorskip("viser")
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             words += ["--port", str(free.getsockname()[1])]

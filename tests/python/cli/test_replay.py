@@ -5,16 +5,13 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.client import DevicePoses, InProcessApp
 from sim2vr_harness.sessions import read_session, write_session
-
-imageio_ffmpeg = pytest.importorskip(
-    "imageio_ffmpeg", reason="needs imageio-ffmpeg: pip install imageio-ffmpeg"
-)
 
 FIXTURE = Path(__file__).resolve().parents[2] / "data" / "whacamole_round"
 KEYS = {

@@ -9,13 +9,12 @@ from pathlib import Path
 import pytest
 
 from openxr_programs import hands, manifest, open_program, program
+from parts import needs
 from sim2vr_harness.client import frame_time_ns
 from sim2vr_harness.client.openxr.clock import START_NS, VirtualClock
 from sim2vr_harness.client.openxr.runtime_files import CLOCK_LIBRARY, find_library
 
-pytestmark = pytest.mark.skipif(
-    find_library(CLOCK_LIBRARY) is None, reason=f"{CLOCK_LIBRARY} was not built"
-)
+pytestmark = needs("runtime", find_library(CLOCK_LIBRARY), f"no {CLOCK_LIBRARY}")
 
 READ = """
 import ctypes, json, select, threading, time

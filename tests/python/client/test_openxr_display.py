@@ -11,10 +11,11 @@ from pathlib import Path
 
 import pytest
 
+from parts import needs
 from sim2vr_harness.client import AppRefused
 from sim2vr_harness.client.openxr.display import Display
 
-NEEDS_XVFB = pytest.mark.skipif(shutil.which("Xvfb") is None, reason="no Xvfb")
+NEEDS_XVFB = needs("openxr", shutil.which("Xvfb"), "no Xvfb")
 SERVE = """
 import sys, time
 from sim2vr_harness.client.openxr.display import Display

@@ -52,7 +52,8 @@ def test_passes_gymnasiums_checker_without_warnings(any_env: envs.Sim2VREnv) -> 
 
 
 def test_passes_stable_baselines3s_checker_without_warnings(any_env: envs.Sim2VREnv) -> None:
-    check_env = pytest.importorskip("stable_baselines3.common.env_checker").check_env
+    from stable_baselines3.common.env_checker import check_env
+
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(any_env, warn=True, skip_render_check=True)
@@ -154,7 +155,7 @@ def test_a_window_without_pygame_names_the_extra(monkeypatch: pytest.MonkeyPatch
 
 
 def test_gymnasium_records_videos(tmp_path) -> None:
-    pytest.importorskip("moviepy", reason="needs pip install sim2vr-harness[video]")
+    pytest.importorskip("moviepy", reason="extras: no moviepy")
     env = gymnasium.wrappers.RecordVideo(
         gymnasium.make(WHACAMOLE_ID, render_mode="rgb_array"), str(tmp_path), disable_logger=True
     )

@@ -18,6 +18,8 @@ from sim2vr_harness.envs import (
     UserConfig,
     VisionConfig,
 )
+from sim2vr_harness.games.beats.maps import MapBox
+from sim2vr_harness.games.beats.maps import write_map as write_level
 from sim2vr_harness.runs.config import apply_overrides
 
 INFO = {
@@ -105,3 +107,19 @@ def test_a_script_that_is_a_pipe_is_refused(tmp_path: Path) -> None:
         ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
         assert ended.returncode == 2
         assert f"'{pipe}' (" in ended.stderr
+
+
+def test_a_list_of_boxes_becomes_a_level(tmp_path: Path) -> None:
+    boxes = [MapBox(2.5, 3, 2, "right", 5), MapBox(1.25, 0, 1, "left", 8)]
+    folder = write_level(tmp_path / "two", boxes)
+    level = describe_level("beats", {"level": str(folder)}, 1)
+    assert [(item.time_s, item.lane, item.kind) for item in level.items] == [
+        (1.25, 4, "left box"),
+        (2.5, 11, "right box"),
+    ]
+    assert [item.arrow_deg for item in level.items] == [None, pytest.approx(45.0)]
+
+
+def test_an_unknown_rule_is_named() -> None:
+    with pytest.raises(ValueError, match=r"rules.*paper.*beat_saber"):
+        InProcessApp("beats", {"rules": "original"}, renderer="null")

@@ -8,7 +8,7 @@ import pytest
 import torch
 from shapings import shaped
 
-from sim2vr_harness.games import imagined_game, imagined_settings
+from sim2vr_harness.games import imagined_game
 from sim2vr_harness.games.beats import settings as model_settings
 from sim2vr_harness.games.beats.game_model import (
     EVENTS,
@@ -83,13 +83,6 @@ def begun(game: ImaginedBeats, place: torch.Tensor, time_s: float) -> None:
 
 def events(game: ImaginedBeats) -> dict[str, float]:
     return {name: n for name, n in zip(EVENTS, game.events.tolist(), strict=True) if n}
-
-
-def test_the_registry_knows_the_game_by_its_name() -> None:
-    game = imagined_game("beats")
-    assert game is not None
-    assert game.name == "beats"
-    assert imagined_settings("beats") is game.settings
 
 
 def test_what_a_log_says() -> None:

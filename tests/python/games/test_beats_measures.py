@@ -6,8 +6,6 @@ import pytest
 from sim2vr_harness.client import DevicePoses, InProcessApp, describe_game
 from sim2vr_harness.play.round import round_result, summarise
 
-pytest.importorskip("sim2vr_harness._app_runtime")
-
 FACTS = describe_game("beats")
 TOLD = ("correct_slices", "boxes", "errors", "score", "hand_travel_m", "effort")
 

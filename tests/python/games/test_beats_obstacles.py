@@ -12,8 +12,6 @@ from sim2vr_harness.games.beats.game import Beats
 from sim2vr_harness.games.beats.game_model import EVENTS
 from sim2vr_harness.games.beats.settings import Relaxation
 
-pytest.importorskip("sim2vr_harness._app_runtime")
-
 # No box is in the way. A touch costs 1; a mine's from 1 cm on.
 HARD = Relaxation(contact_m=1e-3, speed_mps=0.2, angle_deg=15.0, near=0.0, error=1.0, hazard=1.0)
 COUNTED = ("MineHits", "WallHits", "MinesAvoided")

@@ -8,8 +8,6 @@ from beats_both import USERS, Played, play
 from sim2vr_harness.games.beats import game_model
 from sim2vr_harness.games.beats.game_model import points
 
-pytest.importorskip("sim2vr_harness._app_runtime")
-
 LOGGED = {
     "sliced": "AccumulatedCorrectSlices",
     "missed": "Misses",

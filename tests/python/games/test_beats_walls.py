@@ -3,14 +3,11 @@
 from contextlib import closing
 
 import numpy as np
-import pytest
 
 from sim2vr_harness.client import describe_level
 from sim2vr_harness.envs.config import AppConfig, EffortConfig, EnvConfig, UserConfig
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.users import ResetOptions
-
-pytest.importorskip("sim2vr_harness._app_runtime")
 
 USERS = 6
 LEVEL = {"level": "generated", "level_seconds": 10.0, "walls_per_minute": 15.0}

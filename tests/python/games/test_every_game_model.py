@@ -17,13 +17,11 @@ from numpy.typing import NDArray
 from true_users import worn_by
 
 from sim2vr_harness.envs.config import AppConfig, EffortConfig, EnvConfig, UserConfig
-from sim2vr_harness.games import imagined_games
+from sim2vr_harness.games import imagined_game, imagined_games, imagined_settings
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher import env as teacher_env
 from sim2vr_harness.training.teacher.env import TeacherSimulation
-
-pytest.importorskip("sim2vr_harness._app_runtime")
 
 N, STEPS = 24, 160
 BODIES = {"beats": "mobl_arms_bimanual_motor"}
@@ -80,6 +78,15 @@ def model_of(sim: TeacherSimulation) -> Any:
     if sim.game.name == "whacamole":
         rounds._single[:] = False  # users with one target at a time have easier rounds
     return rounds
+
+
+def test_the_registry_knows_games_by_their_names() -> None:
+    assert imagined_games() == ("beats", "pointing", "whacamole")
+    for name in imagined_games():
+        game = imagined_game(name)
+        assert game is not None and game.name == name
+        assert imagined_settings(name) is game.settings
+    assert imagined_game("sample") is imagined_settings("sample") is None
 
 
 @pytest.fixture(scope="module", params=imagined_games())

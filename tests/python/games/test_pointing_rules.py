@@ -18,8 +18,6 @@ from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher import env as teacher_env
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 
-pytest.importorskip("sim2vr_harness._app_runtime")
-
 N, STEPS, STEP_S = 24, 150, 0.05
 # Large targets, so that random play hits; one block again and again, so that both play the same.
 OPTIONS: dict[str, Any] = {

@@ -5,7 +5,7 @@ import pytest
 import torch
 from shapings import shaped
 
-from sim2vr_harness.games import imagined_game, imagined_games, imagined_settings
+from sim2vr_harness.games import imagined_game
 from sim2vr_harness.games.whacamole import game as whacamole
 from sim2vr_harness.games.whacamole import settings as model_settings
 from sim2vr_harness.games.whacamole.game import FIELDS, ImaginedWhacAMole, points
@@ -34,16 +34,6 @@ def resting_game(
             fields[i, FIELDS.index(name)] = value
     game.start(torch.arange(n), place, fields, torch.full((n,), -1))
     return game, place
-
-
-def test_the_registry_knows_the_game_by_its_name() -> None:
-    assert imagined_games() == ("beats", "pointing", "whacamole")
-    game = imagined_game("whacamole")
-    assert game is not None
-    assert game.name == "whacamole"
-    assert imagined_settings("whacamole") is game.settings
-    assert imagined_game("sample") is None
-    assert imagined_settings("sample") is None
 
 
 def test_what_a_log_says_by_cell() -> None:
@@ -86,32 +76,6 @@ def test_the_area_is_where_options_put_it() -> None:
     np.testing.assert_allclose(shift[2], np.tile((0.0, 0.0, -0.1), (9, 1)), atol=1e-6)
 
 
-def test_targets_live_as_long_and_come_as_often_as_in_the_game() -> None:
-    game, place = resting_game(60)
-    game._single[:30] = True
-    game._age[:] = -1
-    most_single = most = 0
-    births: dict[tuple[int, int], int] = {}
-    lives = []
-    for frame in range(300):
-        before = game._age.clone()
-        game.play(place[:, None], SOFT)
-        there = game._age >= 0
-        most_single = max(most_single, int(there[:30].sum(1).max()))
-        most = max(most, int(there[30:].sum(1).max()))
-        assert ((there & (before < 0)).sum(1) <= 1).all()  # at most one a frame
-        for user, cell in torch.nonzero(there & (before < 0)).tolist():
-            births[user, cell] = frame
-        for user, cell in torch.nonzero(~there & (before >= 0)).tolist():
-            lives.append(frame - births[user, cell])
-    assert (most_single, most) == (1, 3)
-    assert set(lives) == {22}  # 1.1 s, growing included
-    assert game.counts[0].sum() == 0
-    assert game.counts[1].sum() == len(lives)
-    # A target, its fading out, and the mean ban: users with one at a time wait for the longest.
-    assert 30 * 300 / 31 < len(lives) < 60 * 300 / 10
-
-
 def game_at_a_target(
     settings: GameModelSettings | None = None, frames: int = 1
 ) -> tuple[ImaginedWhacAMole, torch.Tensor]:
@@ -148,16 +112,6 @@ def test_only_coming_in_fast_enough_is_a_hit() -> None:
     game.play(place[:, None], SOFT)
     assert game._age[:, 4].tolist() == [-1, 7, 7, 2]
     assert game.counts[0, 1].tolist() == [0, 0, 0, 0, 1, 0, 0, 0, 0]
-
-
-def test_hits_become_sharper_until_the_middle_of_the_rollouts() -> None:
-    settings = GameModelSettings()
-    half_way, end = settings.relaxation(0.25), settings.relaxation(0.5)
-    assert (end.overlap_m, end.speed_mps, end.near) == (0.004, 0.08, 0.2)
-    # Half way from 0.015, 0.3 and 3.
-    expected = pytest.approx((0.0095, 0.19, 1.6))
-    assert (half_way.overlap_m, half_way.speed_mps, half_way.near) == expected
-    assert settings.relaxation(1.0) == end
 
 
 def test_hits_may_be_looked_for_once_a_step() -> None:

@@ -16,8 +16,6 @@ from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher import env as teacher_env
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 
-pytest.importorskip("sim2vr_harness._app_runtime")
-
 N, STEPS = 24, 240
 AXES = "xyz"
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 from fake_body import FakeBody
@@ -11,10 +12,6 @@ from fake_simulation import FakeSimulation
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.play import render as side_by_side
 from sim2vr_harness.play.render import film_comparison
-
-imageio_ffmpeg = pytest.importorskip(
-    "imageio_ffmpeg", reason="needs imageio-ffmpeg: pip install imageio-ffmpeg"
-)
 
 
 @pytest.fixture(autouse=True)

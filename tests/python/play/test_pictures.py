@@ -1,10 +1,12 @@
 import json
+import lzma
 import shutil
 import subprocess
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 from fake_body import FakeBody
@@ -23,10 +25,6 @@ from sim2vr_harness.play import film as video
 from sim2vr_harness.play.player import Job
 from sim2vr_harness.play.render import parse_size, snapshot
 from sim2vr_harness.play.round import round_result
-
-imageio_ffmpeg = pytest.importorskip(
-    "imageio_ffmpeg", reason="needs imageio-ffmpeg: pip install imageio-ffmpeg"
-)
 
 WHACAMOLE = describe_game("whacamole")
 
@@ -242,7 +240,9 @@ def test_curves_of_who_tries_are_of_its_stage(trained: Path, tmp_path: Path) -> 
     packed = tmp_path / "packed"
     packed.mkdir()
     pack_curves(run, packed)
-    assert json.loads((packed / "curves.json").read_text())["q_learning"] == rows
+    assert (
+        json.loads(lzma.decompress((packed / "curves.json.xz").read_bytes()))["q_learning"] == rows
+    )
 
 
 def test_curves_of_packed_users(trained: Path, tmp_path: Path) -> None:
@@ -250,7 +250,7 @@ def test_curves_of_packed_users(trained: Path, tmp_path: Path) -> None:
     shutil.copytree(paths.trained_users_dir() / "whacamole_constrained", packed)
     pack_curves(trained, packed)
     assert lines_of(plot([str(packed)], tmp_path / "packed.png")) == 2
-    rows = json.loads((packed / "curves.json").read_text())["rows"]
+    rows = json.loads(lzma.decompress((packed / "curves.json.xz").read_bytes()))["rows"]
     assert [row["step"] for row in rows] == [60, 120]
     assert "rollout/ep_hit_rate" in rows[0]
     with pytest.raises(InputError, match="packed without its learning curves, expected a run's"):

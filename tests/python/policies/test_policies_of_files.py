@@ -14,8 +14,6 @@ from sim2vr_harness.evaluation.playing import load_user_policy
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.studies.runner import run_study
 
-pytest.importorskip("sim2vr_harness._app_runtime")
-
 EXAMPLES = Path(__file__).resolve().parents[3] / "docs" / "examples"
 
 COUNTING = """

@@ -1,8 +1,14 @@
 """Trained users, packed: what they weigh, what they remember, and where they cannot play."""
 
+import hashlib
 import io
 import json
+import lzma
 import re
+import shutil
+import threading
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,6 +16,7 @@ from typing import Any
 import pytest
 import torch
 
+from sim2vr_harness.base import paths
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.client import describe_game
@@ -26,6 +33,11 @@ from sim2vr_harness.runs.run_folder import RunFolder
 CONFIG = load_config(
     "whacamole_constrained", ["env.app.options.round_seconds=1.0", "evaluation.conditions=[easy]"]
 )
+
+
+def weights_of(packed: Path) -> Any:
+    content = lzma.decompress((packed / "policy.pt.xz").read_bytes())
+    return torch.load(io.BytesIO(content), weights_only=True)
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +91,7 @@ def test_a_packed_user_plays_and_its_card_says_how(packed: Path) -> None:
     assert user.config == CONFIG
     policy = new_network(user, ResolvedEnv(CONFIG.env).observation_space)
     assert user.load(policy) == 7
-    weights = torch.load(packed / "policy.pt", weights_only=True)
+    weights = weights_of(packed)
     for key, value in policy.state_dict().items():
         stored = weights[key.replace("pi_features", "features").replace("vf_features", "features")]
         if isinstance(stored, tuple):
@@ -89,7 +101,7 @@ def test_a_packed_user_plays_and_its_card_says_how(packed: Path) -> None:
         else:
             assert stored.dtype == torch.float16
         assert torch.equal(value, stored.float())
-    assert (packed / "policy.pt").stat().st_size < 2e6
+    assert (packed / "policy.pt.xz").stat().st_size < 2e6
 
 
 def test_large_matrices_are_packed_as_bytes_with_a_scale_per_row(tmp_path: Path) -> None:
@@ -101,7 +113,7 @@ def test_large_matrices_are_packed_as_bytes_with_a_scale_per_row(tmp_path: Path)
     large[2, 5] = -1e-3
     user = trained_users.TrainedUser(tmp_path, CONFIG, {}, tmp_path, lambda policy: 7)
     trained_users.pack(user, network, tmp_path, "tester", {})
-    assert (tmp_path / "policy.pt").stat().st_size < 2**15 + 2 * 3 * 2**13 + 5000
+    assert (tmp_path / "policy.pt.xz").stat().st_size < 2**15 + 2 * 3 * 2**13 + 5000
     loaded = torch.nn.Sequential(torch.nn.Linear(2**13, 4), torch.nn.Linear(2**13, 3))
     assert open_packed(tmp_path).load(loaded) == 7
     read = loaded[0].weight.detach()
@@ -119,7 +131,8 @@ def test_users_packed_as_binary16_are_read(packed: Path, tmp_path: Path) -> None
     network = new_network(user, ResolvedEnv(CONFIG.env).observation_space)
     torch.manual_seed(4)
     old = {key: torch.randn(value.shape).half() for key, value in network.state_dict().items()}
-    torch.save(old, tmp_path / "policy.pt")
+    with lzma.open(tmp_path / "policy.pt.xz", "wb") as file:
+        torch.save(old, file)
     assert user.load(network) == 7
     own = network.state_dict()
     assert torch.equal(
@@ -171,7 +184,8 @@ def test_of_several_seeds_the_middle_one_is_packed(
 def test_shipped_users_are_listed_and_found(
     packed: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(trained_users, "_shipped_dir", lambda: packed.parent)
+    (packed.parent / "more.json").write_text("{}")
+    monkeypatch.setattr(paths, "trained_users_dir", lambda: packed.parent)
     assert [card["name"] for card in list_cards()] == ["tester"]
     with pytest.raises(SystemExit):
         main(["users", "list"])
@@ -227,7 +241,7 @@ def test_a_contract_is_about_what_a_policy_relies_on() -> None:
 def test_damaged_packages(packed: Path, tmp_path: Path) -> None:
     for name in ("card.json", "config.yaml"):
         (tmp_path / name).write_bytes((packed / name).read_bytes())
-    (tmp_path / "policy.pt").write_bytes(b"no weights")
+    (tmp_path / "policy.pt.xz").write_bytes(lzma.compress(b"no weights"))
     user = open_packed(tmp_path)
     with pytest.raises(InputError, match="expected weights of this network"):
         user.load(new_network(user, ResolvedEnv(CONFIG.env).observation_space))
@@ -241,9 +255,9 @@ def test_damaged_packages(packed: Path, tmp_path: Path) -> None:
 def test_damaged_weights_are_named_with_their_file(packed: Path, tmp_path: Path) -> None:
     for name in ("card.json", "config.yaml"):
         (tmp_path / name).write_bytes((packed / name).read_bytes())
-    file = tmp_path / "policy.pt"
-    whole = (packed / "policy.pt").read_bytes()
-    weights = torch.load(packed / "policy.pt", weights_only=True)
+    file = tmp_path / "policy.pt.xz"
+    whole = (packed / "policy.pt.xz").read_bytes()
+    weights = weights_of(packed)
     (size,) = weights["log_std"].shape
     user = open_packed(tmp_path)
     network = new_network(user, ResolvedEnv(CONFIG.env).observation_space)
@@ -258,7 +272,7 @@ def test_damaged_weights_are_named_with_their_file(packed: Path, tmp_path: Path)
     def with_log_std(value: object) -> str:
         stream = io.BytesIO()
         torch.save(weights | {"log_std": value}, stream)
-        return said(stream.getvalue())
+        return said(lzma.compress(stream.getvalue(), preset=0))
 
     assert "damaged" in said(whole[: len(whole) // 2])
     assert f"log_std: got None, expected real numbers of shape {size}" in with_log_std(None)
@@ -272,3 +286,73 @@ def test_damaged_weights_are_named_with_their_file(packed: Path, tmp_path: Path)
     assert "log_std is not finite" in with_log_std(torch.full((size,), float("nan")))
     file.write_bytes(whole)
     assert user.load(network) == 7
+
+
+def test_weights_never_change_without_their_table_of_results() -> None:
+    """A card has its results and the hash of the weights that they are of; all take 12 MB."""
+    files = [file for file in paths.trained_users_dir().rglob("*") if file.is_file()]
+    assert sum(file.stat().st_size for file in files) <= 12e6
+    folders = {file.parent for file in files if file.name == "policy.pt.xz"}
+    assert len(folders) == len(list_cards()) >= 8
+    for folder in folders:
+        card = json.loads((folder / "card.json").read_text())
+        digest = hashlib.sha256((folder / "policy.pt.xz").read_bytes()).hexdigest()
+        assert card["weights_sha256"] == digest, f"{folder.name}: pack it anew: users pack"
+        assert all(row["episodes"] > 0 for row in card["results"].values()) and card["results"]
+
+
+@pytest.fixture
+def more(packed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A place with a user that the package knows by its hashes alone."""
+    shutil.copytree(packed, tmp_path / "place" / "tester")
+    (tmp_path / "shipped").mkdir()
+    files = [
+        tmp_path / "place/tester" / name for name in ("card.json", "config.yaml", "policy.pt.xz")
+    ]
+    hashes = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
+    (tmp_path / "shipped/more.json").write_text(json.dumps({"tester": hashes}))
+    monkeypatch.setattr(paths, "trained_users_dir", lambda: tmp_path / "shipped")
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    return tmp_path / "place"
+
+
+@pytest.mark.parametrize("served", [False, True])
+def test_users_are_fetched_from_a_folder_or_an_address(
+    more: Path, capsys: pytest.CaptureFixture[str], served: bool
+) -> None:
+    with pytest.raises(InputError, match=r"tester', who is not here .* users get tester"):
+        find_user("pretrained:tester")
+    handler = partial(SimpleHTTPRequestHandler, directory=str(more))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        place = f"http://127.0.0.1:{server.server_port}" if served else str(more)
+        with pytest.raises(SystemExit) as ended:
+            main(["users", "get", "tester", "--from", place])
+        assert not ended.value.code
+        server.shutdown()
+    assert capsys.readouterr().out.startswith("Written: ")
+    assert find_user("pretrained:tester").card["name"] == "tester"
+    assert [card["name"] for card in list_cards()] == ["tester"]
+    folder = find_user("tester").source.parent
+    (folder / "config.yaml").write_text("name: other\n")
+    with pytest.raises(InputError, match=r"config\.yaml: got a file with SHA-256"):
+        find_user("pretrained:tester")
+
+
+def test_a_file_that_is_another_one_is_refused_and_nothing_is_written(
+    more: Path, tmp_path: Path
+) -> None:
+    (more / "tester" / "policy.pt.xz").write_bytes(b"other")
+    for name, place, message in (
+        (
+            "tester",
+            more,
+            r"policy\.pt\.xz: got a file with SHA-256 .* of this version",
+        ),
+        ("tester", tmp_path / "none", "got nothing: there is no such file"),
+        ("tester", "http://127.0.0.1:1", "refused"),
+        ("nobody", more, "NAME: got 'nobody', expected one of tester"),
+    ):
+        with pytest.raises(InputError, match=message):
+            trained_users.fetch_user(name, str(place))
+    assert not (tmp_path / "data").exists()

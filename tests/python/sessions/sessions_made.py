@@ -1,6 +1,5 @@
-"""A session with everything in it, made of closed forms, and the folder of shared data."""
+"""A session with everything in it, made of closed forms."""
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +7,6 @@ import numpy as np
 from sim2vr_harness.sessions import JOINT_NAMES, AppIdentity, Controller, Session, SessionEvent
 
 ROOT = Path(__file__).resolve().parents[3]
-SHARED = Path(os.environ.get("SIM2VR_SHARED", ROOT.parent / "shared"))
-REPLAYS = SHARED / "data" / "beats_replays"
 FRAMES = 40
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from parts import missing
 from python.sessions.sessions_made import FRAMES, full_session
 from sim2vr_harness.client import input_named
 from sim2vr_harness.sessions import JOINT_NAMES, read_session
@@ -23,7 +24,7 @@ ORACLE = Path(__file__).with_name("iwer_oracle.mjs")
 def iwer(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder in which IWER is installed."""
     if shutil.which("node") is None:
-        pytest.skip("no Node")
+        missing("npm", "no Node")
     require_npm()
     folder: Path = tmp_path_factory.mktemp("iwer")
     install = ["npm", "install", "--no-audit", "--no-fund", "--prefix", str(folder), "iwer@2"]

@@ -151,7 +151,6 @@ def test_a_study_adapts_its_user_to_what_it_plays(
 def test_a_search_adapts_its_user_to_each_trial(
     trained: Path, trainings: list[Any], tmp_path: Path
 ) -> None:
-    pytest.importorskip("optuna")
     tree = study(trained)
     for key in ("factors", "measures", "comparisons"):
         del tree[key]

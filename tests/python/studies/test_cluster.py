@@ -9,12 +9,11 @@ from typing import Any
 
 import pool_tasks
 import pytest
+import ray
 from test_pool import task
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.studies.cluster import OnRay, _fetch
-
-ray = pytest.importorskip("ray")
 
 
 def test_a_cluster_that_is_not_there_is_said(tmp_path: Path) -> None:

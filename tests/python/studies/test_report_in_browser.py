@@ -60,7 +60,8 @@ def test_a_key_hides_and_shows_its_lines(report: Path) -> None:
 
 def test_a_small_page_draws_figures_whatever_their_names_are(tmp_path: Path) -> None:
     """As ``audit`` writes them, with names that look like markup, in figures and in words."""
-    go = pytest.importorskip("plotly.graph_objects")
+    from plotly import graph_objects as go
+
     names = ("<!--<script>", "</script>")
     figures = [go.Figure(go.Scatter(x=[1, 2], y=[1, 2], name=name)) for name in names]
     file = save_page(

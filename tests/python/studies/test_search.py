@@ -29,8 +29,6 @@ from sim2vr_harness.studies.search.config import StopConfig
 from sim2vr_harness.studies.search.stopping import limits_of, reports_of
 from sim2vr_harness.studies.search.trials import Trial
 
-pytest.importorskip("optuna")
-
 LIFE, MARGIN = "env.app.options.life_seconds", "env.app.options.hammer_margin_m"
 
 

@@ -2,13 +2,9 @@
 
 from pathlib import Path
 
-import pytest
+import imageio_ffmpeg
 
 import sim2vr_harness
-
-imageio_ffmpeg = pytest.importorskip(
-    "imageio_ffmpeg", reason="needs imageio-ffmpeg: pip install imageio-ffmpeg"
-)
 
 
 def test_a_study_of_beats(tmp_path: Path) -> None:
@@ -19,7 +15,7 @@ def test_a_study_of_beats(tmp_path: Path) -> None:
             "factors": {
                 "effort": {
                     "key": "user",
-                    "levels": {"lazy": "beats_first_lazy", "eager": "beats_first_eager"},
+                    "levels": {"lazy": "beats_first_lazy", "eager": "beats_first_medium"},
                 }
             },
             "episodes": 1,
@@ -33,7 +29,7 @@ def test_a_study_of_beats(tmp_path: Path) -> None:
     data = found.data
     assert data.about["game"] == "beats" and data.about["score"] == "slice_rate"
     assert [measure["unit"] for measure in data.about["measures"]] == ["", "m"]
-    assert data.episodes["user"].tolist() == ["beats_first_lazy", "beats_first_eager"]
+    assert data.episodes["user"].tolist() == ["beats_first_lazy", "beats_first_medium"]
     steps = data.steps("effort=eager")
     assert len(steps) == 10 and {"left_x_m", "right_x_m", "game_left_on"} <= set(steps.columns)
     assert data.events["log_kind"].tolist() == ["left box"] * 2, "the first one has come"

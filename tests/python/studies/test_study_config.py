@@ -164,11 +164,11 @@ def test_a_file_without_a_study_is_refused(tmp_path: Path) -> None:
 
 
 def test_another_game_s_users_are_studied_by_its_own_measures() -> None:
-    factors = {"user": {"key": "user", "levels": ["beats_first_lazy", "beats_first_eager"]}}
+    factors = {"user": {"key": "user", "levels": ["beats_first_lazy", "beats_first_medium"]}}
     plan = plan_of(study(fixed={"condition": "first"}, factors=factors))
     assert "slice_rate" in plan.measures and "hits" not in plan.measures
-    both = {"user": {"key": "user", "levels": [USER, "beats_first_eager"]}}
-    message = "user=beats_first_eager: got a user of beats, expected one of whacamole, as in cell"
+    both = {"user": {"key": "user", "levels": [USER, "beats_first_medium"]}}
+    message = "user=beats_first_medium: got a user of beats, expected one of whacamole, as in cell"
     assert message in refusal(fixed={}, factors=both)
 
 

@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 
 from chromium import Page
+from parts import needs
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.sessions import Session, read_session
 from sim2vr_harness.sessions.replay import replay_session
@@ -484,9 +485,7 @@ window.drive = () => {
 };
 """
 IWER = ENGINES / "iwer@2.5.0" / "build" / "iwer.js"
-needs_iwer = pytest.mark.skipif(
-    not IWER.is_file(), reason="no IWER; docs/examples/webxr/engines.sh gets it"
-)
+needs_iwer = needs("npm", IWER.is_file(), "docs/examples/webxr/engines.sh was not run")
 
 
 @NEEDS_BROWSER

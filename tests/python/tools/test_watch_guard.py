@@ -9,22 +9,19 @@ from collections.abc import Iterator
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
+import msgspec
 import numpy as np
 import pytest
+import viser
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import AppScene
 from sim2vr_harness.tools.gate import Gate, Refused
+from sim2vr_harness.tools.watch import browser
+from sim2vr_harness.tools.watch.browser import Viewer
 from sim2vr_harness.tools.watch.frames import Hands, Playlist, ViewerFrame
-
-viser = pytest.importorskip("viser")
-msgspec = pytest.importorskip("msgspec")
-
-from websockets.exceptions import ConnectionClosed  # noqa: E402
-from websockets.sync.client import ClientConnection, connect  # noqa: E402
-
-from sim2vr_harness.tools.watch import browser  # noqa: E402
-from sim2vr_harness.tools.watch.browser import Viewer  # noqa: E402
 
 EVIL = "http://evil.example"
 CAMERA = {

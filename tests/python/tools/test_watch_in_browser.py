@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from PIL import Image
 
 from chromium import Page
@@ -18,7 +17,6 @@ from sim2vr_harness.tools.watch.browser import Viewer
 from sim2vr_harness.tools.watch.frames import Playlist, ViewerFrame
 from webxr_pages import NEEDS_BROWSER
 
-pytest.importorskip("viser")
 pytestmark = NEEDS_BROWSER
 
 SHEET = SceneMesh(

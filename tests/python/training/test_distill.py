@@ -14,8 +14,6 @@ from sim2vr_harness.training.dagger.dagger import Student
 from sim2vr_harness.training.dagger.expert import TeacherExpert
 from sim2vr_harness.training.run.stage import Report
 
-pytest.importorskip("sim2vr_harness._app_runtime")
-
 REPORTS: list[Report] = []
 
 

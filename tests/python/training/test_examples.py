@@ -5,9 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
-pytest.importorskip("sim2vr_harness._app_runtime")
+from parts import needs
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "docs/examples"
 
@@ -39,10 +37,7 @@ def test_one_file_in_the_manner_of_cleanrl() -> None:
     assert [line.split(":")[0] for line in out.splitlines()] == ["step 64", "step 128"]
 
 
-@pytest.mark.skipif(
-    any(importlib.util.find_spec(name) is None for name in ("ray", "tree")),
-    reason="RLlib is not installed: pip install 'ray[rllib]'",
-)
+@needs("extras", importlib.util.find_spec("tree"), "no RLlib (pip install 'ray[rllib]')")
 def test_rllib() -> None:
     out = run(
         *("train_with_rllib.py", "--iterations", "1", "--workers", "0", "--batch-size", "64"),

@@ -81,7 +81,6 @@ def test_what_differs_is_found(tool: ModuleType, trained: Path, tmp_path: Path) 
     ],
 )
 def test_killed_and_resumed_to_the_same_bits(how: tuple[str, ...]) -> None:
-    pytest.importorskip("sim2vr_harness._app_runtime")
     done = subprocess.run([sys.executable, TOOL, *how], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     rows = [json.loads(line) for line in done.stdout.splitlines()]

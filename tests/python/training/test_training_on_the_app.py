@@ -12,8 +12,6 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.runs.config import TrainingConfig, load_config
 from sim2vr_harness.training.run import trainer
 
-pytest.importorskip("sim2vr_harness._app_runtime")
-
 SETTINGS = [
     "ppo.n_envs=2",
     "ppo.n_steps=30",

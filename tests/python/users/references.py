@@ -1,33 +1,19 @@
-"""Reference values of the arm models and what is compared with them.
-
-The excerpts in `tests/data/mobl_arms` always serve; the full reference files where they are found,
-in the folder that SIM2VR_SHARED names or in `shared` next to the repository.
-"""
+"""Reference values of the arm models and what is compared with them."""
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
-import pytest
 
 from sim2vr_harness.users import Body
 
-REPOSITORY = Path(__file__).resolve().parents[3]
-EXCERPTS = REPOSITORY / "tests" / "data" / "mobl_arms"
+EXCERPTS = Path(__file__).resolve().parents[2] / "data" / "mobl_arms"
 
 
-def load_reference(folder: str, name: str, excerpt: str | None) -> dict[str, Any]:
-    """Reads `name` of the reference's `folder`; `excerpt` is the file that stands in for it."""
-    if excerpt is not None:
-        return json.loads((EXCERPTS / excerpt).read_text())
-    root = Path(os.environ.get("SIM2VR_SHARED", REPOSITORY.parent / "shared"))
-    path = root / "facts" / "mobl_arms" / folder / f"{name}.json"
-    if not path.exists():
-        pytest.skip(f"full reference file {path} not found; set SIM2VR_SHARED to its root")
-    return json.loads(path.read_text())
+def load_reference(name: str) -> dict[str, Any]:
+    return json.loads((EXCERPTS / f"{name}_excerpt.json").read_text())
 
 
 def gap(got: Any, expected: Any) -> float:

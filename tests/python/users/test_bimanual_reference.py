@@ -1,7 +1,6 @@
 """The body with two arms and 14 motors against the User-in-the-Box conversion."""
 
 from contextlib import closing
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -18,23 +17,14 @@ from sim2vr_harness.users import Body, Physique, UserBatch, load_body
 NAME = "mobl_arms_bimanual_motor"
 
 
-@pytest.fixture(params=["excerpt", "full"])
-def reference(request: pytest.FixtureRequest) -> Any:
-    def load(name: str) -> dict[str, Any]:
-        excerpt = f"bimanual_{name}_excerpt.json" if request.param == "excerpt" else None
-        return load_reference("bimanual_motor", name, excerpt)
-
-    return load
-
-
 @pytest.fixture(scope="module")
 def bare() -> Body:
     return load_body(NAME, skull_rotation_deg=0.0, devices=(), appearance=False)
 
 
-def test_trace(reference: Any, bare: Body) -> None:
+def test_trace(bare: Body) -> None:
     """m <- 0.1 m + 0.9 clip(m + a, 0, 1) from 0.5, a_i(k) = 0.25 sin(0.3 k + 1.3 i)."""
-    trace = reference("trace")
+    trace = load_reference("bimanual_trace")
     assert list(bare.independent_joints) == trace["joints"]
     batch = UserBatch(bare, 1, threads=1, effort="zero")
     batch._physics.qpos[:] = batch._physics.qvel[:] = 0.0
@@ -51,8 +41,8 @@ def test_trace(reference: Any, bare: Body) -> None:
             assert gap(got, step[what]) < 1e-7, f"{what} at step {k}"
 
 
-def test_postures(reference: Any, bare: Body) -> None:
-    facts, worn = reference("validation"), load_body(NAME, appearance=False)
+def test_postures(bare: Body) -> None:
+    facts, worn = load_reference("bimanual_validation"), load_body(NAME, appearance=False)
     model, data = bare.physics_model, mujoco.MjData(bare.physics_model)
     other = mujoco.MjData(worn.physics_model)
     assert gap(model.body_subtreemass[0], facts["total_mass_kg"]) < 1e-6

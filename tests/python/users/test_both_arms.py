@@ -26,10 +26,9 @@ def worn() -> Body:
     return load_body(NAME, appearance=False)
 
 
-@pytest.fixture(params=["excerpt", "full"])
-def facts(request: pytest.FixtureRequest) -> Any:
-    excerpt = "validation_excerpt.json" if request.param == "excerpt" else None
-    return load_reference("wrist", "validation", excerpt)
+@pytest.fixture(scope="module")
+def facts() -> Any:
+    return load_reference("validation")
 
 
 def test_sizes(worn: Body) -> None:

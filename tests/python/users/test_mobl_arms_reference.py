@@ -1,7 +1,5 @@
 """The rebuilt wrist model against reference values of the User-in-the-Box conversion."""
 
-from typing import Any
-
 import mujoco
 import numpy as np
 import pytest
@@ -16,19 +14,13 @@ from python.users.references import (
 from sim2vr_harness.users import Body, load_body
 
 
-@pytest.fixture(params=["excerpt", "full"])
-def reference(request: pytest.FixtureRequest) -> Any:
-    excerpt = request.param == "excerpt"
-    return lambda name: load_reference("wrist", name, f"{name}_excerpt.json" if excerpt else None)
-
-
 @pytest.fixture(scope="module")
 def bare() -> Body:
     return load_body("mobl_arms_wrist", skull_rotation_deg=0.0, devices=(), appearance=False)
 
 
-def test_postures(reference: Any, bare: Body) -> None:
-    facts = reference("validation")
+def test_postures(bare: Body) -> None:
+    facts = load_reference("validation")
     model = bare.model
     data = mujoco.MjData(model)
     assert list(bare.independent_joints) == facts["independent_joints"]
@@ -67,10 +59,10 @@ def test_postures(reference: Any, bare: Body) -> None:
         assert gap(follow.T @ data.qfrc_passive, springs) < 5e-6
 
 
-def test_device_poses_in_postures(reference: Any) -> None:
+def test_device_poses_in_postures() -> None:
     user = load_body("mobl_arms_wrist", appearance=False)
     data = mujoco.MjData(user.model)
-    for posture in reference("validation")["postures"]:
+    for posture in load_reference("validation")["postures"]:
         data.qpos[:] = user.coupled_qpos(np.array(posture["q"]))
         mujoco.mj_kinematics(user.model, data)
         controller = data.body("controller_right")
@@ -78,20 +70,20 @@ def test_device_poses_in_postures(reference: Any) -> None:
         assert rotation_gap(controller.xquat, posture["controller_right_quat_wxyz"]) < 1e-8
 
 
-def test_start_poses_of_a_recorded_run(reference: Any) -> None:
+def test_start_poses_of_a_recorded_run() -> None:
     user = load_body("mobl_arms_wrist", appearance=False)
     data = mujoco.MjData(user.model)
     mujoco.mj_kinematics(user.model, data)
-    recorded = reference("validation")["reference_initial_world_poses_from_recorded_run"]
+    recorded = load_reference("validation")["reference_initial_world_poses_from_recorded_run"]
     for device in ("headset", "controller_right"):
         # The recording has six significant digits.
         assert gap(data.body(device).xpos, recorded[device]["pos"]) < 5.1e-6
         assert rotation_gap(data.body(device).xquat, recorded[device]["quat"]) < 1e-6
 
 
-def test_trace_with_attached_hardware(reference: Any) -> None:
+def test_trace_with_attached_hardware() -> None:
     user = load_body("mobl_arms_wrist", appearance=False)
-    model, trace = user.model, reference("trace")
+    model, trace = user.model, load_reference("trace")
     data = mujoco.MjData(model)
     joints, dofs = user.qpos_independent, user.qvel_independent
     data.qpos[joints], data.qvel[dofs] = trace["init"]["qpos"], trace["init"]["qvel"]

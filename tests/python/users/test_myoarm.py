@@ -15,8 +15,6 @@ from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.users import Body, Physique, list_efforts, load_body, make_effort
 from sim2vr_harness.users.bodies.export import export_body
 
-pytest.importorskip("myo_sim", reason="needs myo-sim: pip install 'sim2vr-harness[myo]'")
-
 CONFIG = {"app": {"game": "whacamole", "options": {"condition": "medium"}}, "user": "myoarm_r"}
 
 

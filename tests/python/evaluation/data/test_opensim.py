@@ -10,7 +10,7 @@ from sim2vr_harness.evaluation.data import export_opensim
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.users import load_body
 
-opensim = pytest.importorskip("opensim", reason="opensim is not installed (pip install opensim)")
+opensim = pytest.importorskip("opensim", reason="extras: no opensim")
 
 
 @pytest.mark.parametrize("user", ["pretrained:whacamole_constrained"])

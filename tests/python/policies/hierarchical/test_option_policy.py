@@ -26,8 +26,6 @@ from sim2vr_harness.training.option_q_learning.stage import best_hold
 from sim2vr_harness.training.ppo.fine_tune import adapting
 from sim2vr_harness.training.run.trainer import train
 
-pytest.importorskip("sim2vr_harness._app_runtime")
-
 CONFIGS = Path(__file__).resolve().parents[4] / "configs"
 USERS, HELD = 3, DECIDE_STEPS
 

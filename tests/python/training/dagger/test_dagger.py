@@ -10,6 +10,7 @@ import torch
 from fake_simulation import FakeSimulation
 from resuming import assert_goes_on
 
+from parts import needs
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.policies import attention_crops
 from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
@@ -226,7 +227,7 @@ def test_all_phases_of_a_round_are_seen_from_the_start(tmp_path: Path) -> None:
 
 
 @pytest.mark.gpu
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no GPU")
+@needs("gpu", torch.cuda.is_available(), "torch finds no GPU")
 def test_a_student_learns_on_a_gpu_and_goes_on_there(tmp_path: Path) -> None:
     config = CONFIG.model_copy(update={"numbers_weight": 1.0})
     student = make(tmp_path / "whole", config, device="cuda")

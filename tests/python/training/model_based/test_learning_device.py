@@ -7,6 +7,7 @@ import torch
 from tiny_game_training import new_rollouts, short_teacher
 from torch.utils._python_dispatch import TorchDispatchMode
 
+from parts import needs
 from sim2vr_harness.world_models.learning_device import LearningDevice, Window
 
 
@@ -69,7 +70,7 @@ def test_random_numbers_continue_where_they_stood() -> None:
 
 
 @pytest.mark.gpu
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no CUDA device")
+@needs("gpu", torch.cuda.is_available(), "torch finds no GPU")
 def test_a_captured_window_is_as_the_eager_one() -> None:
     with short_teacher(updates=4):
         made = new_rollouts(device="cuda")

@@ -27,8 +27,6 @@ from sim2vr_harness.world_models.body_dynamics import fit_body
 from sim2vr_harness.world_models.rollout_env import ImaginedNoise
 from sim2vr_harness.world_models.transitions import Motion, TransitionStore
 
-pytest.importorskip("sim2vr_harness._app_runtime")
-
 SOFT = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0)
 
 

@@ -49,8 +49,6 @@ from sim2vr_harness.training.option_q_learning.q_learning import (
 from sim2vr_harness.training.option_q_learning.stage import choose_manner
 from sim2vr_harness.users import UserBatch, list_bodies, load_body
 
-pytest.importorskip("sim2vr_harness._app_runtime")
-
 STEP_S = 0.05
 
 
@@ -62,8 +60,6 @@ def layer() -> MotorPolicy:
 @pytest.mark.parametrize("body", list_bodies())
 def test_a_shipped_layer_brings_hands_to_places_and_stops_there(body: str) -> None:
     """Places before the shoulders, m; one arm reached 0.01 when it was made, two 0.02 to 0.05."""
-    if body == "myoarm_r":
-        pytest.importorskip("myo_sim", reason="needs myo-sim: pip install 'sim2vr-harness[myo]'")
     layer = motor_layer_for(load_body(body), STEP_S)
     hands = len(layer.hands)
     right = torch.tensor([[0.44, -0.2, 1.1], [0.44, -0.4, 1.0], [0.3, -0.2, 0.9]])

@@ -13,8 +13,6 @@ from sim2vr_harness.cli.main import main
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.training.run.stage import Callbacks
 
-pytest.importorskip("sim2vr_harness._app_runtime")
-
 # When a stage is stopped, in calls of its callbacks, and what it has saved then.
 CUTS = {
     "imagined": (70, "1 of 2 cycles"),

@@ -23,8 +23,6 @@ from sim2vr_harness.training.teacher.env import TeacherSimulation
 from sim2vr_harness.users.kinematics.forward_torch import Chains
 from sim2vr_harness.world_models.person_features import ImaginedPersons
 
-pytest.importorskip("sim2vr_harness._app_runtime")
-
 SENSES = (
     {"sense": "vision", "delay_ms": 200},
     {"sense": "proprioception", "delay_ms": 150},

@@ -19,8 +19,6 @@ from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher import env as teacher_env
 from sim2vr_harness.training.teacher.env import InitialStates, TeacherSimulation, blind_env
 
-pytest.importorskip("sim2vr_harness._app_runtime")
-
 ENV = EnvConfig(app=AppConfig(options={"condition": "random"}), cores=1)
 SMALL = ("imagined.n_envs=4",)
 

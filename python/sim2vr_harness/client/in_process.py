@@ -6,9 +6,9 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from sim2vr_harness.client.base import (
     numbers_of_log,
     plain_options,
 )
-from sim2vr_harness.client.runtime import checked_seed, load_runtime
+from sim2vr_harness.client.runtime import checked_seed, list_games, load_runtime
 from sim2vr_harness.client.scene import AppScene, SceneMesh
 
 _DEVICE_ROWS = ("head", "left_controller", "right_controller", "left_inputs", "right_inputs")
@@ -497,3 +497,27 @@ def _one_app(poses: DevicePoses) -> DevicePoses:
 
 def _arguments(poses: DevicePoses) -> list[Float64Array | None]:
     return [getattr(poses, name) for name in _DEVICE_ROWS]
+
+
+_KINDS: tuple[tuple[str, Literal["truth", "text"]], ...] = (
+    ("expected true or false", "truth"),
+    ("expected a string", "text"),
+)
+"""How the runtime words what it expects of an option (``core/options.cpp``)."""
+
+
+@lru_cache
+def option_kind(game: str, option: str) -> Literal["truth", "text", "other"] | None:
+    """Return what an option of a game of the runtime takes; None of another game or option.
+
+    The runtime says so when the option has a value of another kind, an empty list.
+    """
+    if game not in list_games():
+        return None
+    try:
+        InProcessBatch(1, game, {option: []}, renderer="null", width=8, height=8)
+    except ValueError as error:
+        found = [kind for words, kind in _KINDS if str(error).endswith(words)]
+        unknown = f"unknown option '{option}'" in str(error)
+        return found[0] if found else None if unknown else "other"
+    return "other"

@@ -17,7 +17,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from sim2vr_harness.client.errors import AppDied, AppRefused, AppTimeout
+from sim2vr_harness.client.errors import AppDied, AppRefused, AppTimeout, ProtocolError
 from sim2vr_harness.client.temporary import FOLDER_VARIABLE, GROUP_FILE, TemporaryFolder
 
 BAD_USAGE = 2
@@ -279,6 +279,64 @@ class AppProcess:
             for file in self._logs:
                 file.unlink(missing_ok=True)
         self._folder.remove()
+
+
+class Conversation:
+    """Talk with an app, given up after the first failure, which later calls repeat.
+
+    Args:
+        process: of the app; None: this side has not started it.
+
+    Attributes:
+        failure: why it does not go on; None while it does.
+    """
+
+    def __init__(self, process: AppProcess | None) -> None:
+        self.process = process
+        self.failure: str | None = None
+        self._ended = None if process is None else process.open_pidfd()
+
+    @property
+    def app(self) -> str:
+        """The app in words, for messages."""
+        return str(self.process)
+
+    @property
+    def usable(self) -> bool:
+        """Whether the app can be asked."""
+        return self.failure is None
+
+    def require_open(self) -> None:
+        """Raise AppDied after a failure."""
+        if self.failure is not None:
+            raise AppDied(f"{self.app} was given up: {self.failure}")
+
+    def give_up(self, error: Exception) -> Exception:
+        """End the conversation because of ``error``, which later calls repeat; returns it."""
+        self.failure = self.failure or str(error)
+        return error
+
+    def malformed(self, what: object, doing: str = "") -> Exception:
+        """Give up because of an answer, to what ``doing`` says, that cannot be used."""
+        words = f"{self.app} answered {doing}".rstrip()
+        return self.give_up(ProtocolError(f"{words} with another thing: {what}"))
+
+    def silent(self, what: str, limit_s: float, hint: str = "") -> Exception:
+        """Give up because an answer has not come in time."""
+        return self.give_up(AppTimeout(f"{self.app} gave no {what} within {limit_s:g} s{hint}"))
+
+    def died(self, when: str) -> Exception:
+        """Give up because the process ended; its connection closes a moment before it does."""
+        assert self.process is not None
+        self.process.wait(1.0)
+        return self.give_up(self.process.death(when))
+
+    def close(self) -> None:
+        """Ask nothing more; idempotent."""
+        self.failure = self.failure or "it is closed; make a new one"
+        if self._ended is not None:
+            os.close(self._ended)
+            self._ended = None
 
 
 def end_words(status: int | None) -> str:

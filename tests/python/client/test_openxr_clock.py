@@ -10,7 +10,7 @@ import pytest
 
 from openxr_programs import hands, manifest, open_program, program
 from sim2vr_harness.client import frame_time_ns
-from sim2vr_harness.client.openxr.clock import START_NS, VirtualClock
+from sim2vr_harness.client.openxr.program import START_NS, VirtualClock
 from sim2vr_harness.client.openxr.runtime_files import CLOCK_LIBRARY, find_library
 
 pytestmark = pytest.mark.skipif(

@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 
 from sim2vr_harness.client import AppRefused
-from sim2vr_harness.client.openxr.display import Display
+from sim2vr_harness.client.openxr.program import Display
 
 NEEDS_XVFB = pytest.mark.skipif(shutil.which("Xvfb") is None, reason="no Xvfb")
 SERVE = """
 import sys, time
-from sim2vr_harness.client.openxr.display import Display
+from sim2vr_harness.client.openxr.program import Display
 display = Display(30.0)
 print(display.number, flush=True)
 time.sleep(600) if sys.argv[1] == "stay" else None

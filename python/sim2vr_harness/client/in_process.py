@@ -48,8 +48,7 @@ class InProcessBatch:
         n: number of apps N.
         game: name of the game.
         options: the game's options.
-        width: of an eye's headset image, pixels.
-        height: of an eye's headset image, pixels.
+        width, height: of an eye's headset image, pixels.
         eyes: 1, or 2 for a picture of each eye.
         ipd_m: distance between the pupils, metres.
         renderer: ``automatic``, ``egl``, ``osmesa`` or ``null``; one per thread.
@@ -448,13 +447,8 @@ class InProcessApp(InProcessBatchApp):
     Args:
         game: name of the game (:func:`list_games`).
         options: the game's options.
-        width: of an eye's headset image, pixels.
-        height: of an eye's headset image, pixels.
-        eyes: 1, or 2 for a picture of each eye.
-        ipd_m: distance between the pupils, metres.
-        renderer: ``automatic``, ``egl``, ``osmesa`` or ``null``.
         log_dir: folder for ``states.csv`` and ``events.csv`` of every round, or None.
-        clock: fixed step and tolerances of the app's clock.
+        settings: width, height, eyes, ipd_m, renderer and clock of :class:`InProcessBatch`.
 
     Raises:
         ValueError: unknown game or option, unusable size; names the field, got and expected.
@@ -466,27 +460,11 @@ class InProcessApp(InProcessBatchApp):
         game: str,
         options: Mapping[str, OptionValue] | None = None,
         *,
-        width: int = 120,
-        height: int = 80,
-        eyes: int = 1,
-        ipd_m: float = 0.064,
-        renderer: str = "automatic",
         log_dir: Path | None = None,
-        clock: ClockSettings | None = None,
+        **settings: Any,
     ) -> None:
-        batch = InProcessBatch(
-            1,
-            game,
-            options,
-            width=width,
-            height=height,
-            eyes=eyes,
-            ipd_m=ipd_m,
-            renderer=renderer,
-            share_renderer=True,
-            log_dirs=None if log_dir is None else [log_dir],
-            clock=clock,
-        )
+        logs = None if log_dir is None else [log_dir]
+        batch = InProcessBatch(1, game, options, share_renderer=True, log_dirs=logs, **settings)
         super().__init__(batch, 0)
 
 

@@ -115,9 +115,7 @@ class AppServers:
             return self._once(server, log_dir)
         except BaseException:
             while self._starting:
-                _, starting = self._starting.popitem()
-                starting.release_port()
-                starting.process.kill()
+                self._starting.popitem()[1].process.kill()
             raise
 
     def _once(self, server: int, log_dir: Path | None) -> Served:
@@ -126,11 +124,8 @@ class AppServers:
             channel = connect(self._place.connect, self._place.timeout_s)
             return self._open(channel, self._wanted, apps, log_dir)
         starting = self._starting.pop(server, None) or self._start(server, log_dir)
-        try:
-            channel = starting.channel(self._place.timeout_s, self._place.start_timeout_s)
-            return self._open(channel, self._wanted, apps, self._log_folder(server, log_dir))
-        finally:
-            starting.release_port()
+        channel = starting.channel(self._place.timeout_s, self._place.start_timeout_s)
+        return self._open(channel, self._wanted, apps, self._log_folder(server, log_dir))
 
     def _start(self, server: int, log_dir: Path | None) -> StartingApp:
         place, wanted = self._place, self._wanted
@@ -461,24 +456,20 @@ def try_app(
     for protocol in (1, 2):
         if protocol == 2 and not trials[0].announces_protocol2:
             break
-        starting = start(executable, arguments)
-        try:
-            channel = starting.channel(timeout_s, timeout_s)
-            app: AppClient
-            if protocol == 1:
-                app = Protocol1App(
-                    channel,
-                    width=width,
-                    height=height,
-                    frequency_hz=_TRIAL_HZ,
-                    start_timeout_s=timeout_s,
-                )
-            else:
-                app = Protocol2Connection(
-                    channel, width=width, height=height, start_timeout_s=timeout_s
-                ).app(0)
-        finally:
-            starting.release_port()
+        channel = start(executable, arguments).channel(timeout_s, timeout_s)
+        app: AppClient
+        if protocol == 1:
+            app = Protocol1App(
+                channel,
+                width=width,
+                height=height,
+                frequency_hz=_TRIAL_HZ,
+                start_timeout_s=timeout_s,
+            )
+        else:
+            app = Protocol2Connection(
+                channel, width=width, height=height, start_timeout_s=timeout_s
+            ).app(0)
         with app:
             app.reset(1, _poses(0))
             images = [app.image.copy()]

@@ -44,12 +44,8 @@ FIELDS = {
 def started(
     executable: Path, *arguments: str, timeout_s: float = 20.0, **settings: Any
 ) -> Iterator[Protocol1App]:
-    starting = start_unity_app(executable, arguments)
-    try:
-        app = Protocol1App(starting.channel(timeout_s, 20.0), **settings)
-    finally:
-        starting.release_port()
-    with app:
+    channel = start_unity_app(executable, arguments).channel(timeout_s, 20.0)
+    with Protocol1App(channel, **settings) as app:
         yield app
 
 
@@ -222,7 +218,6 @@ def test_an_app_that_runs_already(fake_app: Path, tmp_path: Path) -> None:
         starting.process.kill()
         with pytest.raises(AppDied, match="closed the connection during a step"):
             play(app, 1, start=3)
-    starting.release_port()
 
 
 def test_steps_out_of_turn(fake_app: Path) -> None:

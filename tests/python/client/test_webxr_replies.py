@@ -11,7 +11,7 @@ from sim2vr_harness.client import AppDied, ProtocolError, WebXRApp, frame_time_n
 from sim2vr_harness.client.answers import BadReply, checked
 from sim2vr_harness.client.webxr.app import scene_of
 from sim2vr_harness.client.webxr.files import HOST, PageFiles
-from sim2vr_harness.client.webxr.replies import BOXES, DOOR, PLACE, SIGNS, Box, step_reply
+from sim2vr_harness.client.webxr.replies import BOXES, DOOR, PLACE, SIGNS, THINGS, Box, step_reply
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, VisionConfig
 from webxr_pages import NEEDS_BROWSER, hands, open_page, page_with
 
@@ -94,6 +94,14 @@ BOX = ["box", [0.0, 1.0, 0.5], [0.0, 0.0, 0.0, 1.0], [0.1, 0.1, 0.1], [1.0, 0.5,
         (SIGNS, [{"a": 1}, 0, 0, []], "it, 0, a"),
         (SIGNS, [{"1": 0.5}, 0, 0, []], "it, 0, 1: got 0.5"),
         (SIGNS, [{}, 0, 0, [[[0, 0, 0], [0, 0]]]], "it, 3, 0, 1, 2: got nothing"),
+        (THINGS, [["a"]], "it, 0, 1: got nothing"),
+        (
+            THINGS,
+            [["a", "lick", [0, 0, 0], [0, 0, 0], 0, 0]],
+            "it, 0, 1: got 'lick', exp.* 'touch'",
+        ),
+        (THINGS, [["a", "touch", [0, 0], [0, 0, 0], 0, 0]], "it, 0, 2, 2: got nothing"),
+        (THINGS, [["a", "touch", [0, 0, 0], [0, 0, 0], "many", 0]], "it, 0, 4: got 'many'"),
         (BOXES, 3, "it: got 3, expected a list"),
         (BOXES, [BOX] * 501, "it: got .* expected at most 500 entries"),
         (BOXES, [BOX[:4]], "it, 0, 4: got nothing"),

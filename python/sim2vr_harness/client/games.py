@@ -92,8 +92,6 @@ class Condition:
     """A named set of a game's options; all conditions of a game set the same ones.
 
     Attributes:
-        name: What people call it.
-        description: In a line.
         draws: Conditions that a round may turn out to be, where that is not this one itself.
         evaluated: Whether evaluations play it when no one says which.
     """
@@ -110,12 +108,8 @@ class GameOption:
     """An option of a game, a key of ``env.app.options``.
 
     Attributes:
-        name: The key.
         type: ``text``, ``choice``, ``bool``, ``number`` or ``numbers`` (a list).
         default: The value of a round that does not set it; ``[]``: the game's own.
-        choices: Values of a choice.
-        minimum: Least value of a number.
-        maximum: Greatest value of a number.
     """
 
     name: str
@@ -139,7 +133,6 @@ class RewardTerm:
 
     Attributes:
         log_key: The log's number of what it was in the latest user step.
-        label: For tables.
     """
 
     log_key: str
@@ -156,7 +149,7 @@ class ItemOutcome:
     """A way in which an item ends.
 
     Attributes:
-        event: The log's event.
+        event: The log's.
         name: What data and tables call it.
         success: Whether the player did well.
     """
@@ -200,8 +193,6 @@ class GameFacts:
     """What is known of a game without playing it.
 
     Attributes:
-        name: The game.
-        description: In a line.
         id: Its name in Gymnasium ids: ``Sample`` in ``sim2vr/Sample-v0``.
         round_seconds: Length of a round with default options; 0: rounds have no usual length.
         devices: Controllers without which a right-handed player cannot play; see :meth:`needs`.
@@ -209,11 +200,9 @@ class GameFacts:
         hand_option: The option that takes ``right`` or ``left``, the hand that plays, if any.
         level_option: The option that names the level to play, if any; the game then has
             timelines (:func:`describe_level`).
-        measures: In the order of the tables.
         score: Name of the measure by which users are compared; None: the return.
         reward_terms: Parts of the reward that the log has.
         reward_rest: What to call the rest of the reward.
-        items: What comes and goes in a round, by the episode's log.
         conditions: In the order in which they are listed; empty for an app that publishes none.
         default_condition: What a round without options is.
         evaluation_options: Options that an evaluation sets.
@@ -433,11 +422,7 @@ class Timeline:
     """What comes when in a round.
 
     Attributes:
-        name: The level's.
-        length_s: Of the round, s.
         lanes: Their names, bottom up.
-        beats_s: Times of the beats, s.
-        items: In no order.
         facts: Label and text or number, in the order of display.
         level: The level as the game has it, for those who play it elsewhere.
     """

@@ -46,8 +46,6 @@ class InProcessBatch:
 
     Args:
         n: number of apps N.
-        game: name of the game.
-        options: the game's options.
         width, height: of an eye's headset image, pixels.
         eyes: 1, or 2 for a picture of each eye.
         ipd_m: distance between the pupils, metres.

@@ -63,10 +63,8 @@ class Protocol1App(AppClient):
 
     Args:
         channel: to the app; owned by this object from now on, its process too.
-        width: of the app's image, pixels.
-        height: of the app's image, pixels.
+        width, height: of the app's image, pixels.
         frequency_hz: user steps per second.
-        fixed_delta_time_s: the app's fixed step.
         time_scale: how many times faster than real time a Unity app may run at most.
         options: what the app was started with.
         start_timeout_s: how long the app may take to start.

@@ -334,20 +334,16 @@ class Protocol2Connection:
     Args:
         channel: to the server; owned by this object from now on, its process too.
         apps: N.
-        game: name of the game; None takes the server's.
-        options: the game's options.
-        width: of the headset image, pixels.
-        height: of the headset image, pixels.
+        game: its name; None takes the server's.
+        width, height: of the headset image, pixels.
         renderer: ``automatic``, ``egl``, ``osmesa`` or ``null``.
         log_dir: root of the apps' episode logs, or None.
         clock: fixed step and tolerances of the apps' clocks.
-        eyes: 1, or 2 for a picture of each.
         ipd_m: distance between the pupils, metres; None takes the server's.
         shared_memory: whether to read images from memory shared with a server on this machine.
         start_timeout_s: how long the server may take to start and to make the apps.
 
     Attributes:
-        game: its name.
         facts: what the game publishes (docs/reference/protocol.md, hello), or None.
         capabilities: of the apps, see :attr:`AppClient.capabilities`.
         images: of each app, (H, W, 4), with two eyes (2, H, W, 4).

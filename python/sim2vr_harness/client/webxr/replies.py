@@ -58,7 +58,7 @@ class Reply(BaseModel):
 
 
 class Pulse(NamedTuple):
-    """A vibration that the page asked for."""
+    """A vibration that the page requested."""
 
     hand: Hand
     amplitude: Amplitude

@@ -22,7 +22,7 @@ from sim2vr_harness.client import (
     OpenXRApp,
     transport_named,
 )
-from sim2vr_harness.client.openxr import find_runtime
+from sim2vr_harness.client.openxr.runtime_files import find_runtime
 
 SPEAKER = r"""
 import json, mmap, os, socket, struct, sys, time

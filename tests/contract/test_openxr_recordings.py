@@ -11,7 +11,7 @@ import pytest
 
 from openxr_programs import PROGRAMS, Played, hands, opened, playable
 from sim2vr_harness.client import DevicePoses, frame_time_ns
-from sim2vr_harness.client.openxr import find_runtime
+from sim2vr_harness.client.openxr.runtime_files import find_runtime
 from sim2vr_harness.sessions.formats import read_session
 from sim2vr_harness.sessions.replay import replay_session
 from sim2vr_harness.sessions.session import Session

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from sim2vr_harness.client import INPUT_COUNT, DevicePoses, InProcessApp, OptionValue
-from sim2vr_harness.client import protocol2_wire as wire
-from sim2vr_harness.client.openxr import wire as openxr_wire
-from sim2vr_harness.client.protocol2_wire import HEADER, MAGIC, VERSION, Type
+from sim2vr_harness.client import protocol2 as wire
+from sim2vr_harness.client.openxr import link as openxr_wire
+from sim2vr_harness.client.protocol2 import HEADER, MAGIC, VERSION, Type
 
 CORPUS = Path(__file__).parent / "corpus"
 MAPS = Path(__file__).parents[1] / "data" / "beats_maps"

@@ -22,7 +22,7 @@ from sim2vr_harness.audit.summary import EVERYONE, Audit, plain
 from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.client import AppRefused, AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
-from sim2vr_harness.client.webxr.printing import print_page
+from sim2vr_harness.client.webxr.browser import print_page
 from sim2vr_harness.figures.figure import GREY, INK, Bars, Figure, Panel
 from sim2vr_harness.figures.figure import Path as Places
 from sim2vr_harness.figures.html import heading, save_page, table

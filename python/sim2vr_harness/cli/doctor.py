@@ -144,7 +144,7 @@ def _browser_check() -> Iterator[Check]:
         yield Check("browser for WebXR pages", "info", found)
         return
     works, answer = _probe(
-        "from sim2vr_harness.client.webxr import describe_browser as describe\n"
+        "from sim2vr_harness.client.webxr.browser import describe_browser as describe\n"
         f"print(describe({program!r}))"
     )
     usable = works and "no WebGL 2" not in answer

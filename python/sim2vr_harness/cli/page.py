@@ -53,7 +53,7 @@ def check(request: CheckRequest) -> int:
         sim2vr-harness page check game.html
         sim2vr-harness page check game.html --map engines/map.json
     """
-    from sim2vr_harness.client.webxr.check import check_page
+    from sim2vr_harness.client.webxr.app import check_page
 
     place, options = page_and_options(request.page)
     places = mapped_places(request.map_)
@@ -96,7 +96,7 @@ def vendor(request: VendorRequest) -> int:
         sim2vr-harness page vendor game.html
         sim2vr-harness page vendor game.html --out engines --yes
     """
-    from sim2vr_harness.client.webxr.check import check_page
+    from sim2vr_harness.client.webxr.app import check_page
     from sim2vr_harness.client.webxr.vendor import MAP_FILE, packages_behind, read_map
     from sim2vr_harness.client.webxr.vendor import vendor as fetch
 

@@ -3,7 +3,6 @@
 The only importer of the extension module and of ZeroMQ.
 """
 
-from sim2vr_harness.client.app_check import AppTrial, try_app
 from sim2vr_harness.client.base import (
     CAPABILITIES,
     AppClient,
@@ -39,7 +38,10 @@ from sim2vr_harness.client.games import (
     LoggedItem,
     Measure,
     RewardTerm,
+    Timeline,
+    TimelineItem,
     describe_game,
+    describe_level,
     facts_of_outside,
     list_options,
     load_game_library,
@@ -54,7 +56,7 @@ from sim2vr_harness.client.launch import (
     start_unity_app,
     unity_arguments,
 )
-from sim2vr_harness.client.openxr import OpenXRApp
+from sim2vr_harness.client.openxr.app import OpenXRApp
 from sim2vr_harness.client.process import AppProcess
 from sim2vr_harness.client.protocol1 import Protocol1App
 from sim2vr_harness.client.protocol2 import Protocol2App, Protocol2Connection
@@ -75,14 +77,15 @@ from sim2vr_harness.client.tasks import (
     check_task,
     load_task,
 )
-from sim2vr_harness.client.timeline import Timeline, TimelineItem, describe_level
 from sim2vr_harness.client.transport import AppPlace, AppSource, AppsWanted, PageStart, Transport
 from sim2vr_harness.client.transports import (
+    AppTrial,
     list_transports,
     register_transport,
     transport_named,
+    try_app,
 )
-from sim2vr_harness.client.webxr import WebXRApp
+from sim2vr_harness.client.webxr.app import WebXRApp
 
 __all__ = [
     "APP_FAILURES",

@@ -1,7 +1,8 @@
-"""Facts that a game publishes: measures, conditions, names.
+"""Facts that a game publishes: measures, conditions, names, timelines.
 
-Games publish them in C++ beside their rules (``GameFacts`` in ``rl/game_facts.hpp``); tables,
-learning curves, progress displays and figures use them.
+Games publish them in C++ beside their rules (``GameFacts`` in ``rl/game_facts.hpp``,
+``Game::timelineJson`` in ``rl/game.hpp``); tables, learning curves, progress displays and figures
+use them.
 """
 
 from __future__ import annotations
@@ -15,8 +16,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
-from sim2vr_harness.client.base import OptionValue
-from sim2vr_harness.client.runtime import list_games, load_runtime
+from pydantic import TypeAdapter
+
+from sim2vr_harness.client.answers import checked
+from sim2vr_harness.client.base import OptionValue, plain_options
+from sim2vr_harness.client.runtime import checked_seed, list_games, load_runtime
 from sim2vr_harness.registration import register_games
 
 _CONDITION_ARGUMENT = "condition"
@@ -88,8 +92,6 @@ class Condition:
     """A named set of a game's options; all conditions of a game set the same ones.
 
     Attributes:
-        name: What people call it.
-        description: In a line.
         draws: Conditions that a round may turn out to be, where that is not this one itself.
         evaluated: Whether evaluations play it when no one says which.
     """
@@ -106,12 +108,8 @@ class GameOption:
     """An option of a game, a key of ``env.app.options``.
 
     Attributes:
-        name: The key.
         type: ``text``, ``choice``, ``bool``, ``number`` or ``numbers`` (a list).
         default: The value of a round that does not set it; ``[]``: the game's own.
-        choices: Values of a choice.
-        minimum: Least value of a number.
-        maximum: Greatest value of a number.
     """
 
     name: str
@@ -135,7 +133,6 @@ class RewardTerm:
 
     Attributes:
         log_key: The log's number of what it was in the latest user step.
-        label: For tables.
     """
 
     log_key: str
@@ -152,7 +149,7 @@ class ItemOutcome:
     """A way in which an item ends.
 
     Attributes:
-        event: The log's event.
+        event: The log's.
         name: What data and tables call it.
         success: Whether the player did well.
     """
@@ -196,8 +193,6 @@ class GameFacts:
     """What is known of a game without playing it.
 
     Attributes:
-        name: The game.
-        description: In a line.
         id: Its name in Gymnasium ids: ``Sample`` in ``sim2vr/Sample-v0``.
         round_seconds: Length of a round with default options; 0: rounds have no usual length.
         devices: Controllers without which a right-handed player cannot play; see :meth:`needs`.
@@ -205,11 +200,9 @@ class GameFacts:
         hand_option: The option that takes ``right`` or ``left``, the hand that plays, if any.
         level_option: The option that names the level to play, if any; the game then has
             timelines (:func:`describe_level`).
-        measures: In the order of the tables.
         score: Name of the measure by which users are compared; None: the return.
         reward_terms: Parts of the reward that the log has.
         reward_rest: What to call the rest of the reward.
-        items: What comes and goes in a round, by the episode's log.
         conditions: In the order in which they are listed; empty for an app that publishes none.
         default_condition: What a round without options is.
         evaluation_options: Options that an evaluation sets.
@@ -370,7 +363,8 @@ def list_options(name: str) -> tuple[GameOption, ...]:
     Raises:
         ValueError: There is no such game; names the nearest.
     """
-    return tuple(GameOption(**told) for told in json.loads(load_runtime().game_options(name)))
+    options = TypeAdapter(tuple[GameOption, ...])
+    return options.validate_json(load_runtime().game_options(name))
 
 
 def facts_of_outside(name: str) -> GameFacts:
@@ -388,31 +382,66 @@ def read_facts(told: Mapping[str, Any]) -> GameFacts:
     """What a game publishes, as it says it in JSON (docs/reference/protocol.md, hello).
 
     Raises:
-        KeyError, TypeError: Something is missing, or not known here.
+        BadReply: Something is missing, or of another kind.
     """
-    measures = tuple(
-        Measure(**{**measure, "grid": None if measure["grid"] is None else tuple(measure["grid"])})
-        for measure in told["measures"]
-    )
-    conditions = tuple(
-        Condition(**{**condition, "draws": tuple(condition["draws"])})
-        for condition in told["conditions"]
-    )
-    terms = tuple(RewardTerm(**term) for term in told["reward_terms"])
-    return GameFacts(
-        **{
-            **told,
-            "devices": tuple(told["devices"]),
-            "inputs": tuple(told.get("inputs", ())),
-            "measures": measures,
-            "conditions": conditions,
-            "reward_terms": terms,
-            "items": tuple(map(_read_item, told.get("items", ()))),
-        }
-    )
+    return checked("facts", TypeAdapter(GameFacts), told)
 
 
-def _read_item(told: Mapping[str, Any]) -> LoggedItem:
-    outcomes = tuple(ItemOutcome(**outcome) for outcome in told["outcomes"])
-    counted = tuple(told["counted_events"])
-    return LoggedItem(**{**told, "outcomes": outcomes, "counted_events": counted})
+# --- timelines -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class TimelineItem:
+    """A thing that comes at a time.
+
+    Attributes:
+        time_s: When, s after the round's start.
+        lane: Where, counted from the lowest lane; may lie between two.
+        shape: ``box``, ``disc``, ``dot`` or ``bar``.
+        color: ``#rrggbb``.
+        kind: For the legend.
+        duration_s: Of a bar.
+        lanes: Of a bar, upwards from ``lane``.
+        arrow_deg: Direction of an arrow on it, counter-clockwise from right; None: it has none.
+        marked: Something is wrong with it.
+    """
+
+    time_s: float
+    lane: float
+    shape: str
+    color: str
+    kind: str
+    duration_s: float = 0.0
+    lanes: float = 1.0
+    arrow_deg: float | None = None
+    marked: bool = False
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """What comes when in a round.
+
+    Attributes:
+        lanes: Their names, bottom up.
+        facts: Label and text or number, in the order of display.
+        level: The level as the game has it, for those who play it elsewhere.
+    """
+
+    name: str
+    length_s: float
+    lanes: tuple[str, ...]
+    beats_s: tuple[float, ...]
+    items: tuple[TimelineItem, ...]
+    facts: Mapping[str, Any]
+    level: Mapping[str, Any] = field(default_factory=dict)
+
+
+def describe_level(game: str, options: Mapping[str, OptionValue], seed: int) -> Timeline:
+    """What comes when in the round that these options and this seed start.
+
+    Raises:
+        ValueError: There is no such game, it has no levels, or it refuses the options.
+    """
+    text = json.dumps(plain_options(options))
+    level = load_runtime().game_timeline(game, text, checked_seed(seed))
+    return TypeAdapter(Timeline).validate_json(level)

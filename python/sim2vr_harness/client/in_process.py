@@ -6,9 +6,9 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from sim2vr_harness.client.base import (
     numbers_of_log,
     plain_options,
 )
-from sim2vr_harness.client.runtime import checked_seed, load_runtime
+from sim2vr_harness.client.runtime import checked_seed, list_games, load_runtime
 from sim2vr_harness.client.scene import AppScene, SceneMesh
 
 _DEVICE_ROWS = ("head", "left_controller", "right_controller", "left_inputs", "right_inputs")
@@ -46,10 +46,7 @@ class InProcessBatch:
 
     Args:
         n: number of apps N.
-        game: name of the game.
-        options: the game's options.
-        width: of an eye's headset image, pixels.
-        height: of an eye's headset image, pixels.
+        width, height: of an eye's headset image, pixels.
         eyes: 1, or 2 for a picture of each eye.
         ipd_m: distance between the pupils, metres.
         renderer: ``automatic``, ``egl``, ``osmesa`` or ``null``; one per thread.
@@ -448,13 +445,8 @@ class InProcessApp(InProcessBatchApp):
     Args:
         game: name of the game (:func:`list_games`).
         options: the game's options.
-        width: of an eye's headset image, pixels.
-        height: of an eye's headset image, pixels.
-        eyes: 1, or 2 for a picture of each eye.
-        ipd_m: distance between the pupils, metres.
-        renderer: ``automatic``, ``egl``, ``osmesa`` or ``null``.
         log_dir: folder for ``states.csv`` and ``events.csv`` of every round, or None.
-        clock: fixed step and tolerances of the app's clock.
+        settings: width, height, eyes, ipd_m, renderer and clock of :class:`InProcessBatch`.
 
     Raises:
         ValueError: unknown game or option, unusable size; names the field, got and expected.
@@ -466,27 +458,11 @@ class InProcessApp(InProcessBatchApp):
         game: str,
         options: Mapping[str, OptionValue] | None = None,
         *,
-        width: int = 120,
-        height: int = 80,
-        eyes: int = 1,
-        ipd_m: float = 0.064,
-        renderer: str = "automatic",
         log_dir: Path | None = None,
-        clock: ClockSettings | None = None,
+        **settings: Any,
     ) -> None:
-        batch = InProcessBatch(
-            1,
-            game,
-            options,
-            width=width,
-            height=height,
-            eyes=eyes,
-            ipd_m=ipd_m,
-            renderer=renderer,
-            share_renderer=True,
-            log_dirs=None if log_dir is None else [log_dir],
-            clock=clock,
-        )
+        logs = None if log_dir is None else [log_dir]
+        batch = InProcessBatch(1, game, options, share_renderer=True, log_dirs=logs, **settings)
         super().__init__(batch, 0)
 
 
@@ -497,3 +473,27 @@ def _one_app(poses: DevicePoses) -> DevicePoses:
 
 def _arguments(poses: DevicePoses) -> list[Float64Array | None]:
     return [getattr(poses, name) for name in _DEVICE_ROWS]
+
+
+_KINDS: tuple[tuple[str, Literal["truth", "text"]], ...] = (
+    ("expected true or false", "truth"),
+    ("expected a string", "text"),
+)
+"""How the runtime words what it expects of an option (``core/options.cpp``)."""
+
+
+@lru_cache
+def option_kind(game: str, option: str) -> Literal["truth", "text", "other"] | None:
+    """Return what an option of a game of the runtime takes; None of another game or option.
+
+    The runtime says so when the option has a value of another kind, an empty list.
+    """
+    if game not in list_games():
+        return None
+    try:
+        InProcessBatch(1, game, {option: []}, renderer="null", width=8, height=8)
+    except ValueError as error:
+        found = [kind for words, kind in _KINDS if str(error).endswith(words)]
+        unknown = f"unknown option '{option}'" in str(error)
+        return found[0] if found else None if unknown else "other"
+    return "other"

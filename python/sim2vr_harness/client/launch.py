@@ -10,6 +10,7 @@ import socket
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 from sim2vr_harness.base.notices import notice_once
@@ -52,12 +53,12 @@ class StartingApp:
     """A process that was started and is not known to listen yet.
 
     Args:
-        port: the port it has to take, or None when it says itself where it listens.
+        process: of the app.
+        endpoint: where it has to listen; None: it says itself where it does.
     """
 
-    def __init__(self, process: AppProcess, port: PortReservation | None = None) -> None:
-        self.process = process
-        self._port = port
+    def __init__(self, process: AppProcess, endpoint: str | None = None) -> None:
+        self.process, self._endpoint = process, endpoint
 
     def channel(self, timeout_s: float, start_timeout_s: float) -> Channel:
         """A channel to the app; waits until it listens where it says so.
@@ -73,19 +74,13 @@ class StartingApp:
         """
         try:
             checked_duration_s("start_timeout_s", start_timeout_s)
-            if self._port is not None:
-                endpoint = f"tcp://127.0.0.1:{self._port.number}"
-            else:
+            endpoint = self._endpoint
+            if endpoint is None:
                 endpoint = self.process.wait_for_output(_LISTENING, start_timeout_s).group(1)
             return Channel(endpoint, timeout_s=timeout_s, process=self.process)
         except BaseException:
             self.process.kill()
             raise
-
-    def release_port(self) -> None:
-        """To be called when the app has answered, or has failed; idempotent."""
-        if self._port is not None:
-            self._port.release()
 
 
 def start_sim2vr_app(executable: Path, arguments: Sequence[str]) -> StartingApp:
@@ -112,7 +107,8 @@ def start_sim2vr_app(executable: Path, arguments: Sequence[str]) -> StartingApp:
         file = None
     place = ["--port", "0"] if file is None else ["--bind", f"ipc://{file}"]
     command = [str(executable), *place, "--timeout", str(_SILENCE_S), *arguments]
-    return StartingApp(AppProcess(command, socket=file))
+    unlink = None if file is None else partial(file.unlink, missing_ok=True)
+    return StartingApp(AppProcess(command, at_end=unlink))
 
 
 def named_condition(arguments: Sequence[str]) -> str | None:
@@ -207,12 +203,13 @@ def start_unity_app(executable: Path, arguments: Sequence[str]) -> StartingApp:
     own_log = log_folder() / f"{executable.name}-{os.getpid()}-{port.number}.unity.log"
     command = [str(executable), "-simulated", "-port", str(port.number), "-logFile", str(own_log)]
     environment = {} if os.environ.get("DISPLAY") else {"DISPLAY": ":0"}
-    try:
-        process = AppProcess([*command, *arguments], environment=environment, extra_logs=[own_log])
-    except BaseException:
-        port.release()
-        raise
-    return StartingApp(process, port)
+    process = AppProcess(
+        [*command, *arguments],
+        environment=environment,
+        extra_logs=[own_log],
+        at_end=port.release,
+    )
+    return StartingApp(process, f"tcp://127.0.0.1:{port.number}")
 
 
 class PortReservation:

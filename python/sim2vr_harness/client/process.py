@@ -17,7 +17,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from sim2vr_harness.client.errors import AppDied, AppRefused, AppTimeout
+from sim2vr_harness.client.errors import AppDied, AppRefused, AppTimeout, ProtocolError
 from sim2vr_harness.client.temporary import FOLDER_VARIABLE, GROUP_FILE, TemporaryFolder
 
 BAD_USAGE = 2
@@ -71,7 +71,7 @@ class AppProcess:
         command: the executable and its arguments.
         environment: variables on top of this process's.
         extra_logs: files that the app writes by itself and that errors shall quote, too.
-        socket: file of the socket that the app listens on, deleted at the end; None: none.
+        at_end: called when it has ended, or could not be started.
         pipes: descriptors that become the app's 3 (to read from) and 4 (to write to); they stay
             this side's to close.
         stdin: descriptor of its standard input; None: it is empty.
@@ -90,28 +90,32 @@ class AppProcess:
         *,
         environment: Mapping[str, str] | None = None,
         extra_logs: Sequence[Path] = (),
-        socket: Path | None = None,
+        at_end: Callable[[], object] | None = None,
         pipes: tuple[int, int] | None = None,
         stdin: int | None = None,
         inherited: Sequence[int] = (),
         home: TemporaryFolder | None = None,
     ) -> None:
         self.command = [os.fspath(part) for part in command]
-        self.name = Path(self.command[0]).name
+        self._at_end = at_end or (lambda: None)
         path = self.command[0]
-        if not Path(path).is_file():
-            found = "a folder" if Path(path).is_dir() else "no file"
-            raise AppRefused(f"executable: got {path!r}, which is {found}, expected a program")
-        if not os.access(path, os.X_OK):
-            raise AppRefused(
-                f"executable: got {path!r}, which may not be executed; run: chmod +x {path}"
-            )
-        log_folder()  # refused now rather than after a failure
+        self.name = Path(path).name
+        try:
+            if not Path(path).is_file():
+                found = "a folder" if Path(path).is_dir() else "no file"
+                raise AppRefused(f"executable: got {path!r}, which is {found}, expected a program")
+            if not os.access(path, os.X_OK):
+                raise AppRefused(
+                    f"executable: got {path!r}, which may not be executed; run: chmod +x {path}"
+                )
+            log_folder()  # refused now rather than after a failure
+        except AppRefused:
+            self._at_end()
+            raise
         self._folder = TemporaryFolder() if home is None else home
         self.log_file = self._folder.path / f"{self.name}.log"
         self._logs = [self.log_file, *extra_logs]
         self._keep_logs = False
-        self._socket = socket
         read_from = subprocess.DEVNULL if stdin is None else stdin
         note = _NOTED if pipes is None else _NOTED + _MOVED_PIPES
         noting = [*_dying_with_parent(), "sh", "-c", note, str(self._folder.path)]
@@ -133,8 +137,9 @@ class AppProcess:
                 )
         except OSError as error:
             self._folder.remove()
+            self._at_end()
             raise AppRefused(
-                f"executable: got {self.command[0]!r}, which cannot be started "
+                f"executable: got {path!r}, which cannot be started "
                 f"({error.strerror}), expected a program for this machine"
             ) from error
         self._finalizer = weakref.finalize(
@@ -273,12 +278,69 @@ class AppProcess:
     def kill(self) -> None:
         """Ends the process and its group at once; idempotent."""
         self._finalizer()
-        if self._socket is not None:
-            self._socket.unlink(missing_ok=True)
+        self._at_end()
         if not self._keep_logs:
             for file in self._logs:
                 file.unlink(missing_ok=True)
         self._folder.remove()
+
+
+class Conversation:
+    """Talk with an app, given up after the first failure, which later calls repeat.
+
+    Args:
+        process: of the app; None: this side has not started it.
+
+    Attributes:
+        failure: why it does not go on; None while it does.
+    """
+
+    def __init__(self, process: AppProcess | None) -> None:
+        self.process = process
+        self.failure: str | None = None
+        self._ended = None if process is None else process.open_pidfd()
+
+    @property
+    def app(self) -> str:
+        """The app in words, for messages."""
+        return str(self.process)
+
+    @property
+    def usable(self) -> bool:
+        """Whether the app can be asked."""
+        return self.failure is None
+
+    def require_open(self) -> None:
+        """Raise AppDied after a failure."""
+        if self.failure is not None:
+            raise AppDied(f"{self.app} was given up: {self.failure}")
+
+    def give_up(self, error: Exception) -> Exception:
+        """End the conversation because of ``error``, which later calls repeat; returns it."""
+        self.failure = self.failure or str(error)
+        return error
+
+    def malformed(self, what: object, doing: str = "") -> Exception:
+        """Give up because of an answer, to what ``doing`` says, that cannot be used."""
+        words = f"{self.app} answered {doing}".rstrip()
+        return self.give_up(ProtocolError(f"{words} with another thing: {what}"))
+
+    def silent(self, what: str, limit_s: float, hint: str = "") -> Exception:
+        """Give up because an answer has not come in time."""
+        return self.give_up(AppTimeout(f"{self.app} gave no {what} within {limit_s:g} s{hint}"))
+
+    def died(self, when: str) -> Exception:
+        """Give up because the process ended; its connection closes a moment before it does."""
+        assert self.process is not None
+        self.process.wait(1.0)
+        return self.give_up(self.process.death(when))
+
+    def close(self) -> None:
+        """Ask nothing more; idempotent."""
+        self.failure = self.failure or "it is closed; make a new one"
+        if self._ended is not None:
+            os.close(self._ended)
+            self._ended = None
 
 
 def end_words(status: int | None) -> str:

@@ -8,18 +8,28 @@ process: seed and options at a reset, exact times, all frames of a step, saved s
 """
 
 import base64
+import io
 import json
+import math
+import re
+import struct
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
-from typing import Any
+from contextlib import contextmanager
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+from pydantic import BaseModel, BeforeValidator, StrictBool, StrictStr, TypeAdapter
 
 from sim2vr_harness.client.answers import (
-    LARGEST,
-    number_in,
-    truth_in,
+    OBJECT,
+    PITCH,
+    BadReply,
+    Binary32,
+    bad_reply,
+    checked,
+    read,
 )
 from sim2vr_harness.client.base import (
     AppClient,
@@ -28,30 +38,13 @@ from sim2vr_harness.client.base import (
     OptionValue,
     ThirdPersonView,
     UInt8Array,
+    numbers_of_log,
 )
 from sim2vr_harness.client.channel import Channel, checked_duration_s
 from sim2vr_harness.client.devices import DevicePoses
 from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported, ProtocolError
-from sim2vr_harness.client.poses import (
-    check_finite,
-    frame_times,
-    pose_rows,
-    require_devices,
-)
-from sim2vr_harness.client.protocol1_wire import (
-    OtherSize,
-    bytes_in,
-    decode_png,
-    decode_reply,
-    field_in,
-    log_in,
-    on_grid,
-    pose_fields,
-)
+from sim2vr_harness.client.poses import check_finite, frame_times, pose_rows, require_devices
 from sim2vr_harness.client.runtime import checked_seed
-
-QUIT_S = 2.0
-"""How long an app may take to acknowledge the end of the session."""
 
 _CAPABILITIES = frozenset({"left_controller"})
 """Of an app that knows the reference's fields only."""
@@ -70,10 +63,8 @@ class Protocol1App(AppClient):
 
     Args:
         channel: to the app; owned by this object from now on, its process too.
-        width: of the app's image, pixels.
-        height: of the app's image, pixels.
+        width, height: of the app's image, pixels.
         frequency_hz: user steps per second.
-        fixed_delta_time_s: the app's fixed step.
         time_scale: how many times faster than real time a Unity app may run at most.
         options: what the app was started with.
         start_timeout_s: how long the app may take to start.
@@ -122,7 +113,7 @@ class Protocol1App(AppClient):
             self._send(message, "the handshake")
             reply, _ = self._receive(start_timeout_s)
         except BaseException:
-            self._abandon()
+            channel.abandon()
             raise
         self.server: str | None = reply.get("server")
         """Name and version of our own server; None for an app of the reference."""
@@ -147,8 +138,7 @@ class Protocol1App(AppClient):
         wanted = {"seed": seed, "options": dict(options or {})}
         reply = self._extra("head_request", "the head's pitch", {"headRequest": wanted})
         with self._checking():
-            pitch_deg = field_in(reply, "headRequest", dict).get("pitch_deg")
-            return None if pitch_deg is None else number_in("pitch_deg", pitch_deg)
+            return checked("headRequest", PITCH, reply.get("headRequest")).pitch_deg
 
     @property
     def _is_ours(self) -> bool:
@@ -181,7 +171,12 @@ class Protocol1App(AppClient):
         if self._is_ours:
             state = self._state(time_ns, rows[-1]) | {"seed": seed, "options": dict(options or {})}
         else:
-            self._require_same_options(options or {})
+            for name, value in (options or {}).items():
+                if name not in self._options or self._options[name] != value:
+                    raise AppRefused(
+                        f"option {name}: got {value!r}, but {self._channel.app} takes its options "
+                        f"at its start only, expected {self._options.get(name, 'none')!r}"
+                    )
             self._round_s = self._clock_s
             state = self._reference_state(0.0, rows[-1])
         state["reset"] = True
@@ -255,20 +250,12 @@ class Protocol1App(AppClient):
             "quitApplication": False,
         }
 
-    def _require_same_options(self, options: Mapping[str, OptionValue]) -> None:
-        for name, value in options.items():
-            if name not in self._options or self._options[name] != value:
-                raise AppRefused(
-                    f"option {name}: got {value!r}, but {self._channel.app} takes its options at "
-                    f"its start only, expected {self._options.get(name, 'none')!r}"
-                )
-
     # --- state and views ---------------------------------------------------------------------
 
     def save(self) -> bytes:
         reply = self._extra("save", "saving", {"save": True})
         with self._checking():
-            return base64.b64decode(field_in(reply, "state", str), validate=True)
+            return base64.b64decode(checked("state", _TEXT, reply.get("state")), validate=True)
 
     def load(self, state: bytes) -> None:
         reply = self._extra(
@@ -280,7 +267,7 @@ class Protocol1App(AppClient):
     def state_hash(self) -> int:
         reply = self._extra("save", "the hash", {"stateHash": True})
         with self._checking():
-            return int(field_in(reply, "stateHash", str), 16)
+            return int(checked("stateHash", _TEXT, reply.get("stateHash")), 16)
 
     def render_headset(self, width: int, height: int) -> UInt8Array:
         if not self._is_ours and (height, width, 4) == self._shape:
@@ -320,7 +307,9 @@ class Protocol1App(AppClient):
         """The reply without its image, and the image's PNG bytes; raises the app's errors."""
         frames = self._channel.receive(self._doing, timeout_s)
         if len(frames) != 1:
-            raise self._malformed(f"got {len(frames)} message parts, expected 1")
+            raise self._channel.malformed(
+                f"got {len(frames)} message parts, expected 1", self._doing
+            )
         with self._checking():
             reply, png = decode_reply(frames[0])
         if "error" in reply:
@@ -336,14 +325,9 @@ class Protocol1App(AppClient):
         self._ending = False
         reply, png = self._receive()
         with self._checking():
-            result = AppReply(
-                reward=number_in("reward", reply.get("reward"), LARGEST),
-                finished=truth_in("isFinished", reply.get("isFinished")),
-                time_feature=number_in("timeFeature", reply.get("timeFeature"), LARGEST),
-                log=log_in(reply.get("logDict", "{}")),
-            )
-            # The app's picture; the first one shows whether the app and the user agree on its
-            # size.
+            told = checked("the reply", _ANSWER, reply)
+            result = AppReply(told.reward, told.isFinished, told.timeFeature, log_in(told.logDict))
+            # The first picture shows whether the app and the user agree on its size.
             try:
                 image = decode_png(png, self._shape)
             except OtherSize as error:
@@ -367,26 +351,151 @@ class Protocol1App(AppClient):
         except AppRefused:
             raise
         except ValueError as error:
-            raise self._malformed(str(error)) from error
-
-    def _malformed(self, what: str) -> Exception:
-        return self._channel.give_up(
-            ProtocolError(f"{self._channel.app} answered {self._doing} with another thing: {what}")
-        )
+            raise self._channel.malformed(error, self._doing) from error
 
     # --- the end -----------------------------------------------------------------------------
 
     def close(self) -> None:
         """See :class:`AppClient`; tells the app to quit and ends the process it came from."""
-        if self._channel.usable:
-            with suppress(AppError):
-                self._channel.request([b'{"quitApplication":true}'], "the end", QUIT_S)
-            self._channel.close()
-            if self._channel.process is not None:
-                self._channel.process.stop()
-        self._abandon()
+        self._channel.end([b'{"quitApplication":true}'])
 
-    def _abandon(self) -> None:
-        self._channel.close()
-        if self._channel.process is not None:
-            self._channel.process.kill()
+
+# --- messages ------------------------------------------------------------------------------------
+
+_IMAGE = re.compile(rb'"image"\s*:\s*\[')
+_NAMES = (
+    ("headsetPosition", "headsetRotation"),
+    ("leftControllerPosition", "leftControllerRotation"),
+    ("rightControllerPosition", "rightControllerRotation"),
+)
+
+
+class _Answer(BaseModel):
+    """The fields of a reply to a reset or step, besides the image."""
+
+    reward: Binary32
+    isFinished: StrictBool
+    timeFeature: Binary32
+    logDict: StrictStr | None = None
+
+
+_ANSWER, _TEXT = TypeAdapter(_Answer), TypeAdapter(StrictStr)
+_LOG = TypeAdapter(
+    dict[str, Annotated[float, BeforeValidator(lambda one: math.nan if one is None else one)]]
+)
+"""Unity's JSON has NaN and infinity as texts."""
+
+
+def pose_fields(row: NDArray[np.float64]) -> dict[str, dict[str, float]]:
+    """Return the fields of the device poses in a message."""
+    fields = {}
+    for (position, rotation), values in zip(_NAMES, row.tolist(), strict=True):
+        x, y, z, qx, qy, qz, qw = values
+        if position == _NAMES[1][0] and not any(values):
+            qw = 1.0  # how the reference says that there is no left controller
+        fields[position] = {"x": x, "y": y, "z": z}
+        fields[rotation] = {"x": qx, "y": qy, "z": qz, "w": qw}
+    return fields
+
+
+def on_grid(seconds: float, frequency_hz: int) -> float:
+    """Return the time, in whole periods where it is one to a microsecond."""
+    periods = round(seconds * frequency_hz)
+    return periods / frequency_hz if abs(seconds * frequency_hz - periods) < 1e-6 else seconds
+
+
+class OtherSize(BadReply):
+    """A picture of another size than expected."""
+
+    def __init__(self, width: int, height: int, shape: tuple[int, int, int]) -> None:
+        super().__init__(f"image: got {width} x {height} pixels, expected {shape[1]} x {shape[0]}")
+        self.width, self.height = width, height
+
+
+def bytes_in(what: str, answer: object) -> bytes:
+    """Return the bytes of an array of numbers; raises :class:`BadReply`."""
+    if not isinstance(answer, list):
+        raise bad_reply(what, answer, "an array of bytes")
+    try:
+        return bytes(answer)
+    except (TypeError, ValueError) as error:
+        raise bad_reply(what, answer, f"an array of bytes ({error})") from error
+
+
+def log_in(text: str | None) -> dict[str, float]:
+    """Return the game's named numbers of logDict, a text that holds a JSON object.
+
+    Raises:
+        BadReply: it is another thing.
+    """
+    found = read("logDict", _LOG, text) if text and text.strip() != "null" else {}
+    return numbers_of_log(list(found), list(found.values()))
+
+
+def decode_reply(text: bytes) -> tuple[dict[str, Any], bytes]:
+    """Split a reply into its fields without ``image``, and the bytes of the image.
+
+    The image is an array of some thousand decimal numbers; reading it apart from the rest takes a
+    third of the time that a JSON parser needs.
+
+    Raises:
+        BadReply: no JSON object, or an image that is no array of bytes.
+    """
+    match = _IMAGE.search(text)
+    image = b""
+    if match is not None:
+        end = text.find(b"]", match.end())
+        numbers = _byte_list(text[match.end() : end]) if end >= 0 else None
+        if numbers is not None:
+            image, text = numbers, text[: match.end()] + text[end:]
+    reply = read("the reply", OBJECT, text)
+    rest = reply.pop("image", None)
+    return reply, bytes_in("image", rest) if rest else image
+
+
+def _byte_list(text: bytes) -> bytes | None:
+    """``b"137,80,7"`` as the three bytes; None if it is anything else."""
+    codes = np.frombuffer(text, dtype=np.uint8)
+    if len(codes) == 0:
+        return b""
+    commas = codes == ord(",")
+    digits = codes - np.uint8(ord("0"))
+    if not (commas | (digits <= 9)).all():
+        return None
+    ends = np.append(np.flatnonzero(commas), len(codes))
+    lengths = np.diff(ends, prepend=-1) - 1
+    if lengths.min() < 1 or lengths.max() > 3:
+        return None
+    values = digits[ends - 1].astype(np.uint16)
+    for place, factor in ((2, 10), (3, 100)):
+        longer = np.flatnonzero(lengths >= place)
+        values[longer] += factor * digits[ends[longer] - place].astype(np.uint16)
+    return values.astype(np.uint8).tobytes() if values.max() <= 255 else None
+
+
+def decode_png(png: bytes, shape: tuple[int, int, int]) -> UInt8Array:
+    """Return the (H, W, 4) RGBA picture of a PNG file's bytes.
+
+    Raises:
+        OtherSize: it has another size.
+        BadReply: it is no such file.
+    """
+    try:
+        with Image.open(io.BytesIO(png), formats=["PNG"]) as picture:
+            if picture.mode != "RGBA":
+                raise bad_reply("image", f"a PNG of mode {picture.mode}", "RGBA")
+            if (picture.height, picture.width, 4) != shape:  # before any pixel is decoded
+                raise OtherSize(picture.width, picture.height, shape)
+            return np.asarray(picture)
+    except BadReply:
+        raise
+    except (
+        UnidentifiedImageError,
+        Image.DecompressionBombError,
+        Image.DecompressionBombWarning,
+        OSError,
+        SyntaxError,
+        ValueError,
+        struct.error,
+    ) as error:
+        raise BadReply(f"image: got {len(png)} bytes ({error}), expected a PNG file") from error

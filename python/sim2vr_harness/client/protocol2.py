@@ -9,17 +9,27 @@ import json
 import struct
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import asdict
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from enum import IntEnum
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, Field, TypeAdapter
 
 from sim2vr_harness.base.paths import uri_unless_utf8
-from sim2vr_harness.client import protocol2_wire as wire
-from sim2vr_harness.client.answers import UNREADABLE, number_in, object_in
+from sim2vr_harness.client.answers import (
+    PITCH,
+    UNREADABLE,
+    BadReply,
+    Number,
+    Place,
+    Rotation,
+    json_in,
+    read,
+)
 from sim2vr_harness.client.base import (
     CAPABILITIES,
     AppClient,
@@ -29,33 +39,148 @@ from sim2vr_harness.client.base import (
     OptionValue,
     ThirdPersonView,
     UInt8Array,
+    numbers_of_log,
     plain_options,
 )
 from sim2vr_harness.client.channel import Channel, checked_duration_s
-from sim2vr_harness.client.devices import DevicePoses
-from sim2vr_harness.client.errors import AppError, AppRefused, ProtocolError
-from sim2vr_harness.client.poses import frame_times, require_devices
-from sim2vr_harness.client.protocol2_wire import (
-    HEADER,
-    IN_SHARED_MEMORY,
-    MAGIC,
-    REPLY,
-    VERSION,
-    Names,
-    Status,
-    StepResults,
-    Type,
-    error_of,
+from sim2vr_harness.client.devices import (
+    HANDS,
+    INPUT_COUNT,
+    DevicePoses,
+    HapticPulse,
+    SoundEvent,
+)
+from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported, ProtocolError
+from sim2vr_harness.client.poses import (
+    frame_times,
+    input_rows,
+    pose_rows,
+    require_devices,
+    tracked_devices,
 )
 from sim2vr_harness.client.runtime import checked_seed
-from sim2vr_harness.client.scene import AppScene, SceneMesh
+from sim2vr_harness.client.scene import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.shared_images import map_images
+
+# --- bytes ---------------------------------------------------------------------------------------
+
+MAGIC = b"S2VR"
+VERSION = 3
+"""Of the messages."""
+HEADER = struct.Struct("<4sHHIIII")
+"""Magic, version, type, sequence, count of records, status, flags."""
+REPLY = 0x8000
+IN_SHARED_MEMORY = 1
+APP = struct.Struct("<I")
+HASH = struct.Struct("<Q")
+STEP_RECORD = struct.Struct("<IIiI")
+"""App, number of frames, which one is drawn (-1: the last), 0."""
+
+_DEVICES = [
+    ("tracked", "<u4"),
+    ("pad", "<u4"),
+    ("poses", "<f8", (3, 7)),
+    ("inputs", "<f8", (2, INPUT_COUNT)),
+]
+RESET_DTYPE = np.dtype([("app", "<u4"), ("seed", "<u4"), ("time_ns", "<i8"), *_DEVICES])
+FRAME_DTYPE = np.dtype([("time_ns", "<i8"), *_DEVICES])
+RESULT_DTYPE = np.dtype(
+    [
+        ("app", "<u4"),
+        ("finished", "<u4"),
+        ("reward", "<f4"),
+        ("time_feature", "<f4"),
+        ("status", "<u4"),
+        ("log_count", "<u4"),
+        ("log_names", "<u4"),
+        ("haptic_count", "<u4"),
+        ("sound_count", "<u4"),
+        ("pad", "<u4"),
+    ]
+)
+HAPTIC_DTYPE = np.dtype(
+    [
+        ("hand", "<u4"),
+        ("amplitude", "<f4"),
+        ("frequency_hz", "<f4"),
+        ("pad", "<u4"),
+        ("duration_ns", "<i8"),
+    ]
+)
+SOUND_DTYPE = np.dtype([("name", "<u4"), ("gain", "<f4"), ("position_m", "<f8", (3,))])
+RESULT_FRAMES = 7
+"""Frames of the reply to a reset or step, after the header."""
+
+
+class Type(IntEnum):
+    """Kinds of requests."""
+
+    HELLO = 1
+    RESET = 2
+    STEP = 3
+    RENDER = 4
+    SAVE = 5
+    LOAD = 6
+    HASH = 7
+    QUIT = 8
+    HEAD_REQUEST = 9
+    SCENE = 10
+
+
+class Status(IntEnum):
+    """How a request, or one record of it, went."""
+
+    OK = 0
+    INVALID_ARGUMENT = 1
+    STATE_ERROR = 2
+    ENGINE_ERROR = 3
+    MALFORMED = 4
+    BUSY = 5
+    VERSION = 6
+    UNSUPPORTED = 7
+
+
+def error_of(status: int, text: str) -> Exception:
+    """Return the exception for a status that is not OK, with the server's words."""
+    if status == Status.INVALID_ARGUMENT:
+        return AppRefused(text)
+    if status in (Status.MALFORMED, Status.VERSION):
+        return ProtocolError(text)
+    return AppUnsupported(text) if status == Status.UNSUPPORTED else AppError(text)
+
+
+def reset_record(app: int, seed: int, time_ns: int, poses: DevicePoses) -> bytes:
+    """Return the record that starts a round; ValueError for devices of another shape."""
+    record = np.zeros(1, RESET_DTYPE)
+    record["app"], record["seed"], record["time_ns"] = app, seed, time_ns
+    record["tracked"] = tracked_devices(poses)
+    record["poses"], record["inputs"] = pose_rows(poses), input_rows(poses)
+    return record.tobytes()
+
+
+def step_frames(times_ns: Int64Array, poses: DevicePoses) -> NDArray[Any]:
+    """Return the frames of one app's step, (K,) FRAME_DTYPE.
+
+    Args:
+        times_ns: (K,) game times.
+        poses: of K frames, (K, ...).
+
+    Raises:
+        ValueError: devices of another shape.
+    """
+    frames = np.zeros(len(times_ns), FRAME_DTYPE)
+    frames["time_ns"] = times_ns
+    frames["tracked"] = tracked_devices(poses)
+    frames["poses"] = pose_rows(poses, len(times_ns))
+    if poses.left_inputs is not None or poses.right_inputs is not None:
+        frames["inputs"] = input_rows(poses, len(times_ns))
+    return frames
+
+
+# --- clients -------------------------------------------------------------------------------------
 
 MAX_EDGE = 8192
 _CLIENT = f"sim2vr-harness, Python {sys.version_info.major}.{sys.version_info.minor}"
-QUIT_S = 2.0
-"""How long the server may take to acknowledge the end of the session."""
-
 _DOING = {
     Type.HELLO: "the hello",
     Type.RESET: "a reset",
@@ -136,8 +261,7 @@ class Protocol2App(AppClient):
         wanted = {"app": self._index, "seed": seed, "options": plain_options(options)}
         text = self._ask(Type.HEAD_REQUEST, json.dumps(wanted).encode())
         with self._reading("a head request"):
-            pitch_deg = object_in("a head request", text)["pitch_deg"]
-            return None if pitch_deg is None else number_in("pitch_deg", pitch_deg)
+            return read("a head request", PITCH, text).pitch_deg
 
     def render_headset(self, width: int, height: int) -> UInt8Array:
         return self._render("headset", width, height)
@@ -160,15 +284,15 @@ class Protocol2App(AppClient):
         wanted = {"app": self._index, "meshes": len(self._meshes)}
         frames = self._open().ask(Type.SCENE, json.dumps(wanted).encode())
         with self._reading("a scene"):
-            return wire.decode_scene(frames, self._meshes)
+            return decode_scene(frames, self._meshes)
 
     def save(self) -> bytes:
         self.require("save")
-        return self._ask(Type.SAVE, wire.APP.pack(self._index))
+        return self._ask(Type.SAVE, APP.pack(self._index))
 
     def load(self, state: bytes) -> None:
         self.require("save")
-        image = self._ask(Type.LOAD, wire.APP.pack(self._index), state)
+        image = self._ask(Type.LOAD, APP.pack(self._index), state)
         connection = self._open()
         if not connection.in_shared_memory:
             with self._reading("an image"):
@@ -177,9 +301,9 @@ class Protocol2App(AppClient):
 
     def state_hash(self) -> int:
         self.require("save")
-        data = self._ask(Type.HASH, wire.APP.pack(self._index))
+        data = self._ask(Type.HASH, APP.pack(self._index))
         with self._reading("a hash"):
-            (value,) = wire.HASH.unpack(data)
+            (value,) = HASH.unpack(data)
             return int(value)
 
     def _ask(self, kind: Type, *body: bytes) -> bytes:
@@ -191,7 +315,7 @@ class Protocol2App(AppClient):
         try:
             yield
         except (struct.error, *UNREADABLE) as error:
-            raise self._open().malformed(f"{what}: {error!r}") from error
+            raise self._open().unreadable(what, error) from error
 
     def close(self) -> None:
         """See :class:`AppClient`; the last open app of a connection ends the session."""
@@ -210,20 +334,16 @@ class Protocol2Connection:
     Args:
         channel: to the server; owned by this object from now on, its process too.
         apps: N.
-        game: name of the game; None takes the server's.
-        options: the game's options.
-        width: of the headset image, pixels.
-        height: of the headset image, pixels.
+        game: its name; None takes the server's.
+        width, height: of the headset image, pixels.
         renderer: ``automatic``, ``egl``, ``osmesa`` or ``null``.
         log_dir: root of the apps' episode logs, or None.
         clock: fixed step and tolerances of the apps' clocks.
-        eyes: 1, or 2 for a picture of each.
         ipd_m: distance between the pupils, metres; None takes the server's.
         shared_memory: whether to read images from memory shared with a server on this machine.
         start_timeout_s: how long the server may take to start and to make the apps.
 
     Attributes:
-        game: its name.
         facts: what the game publishes (docs/reference/protocol.md, hello), or None.
         capabilities: of the apps, see :attr:`AppClient.capabilities`.
         images: of each app, (H, W, 4), with two eyes (2, H, W, 4).
@@ -254,7 +374,7 @@ class Protocol2Connection:
         self.channel, self.apps = channel, apps
         self.shape = (height, width, 4) if eyes == 1 else (eyes, height, width, 4)
         if not (1 <= width <= MAX_EDGE and 1 <= height <= MAX_EDGE):
-            self._abandon()
+            channel.abandon()
             raise ValueError(
                 f"image size: got {width} x {height}, expected 1 to {MAX_EDGE} pixels each"
             )
@@ -285,36 +405,30 @@ class Protocol2Connection:
             checked_duration_s("start_timeout_s", start_timeout_s)
             self._hello({k: v for k, v in wanted.items() if v is not None}, start_timeout_s)
         except BaseException:
-            self._abandon()
+            channel.abandon()
             raise
 
     def _hello(self, wanted: dict[str, Any], timeout_s: float) -> None:
         reply, _ = self._request(Type.HELLO, [json.dumps(wanted).encode()], timeout_s=timeout_s)
         try:
-            about = object_in("hello", reply[0])
-            self.game = str(about["game"])
-            self.facts: dict[str, Any] | None = about["facts"]
-            self.capabilities = frozenset(map(str, about["capabilities"])) & CAPABILITIES.keys()
-            self.renderer_description = str(about["renderer_description"])
-            size = (int(about["height"]), int(about["width"]), 4)
-            shape = size if about["eyes"] == 1 else (int(about["eyes"]), *size)
-            memory = about["shared_memory"]
-            place = None if memory is None else (str(memory["path"]), str(memory["link"]))
+            about = read("hello", _HELLO, reply[0])
         except UNREADABLE as error:
-            raise self.malformed(f"hello: {error!r}") from error
+            raise self.unreadable("hello", error) from error
+        self.game, self.facts = about.game, about.facts
+        self.capabilities = frozenset(about.capabilities) & CAPABILITIES.keys()
+        self.renderer_description = about.renderer_description
+        size = (about.height, about.width, 4)
+        shape = size if about.eyes == 1 else (about.eyes, *size)
         if shape != self.shape:
-            raise self.malformed(f"hello: images of {shape}, expected {self.shape}")
-        if place is not None and not self._map(*place):
+            raise self.channel.malformed(f"hello: images of {shape}, expected {self.shape}")
+        if about.shared_memory is None:
+            return
+        place = about.shared_memory
+        self._shared = map_images(place.path, place.link, (self.apps, *self.shape))
+        if self._shared is None:  # cannot be reached from here
             self._hello(wanted | {"shared_memory": False}, timeout_s)
-
-    def _map(self, path: str, link: str) -> bool:
-        """Map the server's memory; False where it cannot be reached from here."""
-        shared = map_images(path, link, (self.apps, *self.shape))
-        if shared is None:
-            return False
-        self._shared = shared
-        self.images = list(shared)
-        return True
+        else:
+            self.images = list(self._shared)
 
     # --- rounds ------------------------------------------------------------------------------
 
@@ -328,7 +442,7 @@ class Protocol2Connection:
     ) -> AppReply:
         """Starts a round of one app; see :class:`AppClient`."""
         require_devices(poses, self.capabilities, self.channel.app)
-        record = wire.reset_record(app, seed, time_ns, poses)
+        record = reset_record(app, seed, time_ns, poses)
         self._settle()
         frames, flags = self._request(
             Type.RESET, [record, json.dumps([plain_options(options)]).encode()], count=1
@@ -348,7 +462,7 @@ class Protocol2Connection:
         if app in self._queued or app in self._sent or app in self._results:
             raise AppError("start_step: the step before has not been finished")
         require_devices(poses, self.capabilities, self.channel.app)
-        self._queued[app] = wire.step_frames(times_ns, poses), drawn
+        self._queued[app] = step_frames(times_ns, poses), drawn
         if len(self._queued) == self._open_apps:
             self._flush()
 
@@ -365,7 +479,7 @@ class Protocol2Connection:
         self._settle()
         apps = list(self._queued)
         records = b"".join(
-            wire.STEP_RECORD.pack(app, len(frames), drawn, 0)
+            STEP_RECORD.pack(app, len(frames), drawn, 0)
             for app, (frames, drawn) in self._queued.items()
         )
         frames = b"".join(frames.tobytes() for frames, _ in self._queued.values())
@@ -396,19 +510,15 @@ class Protocol2Connection:
     def _take_results(self, frames: Sequence[bytes], flags: int, apps: Sequence[int]) -> None:
         try:
             results = StepResults.decode(frames, apps, self._names)
-            self._take_images(results.images, flags, apps)
-        except UNREADABLE as error:
-            raise self.malformed(f"a reply to frames: {error!r}") from error
-        self._results |= results.replies
-
-    def _take_images(self, data: bytes, flags: int, apps: Sequence[int]) -> None:
-        if flags & IN_SHARED_MEMORY:
-            if self._shared is None:
+            if not flags & IN_SHARED_MEMORY:
+                images = np.frombuffer(results.images, np.uint8).reshape(len(apps), *self.shape)
+                for app, image in zip(apps, images, strict=True):
+                    self.images[app] = image
+            elif self._shared is None:
                 raise ValueError("images in shared memory that was not requested")
-            return
-        images = np.frombuffer(data, np.uint8).reshape(len(apps), *self.shape)
-        for app, image in zip(apps, images, strict=True):
-            self.images[app] = image
+        except UNREADABLE as error:
+            raise self.unreadable("a reply to frames", error) from error
+        self._results |= results.replies
 
     # --- messages ----------------------------------------------------------------------------
 
@@ -437,33 +547,32 @@ class Protocol2Connection:
         """The frames after the header, and flags; raises the server's errors."""
         frames = self.channel.receive(_DOING[kind], timeout_s)
         if len(frames[0]) != HEADER.size or frames[0][:4] != MAGIC:
-            raise self.malformed(
+            raise self.channel.malformed(
                 f"{frames[0][:40]!r}, expected a header of protocol 2 (an app that only speaks "
                 "protocol 1 is used with --protocol 1)"
             )
         _, version, type_, sequence, _, status, flags = HEADER.unpack(frames[0])
         if version != VERSION:
-            raise self.malformed(
+            raise self.channel.malformed(
                 f"messages of version {version} of protocol 2, expected {VERSION}: take app and "
                 "harness from the same release"
             )
         if status >= len(Status):
-            raise self.malformed(f"status {status}, expected 0 to {len(Status) - 1}")
+            raise self.channel.malformed(f"status {status}, expected 0 to {len(Status) - 1}")
         if status != Status.OK:
             text = frames[1].decode(errors="replace") if len(frames) > 1 else f"status {status}"
             raise error_of(status, text)
         if type_ != kind | REPLY or sequence != self._sequence:
-            raise self.malformed(
+            raise self.channel.malformed(
                 f"type {type_:#x}, sequence {sequence}; expected {kind | REPLY:#x}, "
                 f"{self._sequence}"
             )
         return frames[1:], flags
 
-    def malformed(self, what: str) -> Exception:
-        """The error for an answer that cannot be read; the session ends."""
-        return self.channel.give_up(
-            ProtocolError(f"{self.channel.app} answered with another thing: {what}")
-        )
+    def unreadable(self, what: str, error: Exception) -> Exception:
+        """Give up because of an answer that was none: of the error that reading it raised."""
+        words = str(error) if isinstance(error, BadReply) else f"{what}: {error!r}"
+        return self.channel.malformed(words)
 
     # --- the end -----------------------------------------------------------------------------
 
@@ -492,15 +601,193 @@ class Protocol2Connection:
 
     def close(self) -> None:
         """Ends the session and the process that the server runs in; idempotent."""
-        if self.channel.usable:
-            with suppress(AppError, AppRefused):
-                self._request(Type.QUIT, [], timeout_s=QUIT_S)
-            self.channel.close()
-            if self.channel.process is not None:
-                self.channel.process.stop()
-        self._abandon()
+        header = HEADER.pack(MAGIC, VERSION, Type.QUIT, self._sequence + 1 & 0xFFFFFFFF, 0, 0, 0)
+        self.channel.end([header])
 
-    def _abandon(self) -> None:
-        self.channel.close()
-        if self.channel.process is not None:
-            self.channel.process.kill()
+
+# --- replies -------------------------------------------------------------------------------------
+
+
+@dataclass
+class Names:
+    """What the numbers of log names and sounds in the replies mean, as far as they were told."""
+
+    logs: dict[int, list[str]] = field(default_factory=dict)
+    sounds: dict[int, str] = field(default_factory=dict)
+
+    def add(self, text: bytes) -> None:
+        """Take the frame with the new ones."""
+        if text:
+            new = read("names", _NAMES, text)
+            self.logs |= new.logs
+            self.sounds |= new.sounds
+
+
+@dataclass(frozen=True)
+class StepResults:
+    """The reply to a reset or step.
+
+    Attributes:
+        replies: of each app of the message, or why its record was refused.
+        images: bytes of their images; none when they are in shared memory.
+    """
+
+    replies: dict[int, AppReply | Exception]
+    images: bytes
+
+    @classmethod
+    def decode(cls, frames: Sequence[bytes], apps: Sequence[int], names: Names) -> StepResults:
+        """Read the frames after the header.
+
+        Args:
+            frames: of the message.
+            apps: whose records were sent, in order.
+            names: the session's; those that are new are added.
+
+        Raises:
+            Exception: one of ``UNREADABLE``; it is no such reply.
+        """
+        if len(frames) != RESULT_FRAMES:
+            raise ValueError(f"{len(frames)} frames after the header, expected {RESULT_FRAMES}")
+        records, values, new_names, images, errors, haptics, sounds = frames
+        names.add(new_names)
+        rows = np.frombuffer(records, RESULT_DTYPE)
+        if rows["app"].tolist() != list(apps):
+            raise ValueError(f"records of apps {rows['app'].tolist()}, expected {list(apps)}")
+        if not (np.isfinite(rows["reward"]).all() and np.isfinite(rows["time_feature"]).all()):
+            raise ValueError("a reward or time feature that is not finite")
+        texts = iter(json_in("errors", errors) if errors else [])
+        numbers = np.frombuffer(values, "<f8").tolist()
+        pulses, heard = _pulses(haptics), _sounds(sounds, names)
+        at = pulse = sound = 0
+        replies: dict[int, AppReply | Exception] = {}
+        for row in rows.tolist():
+            app, finished, reward, time_feature, status, log_count, log_names, p, s, _ = row
+            log = numbers[at : at + log_count]
+            at, pulse, sound = at + log_count, pulse + p, sound + s
+            if status >= len(Status):
+                raise ValueError(f"status {status}, expected 0 to {len(Status) - 1}")
+            if status == Status.OK:
+                replies[app] = AppReply(
+                    reward,
+                    bool(finished),
+                    time_feature,
+                    numbers_of_log(names.logs[log_names], log) if log_count else {},
+                    pulses[pulse - p : pulse],
+                    heard[sound - s : sound],
+                )
+            else:
+                replies[app] = error_of(status, str(next(texts, "no reason given")))
+        if (at, pulse, sound) != (len(numbers), len(pulses), len(heard)):
+            raise ValueError("log values or events of another number than the records say")
+        return cls(replies, images)
+
+
+def _pulses(frame: bytes) -> tuple[HapticPulse, ...]:
+    rows = np.frombuffer(frame, HAPTIC_DTYPE)
+    if not (np.isfinite(rows["amplitude"]).all() and np.isfinite(rows["frequency_hz"]).all()):
+        raise ValueError("a vibration whose amplitude or frequency is not finite")
+    return tuple(
+        HapticPulse(HANDS[hand], amplitude, frequency_hz, duration_ns * 1e-9)
+        for hand, amplitude, frequency_hz, _, duration_ns in rows.tolist()
+    )
+
+
+def _sounds(frame: bytes, names: Names) -> tuple[SoundEvent, ...]:
+    rows = np.frombuffer(frame, SOUND_DTYPE)
+    if not (np.isfinite(rows["gain"]).all() and np.isfinite(rows["position_m"]).all()):
+        raise ValueError("a sound whose gain or place is not finite")
+    return tuple(
+        SoundEvent(names.sounds[name], tuple(place.tolist()), gain)
+        for name, gain, place in rows.tolist()
+    )
+
+
+def decode_scene(frames: Sequence[bytes], meshes: list[SceneMesh]) -> AppScene:
+    """Read the reply to a question for an app's scene.
+
+    Args:
+        frames: of the message, after the header.
+        meshes: known of the app; those that are new are added.
+
+    Raises:
+        Exception: one of ``UNREADABLE``; it is no such reply.
+    """
+    told, numbers = read("a scene", _SCENE, frames[0]), frames[1]
+    at, new = 0, []
+    for mesh in told.meshes:
+        vertices = np.frombuffer(numbers, "<f4", 3 * mesh.vertices, at).reshape(-1, 3)
+        at += vertices.nbytes
+        faces = np.frombuffer(numbers, "<u4", 3 * mesh.triangles, at).reshape(-1, 3)
+        at += faces.nbytes
+        if mesh.triangles and faces.max() >= mesh.vertices:
+            raise ValueError(f"a mesh whose triangles go past its {mesh.vertices} vertices")
+        new.append(SceneMesh(mesh.name, vertices, faces.astype(np.int64)))
+    known = [*meshes, *new]
+    for one in told.objects:
+        if one.mesh >= len(known):
+            raise ValueError(f"mesh {one.mesh} of {len(known)}")
+    meshes += new
+    objects = (
+        SceneObject(
+            one.id,
+            one.path,
+            one.layer,
+            None if one.mesh < 0 else one.mesh,
+            np.array(one.pose),
+            np.array(one.scale),
+            np.array(one.color, np.float32),
+            one.unlit,
+        )
+        for one in told.objects
+    )
+    return AppScene(tuple(objects), tuple(known))
+
+
+# --- JSON in replies -----------------------------------------------------------------------------
+
+
+class _Memory(BaseModel):
+    path: str
+    link: str
+
+
+class _Hello(BaseModel):
+    game: str
+    facts: dict[str, Any] | None
+    capabilities: list[str]
+    renderer_description: str
+    width: int
+    height: int
+    eyes: int
+    shared_memory: _Memory | None
+
+
+class _Names(BaseModel):
+    logs: dict[int, list[str]]
+    sounds: dict[int, str]
+
+
+class _Mesh(BaseModel):
+    name: str
+    vertices: Annotated[int, Field(ge=0)]
+    triangles: Annotated[int, Field(ge=0)]
+
+
+class _Object(BaseModel):
+    id: int
+    path: str
+    layer: int
+    mesh: int
+    pose: Annotated[tuple[Number, ...], Field(min_length=7, max_length=7)]
+    scale: Place
+    color: Rotation
+    unlit: bool
+
+
+class _Scene(BaseModel):
+    meshes: list[_Mesh]
+    objects: list[_Object]
+
+
+_HELLO, _NAMES, _SCENE = TypeAdapter(_Hello), TypeAdapter(_Names), TypeAdapter(_Scene)

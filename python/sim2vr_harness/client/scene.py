@@ -29,7 +29,6 @@ class SceneMesh:
     """A shape, app frame.
 
     Attributes:
-        name: for people.
         vertices: (V, 3) float32.
         triangles: (T, 3) int64 indices of vertices; fronts are clockwise.
     """

@@ -70,10 +70,7 @@ class AppsWanted:
     """The apps of N users.
 
     Attributes:
-        game: its name.
-        options: the game's.
-        width: of one eye's image, pixels.
-        height: of one eye's image, pixels.
+        width, height: of one eye's image, pixels.
         eyes: 1, or 2 for a picture of each.
         ipd_m: distance between the pupils, metres.
         depth: whether a user sees the image's depth.
@@ -110,7 +107,6 @@ class Transport:
 
     Attributes:
         name: in configurations, ``env.app.transport``.
-        summary: a line for people.
         apps: how to get the apps of N users. ValueError where the settings do not serve so many.
         capabilities: names of :data:`~sim2vr_harness.client.CAPABILITIES` that every app has which
             is reached so; a single app may have more.

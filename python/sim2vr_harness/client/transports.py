@@ -5,15 +5,19 @@ registered with :func:`register_transport` before a configuration names it.
 """
 
 import difflib
+import time
 from collections.abc import Callable, Sequence
-from contextlib import closing
-from dataclasses import replace
+from contextlib import closing, suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
 from sim2vr_harness.base import paths
-from sim2vr_harness.client.base import CAPABILITIES, AppClient
+from sim2vr_harness.client.base import CAPABILITIES, AppClient, UInt8Array
 from sim2vr_harness.client.channel import Channel
+from sim2vr_harness.client.devices import DevicePoses
 from sim2vr_harness.client.errors import (
     AppDied,
     AppRefused,
@@ -33,11 +37,12 @@ from sim2vr_harness.client.launch import (
     start_unity_app,
     unity_arguments,
 )
-from sim2vr_harness.client.openxr import OPENXR
+from sim2vr_harness.client.openxr.app import OPENXR
 from sim2vr_harness.client.protocol1 import Protocol1App
 from sim2vr_harness.client.protocol2 import Protocol2Connection
+from sim2vr_harness.client.runtime import frame_time_ns
 from sim2vr_harness.client.transport import AppPlace, AppsWanted, Transport
-from sim2vr_harness.client.webxr import WEBXR
+from sim2vr_harness.client.webxr.app import WEBXR
 
 START_ATTEMPTS = 2
 
@@ -103,17 +108,15 @@ class AppServers:
     def _settled(self, server: int, log_dir: Path | None) -> Served:
         """A session with the process; a failed start is tried again."""
         attempts = 1 if self._place.connect is not None else START_ATTEMPTS
-        for attempt in range(1, attempts + 1):
-            try:
-                return self._once(server, log_dir)
-            except (AppDied, AppTimeout):
-                if attempt == attempts:
-                    self._abandon_starts()
-                    raise
-            except BaseException:
-                self._abandon_starts()
-                raise
-        raise AssertionError("unreachable")
+        try:
+            for _ in range(attempts - 1):
+                with suppress(AppDied, AppTimeout):
+                    return self._once(server, log_dir)
+            return self._once(server, log_dir)
+        except BaseException:
+            while self._starting:
+                self._starting.popitem()[1].process.kill()
+            raise
 
     def _once(self, server: int, log_dir: Path | None) -> Served:
         apps = min(self._per_server, self._wanted.n - server * self._per_server)
@@ -121,17 +124,8 @@ class AppServers:
             channel = connect(self._place.connect, self._place.timeout_s)
             return self._open(channel, self._wanted, apps, log_dir)
         starting = self._starting.pop(server, None) or self._start(server, log_dir)
-        try:
-            channel = starting.channel(self._place.timeout_s, self._place.start_timeout_s)
-            return self._open(channel, self._wanted, apps, self._log_folder(server, log_dir))
-        finally:
-            starting.release_port()
-
-    def _abandon_starts(self) -> None:
-        while self._starting:
-            _, starting = self._starting.popitem()
-            starting.release_port()
-            starting.process.kill()
+        channel = starting.channel(self._place.timeout_s, self._place.start_timeout_s)
+        return self._open(channel, self._wanted, apps, self._log_folder(server, log_dir))
 
     def _start(self, server: int, log_dir: Path | None) -> StartingApp:
         place, wanted = self._place, self._wanted
@@ -273,11 +267,11 @@ def _note_facts(address: str, connection: Protocol2Connection) -> GameFacts | No
     facts = connection.facts
     try:
         known = None if facts is None else read_facts(facts)
-    except (KeyError, TypeError) as error:
+    except ValueError as error:
         connection.close()
         raise ProtocolError(
-            f"hello: got facts of {connection.game!r} with {error}, expected those of "
-            "docs/reference/protocol.md; the app may be of another version"
+            f"hello: {error}, as docs/reference/protocol.md has it; the app of "
+            f"{connection.game!r} may be of another version"
         ) from error
     _PUBLISHED[address, connection.game] = known
     return known
@@ -384,3 +378,122 @@ def register_transport(transport: Transport) -> None:
     if transport.name in _TABLE:
         raise ValueError(f"transport: got {transport.name!r}, which is taken, expected a new name")
     _TABLE[transport.name] = transport
+
+
+# --- a short trial ---------------------------------------------------------------------------
+
+_TRIAL_STEPS = 10
+_TRIAL_HZ = 20
+_HEAD_TURN_RAD = 0.35
+"""How far the head turns during the steps, so that the picture of any scene changes."""
+
+
+@dataclass(frozen=True)
+class AppTrial:
+    """What an app did over one protocol.
+
+    Attributes:
+        protocol: 1 or 2.
+        steps: How many it played; fewer than ten when its round ended.
+        steps_per_s: Wall-clock speed of these steps, pictures included.
+        reward: Sum over the steps.
+        images: (steps + 1, H, W, 4), of the reset and of every step.
+        announces_protocol2: Whether its handshake says that it also speaks protocol 2.
+    """
+
+    protocol: int
+    steps: int
+    steps_per_s: float
+    reward: float
+    images: UInt8Array
+    announces_protocol2: bool
+
+    @property
+    def picture_changes(self) -> bool:
+        """Whether any picture differs from the reset's."""
+        return bool((self.images != self.images[0]).any())
+
+    def warnings(self) -> list[str]:
+        """Return one sentence for each way in which a user could not see in this app."""
+        found = []
+        if not self.picture_changes:
+            found.append(
+                "the picture never changed while head and hand moved, expected another one after "
+                "each step: does the app apply the poses, and does it draw without a window?"
+            )
+        for channels, name in ((slice(0, 3), "colour"), (slice(3, 4), "depth")):
+            last = self.images[-1][..., channels]
+            if not (last != last[0, 0]).any():
+                found.append(
+                    f"{name} is the same in every pixel of the last picture, expected a scene in "
+                    "front of the user"
+                )
+        return found
+
+
+def try_app(
+    executable: Path,
+    arguments: Sequence[str] = (),
+    *,
+    size: tuple[int, int] = (120, 80),
+    timeout_s: float = 60.0,
+) -> list[AppTrial]:
+    """Start an app and play ten steps over protocol 1, and over protocol 2 if it has it.
+
+    Args:
+        executable: A Unity build with the SIM2VR asset, sim2vr-app, or a program like either.
+        arguments: Added to those that every app gets.
+        size: (width, height) of the app's picture, pixels.
+        timeout_s: How long the start and every answer may take.
+
+    Raises:
+        AppRefused: The executable, an argument or the picture's size cannot be used.
+        AppTimeout, AppDied, ProtocolError: The app gives no answer, ends, or answers nonsense.
+    """
+    trials: list[AppTrial] = []
+    start = start_sim2vr_app if is_sim2vr_app(executable) else start_unity_app
+    width, height = size
+    for protocol in (1, 2):
+        if protocol == 2 and not trials[0].announces_protocol2:
+            break
+        channel = start(executable, arguments).channel(timeout_s, timeout_s)
+        app: AppClient
+        if protocol == 1:
+            app = Protocol1App(
+                channel,
+                width=width,
+                height=height,
+                frequency_hz=_TRIAL_HZ,
+                start_timeout_s=timeout_s,
+            )
+        else:
+            app = Protocol2Connection(
+                channel, width=width, height=height, start_timeout_s=timeout_s
+            ).app(0)
+        with app:
+            app.reset(1, _poses(0))
+            images = [app.image.copy()]
+            reward = 0.0
+            began_s = time.perf_counter()
+            for step in range(1, _TRIAL_STEPS + 1):
+                reply = app.step(frame_time_ns(step, _TRIAL_HZ), _poses(step))
+                reward += reply.reward
+                images.append(app.image.copy())
+                if reply.finished:
+                    break
+            elapsed_s = time.perf_counter() - began_s
+            announces = isinstance(app, Protocol1App) and app.server is not None
+        steps = len(images) - 1
+        trials.append(
+            AppTrial(protocol, steps, steps / elapsed_s, reward, np.stack(images), announces)
+        )
+    return trials
+
+
+def _poses(step: int) -> DevicePoses:
+    """A seated user who turns the head and moves the right hand to the left."""
+    done = step / _TRIAL_STEPS
+    half = 0.5 * _HEAD_TURN_RAD * done
+    head = [0.0, 1.2, 0.0, 0.0, np.sin(half), 0.0, np.cos(half)]
+    hand = [0.25 - 0.3 * done, 1.0, 0.4, 0.0, 0.0, 0.0, 1.0]
+    return DevicePoses(head=np.array(head), right_controller=np.array(hand))

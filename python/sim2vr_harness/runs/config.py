@@ -27,7 +27,7 @@ from sim2vr_harness.base.settings import (
 )
 from sim2vr_harness.base.written_values import written_value
 from sim2vr_harness.client import list_transports
-from sim2vr_harness.client.option_kinds import option_kind
+from sim2vr_harness.client.in_process import option_kind
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.games import imagined_settings
 from sim2vr_harness.runs.attention_config import AttentionCropConfig, check_attention

@@ -14,7 +14,8 @@ from python.cli.calls import call
 from sim2vr_harness.base import paths
 from sim2vr_harness.base.paths import app_executable
 from sim2vr_harness.cli import doctor
-from sim2vr_harness.client.openxr import find_runtime, runtime_files
+from sim2vr_harness.client.openxr import runtime_files
+from sim2vr_harness.client.openxr.runtime_files import find_runtime
 from sim2vr_harness.client.webxr import browser
 
 

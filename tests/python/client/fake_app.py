@@ -82,51 +82,35 @@ def huge_png() -> bytes:
 def misbehave(kind: str, socket: zmq.Socket, reply: dict) -> bytes:
     """Does what is asked for; returns the reply where there is one."""
     sys.stderr.write(f"fault: {kind}\n")
-    if kind == "hang":
+    if kind in ("hang", "leave"):
+        if kind == "leave":  # the connection goes, the process stays
+            socket.close(linger=0)
         time.sleep(3600)
     elif kind == "die":
         sys.stderr.write("NullReferenceException: Object reference not set\n")
         sys.exit(1)
-    elif kind == "kill":
-        os.kill(os.getpid(), signal.SIGKILL)
-    elif kind == "stop":
-        os.kill(os.getpid(), signal.SIGSTOP)
-    elif kind == "leave":  # the connection goes, the process stays
-        socket.close(linger=0)
-        time.sleep(3600)
-    elif kind == "garbage":
-        return b"\xff\x00 not JSON"
-    elif kind == "list":
-        return b"[1, 2]"
-    elif kind == "reward":
-        reply["reward"] = "much"
-    elif kind == "nan":
-        reply["reward"] = float("nan")
+    elif kind in ("kill", "stop"):
+        os.kill(os.getpid(), signal.SIGKILL if kind == "kill" else signal.SIGSTOP)
     elif kind == "infinite":
-        return (
-            json.dumps(reply).replace('"timeFeature": ', '"timeFeature": 1e400, "was": ').encode()
-        )
-    elif kind == "overflow":  # beyond binary32
-        reply["reward"] = 1e39
-    elif kind == "deep":
-        reply["logDict"] = "[" * 100_000
-    elif kind == "deep-reply":
-        return b'{"reward":' + b"[" * 100_000
-    elif kind == "log":
-        reply["logDict"] = "[1]"
-    elif kind == "bomb":  # 22,000 x 22,000 pixels in 100 bytes
-        reply["image"] = list(huge_png())
+        text = json.dumps(reply)
+        return text.replace('"timeFeature": ', '"timeFeature": 1e400, "was": ').encode()
     elif kind == "missing":
         del reply["timeFeature"]
-    elif kind == "image":
-        reply["image"] = [1, 2, 300]
-    elif kind == "picture":
-        reply["image"] = [137, 80, 78]
-    elif kind == "size":
-        reply["image"] = list(png(np.zeros((60, 90, 4), np.uint8)))
-    elif kind == "deaf":  # does not take isFinished
-        reply["isFinished"] = False
-    return json.dumps(reply).encode()
+    texts = {"garbage": b"\xff\x00 not JSON", "list": b"[1, 2]"}
+    texts["deep-reply"] = b'{"reward":' + b"[" * 100_000
+    changes = {
+        "reward": {"reward": "much"},
+        "nan": {"reward": float("nan")},
+        "overflow": {"reward": 1e39},  # beyond binary32
+        "deep": {"logDict": "[" * 100_000},
+        "log": {"logDict": "[1]"},
+        "bomb": {"image": list(huge_png())},  # 22,000 x 22,000 pixels in 100 bytes
+        "image": {"image": [1, 2, 300]},
+        "picture": {"image": [137, 80, 78]},
+        "size": {"image": list(png(np.zeros((60, 90, 4), np.uint8)))},
+        "deaf": {"isFinished": False},  # does not take the end of a round
+    }
+    return texts.get(kind) or json.dumps(reply | changes.get(kind, {})).encode()
 
 
 def claimed(file: Path) -> bool:

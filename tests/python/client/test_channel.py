@@ -1,40 +1,51 @@
-"""A channel that is interrupted."""
+"""A channel: interrupted, and told to wait for times that are none."""
+
+import math
+import os
+import re
 
 import pytest
 import zmq
 
-from sim2vr_harness.client.channel import Channel
+from sim2vr_harness.base.paths import app_executable
+from sim2vr_harness.client import Channel, Protocol1App, Protocol2Connection, connect
+from sim2vr_harness.client.launch import start_sim2vr_app
+
+NOWHERE = "tcp://127.0.0.1:9"
 
 
+@pytest.mark.parametrize(("error", "usable"), [(KeyboardInterrupt, False), (OSError, True)])
 def test_who_is_interrupted_while_sending_does_not_send_again(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, error: type[BaseException], usable: bool
 ) -> None:
+    """After a signal the message may be on its way; after an error it is not."""
     with zmq.Context() as context, context.socket(zmq.REP) as app:
         port = app.bind_to_random_port("tcp://127.0.0.1")
         channel = Channel(f"tcp://127.0.0.1:{port}", timeout_s=5.0)
-        send = channel._connection.send
 
-        def interrupted(frames: list[bytes]) -> None:
-            send(frames)
-            raise KeyboardInterrupt
+        def interrupted(*_: object, **__: object) -> None:
+            raise error
 
-        assert channel.usable
-        monkeypatch.setattr(channel._connection, "send", interrupted)
-        with pytest.raises(KeyboardInterrupt):
+        monkeypatch.setattr(zmq.Socket, "send_multipart", interrupted)
+        with pytest.raises(error):
             channel.request([b"step"], "a step")
-        # The message is on its way: a second one before its answer is an error of the socket's.
-        assert not channel.usable
+        assert channel.usable == usable
         channel.close()
 
 
-def test_who_could_not_send_may_try_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    channel = Channel("tcp://127.0.0.1:1", timeout_s=5.0)
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, -1.0, 0.0, 1e300])
+def test_times_that_cannot_be_waited_are_refused(value: float) -> None:
+    words = re.escape(f"timeout_s: got {value}, expected a number above 0, at most 1e+09 s")
+    with pytest.raises(ValueError, match=words):
+        Channel(NOWHERE, timeout_s=value)
+    for client in (Protocol1App, Protocol2Connection):
+        with pytest.raises(ValueError, match=f"start_{words}"):
+            client(connect(NOWHERE, 1.0), start_timeout_s=value)
 
-    def refused(frames: list[bytes]) -> None:
-        raise OSError("no")
 
-    monkeypatch.setattr(channel._connection, "send", refused)
-    with pytest.raises(OSError, match="no"):
-        channel.send([b"step"], "a step")
-    assert channel.usable
-    channel.close()
+def test_an_app_that_was_started_is_ended() -> None:
+    starting = start_sim2vr_app(app_executable(), ["--renderer", "null"])
+    with pytest.raises(ValueError, match="start_timeout_s: got nan"):
+        starting.channel(1.0, math.nan)
+    with pytest.raises(ProcessLookupError):
+        os.kill(starting.process.pid, 0)

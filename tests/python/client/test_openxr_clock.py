@@ -11,7 +11,7 @@ import pytest
 from openxr_programs import hands, manifest, open_program, program
 from parts import needs
 from sim2vr_harness.client import frame_time_ns
-from sim2vr_harness.client.openxr.clock import START_NS, VirtualClock
+from sim2vr_harness.client.openxr.program import START_NS, VirtualClock
 from sim2vr_harness.client.openxr.runtime_files import CLOCK_LIBRARY, find_library
 
 pytestmark = needs("runtime", find_library(CLOCK_LIBRARY), f"no {CLOCK_LIBRARY}")

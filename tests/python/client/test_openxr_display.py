@@ -13,12 +13,12 @@ import pytest
 
 from parts import needs
 from sim2vr_harness.client import AppRefused
-from sim2vr_harness.client.openxr.display import Display
+from sim2vr_harness.client.openxr.program import Display
 
 NEEDS_XVFB = needs("openxr", shutil.which("Xvfb"), "no Xvfb")
 SERVE = """
 import sys, time
-from sim2vr_harness.client.openxr.display import Display
+from sim2vr_harness.client.openxr.program import Display
 display = Display(30.0)
 print(display.number, flush=True)
 time.sleep(600) if sys.argv[1] == "stay" else None

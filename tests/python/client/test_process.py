@@ -61,6 +61,7 @@ if os.fork() == 0:
         with open(sys.argv[1] + ".new", "w") as file:
             file.write(str(os.getpid()))
         os.rename(sys.argv[1] + ".new", sys.argv[1])
+        print("there", flush=True)
         time.sleep(600)
     os._exit(0)
 time.sleep(float(sys.argv[2]))
@@ -83,25 +84,6 @@ def test_a_daemon_that_an_app_has_started_ends_with_it(tmp_path: Path, stays_s: 
     assert gone(others)
 
 
-@pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGTERM])
-def test_a_daemon_ends_with_a_harness_that_is_killed(
-    tmp_path: Path, ending: signal.Signals
-) -> None:
-    noted = tmp_path / "pid"
-    code = (
-        "import sys; from sim2vr_harness.client import AppProcess\n"
-        "app = AppProcess([sys.executable, '-c', *sys.argv[1:]]); sys.stdin.read()"
-    )
-    harness = subprocess.Popen(
-        [sys.executable, "-c", code, DAEMON, str(noted), "600"], stdin=subprocess.PIPE
-    )
-    assert exists(noted)
-    pid = int(noted.read_text())
-    harness.send_signal(ending)
-    harness.communicate(timeout=20)
-    assert gone(pid)
-
-
 def exists(file: Path, within_s: float = 10.0) -> bool:
     deadline = time.monotonic() + within_s
     while not file.exists() and time.monotonic() < deadline:
@@ -118,31 +100,32 @@ def test_children_of_an_app_that_ended_by_itself_are_ended_too(tmp_path: Path) -
     assert emptied(process.pid)
 
 
-def test_the_end_of_the_log_is_in_the_error(tmp_path: Path) -> None:
-    process = AppProcess([script(tmp_path, "echo one\necho two >&2\nexit 3")])
-    with pytest.raises(
-        AppDied, match=r"app\.sh \(process \d+\) ended with exit status 3"
-    ) as raised:
-        process.wait_for_output(re.compile("listening"), 10.0)
-    assert str(raised.value).endswith(f"; its log: {process.log_file}\none\ntwo")
+@pytest.mark.parametrize(
+    ("text", "error", "words"),
+    [
+        (
+            "echo one; echo two >&2; exit 3",
+            AppDied,
+            r"app\.sh \(process \d+\) ended with exit status 3 .*; its log: LOG\none\ntwo$",
+        ),
+        (
+            "echo 'condition: got none' >&2; exit 2",
+            AppRefused,
+            r"app\.sh refused its arguments: condition: got none",
+        ),
+        ("sleep 600", AppTimeout, r"was not ready within 0\.5 s"),
+    ],
+)
+def test_a_start_that_fails_is_told_with_the_end_of_the_log(
+    tmp_path: Path, text: str, error: type[Exception], words: str
+) -> None:
+    process = AppProcess([script(tmp_path, text)])
+    with pytest.raises(error) as raised:
+        process.wait_for_output(re.compile("listening"), 0.5)
     process.kill()
-    assert process.log_file.exists()
-    process.log_file.unlink()
-
-
-def test_exit_status_2_is_a_refusal_in_the_apps_words(tmp_path: Path) -> None:
-    process = AppProcess([script(tmp_path, "echo 'condition: got none' >&2; exit 2")])
-    with pytest.raises(AppRefused, match=r"app\.sh refused its arguments: condition: got none"):
-        process.wait_for_output(re.compile("listening"), 10.0)
-    process.kill()
-
-
-def test_a_start_that_takes_too_long(tmp_path: Path) -> None:
-    process = AppProcess([script(tmp_path, "sleep 600")])
-    with pytest.raises(AppTimeout, match=r"was not ready within 0\.1 s"):
-        process.wait_for_output(re.compile("listening"), 0.1)
-    process.kill()
-    process.log_file.unlink()
+    assert re.search(words.replace("LOG", re.escape(str(process.log_file))), str(raised.value))
+    assert process.log_file.exists() == (error is not AppRefused)
+    process.log_file.unlink(missing_ok=True)
 
 
 @pytest.mark.parametrize(
@@ -184,9 +167,11 @@ def test_a_process_outlives_the_thread_that_started_it(tmp_path: Path) -> None:
 STARTER = """
 import re, signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it
-from sim2vr_harness.client import AppProcess
+from sim2vr_harness.client.process import AppProcess
 process = AppProcess([sys.argv[1]])
 process.wait_for_output(re.compile("ready"), 10.0)
+daemon = AppProcess([sys.executable, "-c", *sys.argv[2:]])
+daemon.wait_for_output(re.compile("there"), 10.0)
 print(process.pid, flush=True)
 {end}
 """
@@ -203,8 +188,17 @@ ENDS: dict[str, tuple[str, Callable[[int], None] | None]] = {
 @pytest.mark.parametrize("end", ENDS)
 def test_no_process_is_left_however_its_starter_ends(tmp_path: Path, end: str) -> None:
     code, act = ENDS[end]
+    noted = tmp_path / "daemon"
     starter = subprocess.Popen(
-        [sys.executable, "-c", STARTER.format(end=code), script(tmp_path, SLEEPER)],
+        [
+            sys.executable,
+            "-c",
+            STARTER.format(end=code),
+            script(tmp_path, SLEEPER),
+            DAEMON,
+            noted,
+            "600",
+        ],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
@@ -220,4 +214,5 @@ def test_no_process_is_left_however_its_starter_ends(tmp_path: Path, end: str) -
     starter.communicate(timeout=30)
     assert gone(pid)
     assert emptied(pid, 5.0)
+    assert gone(int(noted.read_text()))
     assert all(removed(folder) for folder in folders)

@@ -1,6 +1,7 @@
 """Protocol 2 beyond what the contract suite covers: faults on both sides, images, the example."""
 
 import ast
+import json
 import os
 import re
 import signal
@@ -37,7 +38,7 @@ from sim2vr_harness.client import (
     start_sim2vr_app,
 )
 from sim2vr_harness.client.process import log_folder
-from sim2vr_harness.client.protocol2_wire import HAPTIC_DTYPE, HEADER, MAGIC, REPLY, VERSION
+from sim2vr_harness.client.protocol2 import HAPTIC_DTYPE, HEADER, MAGIC, REPLY, VERSION
 
 ROOT = Path(__file__).resolve().parents[3]
 EXAMPLE = ROOT / "docs/examples/protocol2_client.py"
@@ -263,6 +264,18 @@ def able_reply(_sequence: int) -> list[bytes]:
     return [header(1, 1), HELLO_JSON.replace(b'["views"]', b'["head_request","scene"]')]
 
 
+MESH = b"\0" * 36 + b"\0\0\0\0\1\0\0\0\2\0\0\0"
+"""Three corners and a triangle."""
+
+
+def scene(**changes: object) -> bytes:
+    """The JSON of a scene with one object, one thing of it other than it should be."""
+    numbers = {"pose": [0.0] * 6 + [1.0], "scale": [1.0] * 3, "color": [1.0] * 4, "mesh": 0}
+    one = {"id": 1, "path": "a", "layer": 0, "unlit": False, **numbers, **changes}
+    mesh = {"name": "m", "vertices": 3, "triangles": 1}
+    return json.dumps({"meshes": [mesh], "objects": [one]}).encode()
+
+
 Answer = Callable[[int], list[bytes]]
 
 
@@ -296,11 +309,11 @@ def liar(request: pytest.FixtureRequest) -> Iterator[str]:
         ([lambda n: [header(2, n), HELLO_JSON]], "type 0x8002.*expected 0x8001"),
         ([lambda n: [header(1, n + 1), HELLO_JSON]], "sequence 2; expected"),
         ([lambda n: [header(1, n)]], "hello: IndexError"),
-        ([lambda n: [header(1, n), b"{"]], "hello: BadReply"),
+        ([lambda n: [header(1, n), b"{"]], "hello: got b'{', expected JSON"),
         ([lambda n: [header(1, n), DEEP]], "JSON nested at most 100 deep"),
-        ([lambda n: [header(1, n), HELLO_JSON.replace(b":2,", b":1e999,")]], "hello: Overflow"),
+        ([lambda n: [header(1, n), HELLO_JSON.replace(b":2,", b":1e999,")]], "width: got inf"),
         ([lambda n: [header(1, n, status=77), b""]], "status 77, expected 0 to 7"),
-        ([lambda n: [header(1, n), b"{}"]], "hello: KeyError"),
+        ([lambda n: [header(1, n), b"{}"]], "game: got nothing"),
         ([lambda n: [header(1, n), HELLO_JSON.replace(b":2,", b":9,")]], "images of"),
         ([lambda n: [header(1, n), HELLO_JSON.replace(b'"eyes":1', b'"eyes":2')]], "images of"),
         ([lambda n: [header(1, n, status=6), b"no version 3"]], "no version 3"),
@@ -355,26 +368,27 @@ def test_malformed_results(liar: str, message: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("liar", "message"),
+    ("liar", "ask", "message"),
     [
-        ([able_reply, lambda n: [header(9, n), DEEP]], "nested at most 100 deep"),
-        ([able_reply, lambda n: [header(9, n), b'{"pitch_deg":NaN}']], "pitch_deg: got nan"),
-        ([able_reply, lambda n: [header(9, n), b'{"pitch_deg":"up"}']], "pitch_deg: got 'up'"),
+        ([able_reply, answer], ask, message)
+        for answer, ask, message in (
+            (lambda n: [header(9, n), DEEP], "head_request", "nested at most 100 deep"),
+            (lambda n: [header(9, n), b'{"pitch_deg":NaN}'], "head_request", "pitch_deg: got nan"),
+            (lambda n: [header(9, n), b'{"pitch_deg":"up"}'], "head_request", "_deg: got 'up'"),
+            (lambda n: [header(10, n), DEEP, b""], "scene", "nested at most 100 deep"),
+            (lambda n: [header(10, n)], "scene", "a scene: IndexError"),
+            (lambda n: [header(10, n), scene(mesh=1), MESH], "scene", "mesh 1 of 1"),
+            (lambda n: [header(10, n), scene(pose=[0.0] * 6), MESH], "scene", "pose"),
+            (lambda n: [header(10, n), scene(), MESH[:-1]], "scene", "a scene: ValueError"),
+            (lambda n: [header(10, n), scene(), MESH[:-4] + b"\3\0\0\0"], "scene", "past its 3"),
+        )
     ],
     indirect=["liar"],
-)  # fmt: skip
-def test_malformed_wishes_for_the_head(liar: str, message: str) -> None:
+)
+def test_malformed_answers_to_questions(liar: str, ask: str, message: str) -> None:
     app = Protocol2Connection(connect(liar, 5.0), width=2, height=1).app(0)
     with pytest.raises(ProtocolError, match=message):
-        app.head_request(1)
-    app.close()
-
-
-@pytest.mark.parametrize("liar", [[able_reply, lambda n: [header(10, n), DEEP]]], indirect=True)
-def test_a_malformed_scene(liar: str) -> None:
-    app = Protocol2Connection(connect(liar, 5.0), width=2, height=1).app(0)
-    with pytest.raises(ProtocolError, match="nested at most 100 deep"):
-        app.scene()
+        app.scene() if ask == "scene" else app.head_request(1)
     app.close()
 
 

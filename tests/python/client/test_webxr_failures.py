@@ -6,7 +6,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,18 @@ import numpy as np
 import pytest
 
 from processes import emptied, gone, group, of_type
-from sim2vr_harness.client import AppDied, AppError, AppRefused, AppTimeout, frame_time_ns
-from sim2vr_harness.client.webxr.browser import Browser, find_browser
-from sim2vr_harness.client.webxr.files import PageFiles
-from sim2vr_harness.client.webxr.page import Page
+from sim2vr_harness.client import (
+    AppDied,
+    AppError,
+    AppRefused,
+    AppTimeout,
+    WebXRApp,
+    frame_time_ns,
+    limits,
+)
+from sim2vr_harness.client.limits import Kept
+from sim2vr_harness.client.webxr.browser import Browser
+from sim2vr_harness.client.webxr.files import HOST, PageFiles
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, VisionConfig
 from webxr_pages import NEEDS_BROWSER, PAGES, hands, open_page, page_with
 
@@ -85,37 +93,17 @@ REFUSED = {
 }
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    made = Browser(find_browser(), 30.0)
-    yield made
-    made.stop()
-
-
-def loading(browser: Browser, file: Path, start_timeout_s: float = 30.0) -> None:
-    """Loads a page in a tab of a browser that pages share."""
-    settings = {"seed": 0, "width": 16, "height": 16, "eyes": 1, "profile": "oculus-touch"}
-    page = Page(
-        browser,
-        PageFiles(str(file), {}),
-        settings,
-        values={},
-        enter=None,
-        ignore_errors=False,
-        timeout_s=30.0,
-        start_timeout_s=start_timeout_s,
-    )
-    page.load(1, {})
+Shared = Callable[..., WebXRApp]
 
 
 @NEEDS_BROWSER
 @pytest.mark.parametrize("what", REFUSED)
-def test_a_page_that_cannot_be_played_says_why(what: str, tmp_path: Path, browser: Browser) -> None:
+def test_a_page_that_cannot_be_played_says_why(what: str, shared: Shared) -> None:
     script, words = REFUSED[what]
-    page = page_with(tmp_path, script)
-    (tmp_path / "main.ts").write_text("export const lamps: number = 3;\n")
+    beside = {"main.ts": "export const lamps: number = 3;\n"}
+    app = shared(script, beside=beside, options={"script_errors": "fail"})
     with pytest.raises(AppRefused, match=words) as caught:
-        loading(browser, page)
+        app.reset(1, hands(0))
     assert "\n" not in str(caught.value)
     assert "page.html" in str(caught.value)
 
@@ -157,53 +145,44 @@ DIES = {
 
 @NEEDS_BROWSER
 @pytest.mark.parametrize("what", DIES)
-def test_a_page_that_fails_in_a_round_ends_it_and_is_replaced(what: str, tmp_path: Path) -> None:
+def test_a_page_that_fails_in_a_round_ends_it_and_is_replaced(what: str, shared: Shared) -> None:
     script, error, words = DIES[what]
-    page = page_with(tmp_path, ENTERS % script)
     timeout_s = 3.0 if what == "endless loop" else 30.0
-    strict = {"script_errors": "fail"}
-    with open_page(page, timeout_s=timeout_s, options=strict) as app:
-        app.reset(1, hands(0))
-        with pytest.raises(error, match=words) as caught:
-            for step in range(1, 6):
-                app.step(frame_time_ns(step, 20), hands(step))
-        assert "\n" not in str(caught.value)
-        with pytest.raises(AppDied, match="was given up"):
-            app.step(frame_time_ns(9, 20), hands(9))
+    app = shared(ENTERS % script, timeout_s=timeout_s, options={"script_errors": "fail"})
+    app.reset(1, hands(0))
+    with pytest.raises(error, match=words) as caught:
+        play(app)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(AppDied, match="was given up"):
+        app.step(frame_time_ns(9, 20), hands(9))
 
 
 @NEEDS_BROWSER
-def test_a_session_that_the_page_ends_ends_the_round(tmp_path: Path) -> None:
-    page = page_with(tmp_path, ENTERS % "if (frames === 3) boxes.session.end();")
-    with open_page(page) as app:
-        for _ in range(2):
-            ends = [app.reset(1, hands(0)).finished]
-            ends += [app.step(frame_time_ns(k, 20), hands(k)).finished for k in (1, 2)]
-            assert ends == [False, False, True]
-        with pytest.raises(
-            AppError, match=r"page\.html: the page ended its session .* after 0\.1 s; call reset"
-        ):
-            app.step(frame_time_ns(3, 20), hands(3))
-
-
-@NEEDS_BROWSER
-def test_a_page_that_leaves_in_its_first_frame_cannot_be_played(tmp_path: Path) -> None:
-    with (
-        open_page(page_with(tmp_path, ENTERS % "boxes.session.end();")) as app,
-        pytest.raises(
-            AppRefused, match=r"page\.html: the page ended its session .* first frame, exp"
-        ),
-    ):
+def test_a_session_that_the_page_ends_ends_the_round(shared: Shared) -> None:
+    app = shared(ENTERS % "if (frames === 3) boxes.session.end();")
+    for _ in range(2):
+        ends = [app.reset(1, hands(0)).finished]
+        ends += [app.step(frame_time_ns(k, 20), hands(k)).finished for k in (1, 2)]
+        assert ends == [False, False, True]
+    words = r"page\.html: the page ended its session .* after 0\.1 s; call reset"
+    with pytest.raises(AppError, match=words):
+        app.step(frame_time_ns(3, 20), hands(3))
+    app = shared(ENTERS % "boxes.session.end();")
+    with pytest.raises(AppRefused, match=r"page\.html: the page ended .* first frame, expected"):
         app.reset(1, hands(0))
+
+
+def stepped(page: Path, users: int) -> tuple[Simulation, np.ndarray]:
+    app = AppConfig(transport="webxr", page=str(page), task={"seconds": 5})
+    simulation = Simulation(EnvConfig(app=app, vision=VisionConfig(width=24, height=16)), users)
+    simulation.reset(seeds=range(1, users + 1))
+    return simulation, np.zeros((users, simulation.action_space.shape[0]))
 
 
 @NEEDS_BROWSER
 def test_a_round_says_that_its_page_left(tmp_path: Path) -> None:
     page = page_with(tmp_path, ENTERS % "if (frames === 5) boxes.session.end();")
-    app = AppConfig(transport="webxr", page=str(page), task={"seconds": 5})
-    simulation = Simulation(EnvConfig(app=app, vision=VisionConfig(width=24, height=16)), 1)
-    simulation.reset(seeds=[1])
-    still = np.zeros((1, simulation.action_space.shape[0]))
+    simulation, still = stepped(page, 1)
     while not (batch := simulation.step(still)).over[0]:
         pass
     info = batch.info(0)
@@ -216,10 +195,7 @@ def test_a_round_says_that_its_page_left(tmp_path: Path) -> None:
 
 @NEEDS_BROWSER
 def test_users_go_on_when_a_browser_is_killed() -> None:
-    app = AppConfig(transport="webxr", page=str(PAGES / "touch.html"), task={"seconds": 5})
-    simulation = Simulation(EnvConfig(app=app, vision=VisionConfig(width=24, height=16)), 2)
-    simulation.reset(seeds=[1, 2])
-    still = np.zeros((2, simulation.action_space.shape[0]))
+    simulation, still = stepped(PAGES / "touch.html", 2)
     simulation.step(still)
     killed: Any = simulation.apps[0]
     os.killpg(killed.app._browser.process.pid, signal.SIGKILL)
@@ -256,21 +232,17 @@ def play(app: Any) -> None:
         app.step(frame_time_ns(step, 20), hands(step))
 
 
-ENDINGS = {
-    "exits": None,
-    "SIGKILL": signal.SIGKILL,
-    "SIGTERM": signal.SIGTERM,
-}
-
-
 @NEEDS_BROWSER
-@pytest.mark.parametrize("hung", [False, True])
-@pytest.mark.parametrize("ending", ENDINGS)
-def test_no_browser_outlives_the_harness(ending: str, hung: bool, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("ending", "hung"), [(None, False), (signal.SIGTERM, False), (signal.SIGKILL, True)]
+)
+def test_no_browser_outlives_the_harness(
+    ending: signal.Signals | None, hung: bool, tmp_path: Path
+) -> None:
     code = (
         "import sys, time; sys.path.insert(0, 'tests'); import webxr_pages as pages\n"
         "app = pages.open_page(pages.PAGES / 'touch.html'); app.reset(1, pages.hands(0))\n"
-        "print(app._browser.process.pid, app._browser._home, flush=True); sys.stdin.readline()"
+        "print(app._browser.process.pid, app._browser.home, flush=True); sys.stdin.readline()"
     )
     harness = subprocess.Popen(
         [sys.executable, "-c", code],
@@ -285,8 +257,8 @@ def test_no_browser_outlives_the_harness(ending: str, hung: bool, tmp_path: Path
     assert Path(home, "profile").is_dir()
     if hung:
         os.kill(of_type(int(number), "gpu-process"), signal.SIGSTOP)
-    if (by := ENDINGS[ending]) is not None:
-        harness.send_signal(by)
+    if ending is not None:
+        harness.send_signal(ending)
     harness.communicate("\n", timeout=20)
     assert emptied(int(number), 5.0)
     assert gone(Path(home).parent)
@@ -342,3 +314,75 @@ def test_settings_that_cannot_be() -> None:
         ),
     ):
         app.reset(1, hands(0))
+
+
+# --- what a page may have us keep, and how much memory it may take --------------------------------
+
+
+def test_the_first_and_the_last_texts_are_kept() -> None:
+    kept = Kept()
+    assert not kept
+    for k in range(1000):
+        kept.add(f"{k} " + "x" * 10_000)
+    words = [text.split()[0] for text in kept]
+    assert words == [str(k) for k in [*range(20), *range(980, 1000)]]
+    assert (len(kept), max(map(len, kept))) == (1000, 300)
+    assert (kept.first[:2], kept.last[:4]) == ("0 ", "999 ")
+    kept.clear()
+    assert (len(kept), list(kept)) == (0, [])
+    kept.add("one")
+    assert kept.first == kept.last == "one"
+
+
+def test_addresses_without_a_file_are_counted(tmp_path: Path) -> None:
+    (tmp_path / "index.html").write_text("<!doctype html>")
+    files = PageFiles(str(tmp_path), {})
+    for k in range(1000):
+        assert files.answer(f"{HOST}{k}.png").status == 404
+        assert files.answer(f"https://elsewhere.example.com/{k}.png").status == 0
+    assert (len(files.missing), len(list(files.missing))) == (1000, 40)
+    assert (len(files.refused), len(list(files.refused))) == (1000, 40)
+
+
+@NEEDS_BROWSER
+def test_a_flood_of_messages_is_counted(shared: Shared) -> None:
+    script = """import { Boxes, button } from './boxes.js';
+    const boxes = new Boxes();
+    const flood = () => { for (let k = 0; k < 5000; k++) console.error('message', k); };
+    button('Enter VR', () => boxes.enter(flood));"""
+    app = shared(script)
+    app.reset(1, hands(0))
+    app.step(frame_time_ns(1, 20), hands(1))
+    complaints = app._page.watch.complaints
+    assert (len(complaints), len(list(complaints))) == (10_000, 40)
+    assert complaints.last == "message 4999"
+
+
+@NEEDS_BROWSER
+def test_files_that_are_missing_are_said_in_one_line(shared: Shared) -> None:
+    app = shared("for (let k = 0; k < 300; k++) await fetch(`${k}.png`);")
+    with pytest.raises(AppRefused, match=r"not found: \S*/0\.png, .*/4\.png and 295 more"):
+        app.reset(1, hands(0))
+
+
+@NEEDS_BROWSER
+@pytest.mark.parametrize(
+    "kept", ["new Uint8Array(2e7).fill(1)", "Array(2e6).fill().map(() => [0])"]
+)
+def test_a_page_that_takes_too_much_memory_has_failed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kept: str
+) -> None:
+    monkeypatch.setattr(limits, "MOST_MEMORY_BYTES", 400 << 20)
+    script = f"""import {{ Boxes, button }} from './boxes.js';
+    const boxes = new Boxes();
+    const all = [];
+    let frames = 0;
+    const take = () => {{ while (frames > 0) all.push({kept}); frames++; }};
+    button('Enter VR', () => boxes.enter(take));"""
+    with open_page(page_with(tmp_path, script)) as app:
+        app.reset(1, hands(0))
+        with pytest.raises(
+            AppDied,
+            match=r"page\.html: takes \d+ MB of memory with its browser, expected at most 400",
+        ):
+            app.step(frame_time_ns(1, 20), hands(1))

@@ -1,14 +1,17 @@
 """What a page answers is checked, whatever its scripts have replaced."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from sim2vr_harness.client import AppDied, ProtocolError, frame_time_ns
+from sim2vr_harness.client import AppDied, ProtocolError, WebXRApp, frame_time_ns
+from sim2vr_harness.client.answers import BadReply, checked
+from sim2vr_harness.client.webxr.app import scene_of
 from sim2vr_harness.client.webxr.files import HOST, PageFiles
-from sim2vr_harness.client.webxr.replies import BadReply, door_reply, place_in, step_reply
+from sim2vr_harness.client.webxr.replies import BOXES, DOOR, PLACE, SIGNS, THINGS, Box, step_reply
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, VisionConfig
 from webxr_pages import NEEDS_BROWSER, hands, open_page, page_with
 
@@ -23,11 +26,11 @@ GOOD: dict[str, Any] = {
 
 def test_an_answer_is_read() -> None:
     reply = step_reply(GOOD, ("x", "y"), 3)
-    assert (reply.values, reply.lacking) == ({"x": 1.5}, {"y": "is undefined"})
-    assert reply.picture == bytes(3)
-    assert [(one.hand, one.amplitude, one.duration_s) for one in reply.haptics] == [
-        ("left", 0.5, 0.1)
-    ]
+    assert [tuple(one) for one in reply.values] == [("x", 1.5, None), ("y", 0, "is undefined")]
+    assert (reply.picture, reply.haptics) == (bytes(3), (("left", 0.5, 0.1),))
+    for value, found in ((2, 2), (True, True), (None, None), ([1, 2, 3], (1.0, 2.0, 3.0))):
+        (one,) = step_reply(GOOD | {"values": [["x", value]]}, ["x"], 3).values
+        assert (one.value, type(one.value)) == (found, type(found))
 
 
 DEEP: list[Any] = []
@@ -47,6 +50,7 @@ ODD = {
     "an amplitude that is none": GOOD | {"haptics": [["left", None, 0.1]]},
     "an amplitude of NaN": GOOD | {"haptics": [["left", float("nan"), 0.1]]},
     "an amplitude of 2": GOOD | {"haptics": [["left", 2, 0.1]]},
+    "an amplitude of true": GOOD | {"haptics": [["left", True, 0.1]]},
     "an endless pulse": GOOD | {"haptics": [["left", 1, float("inf")]]},
     "a pulse of less than no time": GOOD | {"haptics": [["left", 1, -1]]},
     "a duration beyond all numbers": GOOD | {"haptics": [["left", 1, 10**400]]},
@@ -76,21 +80,101 @@ def test_an_answer_that_is_another_thing_is_refused(what: str) -> None:
     assert len(str(caught.value)) < 300
 
 
-def test_other_answers_are_checked_too() -> None:
-    assert door_reply(["done", ["lost", "lost\nits  context"]]).failure == "lost its context"
-    assert place_in("place", [1, 2, 3]) == (1.0, 2.0, 3.0)
-    for bad in (7, ["lost"], ["lost", 7]):
-        with pytest.raises(BadReply):
-            door_reply(["done", bad])
-    for bad in (7, [1, 2], [1, 2, float("nan")], [1, 2, True]):
-        with pytest.raises(BadReply):
-            place_in("place", bad)
+BOX = ["box", [0.0, 1.0, 0.5], [0.0, 0.0, 0.0, 1.0], [0.1, 0.1, 0.1], [1.0, 0.5, 0.0, 1.0]]
+
+
+@pytest.mark.parametrize(
+    ("kind", "answer", "message"),
+    [
+        (DOOR, ["done"], "it: got .*, expected a JSON object"),
+        (DOOR, {"done": True, "failure": ["lost", 7]}, "it, failure, 1: got 7, expected a text"),
+        (DOOR, {"click": True, "at": [1, float("nan")]}, "it, at, 1: got nan"),
+        (PLACE, [1, 2], "it, 2: got nothing, expected a value"),
+        (PLACE, [1, 2, True], "it, 2: got True, expected a finite number"),
+        (SIGNS, [{"a": 1}, 0, 0, []], "it, 0, a"),
+        (SIGNS, [{"1": 0.5}, 0, 0, []], "it, 0, 1: got 0.5"),
+        (SIGNS, [{}, 0, 0, [[[0, 0, 0], [0, 0]]]], "it, 3, 0, 1, 2: got nothing"),
+        (THINGS, [["a"]], "it, 0, 1: got nothing"),
+        (
+            THINGS,
+            [["a", "lick", [0, 0, 0], [0, 0, 0], 0, 0]],
+            "it, 0, 1: got 'lick', exp.* 'touch'",
+        ),
+        (THINGS, [["a", "touch", [0, 0], [0, 0, 0], 0, 0]], "it, 0, 2, 2: got nothing"),
+        (THINGS, [["a", "touch", [0, 0, 0], [0, 0, 0], "many", 0]], "it, 0, 4: got 'many'"),
+        (BOXES, 3, "it: got 3, expected a list"),
+        (BOXES, [BOX] * 501, "it: got .* expected at most 500 entries"),
+        (BOXES, [BOX[:4]], "it, 0, 4: got nothing"),
+        (BOXES, [[*BOX[:2], [0.0, 0.0, 1.0], *BOX[3:]]], "it, 0, 2, 3: got nothing"),
+    ],
+)
+def test_other_answers_are_checked_too(kind: Any, answer: object, message: str) -> None:
+    with pytest.raises(BadReply, match=f"^{message}"):
+        checked("it", kind, answer)
+
+
+def test_other_answers_are_read() -> None:
+    lost = checked("it", DOOR, {"done": True, "failure": ["lost", "lost\nits  context"]})
+    assert lost.failure == ("lost", "lost its context")
+    assert checked("it", SIGNS, [{"3": 7}, 1, 2, []]).objects == {3: 7}
+    assert checked("it", BOXES, [BOX]) == (
+        Box("box", (0.0, 1.0, 0.5), STRAIGHT, (0.1,) * 3, (1.0, 0.5, 0.0, 1.0)),
+    )
 
 
 @pytest.mark.parametrize("name", ["x" * 300, "d/" * 3000 + "x", "x" * 300 + "/y"])
 def test_an_address_too_long_for_a_file_is_not_there(tmp_path: Path, name: str) -> None:
     (tmp_path / "index.html").write_text("<!doctype html>")
     assert PageFiles(str(tmp_path), {}).answer(HOST + name).status == 404
+
+
+# --- what a page shows --------------------------------------------------------------------------
+
+HEAD = np.array([0.0, 1.2, 0.0])
+STRAIGHT = (0.0, 0.0, 0.0, 1.0)
+RED = (1.0, 0.0, 0.0, 1.0)
+
+
+def test_boxes_keep_pose_size_and_colour() -> None:
+    rotation = (0.0, 1.0, 0.0, 1.0)  # 90 degrees about y, not normalised
+    (one,) = scene_of([Box("shelf", (0.1, 1.0, 0.7), rotation, (0.5, 0.2, 0.1), RED)], HEAD).objects
+    half = 0.5**0.5
+    assert one.pose == pytest.approx([0.1, 1.0, 0.7, 0.0, half, 0.0, half])
+    assert one.color.tolist() == [1.0, 0.0, 0.0, 1.0]
+    position, _, scale = one.in_mujoco()
+    assert position == pytest.approx([0.7, -0.1, 1.0])  # x forward, y left, z up
+    assert sorted(scale) == pytest.approx([0.1, 0.2, 0.5])
+
+
+EIGHTH = (0.0, np.sin(np.pi / 8), 0.0, np.cos(np.pi / 8))
+
+
+@pytest.mark.parametrize(
+    ("place", "rotation", "size", "shown"),
+    [
+        ((0.0, 0.7, 0.6), STRAIGHT, (1.0, 0.04, 0.6), True),  # a table
+        ((0.0, 0.0, 900.0), STRAIGHT, (1000.0, 1000.0, 1.0), False),  # a sky
+        ((0.0, 1.5, 1.0), STRAIGHT, (4.0, 3.0, 4.0), False),  # a room around the head
+        ((0.0, 0.0, 0.0), STRAIGHT, (6.0, 0.0, 6.0), False),  # a floor
+        # A wall 0.4 m before the head, turned by 45 degrees, 10 cm thick; 80 cm hold the head.
+        ((0.0, 1.2, 0.4), EIGHTH, (2.0, 2.0, 0.1), True),
+        ((0.0, 1.2, 0.4), EIGHTH, (2.0, 2.0, 0.8), False),
+    ],
+)
+def test_rooms_skies_and_floors_are_left_out(
+    place: Any, rotation: Any, size: Any, shown: bool
+) -> None:
+    assert bool(scene_of([Box("it", place, rotation, size, RED)], HEAD).objects) == shown
+
+
+def test_sides_of_the_box_face_outwards() -> None:
+    (mesh,) = scene_of([], HEAD).meshes
+    vertices, triangles = mesh.in_mujoco()
+    corners = vertices[triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (np.einsum("ij,ij->i", normals, corners.mean(axis=1)) > 0.0).all()
+    # Two triangles of half a square metre on each of six sides.
+    assert np.abs(normals).sum(axis=0) == pytest.approx([4.0, 4.0, 4.0])
 
 
 # --- in a browser -------------------------------------------------------------------------------
@@ -134,55 +218,47 @@ BUILT_INS = {
 
 @NEEDS_BROWSER
 @pytest.mark.parametrize("what", BUILT_INS)
-def test_a_page_with_odd_built_ins_is_played(what: str, tmp_path: Path) -> None:
-    page = page_with(tmp_path, PLAYS % BUILT_INS[what])
-    with open_page(page, values=VALUES, timeout_s=10.0) as app:
-        app.reset(1, hands(0))
-        for step in (1, 2, 3):
-            reply = app.step(frame_time_ns(step, 20), hands(step))
-            assert reply.values == {"count": step + 1, "place": (1.0, 2.0, -3.0)}
-            assert [(one.hand, one.amplitude) for one in reply.haptics] == [("right", 0.5)]
-            assert app.image[..., 2].max() > 0
+def test_a_page_with_odd_built_ins_is_played(what: str, shared: Callable[..., WebXRApp]) -> None:
+    app = shared(PLAYS % BUILT_INS[what], values=VALUES)
+    app.reset(1, hands(0))
+    for step in (1, 2, 3):
+        reply = app.step(frame_time_ns(step, 20), hands(step))
+        assert reply.values == {"count": step + 1, "place": (1.0, 2.0, -3.0)}
+        assert [(one.hand, one.amplitude) for one in reply.haptics] == [("right", 0.5)]
+        assert app.image[..., 2].max() > 0
 
 
+NOT_ANY_MORE = r"has no value of 'app\.place' any more: is"
 TAMPERED = {
-    "haptics of NaN": "__sim2vr.haptics.push(['left', NaN, 1]);",
-    "a third hand": "__sim2vr.haptics.push(['foot', 1, 1]);",
-    "no answer": "__sim2vr.step = () => undefined;",
-    "a text": "__sim2vr.step = async () => '[['.repeat(100000);",
-    "depth": "let a = []; for (let k = 0; k < 900; k++) a = [a]; __sim2vr.step = () => a;",
-    "more depth": "let a = []; for (let k = 0; k < 9e4; k++) a = [a]; __sim2vr.step = () => a;",
-    "a circle": "const all = []; all[0] = all; __sim2vr.step = () => all;",
-    "a throw": "__sim2vr.step = () => { throw null; };",
-    "no step": "delete __sim2vr.step;",
-    "iterators": "Array.prototype[Symbol.iterator] = () => { throw new Error('odd'); };",
+    "haptics of NaN": ("__sim2vr.haptics.push(['left', NaN, 1]);", "answer, haptics, 0, 1: got "),
+    "a third hand": ("__sim2vr.haptics.push(['foot', 1, 1]);", "haptics, 0, 0: got 'foot', exp"),
+    "no answer": ("__sim2vr.step = () => undefined;", ""),
+    "a text": ("__sim2vr.step = async () => '[['.repeat(100000);", ""),
+    "depth": ("let a = []; for (let k = 0; k < 900; k++) a = [a]; __sim2vr.step = () => a;", ""),
+    "a circle": ("const all = []; all[0] = all; __sim2vr.step = () => all;", ""),
+    "a throw": ("__sim2vr.step = () => { throw null; };", ""),
+    "no step": ("delete __sim2vr.step;", ""),
+    "iterators": ("Array.prototype[Symbol.iterator] = () => { throw new Error('odd'); };", ""),
+    "NaN": ("app.place = NaN;", NOT_ANY_MORE),
+    "Infinity": ("app.place = Infinity;", NOT_ANY_MORE),
+    "a place of NaN": ("app.place = [0, NaN, 0];", NOT_ANY_MORE),
+    "a vector of NaN": ("app.place = { x: 0, y: 0, z: NaN };", NOT_ANY_MORE),
 }
 
 
 @NEEDS_BROWSER
 @pytest.mark.parametrize("what", TAMPERED)
-def test_a_page_that_answers_another_thing_has_failed(what: str, tmp_path: Path) -> None:
-    page = page_with(tmp_path, PLAYS % TAMPERED[what])
-    strict = {"script_errors": "fail"}
-    with open_page(page, values=VALUES, timeout_s=10.0, options=strict) as app:
-        app.reset(1, hands(0))
-        with pytest.raises((ProtocolError, AppDied), match=r"page\.html") as caught:
-            for step in (1, 2, 3):
-                app.step(frame_time_ns(step, 20), hands(step))
-        assert "\n" not in str(caught.value)
-        assert len(str(caught.value)) < 600
-
-
-@NEEDS_BROWSER
-@pytest.mark.parametrize("value", ["NaN", "Infinity", "[0, NaN, 0]", "{ x: 0, y: 0, z: NaN }"])
-def test_a_value_that_is_no_number_any_more_is_the_pages_failure(
-    value: str, tmp_path: Path
+def test_a_page_that_answers_another_thing_has_failed(
+    what: str, shared: Callable[..., WebXRApp]
 ) -> None:
-    page = page_with(tmp_path, PLAYS % f"app.place = {value};")
-    with open_page(page, values={"place": "app.place"}) as app:
-        app.reset(1, hands(0))
-        with pytest.raises(AppDied, match=r"page\.html: has no value of 'app\.place' any more: is"):
-            app.step(frame_time_ns(1, 20), hands(1))
+    script, words = TAMPERED[what]
+    app = shared(PLAYS % script, values=VALUES, options={"script_errors": "fail"})
+    app.reset(1, hands(0))
+    with pytest.raises((ProtocolError, AppDied), match=rf"page\.html.*{words}") as caught:
+        for step in (1, 2, 3):
+            app.step(frame_time_ns(step, 20), hands(step))
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 600
 
 
 @NEEDS_BROWSER
@@ -207,6 +283,7 @@ def test_users_go_on_when_a_page_answers_another_thing(tmp_path: Path) -> None:
             batch = simulation.step(still)
             assert batch.truncated.tolist() == [True]
             assert batch.info(0)["termination"] == "app_failed"
-            assert "page.html: answered with another thing: haptics" in batch.info(0)["app_error"]
+            words = "page.html: answered with another thing: a step's answer, haptics"
+            assert words in batch.info(0)["app_error"]
     finally:
         simulation.close()

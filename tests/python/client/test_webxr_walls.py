@@ -3,7 +3,7 @@
 import re
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import pytest
 
 from sim2vr_harness.client import AppRefused, WebXRApp, frame_time_ns
 from sim2vr_harness.client.webxr import browser as browser_module
-from sim2vr_harness.client.webxr import tab as tab_module
+from sim2vr_harness.client.webxr import page as page_module
 from sim2vr_harness.client.webxr.files import HOST, PageFiles
 from webxr_pages import NEEDS_BROWSER, hands, open_page, page_with
 
@@ -59,11 +59,7 @@ def test_a_page_cannot_leave_its_folder(tmp_path: Path) -> None:
             except AppRefused as error:
                 # The worker's own tries are seen, or it answers too late for this page.
                 assert re.search("which app.map maps to no folder|never calls WebXR", str(error))
-            deadline = time.monotonic() + 30.0
-            told: list[str] = []
-            while len(told) < 12 and time.monotonic() < deadline:
-                told = app._page._evaluate("app.told").split()
-                time.sleep(0.05)
+            told = _told(app, "app.told.split(' ').length > 12 ? app.told : null").split()
         server.setblocking(False)
         with pytest.raises(BlockingIOError):
             server.accept()
@@ -178,9 +174,9 @@ def test_nothing_gets_out_even_by_a_frame_within(
     walls: bool,
 ) -> None:
     if not walls:  # The browser itself has no way out, whatever scripts could get hold of.
-        read = tab_module.read_script
+        read = page_module.read_script
         monkeypatch.setattr(
-            tab_module, "read_script", lambda name: "" if name == "walls.js" else read(name)
+            page_module, "read_script", lambda name: "" if name == "walls.js" else read(name)
         )
     tcp, udp = ports
     script = REACHING.replace("TCP", str(tcp.getsockname()[1]))
@@ -190,7 +186,7 @@ def test_nothing_gets_out_even_by_a_frame_within(
         app.reset(1, hands(0))
         assert "which app.map maps to no folder" in app.notes[0]
         told = _told(app, "app.told.endsWith('end') ? app.told : null").split()
-        kept = list(Path(app._browser._home).rglob("*download*"))
+        kept = list(app._browser.home.rglob("*download*"))
     if walls:
         assert told == ["no"] * 5 + ["popup", "download", "end"]  # the popup is null
     else:
@@ -236,26 +232,26 @@ button('Enter VR', () => boxes.enter(() => {}));
 
 
 @NEEDS_BROWSER
-def test_what_a_round_keeps_is_gone_in_the_next(tmp_path: Path) -> None:
+def test_what_a_round_keeps_is_gone_in_the_next(shared: Callable[..., WebXRApp]) -> None:
     names = ("databases", "caches", "local", "session", "cookies", "name")
     values = {name: f"app.{name}" for name in names}
-    with open_page(page_with(tmp_path, KEEPING), values=values) as app:
-        for _ in range(3):
-            assert app.reset(1, hands(0)).values == dict.fromkeys(names, 0)
+    app = shared(KEEPING, values=values)
+    for _ in range(3):
+        assert app.reset(1, hands(0)).values == dict.fromkeys(names, 0)
 
 
 @NEEDS_BROWSER
-def test_a_page_with_frames_within_is_played(tmp_path: Path) -> None:
-    (tmp_path / "within.html").write_text("<!doctype html><script>const here = 1;</script>")
+def test_a_page_with_frames_within_is_played(shared: Callable[..., WebXRApp]) -> None:
     script = """import { Boxes, button } from './boxes.js';
     for (const src of ['', 'within.html']) {
       document.body.append(Object.assign(document.createElement('iframe'), { src }));
     }
     const boxes = new Boxes();
     button('Enter VR', () => boxes.enter(() => {}));"""
-    with open_page(page_with(tmp_path, script)) as app:
-        for _ in range(2):
-            app.reset(1, hands(0))
+    beside = {"within.html": "<!doctype html><script>const here = 1;</script>"}
+    app = shared(script, beside=beside)
+    for _ in range(2):
+        app.reset(1, hands(0))
 
 
 SANDBOXED = """import { Boxes, button } from './boxes.js';
@@ -277,10 +273,10 @@ button('Enter VR', () => boxes.enter(() => {}));
 
 
 @NEEDS_BROWSER
-def test_a_sandboxed_frame_has_every_wall(tmp_path: Path) -> None:
-    with open_page(page_with(tmp_path, SANDBOXED)) as app:
-        app.reset(1, hands(0))
-        told = app._page._evaluate("app.told").split()
+def test_a_sandboxed_frame_has_every_wall(shared: Callable[..., WebXRApp]) -> None:
+    app = shared(SANDBOXED)
+    app.reset(1, hands(0))
+    told = app._page._evaluate("app.told").split()
     assert told == ["undefined", "undefined", "1006", "null", "4"]
 
 
@@ -300,8 +296,8 @@ const open = () => {
   within.querySelector('form').submit();
 };
 const boxes = new Boxes();
-let left = 1000;
-const storm = () => { for (let k = 0; k < 250 && left > 0; k++, left--) open(); };
+let left = 300;
+const storm = () => { for (let k = 0; k < 100 && left > 0; k++, left--) open(); };
 button('Enter VR', () => boxes.enter(storm));
 """
 
@@ -315,7 +311,7 @@ def test_a_storm_of_windows_opens_none(
     if not known:  # A browser that does not know the flag: its windows are closed again.
         flags = tuple(one for one in browser_module._ALWAYS if "new-web-contents" not in one)
         monkeypatch.setattr(browser_module, "_ALWAYS", flags)
-        script = WINDOWS.replace("1000", "20")
+        script = WINDOWS.replace("300", "20")
     with open_page(page_with(tmp_path, script)) as app:
         app.reset(1, hands(0))
         for step in range(1, 6):

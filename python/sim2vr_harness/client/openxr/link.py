@@ -1,7 +1,8 @@
-"""The conversation with the runtime inside a program, over a pair of sockets.
+"""The conversation with the runtime inside a program: messages over a pair of sockets.
 
-Nothing waits for ever: the end of the process is seen at once, silence after a deadline, and after
-a failure nothing more is asked.
+A message is its length (u32, of what follows), its kind (u8) and a body, little-endian. Nothing
+waits for ever: the end of the process is seen at once, silence after a deadline, and after a
+failure nothing more is asked.
 """
 
 import os
@@ -9,11 +10,186 @@ import select
 import socket
 import struct
 import time
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Annotated, Any, Literal
 
-from sim2vr_harness.client.answers import BadReply
-from sim2vr_harness.client.errors import AppDied, AppTimeout, ProtocolError
-from sim2vr_harness.client.openxr.wire import HEADER, MOST_BYTES, Kind, ended_in
-from sim2vr_harness.client.process import AppProcess
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictBool, TypeAdapter
+
+from sim2vr_harness.client.answers import (
+    Amplitude,
+    BadReply,
+    Frequency,
+    Number,
+    Text,
+    bad_reply,
+    lasting,
+    read,
+)
+from sim2vr_harness.client.base import Float64Array, Int64Array
+from sim2vr_harness.client.devices import INPUT_COUNT, Hand, HapticPulse
+from sim2vr_harness.client.errors import AppDied
+from sim2vr_harness.client.process import AppProcess, Conversation
+
+PROTOCOL = 2
+MOST_BYTES = 1 << 20
+"""Of a message, its kind included."""
+HEADER = struct.Struct("<IB")
+_ANSWER = struct.Struct("<IBBI")
+_FRAME = np.dtype(
+    [
+        ("time_ns", "<i8"),
+        ("head", "<f8", 7),
+        ("tracked", "u1", 2),
+        ("controllers", "<f8", (2, 7)),
+        ("inputs", "<f8", (2, INPUT_COUNT)),
+    ]
+)
+
+
+class Kind(IntEnum):
+    """What a message is."""
+
+    HELLO = 1
+    CONFIG = 2
+    SESSION = 3
+    ACCEPTED = 4
+    STEP = 5
+    ANSWER = 6
+    QUIT = 7
+    ENDED = 8
+    ERROR = 9
+
+
+def step_body(
+    times_ns: Int64Array,
+    rows: Float64Array,
+    inputs: Float64Array,
+    tracked: tuple[bool, bool],
+    *,
+    image: bool,
+) -> bytes:
+    """Return the body of a step.
+
+    Args:
+        times_ns: (K,) XrTime at which each frame is displayed.
+        rows: (K, 3, 7) head, left, right; see :func:`~sim2vr_harness.client.poses.pose_rows`.
+        inputs: (K, 2, INPUT_COUNT) left, right.
+        tracked: left, right.
+        image: whether the last frame's image is needed.
+    """
+    frames = np.zeros(len(times_ns), _FRAME)
+    frames["time_ns"] = times_ns
+    frames["head"], frames["controllers"] = rows[:, 0], rows[:, 1:]
+    frames["tracked"], frames["inputs"] = tracked, inputs
+    return struct.pack("<I", len(frames)) + frames.tobytes() + bytes([image])
+
+
+def _ours(protocol: object) -> object:
+    if protocol != PROTOCOL:
+        raise ValueError(f"{PROTOCOL}; rebuild the runtime")
+    return protocol
+
+
+class _Told(BaseModel):
+    """What a program, or the runtime in it, says; other keys mean nothing."""
+
+    model_config = ConfigDict(frozen=True)
+
+
+class About(_Told):
+    """What a program says of itself in xrCreateInstance."""
+
+    protocol: Annotated[Any, AfterValidator(_ours)]
+    application: Text = ""
+    engine: Text = ""
+
+
+class SessionFacts(_Told):
+    """What a program draws with; the memory of its images comes with the message."""
+
+    graphics: Text
+    """``egl``, ``opengl``, ``vulkan``, ``vulkan2`` or ``headless``."""
+    depth_layers: StrictBool
+    """Whether it enabled layers with depth."""
+
+
+class _Ended(_Told):
+    call: Text = ""
+    reason: Text = ""
+
+
+class _Vibration(_Told):
+    kind: Literal["haptic"]
+    hand: Hand
+    amplitude: Amplitude
+    duration_s: Annotated[
+        Number, AfterValidator(lambda time_ns: lasting(time_ns * 1e-9)), Field(alias="duration_ns")
+    ]
+    frequency_hz: Frequency = 0.0
+
+
+class _Label(_Told):
+    """Of XR_EXT_debug_utils."""
+
+    kind: Literal["label"]
+    text: Text
+
+
+_Event = Annotated[_Vibration | _Label, Field(discriminator="kind")]
+
+
+class _Happened(_Told):
+    events: Annotated[tuple[_Event, ...], Field(max_length=10_000)] = ()
+    layers: int = 0
+
+
+ABOUT, SESSION = TypeAdapter(About), TypeAdapter(SessionFacts)
+_ENDED, _HAPPENED = TypeAdapter(_Ended), TypeAdapter(_Happened)
+
+
+@dataclass(frozen=True)
+class StepAnswer:
+    """What the frames of a step brought.
+
+    Attributes:
+        has_image: whether the shared memory has another image.
+        has_depth: whether that has depth.
+        layers: of the last frame.
+        haptics: vibrations, in order.
+        labels: of XR_EXT_debug_utils, in order.
+    """
+
+    has_image: bool
+    has_depth: bool
+    layers: int
+    haptics: tuple[HapticPulse, ...]
+    labels: tuple[str, ...]
+
+
+def answer_in(body: bytes) -> StepAnswer:
+    """Return the answer to a step; raises :class:`BadReply`."""
+    if len(body) < _ANSWER.size:
+        raise bad_reply("answer", f"{len(body)} bytes", f"at least {_ANSWER.size}")
+    _, has_image, has_depth, length = _ANSWER.unpack_from(body)
+    text = body[_ANSWER.size :]
+    if len(text) != length:
+        raise bad_reply("answer", f"{len(text)} bytes of JSON", f"{length}")
+    told = read("answer", _HAPPENED, text)
+    return StepAnswer(
+        bool(has_image),
+        bool(has_depth),
+        told.layers,
+        tuple(
+            HapticPulse(one.hand, one.amplitude, one.frequency_hz, one.duration_s)
+            for one in told.events
+            if isinstance(one, _Vibration)
+        ),
+        tuple(one.text for one in told.events if isinstance(one, _Label)),
+    )
+
 
 _FILE = struct.Struct("i")
 _ROOM = socket.CMSG_LEN(_FILE.size)
@@ -26,19 +202,20 @@ class SessionEnded(Exception):
     """The program ended its session; the text says by which call."""
 
 
-class Link:
-    """One conversation, given up after the first failure.
+class Link(Conversation):
+    """One conversation with a program.
 
     Args:
         process: of the program.
         end: this side's socket, owned by this object from now on.
     """
 
+    process: AppProcess
+
     def __init__(self, process: AppProcess, end: socket.socket) -> None:
-        self.process = process
+        super().__init__(process)
         self._socket = end
         end.settimeout(None)
-        self._ended = process.open_pidfd()
         self._buffer = bytearray()
         self.file: int | None = None
         """Descriptor that came with the latest message that had one; closed with this object."""
@@ -46,12 +223,6 @@ class Link:
         self._poll.register(end, select.POLLIN)
         if self._ended is not None:
             self._poll.register(self._ended, select.POLLIN)
-        self._failure: str | None = None
-
-    @property
-    def usable(self) -> bool:
-        """Whether the conversation goes on."""
-        return self._failure is None
 
     def send(self, kind: Kind, body: bytes = b"") -> None:
         """Send a message.
@@ -59,7 +230,7 @@ class Link:
         Raises:
             AppDied: the conversation is over.
         """
-        self._require_open()
+        self.require_open()
         message = HEADER.pack(len(body) + 1, kind) + body
         try:
             self._socket.sendall(message)
@@ -90,37 +261,38 @@ class Link:
             if message is not None and (left_s > 0.0 or deadline is None):
                 return message
             if left_s <= 0.0:
-                words = f"{self.process} gave no {doing} within {timeout_s:g} s"
-                raise self.give_up(AppTimeout(f"{words}{hint}{self.process.log_words()}"))
+                raise self.silent(doing, timeout_s, hint + self.process.log_words())
             self._poll.poll(min(left_s, 1.0) * 1000.0)
 
     def next_message(self, doing: str) -> tuple[Kind, bytes] | None:
         """Return a message that is there, None if there is none; raises as :meth:`receive`."""
-        self._require_open()
+        self.require_open()
         while (message := self._taken()) is None:
+            got = b""
             try:
                 got = self._read()
             except BlockingIOError:
                 if self.process.running:
                     return None
-                got = self._rest()
+                with suppress(OSError):  # what an ended process had still sent
+                    got = self._read()
             except OSError:
-                got = b""
+                pass
             if not got:
-                self.process.wait(1.0)
-                raise self.give_up(self.process.death(f"before its {doing}"))
+                raise self.died(f"before its {doing}")
             self._buffer += got
         kind, body = message
-        if kind == Kind.ENDED:
-            raise self._end(body)
-        return kind, body
-
-    def _rest(self) -> bytes:
-        """What an ended process had still sent."""
+        if kind != Kind.ENDED:
+            return kind, body
         try:
-            return self._read()
-        except OSError:
-            return b""
+            end = read("ended", _ENDED, body)
+        except BadReply as error:
+            raise self.malformed(error) from error
+        if end.call in _ORDERLY:
+            raise SessionEnded(end.call)
+        named = end.call and end.call not in end.reason
+        words = f"{end.call}: {end.reason}" if named else end.reason
+        raise self.give_up(AppDied(f"{self.app}: {words}{self.process.log_words()}"))
 
     def _read(self) -> bytes:
         # Not socket.recv_fds: Python 3.11 ignores its flags, and it would wait.
@@ -143,11 +315,9 @@ class Link:
             return None
         length, kind = HEADER.unpack_from(self._buffer)
         if not 1 <= length <= MOST_BYTES or kind not in Kind.__members__.values():
-            raise self.give_up(
-                ProtocolError(
-                    f"{self.process}: got a message of kind {kind} with {length} bytes, expected "
-                    f"a kind of this version and at most {MOST_BYTES} bytes"
-                )
+            raise self.malformed(
+                f"got a message of kind {kind} with {length} bytes, expected a kind of this "
+                f"version and at most {MOST_BYTES} bytes"
             )
         end = HEADER.size + length - 1
         if len(self._buffer) < end:
@@ -156,36 +326,7 @@ class Link:
         del self._buffer[:end]
         return Kind(kind), body
 
-    def _end(self, body: bytes) -> Exception:
-        try:
-            call, reason = ended_in(body)
-        except BadReply as error:
-            return self.malformed(error)
-        if call in _ORDERLY:
-            return SessionEnded(call)
-        words = f"{call}: {reason}" if call and call not in reason else reason
-        return self.give_up(AppDied(f"{self.process}: {words}{self.process.log_words()}"))
-
-    def malformed(self, error: Exception) -> Exception:
-        """Return the error for a message whose parts cannot be used; gives up."""
-        return self.give_up(ProtocolError(f"{self.process}: answered with another thing: {error}"))
-
-    def give_up(self, error: Exception) -> Exception:
-        """End the conversation because of ``error``, which later calls repeat; returns it."""
-        if self._failure is None:
-            self._failure = str(error)
-        return error
-
-    def _require_open(self) -> None:
-        if self._failure is not None:
-            raise AppDied(f"{self.process} was given up: {self._failure}")
-
     def close(self) -> None:
-        """Close the socket; idempotent."""
-        if self._failure is None:
-            self._failure = "it is closed; make a new one"
         self._socket.close()
         self._close_file()
-        if self._ended is not None:
-            os.close(self._ended)
-            self._ended = None
+        super().close()

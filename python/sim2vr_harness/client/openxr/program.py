@@ -1,21 +1,34 @@
-"""One start of an OpenXR program: its process, the greeting, and what it prints."""
+"""One start of an OpenXR program: its process, greeting, output, virtual time and display."""
 
 import json
+import mmap
 import os
+import secrets
+import select
+import shutil
 import socket
+import struct
 import time
+import weakref
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sim2vr_harness.client.answers import BadReply
-from sim2vr_harness.client.errors import AppDied, AppRefused, ProtocolError
-from sim2vr_harness.client.openxr.clock import CLOCK_VARIABLE, VirtualClock
-from sim2vr_harness.client.openxr.link import Link, SessionEnded
-from sim2vr_harness.client.openxr.wire import About, Kind, SessionFacts, about_in, session_in
+from sim2vr_harness.client.answers import BadReply, read
+from sim2vr_harness.client.errors import AppRefused, AppTimeout
+from sim2vr_harness.client.openxr.link import (
+    ABOUT,
+    SESSION,
+    About,
+    Kind,
+    Link,
+    SessionEnded,
+    SessionFacts,
+)
 from sim2vr_harness.client.process import AppProcess
+from sim2vr_harness.client.temporary import OUTSIDE_FILE, TemporaryFolder, remove_same
 
 SOCKET_VARIABLE = "SIM2VR_OPENXR_SOCKET"
 _MOST_LINE_BYTES = 1 << 20
@@ -117,8 +130,9 @@ class Program:
 
     @property
     def name(self) -> str:
-        """What to call it."""
-        return self.process.name
+        """What to call it: as it says, or as its file is called."""
+        assert self.about is not None
+        return self.about.application or self.process.name
 
     # --- greeting ------------------------------------------------------------------------------
 
@@ -152,12 +166,12 @@ class Program:
     def _answer(self, kind: Kind, body: bytes) -> None:
         try:
             if kind == Kind.HELLO:
-                self.about = about_in(body)
+                self.about = read("hello", ABOUT, body)
                 config = self._launch.config_for(self.about.engine)
                 self.link.send(Kind.CONFIG, json.dumps(config).encode())
                 return
             if kind == Kind.SESSION and self.about is not None:
-                self.session = session_in(body)
+                self.session = read("session", SESSION, body)
         except BadReply as error:
             raise self.link.malformed(error) from error
         if self.session is None:
@@ -171,7 +185,7 @@ class Program:
     def without_depth(self, what: str) -> AppRefused:
         """Return the error for a user that sees depth and a program that submits none."""
         return AppRefused(
-            f"vision.channels: got depth, but {self.name} {what} "
+            f"vision.channels: got depth, but {self.process.name} {what} "
             "(XR_KHR_composition_layer_depth), expected "
             "--set env.vision.channels=[red,green,blue], or a program that submits depth"
         )
@@ -188,14 +202,6 @@ class Program:
         *whole, self._unfinished = (self._unfinished + got).split(b"\n")
         self._unfinished = self._unfinished[-_MOST_LINE_BYTES:]
         return [line.decode(errors="replace").rstrip("\r") for line in whole]
-
-    def died(self, what: str) -> Exception:
-        """Return the error of a program that cannot go on."""
-        return self.link.give_up(AppDied(f"{self.process}: {what}{self.process.log_words()}"))
-
-    def malformed(self, what: str) -> Exception:
-        """Return the error for an answer that is another thing."""
-        return self.link.give_up(ProtocolError(f"{self.process}: {what}"))
 
     # --- the end -------------------------------------------------------------------------------
 
@@ -219,3 +225,145 @@ class Program:
     def _close_clock(self) -> None:
         if self.clock is not None:
             self.clock.close()
+
+
+# --- virtual time ---------------------------------------------------------------------------
+
+CLOCK_VARIABLE = "SIM2VR_CLOCK"
+"""Environment variable with the number of the page's descriptor."""
+START_NS = 100_000_000_000
+"""XrTime of a round's first frame, with and without virtual time; must be above 0."""
+_STARTUP_NS = START_NS - 10_000_000_000
+"""Virtual time until the first frame; sleeps of the start fit before it."""
+
+_NOW = struct.Struct("<q")
+_STATE = struct.Struct("<II")
+_STARTING, _PLAYING, _WAITING = 0, 1, 2
+
+
+class VirtualClock:
+    """The page of one program; see ``app_runtime/preload/clock.c`` for its layout.
+
+    Attributes:
+        descriptor: to be inherited by the program.
+    """
+
+    def __init__(self) -> None:
+        self.descriptor = os.memfd_create("sim2vr-clock", os.MFD_CLOEXEC)
+        os.posix_fallocate(self.descriptor, 0, mmap.PAGESIZE)
+        self._page = mmap.mmap(self.descriptor, mmap.PAGESIZE)
+        self._generation = 0
+        _NOW.pack_into(self._page, 0, _STARTUP_NS)
+        self._finalizer = weakref.finalize(self, os.close, self.descriptor)
+
+    def play(self, time_ns: int) -> None:
+        """Set the time; the program is about to compute frames."""
+        _NOW.pack_into(self._page, 0, max(time_ns, *_NOW.unpack_from(self._page)))
+        self._set(_PLAYING)
+
+    def wait(self) -> None:
+        """Note that the program waits for the next step."""
+        self._set(_WAITING)
+
+    def _set(self, state: int) -> None:
+        self._generation = (self._generation + 1) & 0xFFFFFFFF
+        _STATE.pack_into(self._page, 8, self._generation, state)
+
+    def close(self) -> None:
+        """Give the page back; idempotent."""
+        self._finalizer()
+
+
+# --- display --------------------------------------------------------------------------------
+
+_XVFB = ("-nolisten", "tcp", "-noreset", "-screen", "0", "640x480x24")
+_DISPLAY_STOP_S = 2.0
+_ANY_HOST = 0xFFFF
+_COOKIE = b"MIT-MAGIC-COOKIE-1"
+
+
+class Display:
+    """An Xvfb with a display number of its own, which only this user's programs reach.
+
+    Args:
+        start_timeout_s: how long it may take to start.
+
+    Raises:
+        AppRefused: there is no Xvfb.
+        AppDied, AppTimeout: it does not start.
+    """
+
+    def __init__(self, start_timeout_s: float) -> None:
+        program = shutil.which("Xvfb")
+        if program is None:
+            raise AppRefused(
+                "--xvfb: got no Xvfb on the PATH, expected it (apt-get install xvfb); or leave the "
+                "option out on a machine with a display"
+            )
+        self._folder = TemporaryFolder()
+        self._authority = self._folder.path / "authority"
+        self._authority.touch(mode=0o600)
+        self._authority.write_bytes(_authority(secrets.token_bytes(16)))
+        ours, theirs = os.pipe()
+        try:
+            self._process = AppProcess(
+                [program, *_XVFB, "-auth", self._authority, "-displayfd", str(theirs)],
+                inherited=(theirs,),
+                home=self._folder,
+            )
+            os.close(theirs)
+            theirs = -1
+            deadline = time.monotonic() + start_timeout_s
+            said = b""
+            while not said.endswith(b"\n"):
+                ready, _, _ = select.select([ours], [], [], max(0.0, deadline - time.monotonic()))
+                got = os.read(ours, 64) if ready else b""
+                if not got:
+                    ended = bool(ready) and self._process.wait(1.0)
+                    late = f"{self._process} was not ready within {start_timeout_s:g} s"
+                    error = self._process.death("while it started") if ended else AppTimeout(late)
+                    self._process.kill()
+                    raise error
+                said += got
+            self.number = int(said)
+        finally:
+            os.close(ours)
+            if theirs >= 0:
+                os.close(theirs)
+        number = self.number
+        named = Path(f"/tmp/.X11-unix/X{number}"), Path(f"/tmp/.X{number}-lock")
+        made = {file: file.lstat().st_ino for file in named if file.exists()}
+        outside = self._folder.path / OUTSIDE_FILE
+        outside.write_text("".join(f"{inode} {file}\n" for file, inode in made.items()))
+        # Runs before the process's own finalizer, which ends it without a chance to clear up.
+        self._finalizer = weakref.finalize(self, _remove_files, made, os.getpid())
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """Variables by which a program finds it."""
+        return {"DISPLAY": f":{self.number}", "XAUTHORITY": str(self._authority)}
+
+    @property
+    def running(self) -> bool:
+        """Whether it is there."""
+        return self._process.running
+
+    def close(self) -> None:
+        """End it; idempotent."""
+        self._process.terminate(_DISPLAY_STOP_S)
+        self._finalizer()
+
+
+def _remove_files(made: Mapping[Path, int], owner: int) -> None:
+    """Delete files of a display, unless another server has made them anew."""
+    if os.getpid() != owner:
+        return
+    for file, inode in made.items():
+        remove_same(file, inode)
+
+
+def _authority(cookie: bytes) -> bytes:
+    """A file of Xauthority with one cookie, for any host and display."""
+    parts = [struct.pack(">H", _ANY_HOST)]
+    parts += [struct.pack(">H", len(part)) + part for part in (b"", b"", _COOKIE, cookie)]
+    return b"".join(parts)

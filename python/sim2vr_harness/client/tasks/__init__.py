@@ -1,11 +1,15 @@
 """Tasks: rewards and outcomes for apps that report none."""
 
-from sim2vr_harness.client.tasks.app import TaskedApp
-from sim2vr_harness.client.tasks.check import check_task
-from sim2vr_harness.client.tasks.facts import CONDITION, task_facts
-from sim2vr_harness.client.tasks.loading import load_task, names_code
-from sim2vr_harness.client.tasks.rules import RuleTask, TaskRules
-from sim2vr_harness.client.tasks.task import Outcome, Task, TaskMoment
+from sim2vr_harness.client.tasks.rules import RuleTask, TaskRules, load_task, names_code
+from sim2vr_harness.client.tasks.task import (
+    CONDITION,
+    Outcome,
+    Task,
+    TaskedApp,
+    TaskMoment,
+    check_task,
+    task_facts,
+)
 
 __all__ = [
     "CONDITION",

@@ -1,20 +1,25 @@
-"""Tasks without code: what counts, as a configuration says it."""
+"""Tasks without code: what counts, as a configuration says it; tasks from files."""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+import pydantic
 from pydantic import Field, field_validator, model_validator
 
-from sim2vr_harness.base.settings import Settings
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.files import read_yaml
+from sim2vr_harness.base.python_classes import load_class, words_of
+from sim2vr_harness.base.settings import Settings, first_problem
 from sim2vr_harness.client.devices import INPUT_NAMES
 from sim2vr_harness.client.games import Measure, RewardTerm
 from sim2vr_harness.client.tasks.events import EventCounter, EventRule, MeasureRule
-from sim2vr_harness.client.tasks.task import Outcome, Task, TaskMoment
+from sim2vr_harness.client.tasks.task import FIELD, Outcome, Task, TaskMoment
 
 SignedWeight = Annotated[float, Field(ge=-1e6, le=1e6)]
 Device = Literal["head", "left_controller", "right_controller"]
@@ -136,28 +141,16 @@ class TaskRules(Settings):
             if names.count(name) > 1:
                 raise ValueError(f"reward: got {name!r} twice, expected a name for each part")
         rewarded = {rule.label: rule.expression for rule in self.reward if rule.expression}
-        self._check_measures(names, rewarded)
-        known = [*self.values, *rewarded, *(rule.name for rule in self.measures)]
-        if self.score is not None and self.score not in known:
-            raise ValueError(
-                f"score: got {self.score!r}, expected one of {', '.join(known) or 'no measures'}"
-            )
-        return self
-
-    def _check_measures(self, labels: Sequence[str], rewarded: Mapping[str, str]) -> None:
-        """Refuse names that mean two things, and events that are not there.
-
-        A measure may have the name of a rewarded expression, whose label and unit it then gives.
-        """
+        # A measure may have the name of a rewarded expression, whose label and unit it gives.
         events = [rule.name for rule in self.events]
         own = [rule.name for rule in self.measures]
-        for names in (events, own):
-            for name in names:
-                if names.count(name) > 1:
+        for called in (events, own):
+            for name in called:
+                if called.count(name) > 1:
                     raise ValueError(f"got {name!r} twice, expected each name once")
         for rule in self.measures:
             described = rule.value is not None and rewarded.get(rule.name) == rule.value
-            if rule.name in self.values or (rule.name in labels and not described):
+            if rule.name in self.values or (rule.name in names and not described):
                 raise ValueError(
                     f"measures: got {rule.name!r}, which another value is called, expected another "
                     "name"
@@ -168,6 +161,12 @@ class TaskRules(Settings):
                         f"measures: got the event {name!r} of {rule.name}, expected one of "
                         f"{', '.join(events) or 'the events, of which there are none'}"
                     )
+        known = [*self.values, *rewarded, *(rule.name for rule in self.measures)]
+        if self.score is not None and self.score not in known:
+            raise ValueError(
+                f"score: got {self.score!r}, expected one of {', '.join(known) or 'no measures'}"
+            )
+        return self
 
 
 class RuleTask(Task):
@@ -269,3 +268,42 @@ def _name_of(expression: str) -> str:
     """A name for the log: the last word of an expression."""
     words: list[str] = re.findall(r"[A-Za-z_]\w*", expression)
     return words[-1][:40] if words else "value"
+
+
+# --- tasks from files ------------------------------------------------------------------------
+
+_EXPECTED = "rules, a YAML file of them, or FILE.py:CLASS"
+_CLASS = "FILE.py:CLASS with a class below sim2vr_harness.client.Task in it"
+
+
+def names_code(task: str | TaskRules | None) -> bool:
+    """Whether a task is Python, which runs when it is loaded."""
+    return isinstance(task, str) and not task.endswith((".yaml", ".yml"))
+
+
+def load_task(task: str | TaskRules | None) -> Task:
+    """Return the task that a configuration names; None rewards nothing for a minute.
+
+    Raises:
+        InputError: there is no such file or class, or it cannot be made; one line.
+    """
+    if task is None:
+        return RuleTask(TaskRules())
+    if isinstance(task, TaskRules):
+        return RuleTask(task)
+    if not names_code(task):
+        file = Path(task).expanduser()
+        tree = read_yaml(file, "rules of a task in YAML")
+        try:
+            return RuleTask(TaskRules.model_validate(tree))
+        except pydantic.ValidationError as error:
+            raise first_problem(error, TaskRules, (str(file),)) from error
+    found = load_class(
+        FIELD, task, _CLASS if ".py" in task else _EXPECTED, lambda made: issubclass(made, Task)
+    )
+    try:
+        return found()
+    except Exception as error:
+        raise InputError(
+            FIELD, f"{task!r}, which cannot be made ({words_of(error)})", "a task without arguments"
+        ) from error

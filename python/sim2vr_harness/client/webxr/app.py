@@ -1,54 +1,59 @@
-"""A WebXR page as an app in lockstep: :class:`~sim2vr_harness.client.base.AppClient`."""
+"""A WebXR page as an app in lockstep, a look at one, and the transport of pages."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.client.base import AppReply, Int64Array, OptionValue
-from sim2vr_harness.client.devices import DevicePoses
-from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported
+from sim2vr_harness.client.base import AppReply, Float64Array, Int64Array, OptionValue
+from sim2vr_harness.client.devices import DevicePoses, HapticPulse
+from sim2vr_harness.client.errors import AppError, AppRefused
 from sim2vr_harness.client.foreign import (
     FARTHEST_M,
     FRAME_RATE_HZ,
     VERTICAL_FOV_DEG,
     ForeignApp,
+    refuse_logs,
 )
-from sim2vr_harness.client.poses import checked_rows, later_times, one_frame
-from sim2vr_harness.client.runtime import checked_seed
+from sim2vr_harness.client.runtime import frame_time_ns
 from sim2vr_harness.client.scene import AppScene, SceneMesh, SceneObject
-from sim2vr_harness.client.transport import AppsWanted, checked_options
-from sim2vr_harness.client.webxr.browser import Browser, find_browser
+from sim2vr_harness.client.transport import (
+    AppPlace,
+    AppSource,
+    AppsWanted,
+    Transport,
+    checked_options,
+)
+from sim2vr_harness.client.webxr.browser import RENDERERS, Browser, find_browser
 from sim2vr_harness.client.webxr.files import PageFiles
 from sim2vr_harness.client.webxr.hands import Ray, find_rays
+from sim2vr_harness.client.webxr.packages import package_of
 from sim2vr_harness.client.webxr.page import PROFILES, SCRIPT_ERRORS, WINDOW_FRAMES, Page
-from sim2vr_harness.client.webxr.renderers import RENDERERS
 from sim2vr_harness.client.webxr.replies import Box, PageReport, Signs, Thing
 
+_CAPABILITIES = frozenset({"frames", "inputs", "left_controller", "haptics", "two_eyes", "scene"})
 _LARGEST_M = 30.0
 """What is longer is no thing that people meet."""
 _FLOOR_M = 0.02
 """Pictures have a floor of their own."""
 
 
-def _cube() -> SceneMesh:
-    """Return a cube of 1 m around the origin."""
-    corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-    triangles = []
-    for axis in range(3):
-        for side in (-0.5, 0.5):
-            face = np.flatnonzero(corners[:, axis] == side)
-            for three in (face[[0, 1, 2]], face[[3, 2, 1]]):
-                a, b, c = corners[three]
-                # Clockwise from outside, in a left-handed frame: this product points outwards.
-                outwards = np.cross(b - a, c - a)[axis] * side > 0.0
-                triangles.append(three if outwards else three[::-1])
-    return SceneMesh("box", corners.astype(np.float32), np.array(triangles, np.int64))
-
-
-_CUBE = _cube()
+_CUBE = SceneMesh(
+    "box",
+    np.array(
+        [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)], np.float32
+    ),
+    # Two triangles of each side, clockwise from outside in the app's left-handed frame.
+    np.array(
+        [
+            *([0, 1, 2], [3, 2, 1], [6, 5, 4], [5, 6, 7], [4, 1, 0], [1, 4, 5]),
+            *([2, 3, 6], [7, 6, 3], [0, 2, 4], [6, 4, 2], [5, 3, 1], [3, 5, 7]),
+        ]
+    ),
+)
+"""A cube of 1 m around the origin."""
 
 
 def scene_of(boxes: Sequence[Box], head: NDArray[np.float64]) -> AppScene:
@@ -78,9 +83,6 @@ def scene_of(boxes: Sequence[Box], head: NDArray[np.float64]) -> AppScene:
     return AppScene(tuple(objects), (_CUBE,))
 
 
-CAPABILITIES = frozenset({"frames", "inputs", "left_controller", "haptics", "two_eyes", "scene"})
-
-
 class WebXRApp(ForeignApp):
     """One page in one browser.
 
@@ -96,9 +98,10 @@ class WebXRApp(ForeignApp):
     """
 
     kind = "a page"
+    found_capabilities = _CAPABILITIES
 
     def __init__(self, wanted: AppsWanted) -> None:
-        super().__init__(wanted.width, wanted.height, wanted.eyes)
+        super().__init__(wanted)
         place = wanted.place
         if place.page is None:
             raise AppRefused("app.page: got none, expected a page in HTML, a folder or an address")
@@ -110,9 +113,6 @@ class WebXRApp(ForeignApp):
         }
         options = {"enter": ""} | checked_options(place.options, choices)
         self._files = PageFiles(place.page, place.map)
-        self._wanted = wanted
-        self._options: dict[str, OptionValue] = dict(wanted.options)
-        self._last_ns = 0
         self._awaited: int | None = None
         self._valued = False
         self._head = np.zeros(3)
@@ -149,10 +149,6 @@ class WebXRApp(ForeignApp):
             raise
 
     @property
-    def capabilities(self) -> frozenset[str]:
-        return CAPABILITIES
-
-    @property
     def renderer_description(self) -> str:
         if self._renderer is None:
             self._renderer = f"{self._browser.version}: {self._page.describe_renderer()}"
@@ -161,7 +157,7 @@ class WebXRApp(ForeignApp):
     @property
     def notes(self) -> list[str]:
         """What went wrong in this round that the page can do without."""
-        return self._page.notes
+        return self._page.watch.notes
 
     # --- rounds --------------------------------------------------------------------------------
 
@@ -174,83 +170,37 @@ class WebXRApp(ForeignApp):
         time_ns: int = 0,
     ) -> AppReply:
         """See :class:`AppClient`; options are the query of the page's address."""
-        self._require_open()
-        checked_seed(seed)
-        if time_ns != 0:
-            raise AppUnsupported("time_ns: a page's clock begins at 0 with each round")
-        frames = self._frames(np.zeros(1, np.int64), one_frame(poses), 0)
+        rows, inputs = self._checked_reset(seed, poses, time_ns)
         wished = {**self._options, **(options or {})}
-        again = self._playing and wished == self._options and self._wanted.page_reset is not None
+        begins = self._wanted.page_reset
+        again = self._playing and wished == self._options
         self._playing = False
-        if again:
-            assert self._wanted.page_reset is not None
-            self._page.restart(seed, self._wanted.page_reset)
+        if again and begins is not None:
+            self._page.restart(seed, begins)
         else:
             self._page.load(seed, wished)
         self._options = wished
         self._playing, self._last_ns = True, 0
-        self._awaited = self._page.start_step(frames, bool(self._wanted.values))
+        self._send(np.zeros(1, np.int64), rows, inputs, poses, 0)
         reply = self.finish_step()
         if reply.finished:
             raise AppRefused(f"{self._left}, expected a page that stays in VR")
         return reply
 
-    def start_step(
-        self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False
+    def _send(
+        self,
+        times_ns: Int64Array,
+        rows: Float64Array,
+        inputs: Float64Array,
+        poses: DevicePoses,
+        drawn: int,
     ) -> None:
-        """See :class:`AppClient`; sends the frames."""
-        self._require_round()
-        if self._awaited is not None:
-            raise AppError("step: the last one goes on; call finish_step first")
-        times = later_times(times_ns, self._last_ns)
-        frames = self._frames(times, poses, range(len(times))[drawn])
-        self._last_ns = int(times[-1])
-        self._awaited = self._page.start_step(frames, bool(self._wanted.values))
-
-    def finish_step(self) -> AppReply:
-        """See :class:`AppClient`; waits for the page."""
-        if self._awaited is None:
-            raise AppError("finish_step: no step was started; call start_step first")
-        number, self._awaited = self._awaited, None
-        reply = self._page.finish_step(number, bool(self._wanted.values))
-        if reply.picture is not None:
-            wanted = self._wanted
-            both = np.frombuffer(reply.picture, np.uint8).reshape(
-                wanted.height, wanted.eyes, wanted.width, 4
-            )
-            self._image[...] = both.swapaxes(0, 1) if wanted.eyes == 2 else both[:, 0]
-        self._playing = not reply.ended
-        self._left = self._end_words() if reply.ended else ""
-        for name, why in reply.lacking.items():
-            raise self._without_value(name, why)
-        self._valued = True
-        return AppReply(
-            reward=0.0,
-            finished=reply.ended,
-            time_feature=0.0,
-            log={},
-            haptics=reply.haptics,
-            values=reply.values,
-            left=self._left,
-        )
-
-    def _end_words(self) -> str:
-        when = f"after {self._last_ns * 1e-9:.1f} s" if self._last_ns else "in its first frame"
-        return f"{self._files.name}: the page ended its session (XRSession.end) {when}"
-
-    def _frames(self, times: Int64Array, poses: DevicePoses, drawn: int) -> list[Any]:
-        """The frames of a step as ``steps.js`` takes them.
-
-        Raises:
-            ValueError: a pose or an input that cannot be one; names it.
-        """
-        count = len(times)
-        rows, inputs = checked_rows(poses, count)
+        """Send the frames as ``steps.js`` takes them."""
         self._head = rows[-1, 0, :3]
         head, left, right = rows.swapaxes(0, 1).tolist()
-        return [
+        frames = [
             [
-                int(times[k]) / 1e6,
+                int(times_ns[k]) / 1e6,
                 head[k],
                 [
                     None if poses.left_controller is None else left[k],
@@ -259,18 +209,38 @@ class WebXRApp(ForeignApp):
                 inputs[k].tolist(),
                 k == drawn,
             ]
-            for k in range(count)
+            for k in range(len(times_ns))
         ]
+        self._awaited = self._page.start_step(frames, bool(self._wanted.values))
 
-    def _without_value(self, name: str, why: str) -> Exception:
-        """The error for an expression without a value: the task's at first, then the page's."""
-        expression = self._wanted.values[name]
-        if self._valued:
-            return self._page.died(f"has no value of {expression!r} any more: {why}")
-        return AppRefused(
-            f"task: got the expression {expression!r}, of which {self._files.name} says: {why}; "
-            "expected one that the page has a value for in every step"
-        )
+    def finish_step(self) -> AppReply:
+        """See :class:`AppClient`; waits for the page."""
+        self._require_step()
+        number, self._awaited = self._awaited, None
+        assert number is not None
+        reply = self._page.finish_step(number, bool(self._wanted.values))
+        if reply.picture is not None:
+            wanted = self._wanted
+            both = np.frombuffer(reply.picture, np.uint8).reshape(
+                wanted.height, wanted.eyes, wanted.width, 4
+            )
+            self._image[...] = both.swapaxes(0, 1) if wanted.eyes == 2 else both[:, 0]
+        self._playing = not reply.ended
+        words = self._ended_words(self._files.name, "XRSession.end", "in its first frame")
+        self._left = words if reply.ended else ""
+        for name, _, why in reply.values:
+            if why is None:
+                continue
+            expression = self._wanted.values[name]
+            if self._valued:
+                raise self._page.died(f"has no value of {expression!r} any more: {why}")
+            raise AppRefused(
+                f"task: got the expression {expression!r}, of which {self._files.name} says: "
+                f"{why}; expected one that the page has a value for in every step"
+            )
+        self._valued = True
+        haptics = tuple(HapticPulse(hand, amp, 0.0, s) for hand, amp, s in reply.haptics)
+        return self._reply(haptics, {name: value for name, value, _ in reply.values})
 
     def locate(self, name: str) -> tuple[float, float, float]:
         """Return where an object of the page is now, x y z in m, app frame; moves nothing.
@@ -335,9 +305,126 @@ class WebXRApp(ForeignApp):
 
     def close(self) -> None:
         """See :class:`AppClient`; ends the browser."""
-        self._page.log_notes()
+        self._page.watch.log_notes()
         super().close()
         if self._browser.tools.usable and self._awaited is None:
             self._browser.stop()
         else:
             self._browser.kill()
+
+
+# --- a look at a page ----------------------------------------------------------------------------
+
+_CHECK_HZ = 20
+
+
+@dataclass(frozen=True)
+class PageCheck:
+    """What a look at a page found.
+
+    Attributes:
+        page: as it was named.
+        failure: why it does not play, in one sentence; None: it plays.
+        report: what it is made of; empty where it could not be asked.
+        asked: addresses that it requested: 200, 404, or 0: mapped nowhere.
+        notes: what it can do without.
+    """
+
+    page: str
+    failure: str | None
+    report: PageReport
+    asked: Mapping[str, int]
+    notes: tuple[str, ...]
+
+    @property
+    def missing(self) -> dict[str, str]:
+        """Addresses without a file, each with what helps."""
+        found = {}
+        for address, status in self.asked.items():
+            if status == 200:
+                continue
+            package = package_of(address)
+            if status == 404 and package is None:
+                found[address] = "put the file there"
+            elif package is None:
+                folder = address.rpartition("/")[0] + "/"
+                found[address] = f"--map {folder}=FOLDER with the file"
+            else:
+                found[address] = f"npm package {package.spec}: sim2vr-harness page vendor"
+        return found
+
+
+def check_page(
+    page: str,
+    mapped: Mapping[str, str],
+    browser: str | None = None,
+    options: Mapping[str, OptionValue] | None = None,
+    *,
+    seconds: float = 2.0,
+    timeout_s: float = 60.0,
+) -> PageCheck:
+    """Load a page behind the same walls as ever, play it a little, and say what it does.
+
+    Args:
+        page: a file, a folder or a mapped address.
+        mapped: beginning of addresses -> local folder.
+        browser: see :func:`.browser.find_browser`.
+        options: the query of the page's address.
+        seconds: how long to play.
+        timeout_s: of the start and of every answer.
+
+    Raises:
+        AppRefused: there is no such page, or no browser.
+    """
+    place = AppPlace(
+        page=page,
+        map=dict(mapped),
+        browser=browser,
+        timeout_s=timeout_s,
+        start_timeout_s=timeout_s,
+    )
+    head = np.array([0.0, 1.6, 0.0, 0.0, 0.0, 0.0, 1.0])
+    right, left = (np.array([x, 1.2, 0.3, 0.0, 0.0, 0.0, 1.0]) for x in (0.2, -0.2))
+    poses = DevicePoses(head, right_controller=right, left_controller=left)
+    failure, report = None, PageReport()
+    with WebXRApp(AppsWanted(n=1, game="page", place=place)) as app:
+        try:
+            app.reset(1, poses, options)
+            for step in range(1, round(seconds * _CHECK_HZ)):
+                app.step(frame_time_ns(step, _CHECK_HZ), poses)
+        except (AppError, AppRefused) as error:
+            failure = str(error)
+        if app.usable:
+            report = app.report()
+        return PageCheck(page, failure, report, dict(app.asked), tuple(app.notes))
+
+
+# --- the transport -------------------------------------------------------------------------------
+
+
+def _apps(wanted: AppsWanted) -> AppSource:
+    def app(index: int, log_dir: Path | None) -> WebXRApp:
+        refuse_logs(log_dir, "a page")
+        return WebXRApp(wanted)
+
+    return app
+
+
+WEBXR = Transport(
+    name="webxr",
+    summary="a WebXR page as it is, in a headless browser",
+    apps=_apps,
+    capabilities=_CAPABILITIES,
+    reads=frozenset({"page", "map", "browser", "timeout_s", "start_timeout_s"}),
+    options={
+        "profile": "controllers: oculus-touch (default) or generic-trigger",
+        "enter": "CSS selector of what to click to enter VR; found out by default",
+        "script_errors": "ignore (default: a note) or fail at errors that the page does not catch",
+        "renderer": "swiftshader (default: the browser's own) or mesa (the system's llvmpipe)",
+        "window_frames": "frames of the window in VR: stop (default: as on a headset) or run",
+    },
+    text_options=frozenset({"profile", "enter", "script_errors", "renderer", "window_frames"}),
+    users_per_connection=1,
+    needs="page",
+    reports_reward=False,
+)

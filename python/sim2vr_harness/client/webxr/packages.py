@@ -1,7 +1,6 @@
 """Find the npm package behind an address, by the rules of the host."""
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from urllib.parse import unquote
 
@@ -77,108 +76,71 @@ _BABYLON_PARTS = {
 _KEEP_DOT_JS = ("tween.js", "stats.js", "highlight.js", "chart.js", "p5.js")
 
 
+_HOSTS = {
+    "files": _HOSTED,
+    "modules": _CONVERTED,
+    "libraries": _LIBRARIES,
+    "aframe": _AFRAME,
+    "three": _THREE,
+    "babylon": _BABYLON,
+    "playcanvas": _PLAYCANVAS,
+}
+
+
 def package_of(address: str) -> PackageAddress | None:
     """Return the package behind an address; None: no npm package is known to be there."""
-    for read in _READERS:
-        if found := read(address):
-            good = NPM_NAME.fullmatch(found.name) and _NPM_VERSION.fullmatch(found.wanted)
-            return found if good else None
+    whole = address.partition("#")[0]
+    for host, pattern in _HOSTS.items():
+        asked = whole if "query" in pattern.groupindex else whole.partition("?")[0]
+        if match := pattern.fullmatch(asked):
+            package = _package(host, match, asked)
+            known = package and NPM_NAME.fullmatch(package.name)
+            return package if known and _NPM_VERSION.fullmatch(package.wanted) else None
     return None
 
 
-def _hosted(address: str) -> PackageAddress | None:
-    found = _HOSTED.fullmatch(address.partition("#")[0])
-    if found is None or found["name"] in ("combine", "npm"):
-        return None
-    path = unquote(found["path"] or "").lstrip("/")
-    whole = address[: found.end("version")] if found["version"] else address[: found.end("name")]
-    converts = address.startswith(("https://esm.run/", "http://esm.run/"))
-    if converts or path.endswith("+esm") or "module" in (found["query"] or ""):
-        inner = path.removesuffix("+esm").strip("/")
-        plain = address.partition("?")[0]
-        return PackageAddress(found["name"], _version(found["version"]), plain, inner, module=True)
-    return PackageAddress(
-        found["name"], _version(found["version"]), f"{whole}/" if path else whole, path
-    )
-
-
-def _converted(address: str) -> PackageAddress | None:
-    found = _CONVERTED.fullmatch(address.partition("#")[0])
-    if found is None or found["name"] == "new":
-        return None
-    path = unquote(found["path"] or "").strip("/")
-    plain = address.partition("?")[0]
-    return PackageAddress(found["name"], _version(found["version"]), plain, path, module=True)
-
-
-def _version(text: str | None) -> str:
-    """A version of an address; skypack writes pinned ones as ``v1.2.3-HASH``."""
-    if not text:
-        return "latest"
-    pinned = re.fullmatch(r"v(\d+\.\d+\.\d+)-\w{10,}", unquote(text))
-    return pinned[1] if pinned else unquote(text)
-
-
-def _library(address: str) -> PackageAddress | None:
-    found = _LIBRARIES.match(address)
-    if found is None:
-        return None
-    name, version = found["name"].lower(), found["version"]
-    package = _LIBRARY_NAMES.get(name) or (
-        name if name in _KEEP_DOT_JS else name.removesuffix(".js")
-    )
-    if package == "three" and (release := re.fullmatch(r"r(\d+)", version)):
-        version = f"0.{release[1]}"
+def _package(host: str, match: re.Match[str], address: str) -> PackageAddress | None:
+    """Return the package of an address by the rules of its host."""
+    found = match.groupdict()
     whole = address.partition("?")[0]
-    return PackageAddress(package, version, whole, found["path"], loose=True)
-
-
-def _aframe(address: str) -> PackageAddress | None:
-    found = _AFRAME.match(address)
-    if found is None:
-        return None
-    file = found["file"].replace("aframe.js", "aframe-master.js")
-    file = file.replace("aframe.min.js", "aframe-master.min.js")
-    return PackageAddress(
-        "aframe", found["version"], address.partition("?")[0], f"dist/{file}", loose=True
-    )
-
-
-def _three(address: str) -> PackageAddress | None:
-    found = _THREE.match(address)
-    if found is None:
-        return None
-    folder = address[: found.start("path")]
-    return PackageAddress("three", "latest", folder, found["path"])
-
-
-def _babylon(address: str) -> PackageAddress | None:
-    found = _BABYLON.match(address)
-    package = "babylonjs" if found and not found["part"] else None
-    if found and found["part"]:
-        package = _BABYLON_PARTS.get(found["part"])
-    if found is None or package is None:
-        return None
-    whole = address.partition("?")[0]
-    return PackageAddress(package, found["version"] or "latest", whole, found["file"], loose=True)
-
-
-def _playcanvas(address: str) -> PackageAddress | None:
-    found = _PLAYCANVAS.match(address)
-    if found is None:
-        return None
-    version = found["version"] if found["version"][0].isdigit() else "latest"
-    whole = address.partition("?")[0]
-    path = f"build/playcanvas.{found['end']}"
-    return PackageAddress("playcanvas", version, whole, path, loose=True)
-
-
-_READERS: tuple[Callable[[str], PackageAddress | None], ...] = (
-    _hosted,
-    _converted,
-    _library,
-    _aframe,
-    _three,
-    _babylon,
-    _playcanvas,
-)
+    name, path = found.get("name") or host, unquote(found.get("path") or "").strip("/")
+    version = unquote(found.get("version") or "latest")
+    if pinned := re.fullmatch(r"v(\d+\.\d+\.\d+)-\w{10,}", version):  # skypack's
+        version = pinned[1]
+    match host:
+        case "files":
+            if name in ("combine", "npm"):
+                return None
+            if (
+                "//esm.run/" in address
+                or path.endswith("+esm")
+                or "module" in (found["query"] or "")
+            ):
+                inner = path.removesuffix("+esm").strip("/")
+                return PackageAddress(name, version, whole, inner, module=True)
+            end = match.end("version") if found["version"] else match.end("name")
+            return PackageAddress(name, version, address[:end] + ("/" if path else ""), path)
+        case "modules":
+            if name == "new":
+                return None
+            return PackageAddress(name, version, whole, path, module=True)
+        case "libraries":
+            name = name.lower()
+            own = name if name in _KEEP_DOT_JS else name.removesuffix(".js")
+            name = _LIBRARY_NAMES.get(name, own)
+            if name == "three" and (release := re.fullmatch(r"r(\d+)", version)):
+                version = f"0.{release[1]}"
+        case "aframe":
+            file = re.sub(r"^aframe((?:\.min)?\.js)$", r"aframe-master\1", found["file"])
+            path = f"dist/{file}"
+        case "three":
+            return PackageAddress("three", "latest", address[: match.start("path")], path)
+        case "babylon":
+            package = _BABYLON_PARTS.get(found["part"]) if found["part"] else "babylonjs"
+            if package is None:
+                return None
+            name, path = package, found["file"]
+        case "playcanvas":
+            version = version if version[0].isdigit() else "latest"
+            path = f"build/playcanvas.{found['end']}"
+    return PackageAddress(name, version, whole, path, loose=True)

@@ -12,15 +12,15 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
 
-from sim2vr_harness.client.answers import BadReply, object_in
-from sim2vr_harness.client.errors import AppDied, AppError, AppTimeout, ProtocolError
-from sim2vr_harness.client.process import AppProcess
+from sim2vr_harness.client.answers import OBJECT, BadReply, read
+from sim2vr_harness.client.errors import AppError
+from sim2vr_harness.client.process import AppProcess, Conversation
 
 _CHUNK_BYTES = 1 << 18
 _SLICE_S = 0.25
 """How often a process is looked at whose end does not wake anyone."""
 _MOST_BYTES = 1 << 28
-"""A message that is longer is none of a browser's."""
+"""Of a message."""
 
 Handler = Callable[[Mapping[str, Any]], None]
 
@@ -29,8 +29,8 @@ class RefusedRequest(AppError):
     """The browser answered that it cannot do what was asked."""
 
 
-class DevTools:
-    """One conversation with a browser, given up after the first failure.
+class DevTools(Conversation):
+    """One conversation with a browser.
 
     Args:
         process: the browser's.
@@ -38,12 +38,13 @@ class DevTools:
         from_browser: descriptor to read from, likewise.
     """
 
+    process: AppProcess
+
     def __init__(self, process: AppProcess, to_browser: int, from_browser: int) -> None:
-        self.process = process
+        super().__init__(process)
         self._out, self._in = to_browser, from_browser
         for descriptor in (to_browser, from_browser):
             os.set_blocking(descriptor, False)
-        self._ended = process.open_pidfd()
         self._buffer = bytearray()
         self._searched = 0
         self._unsent = bytearray()
@@ -51,7 +52,6 @@ class DevTools:
         self._replies: dict[int, Mapping[str, Any]] = {}
         self._awaited: set[int] = set()
         self._handlers: dict[str, Handler] = {}
-        self._failure: str | None = None
         self._watch: Callable[[], None] | None = None
         self._watched_s = 0.0
 
@@ -82,8 +82,7 @@ class DevTools:
         Raises:
             AppDied: the conversation is over.
         """
-        if self._failure is not None:
-            raise AppDied(f"{self.process} was given up: {self._failure}")
+        self.require_open()
         self._last += 1
         message: dict[str, Any] = {"id": self._last, "method": method, "params": parameters or {}}
         if session is not None:
@@ -136,17 +135,14 @@ class DevTools:
 
     def _wait(self, deadline: float, doing: str, timeout_s: float) -> None:
         """Take in what is there, or wait for it a little."""
-        if self._failure is not None:
-            raise AppDied(f"{self.process} was given up: {self._failure}")
+        self.require_open()
         now = time.monotonic()
         if self._watch is not None and now - self._watched_s >= _SLICE_S:
             self._watched_s = now
             self._watch()
         left = deadline - now
         if left <= 0.0:
-            raise self.give_up(
-                AppTimeout(f"{self.process} gave no answer to {doing} within {timeout_s:g} s")
-            )
+            raise self.silent(f"answer to {doing}", timeout_s)
         reading = [self._in, *([] if self._ended is None else [self._ended])]
         writing = [self._out] if self._unsent else []
         ready, writable, _ = select.select(reading, writing, [], min(left, _SLICE_S))
@@ -155,7 +151,7 @@ class DevTools:
         if self._in in ready:
             self._take(doing)
         elif not self.process.running:
-            raise self.give_up(self.process.death(f"during {doing}"))
+            raise self.died(f"during {doing}")
 
     def _flush(self) -> None:
         while self._unsent:
@@ -174,17 +170,16 @@ class DevTools:
         except BlockingIOError:
             return
         if not got:
-            self.process.wait(1.0)
-            raise self.give_up(self.process.death(f"during {doing}"))
+            raise self.died(f"during {doing}")
         self._buffer += got
         while (end := self._buffer.find(b"\0", self._searched)) >= 0:
             message = bytes(self._buffer[:end])
             del self._buffer[: end + 1]
             self._searched = 0
             try:
-                content = object_in("a message", message)
+                content = read("a message", OBJECT, message)
             except BadReply as error:
-                raise self.give_up(ProtocolError(f"{self.process} sent {error}")) from error
+                raise self.malformed(error) from error
             if "id" in content:
                 if content["id"] in self._awaited:
                     self._replies[content["id"]] = content
@@ -192,26 +187,12 @@ class DevTools:
                 handler(content.get("params", {}))
         self._searched = len(self._buffer)
         if len(self._buffer) > _MOST_BYTES:
-            raise self.give_up(ProtocolError(f"{self.process} sends a message without an end"))
-
-    def give_up(self, error: Exception) -> Exception:
-        """End the conversation because of ``error``, which later calls repeat; returns it."""
-        if self._failure is None:
-            self._failure = str(error)
-        return error
-
-    @property
-    def usable(self) -> bool:
-        """Whether the conversation goes on."""
-        return self._failure is None
+            raise self.malformed(f"a message of more than {_MOST_BYTES} bytes")
 
     def close(self) -> None:
         """Close the pipes, at which a browser ends by itself; idempotent."""
-        if self._failure is None:
-            self._failure = "it is closed; make a new one"
-        for descriptor in (self._out, self._in, self._ended):
-            if descriptor is not None:
-                with suppress(OSError):
-                    os.close(descriptor)
+        for descriptor in (self._out, self._in):
+            with suppress(OSError):
+                os.close(descriptor)
         self._out = self._in = -1
-        self._ended = None
+        super().close()

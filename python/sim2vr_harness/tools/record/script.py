@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 from urllib.parse import quote
 
-from sim2vr_harness.client.webxr.browser import read_script
+from sim2vr_harness.client.webxr.page import read_script
 
 _BEFORE_SCRIPTS = re.compile(
     rb"(?:\s|\xef\xbb\xbf|<!--.*?-->|<!doctype[^>]*>)*"

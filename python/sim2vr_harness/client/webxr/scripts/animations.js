@@ -6,7 +6,6 @@
   const proto = window.Animation?.prototype;
   const { pause, finish } = proto;
   const moment = Object.getOwnPropertyDescriptor(proto, 'currentTime');
-  const { addEventListener, dispatchEvent } = EventTarget.prototype;
   const given = new WeakMap(); // animation -> ms that the page has set it to
   Object.defineProperty(proto, 'currentTime', {
     ...moment,
@@ -20,9 +19,9 @@
     'animationstart', 'animationend', 'animationiteration', 'animationcancel',
     'transitionrun', 'transitionstart', 'transitionend', 'transitioncancel',
   ]) {
-    Reflect.apply(addEventListener, window, [type, (event) => {
+    listen(window, type, (event) => {
       if (event.isTrusted) event.stopImmediatePropagation();
-    }, true]);
+    }, true);
   }
   const send = (animation, what) => {
     const { target, pseudoElement } = animation.effect ?? {};
@@ -33,7 +32,7 @@
       ? new TransitionEvent(`transition${what}`, { ...init, propertyName: animation.transitionProperty })
       : animation instanceof CSSAnimation
         && new AnimationEvent(`animation${what}`, { ...init, animationName: animation.animationName });
-    if (event) sim.call(() => Reflect.apply(dispatchEvent, target, [event]));
+    if (event) sim.call(() => dispatch(target, event));
   };
   // To ask for animations takes a fifth of a small page's frame: in play, only after a change.
   let changed = true;

@@ -1,7 +1,6 @@
 // What a page shows, as boxes: pictures from outside show them beside the body.
 {
   const MOST = 500;
-  const center = (low, high, axis) => (low[axis] + high[axis]) / 2;
   const size = (low, high, scale) => map(['x', 'y', 'z'], (axis) => Math.abs((high[axis] - low[axis]) * scale[axis]));
   // Of a right-handed frame in the app's, and back.
   const mirrored = ([x, y, z], [i, j, k, w]) => [[x, y, -z], [-i, -j, k, w]];
@@ -24,8 +23,7 @@
     const e = sim.product(user, mesh.matrixWorld.elements);
     const [place, turn, scale] = [mesh.position.clone(), mesh.quaternion.clone(), mesh.scale.clone()];
     ({ __proto__: mesh.matrixWorld, elements: e }).decompose(place, turn, scale);
-    const [x, y, z] = map(['x', 'y', 'z'], (axis) => center(box.min, box.max, axis));
-    const middle = map([0, 1, 2], (row) => e[row] * x + e[row + 4] * y + e[row + 8] * z + e[row + 12]);
+    const middle = sim.moved(e, map(['x', 'y', 'z'], (axis) => (box.min[axis] + box.max[axis]) / 2));
     const hex = material.color?.getHex?.() ?? 0x999999;
     const color = map([16, 8, 0], (shift) => ((hex >> shift) & 255) / 255);
     push(color, material.transparent ? Math.min(1, Math.max(0, material.opacity)) : 1);
@@ -37,7 +35,7 @@
     mesh.computeWorldMatrix(true).decompose(scale, turn, place);
     const { minimum, maximum, centerWorld: c } = mesh.getBoundingInfo().boundingBox;
     const pose = [[c.x, c.y, c.z], [turn.x, turn.y, turn.z, turn.w]];
-    const { r, g, b } = mesh.material?.diffuseColor ?? mesh.material?.albedoColor ?? { r: 0.6, g: 0.6, b: 0.6 };
+    const { r, g, b } = sim.colorOfBabylon(mesh) ?? { r: 0.6, g: 0.6, b: 0.6 };
     const color = map([r, g, b, mesh.visibility * (mesh.material?.alpha ?? 1)], (v) => Math.min(1, Math.max(0, v)));
     return [mesh.name, ...(flipped ? mirrored(...pose) : pose), size(minimum, maximum, scale), color];
   };
@@ -51,8 +49,8 @@
       push(found, row);
     };
     const user = sim.userSpace();
-    for (const reference of sim.scenes) {
-      reference.deref()?.traverseVisible?.((object) => object.isMesh && add(ofThree(object, user)));
+    for (const scene of sim.threeScenes()) {
+      scene.traverseVisible?.((object) => object.isMesh && add(ofThree(object, user)));
     }
     for (const scene of sim.babylonScenes()) {
       for (const mesh of scene.meshes) {

@@ -86,8 +86,6 @@
     due.forEach((callback) => call(callback, [now]));
   };
 
-  const define = (object, name, value) =>
-    Object.defineProperty(object, name, { value, configurable: true, writable: true });
   define(window, 'setTimeout', (callback, delay, ...args) => addTimer(callback, delay, args, false));
   define(window, 'setInterval', (callback, delay, ...args) => addTimer(callback, delay, args, true));
   define(window, 'clearTimeout', (id) => void timers.delete(id));

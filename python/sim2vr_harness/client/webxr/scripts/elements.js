@@ -16,7 +16,6 @@
   };
 
   // Images: their events are held back until those of earlier loads have been sent.
-  const { addEventListener, dispatchEvent } = EventTarget.prototype;
   const proto = HTMLImageElement.prototype;
   const items = new WeakMap(); // image that loads -> its place in the queue
   const gated = new WeakSet();
@@ -29,11 +28,11 @@
     if (gated.has(image)) return;
     gated.add(image);
     for (const type of ['load', 'error']) {
-      Reflect.apply(addEventListener, image, [type, (event) => {
+      listen(image, type, (event) => {
         if (!event.isTrusted || !items.has(image)) return;
         event.stopImmediatePropagation();
-        release(image, () => Reflect.apply(dispatchEvent, image, [new Event(type)]));
-      }]);
+        release(image, () => dispatch(image, new Event(type)));
+      });
     }
   };
   const load = (image, value) => {

@@ -131,7 +131,6 @@
   wrapTarget(IDBFactory.prototype, ['success', 'error', 'blocked'], 'open', 'deleteDatabase');
   wrapTarget(IDBDatabase.prototype, ['complete', 'abort'], 'transaction'); // and all that is in it
   // Requests: their events are held back until those of earlier loads have been sent.
-  const { addEventListener, dispatchEvent } = EventTarget.prototype;
   const requests = new WeakMap(); // request -> {item, events}
   const heard = ['readystatechange', 'progress', 'load', 'error', 'abort', 'timeout', 'loadend'];
   const hold = (request, event) => {
@@ -144,29 +143,26 @@
     if (event.type !== 'loadend') return;
     requests.delete(request);
     finish(state.item, () => forEach(state.events,
-      (copy) => sim.call(() => Reflect.apply(dispatchEvent, request, [copy]))));
+      (copy) => sim.call(() => dispatch(request, copy))));
   };
-  Object.defineProperty(window, 'XMLHttpRequest', {
-    value: new Proxy(XMLHttpRequest, {
-      construct: (...call) => {
-        const request = Reflect.construct(...call);
-        for (const type of heard) {
-          Reflect.apply(addEventListener, request, [type, (event) => hold(request, event)]);
-        }
-        return request;
-      },
-    }),
-    configurable: true,
-    writable: true,
-  });
+  define(window, 'XMLHttpRequest', new Proxy(XMLHttpRequest, {
+    construct: (...call) => {
+      const request = Reflect.construct(...call);
+      for (const type of heard) listen(request, type, (event) => hold(request, event));
+      return request;
+    },
+  }));
+  const forget = (request) => { // it ends without an event
+    const state = requests.get(request);
+    if (state) finish(state.item, () => {});
+    requests.delete(request);
+  };
   const { open, send } = XMLHttpRequest.prototype;
   const waits = new WeakSet(); // requests that answer at once
   XMLHttpRequest.prototype.open = function (...args) {
     if (args.length > 2 && !args[2]) waits.add(this);
     else waits.delete(this);
-    const state = requests.get(this);
-    if (state) finish(state.item, () => {}); // its request ends without an event
-    requests.delete(this);
+    forget(this);
     return Reflect.apply(open, this, args);
   };
   XMLHttpRequest.prototype.send = function (...args) {
@@ -174,9 +170,7 @@
     try {
       return Reflect.apply(send, this, args);
     } catch (error) {
-      const state = requests.get(this);
-      if (state) finish(state.item, () => {});
-      requests.delete(this);
+      forget(this);
       throw error;
     }
   };

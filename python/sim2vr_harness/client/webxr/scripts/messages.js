@@ -5,12 +5,11 @@
   const MOST_TURNS = 50; // that an open port's message may take
   const opened = new WeakMap(); // port of a channel -> {open: whether it delivers, count: received}
   const peers = new WeakMap();
-  const { addEventListener } = EventTarget.prototype;
   const counting = (target, counts) => {
     const received = { open: false, count: 0 };
-    Reflect.apply(addEventListener, target, ['message', (event) => {
+    listen(target, 'message', (event) => {
       if (counts(event)) received.count += 1;
-    }, true]);
+    }, true);
     return received;
   };
   // Sends later, and lets no time pass before the message has been received.
@@ -39,7 +38,7 @@
   };
   VirtualChannel.prototype = RealChannel.prototype;
   RealChannel.prototype.constructor = VirtualChannel;
-  Object.defineProperty(window, 'MessageChannel', { value: VirtualChannel, configurable: true, writable: true });
+  define(window, 'MessageChannel', VirtualChannel);
 
   const ports = MessagePort.prototype;
   const { postMessage, start, close } = ports;

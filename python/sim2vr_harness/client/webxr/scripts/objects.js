@@ -1,7 +1,7 @@
 // Where a page's objects are, by their names: of three.js, A-Frame and Babylon.js, as they are.
 {
   const scenes = new Set();
-  sim.scenes = scenes;
+  sim.threeScenes = () => filter(map([...scenes], (reference) => reference.deref()), Boolean);
   const tools = new EventTarget(); // three.js tells its developer tools of every scene
   tools.addEventListener('observe', ({ detail }) => {
     if (detail?.isScene) scenes.add(new WeakRef(detail));
@@ -59,9 +59,9 @@
   // What carries the camera that the headset moves.
   const rigOf = () => {
     const { p } = sim.viewed.head;
-    for (const reference of scenes) {
+    for (const scene of sim.threeScenes()) {
       const cameras = [];
-      reference.deref()?.traverse((object) => object.isCamera && push(cameras, object));
+      scene.traverse((object) => object.isCamera && push(cameras, object));
       for (const camera of cameras) {
         for (let each = camera; each?.parent; each = each.parent) {
           const { x, y, z } = each.position;
@@ -79,9 +79,11 @@
     const found = rig ? product(base, inverted(rig.matrixWorld.elements)) : base;
     return every(found, Number.isFinite) ? found : UNMOVED;
   };
-  // A point, or with w 0 a direction, of the page's world in the app's frame.
-  sim.forUser = (e, { 0: x, 1: y, 2: z }, w = 1) => {
-    const at = map([0, 1, 2], (row) => e[row] * x + e[row + 4] * y + e[row + 8] * z + e[row + 12] * w);
+  // A point, or with w 0 a direction, moved by a matrix; and then in the app's frame.
+  sim.moved = (e, { 0: x, 1: y, 2: z }, w = 1) =>
+    map([0, 1, 2], (row) => e[row] * x + e[row + 4] * y + e[row + 8] * z + e[row + 12] * w);
+  sim.forUser = (e, point, w = 1) => {
+    const at = sim.moved(e, point, w);
     return [at[0], at[1], -at[2]];
   };
   sim.product = product;
@@ -95,11 +97,16 @@
     const { x, y, z } = node.getAbsolutePosition();
     return sim.forUser(sim.userSpace(), [x, y, node.getScene().useRightHandedSystem ? z : -z]);
   };
+  sim.colorOfBabylon = ({ material }) => material?.diffuseColor ?? material?.albedoColor;
+  sim.looksOfBabylon = (mesh) => {
+    const { r, g, b } = sim.colorOfBabylon(mesh) ?? {};
+    return [r, g, b, mesh.scaling, mesh.position, mesh.visibility];
+  };
   const named = (name) => {
     const element = window.AFRAME && document.getElementById(name);
     if (element?.object3D) return ofThree(element.object3D);
-    for (const reference of scenes) {
-      const found = reference.deref()?.getObjectByName(name);
+    for (const scene of sim.threeScenes()) {
+      const found = scene.getObjectByName(name);
       if (found) return ofThree(found);
     }
     for (const scene of sim.babylonScenes()) {
@@ -110,9 +117,7 @@
   };
   const names = () => {
     const found = [];
-    for (const reference of scenes) {
-      reference.deref()?.traverse((object) => object.name && found.push(object.name));
-    }
+    for (const scene of sim.threeScenes()) scene.traverse((object) => object.name && found.push(object.name));
     for (const scene of sim.babylonScenes()) {
       for (const node of scene.getNodes()) found.push(node.name);
     }

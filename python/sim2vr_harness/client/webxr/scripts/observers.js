@@ -133,7 +133,7 @@
     }
   }
   for (const made of [ResizeObserver, IntersectionObserver]) {
-    Object.defineProperty(window, made.name, { value: made, configurable: true, writable: true });
+    define(window, made.name, made);
   }
   // Reports what has changed since the last call.
   sim.observe = () => {

@@ -2,7 +2,8 @@
 // replaces Number or Array.prototype.push, or adds a toJSON, changes its own scripts, not these.
 const {
   Array, Boolean, JSON, Map, Math, Number, Object, Promise, Reflect, Set, String, WeakMap, WeakSet,
-  every, filter, forEach, includes, map, post, push, shift, slice, subarray, toBase64,
+  define, dispatch, every, filter, forEach, includes, listen, map, post, push, shift, slice, subarray, toBase64,
+  unlisten,
 } = ((real) => {
   const { Array, Boolean, Object, Promise, Reflect, String, Uint8Array } = real;
   const { apply, ownKeys } = Reflect;
@@ -36,9 +37,14 @@ const {
     ...Object.fromEntries(['Number', 'String'].map((name) => [name, converter(name)])),
     ...Object.fromEntries(['Map', 'Set', 'WeakMap', 'WeakSet'].map((name) => [name, container(name)])),
     ...Object.fromEntries(lists.map((name) => [name, method(Array.prototype, name)])),
+    define: (object, name, value) =>
+      Object.defineProperty(object, name, { value, configurable: true, writable: true }),
+    dispatch: method(EventTarget.prototype, 'dispatchEvent'),
+    listen: method(EventTarget.prototype, 'addEventListener'),
     post: method(MessagePort.prototype, 'postMessage'),
     slice: method(String.prototype, 'slice'),
     subarray: method(Uint8Array.prototype, 'subarray'),
     toBase64: method(Uint8Array.prototype, 'toBase64'),
+    unlisten: method(EventTarget.prototype, 'removeEventListener'),
   };
 })(window);

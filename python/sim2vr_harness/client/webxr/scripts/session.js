@@ -2,7 +2,7 @@
 // sessions, which draw a preview on their canvas until then.
 {
   const { compose, inverse, fromApp, transformOf, poseValues, IDENTITY } = sim.spaces;
-  const { complete, dictionary, illegal, is, make, needs, number, own, record, taken } = sim.idl;
+  const { complete, dictionary, illegal, make, needs, number, own, record, taken } = sim.idl;
   const {
     XRRigidTransform, XRPose, XRSpace, XRReferenceSpace, XRBoundedReferenceSpace, XRInputSource, XRWebGLLayer,
   } = sim.classes;
@@ -104,56 +104,43 @@
     value: window.Array.prototype.values, configurable: true, writable: true,
   });
 
-  const { dispatchEvent: dispatch, addEventListener: listen } = EventTarget.prototype;
-  const fire = (target, event) => Reflect.apply(dispatch, target, [event]);
-  class XRSessionEvent extends Event {
-    constructor(type, eventInitDict) {
-      needs(2, arguments, 'XRSessionEvent');
-      const { session } = dictionary(eventInitDict, 'eventInitDict');
+  // A class of events whose attributes are what a function reads from the dictionary.
+  const eventClass = (name, attributes, read) => {
+    const Class = { [name]: class extends Event {
+      constructor(type, eventInitDict) {
+        needs(2, arguments, name);
+        const values = read(dictionary(eventInitDict, 'eventInitDict'));
+        super(type, eventInitDict);
+        record(this, Class, values);
+      }
+    } }[name];
+    complete(Class, attributes);
+    return Class;
+  };
+  const XRSessionEvent = eventClass('XRSessionEvent', ['session'], ({ session }) => {
+    taken(session, XRSession, 'session');
+    return { session };
+  });
+  const XRInputSourceEvent = eventClass('XRInputSourceEvent', ['frame', 'inputSource'], ({ frame, inputSource }) => {
+    taken(frame, XRFrame, 'frame');
+    taken(inputSource, XRInputSource, 'inputSource');
+    return { frame, inputSource };
+  });
+  const sourcesOf = (value, name) => {
+    const found = listOf(value, name);
+    forEach(found, (source) => taken(source, XRInputSource, name));
+    return Object.freeze(found);
+  };
+  const XRInputSourcesChangeEvent = eventClass('XRInputSourcesChangeEvent', ['session', 'added', 'removed'],
+    ({ session, added, removed }) => {
       taken(session, XRSession, 'session');
-      super(type, eventInitDict);
-      record(this, XRSessionEvent, { session });
-    }
-  }
-  class XRInputSourceEvent extends Event {
-    constructor(type, eventInitDict) {
-      needs(2, arguments, 'XRInputSourceEvent');
-      const { frame, inputSource } = dictionary(eventInitDict, 'eventInitDict');
-      taken(frame, XRFrame, 'frame');
-      taken(inputSource, XRInputSource, 'inputSource');
-      super(type, eventInitDict);
-      record(this, XRInputSourceEvent, { frame, inputSource });
-    }
-  }
-  class XRInputSourcesChangeEvent extends Event {
-    constructor(type, eventInitDict) {
-      needs(2, arguments, 'XRInputSourcesChangeEvent');
-      const init = dictionary(eventInitDict, 'eventInitDict');
-      taken(init.session, XRSession, 'session');
-      const sources = (name) => {
-        const found = listOf(init[name], name);
-        forEach(found, (source) => taken(source, XRInputSource, name));
-        return Object.freeze(found);
-      };
-      const values = { session: init.session, added: sources('added'), removed: sources('removed') };
-      super(type, eventInitDict);
-      record(this, XRInputSourcesChangeEvent, values);
-    }
-  }
-  class XRReferenceSpaceEvent extends Event {
-    constructor(type, eventInitDict) {
-      needs(2, arguments, 'XRReferenceSpaceEvent');
-      const { referenceSpace, transform = null } = dictionary(eventInitDict, 'eventInitDict');
-      taken(referenceSpace, XRReferenceSpace, 'referenceSpace');
-      if (transform !== null) taken(transform, XRRigidTransform, 'transform');
-      super(type, eventInitDict);
-      record(this, XRReferenceSpaceEvent, { referenceSpace, transform });
-    }
-  }
-  complete(XRSessionEvent, ['session']);
-  complete(XRInputSourceEvent, ['frame', 'inputSource']);
-  complete(XRInputSourcesChangeEvent, ['session', 'added', 'removed']);
-  complete(XRReferenceSpaceEvent, ['referenceSpace', 'transform']);
+      return { session, added: sourcesOf(added, 'added'), removed: sourcesOf(removed, 'removed') };
+    });
+  eventClass('XRReferenceSpaceEvent', ['referenceSpace', 'transform'], ({ referenceSpace, transform = null }) => {
+    taken(referenceSpace, XRReferenceSpace, 'referenceSpace');
+    if (transform !== null) taken(transform, XRRigidTransform, 'transform');
+    return { referenceSpace, transform };
+  });
 
   class XRSession extends EventTarget {
     constructor() { illegal(); }
@@ -212,7 +199,7 @@
     }
     addEventListener(type, ...rest) {
       if (includes(INPUT_EVENTS, type)) sim.events.add(type);
-      Reflect.apply(listen, this, [type, ...rest]);
+      listen(this, type, ...rest);
     }
     requestAnimationFrame(callback) {
       const session = own(this, XRSession);
@@ -233,7 +220,7 @@
       session._ended = true;
       previews.delete(session);
       await null;
-      fire(this, new XRSessionEvent('end', { session: this }));
+      dispatch(this, new XRSessionEvent('end', { session: this }));
     }
   }
   complete(XRSession, [
@@ -293,7 +280,7 @@
         forEach(sim.takeInputs(inputSource, inputs[k]), (type) => {
           if (this._ended) return;
           const frame = frameOf(this, state, false);
-          fire(this.page, new XRInputSourceEvent(type, { frame, inputSource }));
+          dispatch(this.page, new XRInputSourceEvent(type, { frame, inputSource }));
           own(frame, XRFrame).active = false;
         });
       });
@@ -326,7 +313,7 @@
           Object.defineProperty(this.inputSources, k, { value: list[k], enumerable: true, configurable: true });
         }
       });
-      fire(this.page, new XRInputSourcesChangeEvent('inputsourceschange', { session: this.page, added, removed }));
+      dispatch(this.page, new XRInputSourcesChangeEvent('inputsourceschange', { session: this.page, added, removed }));
     }
   }
 
@@ -406,8 +393,7 @@
   // A page finds the parts of WebXR that are covered; of all others, not even the names.
   for (const name of Object.getOwnPropertyNames(window)) if (/^XR/.test(name)) delete window[name];
   for (const [name, made] of Object.entries(sim.classes)) {
-    Object.defineProperty(window, name, { value: made, configurable: true, writable: true });
+    define(window, name, made);
   }
   sim.system = system;
-  sim.fire = fire;
 }

@@ -43,15 +43,10 @@
   // text, and the rays of the last frame that tested any: origin and direction, the app's frame.
   sim.signs = () => {
     const found = [];
-    for (const reference of sim.scenes) {
-      const scene = reference.deref();
-      if (scene) visit(scene, found);
-    }
+    for (const scene of sim.threeScenes()) visit(scene, found);
     for (const scene of sim.babylonScenes()) {
       for (const mesh of scene.meshes.slice(0, MOST - found.length)) {
-        const { r, g, b } = mesh.material?.diffuseColor ?? mesh.material?.albedoColor ?? {};
-        const state = [r, g, b, mesh.scaling, mesh.position, mesh.visibility, mesh.isEnabled()];
-        push(found, [numberOf(mesh), sim.hash(JSON.stringify(state))]);
+        push(found, [numberOf(mesh), sim.hash(JSON.stringify([...sim.looksOfBabylon(mesh), mesh.isEnabled()]))]);
       }
     }
     const user = sim.userSpace();
@@ -59,6 +54,6 @@
       sim.forUser(user, from), sim.forUser(user, towards, 0),
     ]);
     const text = slice(document.body?.textContent ?? '', 0, MOST_TEXT);
-    return [found, sim.sounds, sim.hash(text), aims];
+    return [Object.fromEntries(found), sim.sounds, sim.hash(text), aims];
   };
 }

@@ -1,7 +1,6 @@
 // Sound in virtual time: the clocks of audio contexts, and when their sources end. Nobody hears it.
 if (window.AudioContext) {
   const clocks = new WeakMap(); // context -> {at: ms when it ran last, before: seconds until then}
-  const { addEventListener, dispatchEvent } = EventTarget.prototype;
   const base = BaseAudioContext.prototype;
   const real = Object.getOwnPropertyDescriptor(base, 'currentTime');
   const clockOf = (context) => {
@@ -22,7 +21,7 @@ if (window.AudioContext) {
         return context;
       },
     });
-    Object.defineProperty(window, name, { value: made, configurable: true, writable: true });
+    define(window, name, made);
   }
   Object.defineProperty(base, 'currentTime', {
     ...real,
@@ -48,7 +47,7 @@ if (window.AudioContext) {
     sim.later(() => {
       if (state.over || state.until !== until) return;
       state.over = true;
-      sim.call(() => Reflect.apply(dispatchEvent, source, [new Event('ended')]));
+      sim.call(() => dispatch(source, new Event('ended')));
     }, Math.max(0, wait));
   };
   const wrap = (kind, lasting) => {
@@ -77,9 +76,9 @@ if (window.AudioContext) {
   wrap(ConstantSourceNode, () => Infinity);
   const made = (original) => function (...args) {
     const source = Reflect.apply(original, this, args);
-    Reflect.apply(addEventListener, source, ['ended', (event) => {
+    listen(source, 'ended', (event) => {
       if (event.isTrusted && sources.has(source)) event.stopImmediatePropagation();
-    }]);
+    });
     return source;
   };
   for (const name of ['createBufferSource', 'createOscillator', 'createConstantSource']) base[name] = made(base[name]);

@@ -37,7 +37,6 @@
   // Classes as Web IDL has them. What is behind an object that a page holds is kept here, so that it
   // has no members but its interface's, and those say no to objects of another kind.
   const records = new WeakMap(); // object -> {of: its class, and the values of its attributes}
-  const { addEventListener, removeEventListener } = EventTarget.prototype;
   const is = (object, Class) => {
     for (let each = records.get(object)?.of; each; each = Object.getPrototypeOf(each)) {
       if (each === Class) return true;
@@ -95,7 +94,7 @@
             behind[name].handler = handler; // keeps its place among the listeners
             return;
           }
-          if (behind[name]) Reflect.apply(removeEventListener, this, [type, behind[name].listener]);
+          if (behind[name]) unlisten(this, type, behind[name].listener);
           behind[name] = handler && {
             handler,
             listener: (event) => {
@@ -103,7 +102,7 @@
               if (typeof given === 'function' && Reflect.apply(given, this, [event]) === false) event.preventDefault();
             },
           };
-          if (handler) Reflect.apply(addEventListener, this, [type, behind[name].listener]);
+          if (handler) listen(this, type, behind[name].listener);
         },
       }, name));
     });

@@ -31,26 +31,25 @@
     }
     return btoa(text);
   };
-  const tick = async (time) => {
+  // Runs what the page does of itself up to a time.
+  const advance = async (time, preview) => {
     await sim.loaded();
     await sim.runTimers(time);
     sim.wakeWorkers();
     await sim.loaded();
     sim.animate();
     sim.runFrames();
-    sim.preview();
+    if (preview) sim.preview();
     sim.observe();
-    await sim.turn();
   };
 
   // Elements that listen to being clicked, whatever they look like.
   const CLICKS = ['click', 'pointerdown', 'pointerup', 'mousedown', 'mouseup', 'touchend'];
   const listening = new WeakSet();
-  const { addEventListener } = EventTarget.prototype;
   EventTarget.prototype.addEventListener = function (type, ...rest) {
     if (includes(CLICKS, type) && this instanceof Element) listening.add(this);
     sim.heard(this, type);
-    return Reflect.apply(addEventListener, this, [type, ...rest]);
+    return listen(this, type, ...rest);
   };
   const BUTTONS = 'button, a, input[type=button], input[type=submit], [role=button], [onclick], '
     + '[class*=vr i], [id*=vr i]';
@@ -105,14 +104,14 @@
     'mouseleave', 'pointerdown', 'pointerup', 'pointermove', 'pointerover', 'pointerout',
     'pointerenter', 'pointerleave',
   ]) {
-    Reflect.apply(addEventListener, window, [type, (event) => {
+    listen(window, type, (event) => {
       if (event.isTrusted && !clicking) event.stopImmediatePropagation();
-    }, true]);
+    }, true);
   }
   // A click of the harness does not leave the page.
-  Reflect.apply(addEventListener, window, ['click', (event) => {
+  listen(window, 'click', (event) => {
     if (clicking && event.composedPath().some(leadsAway)) event.preventDefault();
-  }]);
+  });
   // Nor does what the click brings about later, by a script: what was clicked is no door into VR.
   const exits = new Map(); // element -> where it leads
   window.navigation?.addEventListener('navigate', (event) => {
@@ -121,9 +120,9 @@
     const { url } = event.destination;
     exits.set(sim.door, url === location.href ? 'loads the page again' : `leads to ${slice(url, 0, 200)}`);
   });
-  Reflect.apply(addEventListener, window, ['submit', (event) => {
+  listen(window, 'submit', (event) => {
     if (clicking) event.preventDefault();
-  }]);
+  });
 
   // The element to click, null: none. Those that look likely are clicked again each second.
   const clicks = new Map(); // element -> {count, at}
@@ -139,8 +138,8 @@
     return door ?? null;
   };
 
-  // Brings the page nearer to VR; called until it says ['done', null] or ['done', why not].
-  // ['more']: call again; ['click', x, y] or ['click']: click there, or by `sim.click`, first.
+  // Brings the page nearer to VR; called until it is done, or has failed. An answer with `click`:
+  // click at `at`, or by `sim.click` where that is null, first.
   let ticks = 0;
   let shown = 0; // recorded frames that have run
   let clicked = 0; // the tick of the last click
@@ -151,23 +150,24 @@
     sim.door = element;
     clicked = ticks;
     clicking = true;
-    return ['click', ...(pointOf(element) ?? [])];
+    return { click: true, at: pointOf(element) };
   };
   sim.enter = async (selector, hurried) => {
     clicking = false;
     if (hurried && !start && sim.modes.size === 0 && ticks - clicked >= LEAST_TICKS) {
-      return ['done', ['enter', notEntered(selector)]];
+      return { done: true, failure: ['enter', notEntered(selector)] };
     }
     if (start) free ||= selector ? 1 : CLICK_EVERY; // at once
     for (const until = ticks + PART; ticks < Math.min(until, MOST_TICKS);) {
       ticks += 1;
-      await tick(nextTime());
-      if (sim.failure) return ['done', sim.failure];
+      await advance(nextTime(), true);
+      await sim.turn();
+      if (sim.failure) return { done: true, failure: sim.failure };
       if (sim.session) {
         if (sim.session._ready && shown === flat.length) {
           await sim.loaded();
           await sim.turn();
-          return ['done', sim.failure];
+          return { done: true, failure: sim.failure };
         }
         continue;
       }
@@ -177,7 +177,7 @@
         const element = k % AGAIN_AFTER === 1 && document.querySelector(selector);
         if (element) return doorOf(element);
       } else if (k === 2) {
-        sim.fire(sim.system, Object.assign(new Event('sessiongranted'), { session: { mode: 'immersive-vr' } }));
+        dispatch(sim.system, Object.assign(new Event('sessiongranted'), { session: { mode: 'immersive-vr' } }));
       }
       if (sim.offer) {
         sim.offer();
@@ -186,7 +186,7 @@
         if (door) return doorOf(door);
       }
     }
-    return ticks < MOST_TICKS ? ['more'] : ['done', ['enter', notEntered(selector)]];
+    return ticks < MOST_TICKS ? {} : { done: true, failure: ['enter', notEntered(selector)] };
   };
   const notEntered = (selector) => {
     if (selector && !document.querySelector(selector)) return `has no element ${selector} to enter VR by`;
@@ -240,13 +240,7 @@
     let picture = null;
     for (let k = 0; k < frames.length; k++) {
       const { 0: time, 1: head, 2: hands, 3: inputs, 4: drawn } = frames[k];
-      await sim.loaded();
-      await sim.runTimers(sim.base + time);
-      sim.wakeWorkers();
-      await sim.loaded();
-      sim.animate();
-      sim.runFrames();
-      sim.observe();
+      await advance(sim.base + time, false);
       sim.drawing = drawn;
       picture = sim.session._frame({ head, hands, inputs, drawn }) ?? picture;
       sim.drawing = true;

@@ -8,7 +8,6 @@
   const CARRIED = '[raycaster], [cursor], [camera], [tracked-controls], [hand-controls], [hand-tracking-controls], '
     + '[laser-controls], [oculus-touch-controls], [meta-touch-controls], [super-hands]';
   const MOST = 200;
-  const listen = EventTarget.prototype.addEventListener; // the browser's: what counts is not heard
   const heard = new WeakMap(); // element -> types of events that the page listens to
   const tested = new WeakMap(); // three.js object -> how often a ray has met it
   const counts = new WeakMap(); // object or element -> events so far
@@ -51,11 +50,6 @@
     };
   };
 
-  const corner = (e, x, y, z) => [
-    e[0] * x + e[4] * y + e[8] * z + e[12],
-    e[1] * x + e[5] * y + e[9] * z + e[13],
-    e[2] * x + e[6] * y + e[10] * z + e[14],
-  ];
   // Middle and half of the size of what is drawn below an object, in the app's frame.
   const boxOf = (object, user) => {
     const low = [Infinity, Infinity, Infinity];
@@ -68,7 +62,7 @@
       const { min, max } = part.geometry.boundingBox;
       const e = sim.product(user, part.matrixWorld.elements);
       for (let k = 0; k < 8; k++) {
-        const at = corner(e, k & 1 ? max.x : min.x, k & 2 ? max.y : min.y, k & 4 ? max.z : min.z);
+        const at = sim.moved(e, [k & 1 ? max.x : min.x, k & 2 ? max.y : min.y, k & 4 ? max.z : min.z]);
         forEach(at, (value, axis) => {
           low[axis] = Math.min(low[axis], value);
           high[axis] = Math.max(high[axis], value);
@@ -126,7 +120,7 @@
       const chosen = selector && element.matches(selector);
       const listens = types.size || chosen || element.matches(ABLE);
       if (!listens && (!element.id || !object.children.length)) continue;
-      counted(element, types, (type, call) => Reflect.apply(listen, element, [type, call]));
+      counted(element, types, (type, call) => listen(element, type, call)); // not heard as the page's
       const name = element.id || element.getAttribute('name') || element.className.toString().split(' ')[0]
         || element.tagName.toLowerCase();
       const touched = [...types].some((type) => /^(hit|obb|grab|hover-start|pinch|drag)/.test(type))
@@ -136,7 +130,7 @@
     }
   };
   const ofThree = (rows) => {
-    for (const reference of sim.scenes) {
+    for (const scene of sim.threeScenes()) {
       const visit = (object) => {
         if (object.hasLinearVelocity !== undefined || object.isCamera) return; // a controller, the head
         if (object.isMesh || object.isSprite || object.isPoints) watchRays(object);
@@ -152,8 +146,7 @@
         }
         forEach(object.children ?? [], visit);
       };
-      const scene = reference.deref();
-      if (scene) visit(scene);
+      visit(scene);
     }
   };
   const ofBabylon = (found, user) => {
@@ -167,11 +160,10 @@
         const { minimumWorld: low, maximumWorld: high } = mesh.getBoundingInfo().boundingBox;
         const side = scene.useRightHandedSystem ? -1 : 1;
         const how = near ? 'touch' : actions.length || drags ? 'point' : 'unknown';
-        const { x, y, z } = mesh.material?.diffuseColor ?? mesh.material?.albedoColor ?? {};
         push(found, [nameOf(mesh, mesh.name), how,
           sim.forUser(user, [(low.x + high.x) / 2, (low.y + high.y) / 2, -side * (low.z + high.z) / 2]),
           [(high.x - low.x) / 2, (high.y - low.y) / 2, (high.z - low.z) / 2],
-          counts.get(mesh) ?? 0, hash(JSON.stringify([x, y, z, mesh.scaling, mesh.position, mesh.visibility]))]);
+          counts.get(mesh) ?? 0, hash(JSON.stringify(sim.looksOfBabylon(mesh)))]);
       }
     }
   };

@@ -1,11 +1,10 @@
 // In a worker: its clock moves when its page's does, and the page waits until it is idle.
 {
   const KEY = '__sim2vr';
-  const { addEventListener } = EventTarget.prototype;
   const { postMessage, close } = window;
   delete window.WorkerNavigator.prototype.gpu; // not covered, see walls.js
   const answer = (content) => Reflect.apply(postMessage, window, [{ [KEY]: content }]);
-  Reflect.apply(addEventListener, window, ['message', async (event) => {
+  listen(window, 'message', async (event) => {
     const time = event.data?.[KEY];
     if (time === undefined) return;
     event.stopImmediatePropagation();
@@ -16,7 +15,7 @@
     await sim.turn();
     await sim.loaded();
     answer('idle');
-  }]);
+  });
   window.close = () => {
     answer('closed');
     close.call(window);

@@ -4,7 +4,6 @@
   const KEY = '__sim2vr';
   const RealWorker = window.Worker;
   const workers = new Map(); // worker -> {events: to deliver, busy, wake}
-  const { addEventListener, dispatchEvent } = EventTarget.prototype;
   const { postMessage, terminate } = RealWorker.prototype;
   const forget = (worker) => {
     const state = workers.get(worker);
@@ -35,13 +34,13 @@
     const made = Reflect.construct(RealWorker, args, new.target);
     workers.set(made, { events: [], busy: true, wake: null });
     for (const type of ['message', 'messageerror', 'error']) {
-      Reflect.apply(addEventListener, made, [type, (event) => take(made, event)]);
+      listen(made, type, (event) => take(made, event));
     }
     return made;
   };
   VirtualWorker.prototype = RealWorker.prototype;
-  Object.defineProperty(RealWorker.prototype, 'constructor', { value: VirtualWorker, configurable: true, writable: true });
-  Object.defineProperty(window, 'Worker', { value: VirtualWorker, configurable: true, writable: true });
+  define(RealWorker.prototype, 'constructor', VirtualWorker);
+  define(window, 'Worker', VirtualWorker);
   RealWorker.prototype.postMessage = function (...args) {
     Reflect.apply(postMessage, this, args);
     const state = workers.get(this);
@@ -67,7 +66,7 @@
     for (const { 0: worker, 1: state } of busy) {
       const { events } = state;
       state.events = [];
-      forEach(events, (event) => sim.call(() => Reflect.apply(dispatchEvent, worker, [event])));
+      forEach(events, (event) => sim.call(() => dispatch(worker, event)));
     }
     await sim.turn();
     return true;

@@ -536,7 +536,7 @@ def write_picture(found: Measured, file: Path) -> Path:
     x, y, z = found.reach.points.mean(axis=0).tolist()
     with UserRenderer(found.body, _PICTURE[0] // 2, _PICTURE[1]) as renderer:
         for azimuth in (150.0, 60.0):
-            view = OrbitView((0.5 * x, 0.5 * y, 0.85 * z), 2.6, azimuth, -14.0)
+            view = OrbitView((0.5 * x, 0.5 * y, 0.88 * z), 2.8, azimuth, -14.0)
             views.append(renderer.render(qpos, view, scene=things))
     image = Image.fromarray(np.concatenate(views, axis=1))
     draw = ImageDraw.Draw(image)

@@ -23,7 +23,7 @@ from sim2vr_harness.envs.config import UserConfig
 from sim2vr_harness.envs.people_preset import as_population
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.users import FATIGUE_PRESETS, Body, Population
-from sim2vr_harness.users.bodies.moments import moment_arms
+from sim2vr_harness.users.bodies.rules import moment_arms
 from sim2vr_harness.users.exertion import (
     Arm,
     ArmDynamics,
@@ -35,8 +35,8 @@ from sim2vr_harness.users.exertion import (
     fatigue_endurance_time,
     nicer_correction,
 )
-from sim2vr_harness.users.kinematics.bounded import bounded_least_squares
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
+from sim2vr_harness.users.kinematics.inverse import bounded_least_squares
 
 FloatArray = NDArray[np.float64]
 

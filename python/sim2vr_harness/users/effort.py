@@ -13,8 +13,8 @@ from typing import Any, ClassVar, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.errors import unknown_name
 from sim2vr_harness.users.bodies.body import Body
-from sim2vr_harness.users.name_errors import unknown_name
 
 FloatArray = NDArray[np.float64]
 Ids = Sequence[int] | NDArray[np.integer] | slice
@@ -320,7 +320,7 @@ def effort_options(name: str) -> tuple[str, ...]:
         ValueError: unknown name.
     """
     if name not in _MODELS:
-        raise ValueError(unknown_name("effort", name, list_efforts()))
+        raise unknown_name("effort", name, list_efforts())
     if name == "zero":
         return ()
     names = inspect.signature(_MODELS[name]).parameters
@@ -334,7 +334,7 @@ def effort_weight(name: str, weight: float | None = None) -> float:
         ValueError: unknown name.
     """
     if name not in _MODELS:
-        raise ValueError(unknown_name("effort", name, list_efforts()))
+        raise unknown_name("effort", name, list_efforts())
     return _MODELS[name].default_weight if weight is None else weight
 
 
@@ -355,7 +355,7 @@ def make_effort(
             what the model looks at.
     """
     if name not in _MODELS:
-        raise ValueError(unknown_name("effort", name, list_efforts()))
+        raise unknown_name("effort", name, list_efforts())
     model = _MODELS[name]
     if model in (CumulativeFatigue3CCr, MuscleState) and not body.muscles:
         raise ValueError(
@@ -419,7 +419,7 @@ def _endurance_inputs(body: Body) -> dict[str, Any]:
     names = body.action_names
     unused = [name for name in lifting if name not in names]
     if unused:
-        raise ValueError(unknown_name("effort lifting", unused[0], names))
+        raise unknown_name("effort lifting", unused[0], names)
     indices = [names.index(name) for name in lifting]
     unknown = [names[i] for i in indices if not body.peak_forces[i] > 0.0]
     if unknown:

@@ -28,7 +28,7 @@ from sim2vr_harness.client.frames import position_to_app
 from sim2vr_harness.envs.config import EnvConfig, UserConfig
 from sim2vr_harness.envs.people_preset import with_people
 from sim2vr_harness.tools.users import environment_of
-from sim2vr_harness.users import Body, BodyPlan, PeopleSettings, Population, SpecBody, load_body
+from sim2vr_harness.users import Body, BodyPlan, PeopleSettings, Population, load_body
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 
 BODY = load_body("mobl_arms_wrist", appearance=False)
@@ -214,7 +214,7 @@ def ball_arm() -> Body:
               </body>
             </worldbody></mujoco>""")
 
-    return SpecBody(BodyPlan("ball_arm", (), (), ("grip",), 0.002), build)
+    return Body(BodyPlan("ball_arm", (), (), ("grip",), 0.002), build)
 
 
 @pytest.fixture(scope="module")

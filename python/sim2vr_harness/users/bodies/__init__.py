@@ -8,6 +8,7 @@ from sim2vr_harness.users.bodies.body import (
     DEVICES,
     ActuatorGroup,
     Body,
+    BodyPlan,
     Coupling,
     EffortInputs,
     ResetRule,
@@ -22,7 +23,6 @@ from sim2vr_harness.users.bodies.registry import (
     list_bodies,
     load_body,
 )
-from sim2vr_harness.users.bodies.spec_body import BodyPlan, SpecBody
 
 __all__ = [
     "DEVICES",
@@ -34,7 +34,6 @@ __all__ = [
     "Physique",
     "ResetOptions",
     "ResetRule",
-    "SpecBody",
     "allow_package",
     "foreign_package",
     "held",

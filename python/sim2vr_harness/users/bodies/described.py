@@ -15,11 +15,14 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from sim2vr_harness.base.errors import unknown_name
 from sim2vr_harness.users import appearance as looks
 from sim2vr_harness.users.bodies.body import (
     DEVICES,
+    MEAN_IPD_M,
     ActuatorGroup,
     Body,
+    BodyPlan,
     EffortInputs,
     ResetRule,
     held,
@@ -29,18 +32,13 @@ from sim2vr_harness.users.bodies.description import (
     BodyDescription,
     read_description,
 )
-from sim2vr_harness.users.bodies.devices import attach_device
-from sim2vr_harness.users.bodies.locking import Lock, lock_joints
 from sim2vr_harness.users.bodies.meshes import compose
 from sim2vr_harness.users.bodies.options import LEAST_STEP_S, MOST_STEP_S, BodyOptions
 from sim2vr_harness.users.bodies.packages import folder_of_package, package_of_models
-from sim2vr_harness.users.bodies.person import Anatomy, Segment
-from sim2vr_harness.users.bodies.posture import idle_actuators, still_legs
+from sim2vr_harness.users.bodies.person import Anatomy, Segment, tailored_body
+from sim2vr_harness.users.bodies.posture import Lock, idle_actuators, lock_joints, still_legs
 from sim2vr_harness.users.bodies.rules import usual_rule
-from sim2vr_harness.users.bodies.spec_body import MEAN_IPD_M, BodyPlan
 from sim2vr_harness.users.bodies.tables import load_device_rows
-from sim2vr_harness.users.bodies.tailored import tailored_body
-from sim2vr_harness.users.name_errors import unknown_name
 
 MOST_ELEMENTS = 10_000
 MOST_FILE_BYTES = 200_000_000
@@ -535,9 +533,8 @@ class _Described:
                 half = math.radians(self._options.skull_rotation_deg) / 2.0
                 down = np.array([math.cos(half), 0.0, math.sin(half), 0.0])
                 pose = compose(pose, (np.zeros(3), down))
-            attach_device(
-                parent, rows[attach_name], pose[0].tolist(), pose[1].tolist(), device.weight
-            )
+            place, turn = pose[0].tolist(), pose[1].tolist()
+            rows[attach_name].attach(parent, place, turn, device.weight)
         # A diverged state must stay visible to the caller: no silent reset to the start pose.
         flags = mujoco.mjtDisableBit.mjDSBL_AUTORESET
         if not self._description.contacts:
@@ -624,7 +621,7 @@ def _found(field: str, patterns: Iterable[str], known: Iterable[str]) -> tuple[s
     for pattern in patterns:
         matches = [name for name in names if fnmatch.fnmatchcase(name, pattern)]
         if not matches:
-            raise ValueError(unknown_name(field, pattern, names))
+            raise unknown_name(field, pattern, names)
         found |= dict.fromkeys(matches)
     return tuple(found)
 
@@ -632,7 +629,7 @@ def _found(field: str, patterns: Iterable[str], known: Iterable[str]) -> tuple[s
 def _known(field: str, name: str, known: Iterable[str] | Mapping[str, object]) -> None:
     names = tuple(known)
     if name not in names:
-        raise ValueError(unknown_name(field, name, names))
+        raise unknown_name(field, name, names)
 
 
 def _unit(quaternion: Iterable[float]) -> np.ndarray:

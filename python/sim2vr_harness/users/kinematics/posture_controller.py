@@ -15,10 +15,9 @@ from scipy.optimize import least_squares
 from sim2vr_harness.client.frames import AIM_DIRECTION, position_to_mujoco
 from sim2vr_harness.users.actuation import Actuation
 from sim2vr_harness.users.bodies.body import Body
-from sim2vr_harness.users.bodies.moments import moment_arms
-from sim2vr_harness.users.bodies.rules import Motor
-from sim2vr_harness.users.kinematics.bounded import bounded_least_squares
+from sim2vr_harness.users.bodies.rules import Motor, moment_arms
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
+from sim2vr_harness.users.kinematics.inverse import bounded_least_squares
 
 FloatArray = NDArray[np.float64]
 

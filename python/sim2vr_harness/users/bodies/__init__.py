@@ -1,7 +1,7 @@
 """Bodies: what they are (`body.py`), where they come from (tables, MJCF), who has them (people).
 
-A new body is a YAML file about an MJCF file, a folder of tables, or a class of one's own that does
-what `Body` says; see docs/reference/bodies.md.
+A new body is a YAML file about an MJCF file, a folder of tables, or a `Body` with a function of
+one's own that builds its specification; see docs/reference/bodies.md.
 """
 
 from sim2vr_harness.users.bodies.body import (

@@ -22,13 +22,25 @@ from sim2vr_harness.users.bodies.body import Body
 
 FloatArray = NDArray[np.float64]
 
-_GRAVITY = 9.8
-_CORRECTED_FROM_DEG = (90.0, 145.0)
-"""Least angles of shoulder and elbow at which NICER corrects the torque."""
-_RESTING_DEG = (25.0, 125.0)
-"""NICER: an arm rests with the shoulder up to the first and the elbow from the second angle on."""
-_RECOVERY_PER_S = 0.04
-_ENDURANCE_S, _ENDURANCE_POWER = 14.86, 1.83
+
+@dataclass(frozen=True)
+class ExertionSettings:
+    """Published constants of endurance and of the measures of fatigue."""
+
+    endurance_s: float = 14.86
+    endurance_power: float = 1.83
+    """Shoulders hold a share f ``endurance_s f^-endurance_power`` s (Frey-Law and Avin 2010)."""
+    corrected_from_deg: tuple[float, float] = (90.0, 145.0)
+    """NICER: least angles of shoulder and elbow at which the torque is corrected."""
+    resting_deg: tuple[float, float] = (25.0, 125.0)
+    """NICER: an arm rests with the shoulder up to the first and the elbow from the second on."""
+    recovery_per_s: float = 0.04
+    """NICER: with which the value decays at rest."""
+    gravity_mps2: float = 9.8
+    """Consumed Endurance: in the weight of the arm."""
+
+
+EXERTION = ExertionSettings()
 
 
 @dataclass(frozen=True)
@@ -66,7 +78,9 @@ def _consumed_endurance_torque(
 ) -> float:
     upper, fore, hand = lengths
     arms = (0.452 * upper, upper + 0.424 * fore, upper + fore + 0.397 * hand)
-    return force * upper - _GRAVITY * sum(m * arm for m, arm in zip(masses, arms, strict=True))
+    return force * upper - EXERTION.gravity_mps2 * sum(
+        m * arm for m, arm in zip(masses, arms, strict=True)
+    )
 
 
 def endurance_time(share: ArrayLike) -> FloatArray:
@@ -76,7 +90,7 @@ def endurance_time(share: ArrayLike) -> FloatArray:
     """
     share = np.asarray(share, dtype=np.float64)
     with np.errstate(divide="ignore"):
-        return np.asarray(_ENDURANCE_S * share**-_ENDURANCE_POWER)
+        return np.asarray(EXERTION.endurance_s * share**-EXERTION.endurance_power)
 
 
 def consumed_endurance_time(share: ArrayLike) -> FloatArray:
@@ -126,7 +140,9 @@ def nicer_correction(
     shoulder, elbow = np.asarray(shoulder_deg), np.asarray(elbow_deg)
     gain, slope = np.where(man, 1230.0, 1005.0), np.where(man, 0.09, 0.11)
     activity = 0.0095 * gain / (1.0 + np.exp((66.40 - shoulder) / 7.83))
-    raised = (shoulder >= _CORRECTED_FROM_DEG[0]) & (elbow >= _CORRECTED_FROM_DEG[1])
+    raised = (shoulder >= EXERTION.corrected_from_deg[0]) & (
+        elbow >= EXERTION.corrected_from_deg[1]
+    )
     return np.where(raised, activity - np.sin(np.radians(shoulder)) / slope, 0.0)
 
 
@@ -191,7 +207,7 @@ class NicerMeter:
         torque, shoulder, elbow = (
             np.reshape(each, shape) for each in (torque, shoulder_deg, elbow_deg)
         )
-        resting = (shoulder <= _RESTING_DEG[0]) & (elbow >= _RESTING_DEG[1])
+        resting = (shoulder <= EXERTION.resting_deg[0]) & (elbow >= EXERTION.resting_deg[1])
         corrected = torque + nicer_correction(shoulder, elbow, self._strength.man)
         maximum = self._strength.shoulder_torque(shoulder, elbow)
         for step in zip(resting, corrected * dt, maximum, strict=True):
@@ -205,12 +221,12 @@ class NicerMeter:
         if self._rested.any():
             value = self._rested_value / 100.0
             with np.errstate(divide="ignore", invalid="ignore"):
-                share = (before / value / _ENDURANCE_S) ** (-1.0 / _ENDURANCE_POWER)
+                share = (before / value / EXERTION.endurance_s) ** (-1.0 / EXERTION.endurance_power)
             resumed = np.where(value > 0.0, share * self._maximum, 0.0)
             mean = np.where(self._rested, resumed, mean)
         mean = (impulse + mean * before) / time
         if resting.any():
-            decayed = self.value * np.exp(-_RECOVERY_PER_S * dt)
+            decayed = self.value * np.exp(-EXERTION.recovery_per_s * dt)
             self._rested_value = np.where(resting, decayed, self._rested_value)
             mean = np.where(resting, self._mean, mean)
             maximum = np.where(resting, self._maximum, maximum)

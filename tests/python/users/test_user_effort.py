@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
-from sim2vr_harness.users import CumulativeFatigue3CCr, load_body, make_effort
+from python.users.bodies import body
+from sim2vr_harness.users import CumulativeFatigue3CCr, make_effort
 
-BODY = load_body("mobl_arms_wrist", appearance=False)
+BODY = body()
 
 
 def _fatigue(n: int = 1, muscles: int = 1, **params: float) -> CumulativeFatigue3CCr:

@@ -190,9 +190,9 @@ def _percent(share: Mapping[str, Any]) -> str:
     return f"{100.0 * share['share']:.0f} % [{low:.0f}, {high:.0f}]"
 
 
-def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[str | Panel]:
-    parts: list[str | Panel] = [Markup("<p><b>{}</b></p>").format(headline(values))]
-    rows = []
+def _answers(values: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """Return who is excluded from which target, why, and what would include them."""
+    rows: list[tuple[str, ...]] = []
     for target in _missed(values):
         why = next(iter(target["causes"]), "")
         change = ", or ".join(_offers(target)) or _NO_SHIFT
@@ -214,6 +214,12 @@ def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[
             rows.append((group["name"], name, _percent(share), why, change))
         if len(worse) > _MOST:
             rows.append((group["name"], f"{len(worse) - _MOST} more", "", "", ""))
+    return rows
+
+
+def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[str | Panel]:
+    parts: list[str | Panel] = [Markup("<p><b>{}</b></p>").format(headline(values))]
+    rows = _answers(values)
     if rows:
         rows = [(*row[:2], row[2].replace(" ", "\u00a0"), *row[3:]) for row in rows]
         parts.append(table(_ANSWER, rows, kind="words"))

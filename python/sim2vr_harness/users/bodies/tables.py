@@ -262,8 +262,8 @@ def load_settings(folder: str) -> dict[str, Any]:
 def load_device_rows() -> dict[str, DeviceRow]:
     """Reads the VR hardware (Meta Quest 1) table; keys are device names."""
     devices = json.loads(_text("hardware.json"))["devices"]
-    keys = ("pos_m", "quat_wxyz", "mass_kg", "com_m", "inertia_quat_wxyz", "inertia_kgm2")
-    keys += ("openxr_offset_m", "box_min_m", "box_max_m")
+    keys = ["pos_m", "quat_wxyz", "mass_kg", "com_m", "inertia_quat_wxyz", "inertia_kgm2"]
+    keys += ["openxr_offset_m", "box_min_m", "box_max_m"]
 
     def value(content: Any) -> Any:
         return tuple(content) if isinstance(content, list) else content

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from sim2vr_harness.audit.acting import Actor
-from sim2vr_harness.audit.equilibrium import NEAR_M, Balancer
 from sim2vr_harness.audit.population import NONE, draw
+from sim2vr_harness.audit.postures import BALANCE, Balancer
 from sim2vr_harness.audit.reaching import Crowd, Rows
 from sim2vr_harness.statistics.intervals import wilson_interval
 
@@ -38,7 +38,7 @@ def play(given: argparse.Namespace, file: Path) -> None:
     places = LOW + rng.random((count, 3)) * (HIGH - LOW)
     persons = np.repeat(np.arange(given.persons), given.places)
     right = np.zeros(count, dtype=bool)
-    solved = crowd.solve(Rows(persons, right, places, np.full(count, NEAR_M)))
+    solved = crowd.solve(Rows(persons, right, places, np.full(count, BALANCE.near_m)))
     done = len(file.read_text(encoding="utf-8").splitlines()) - 1 if file.exists() else 0
     if done <= 0:
         file.write_text(FIELDS + "\n", encoding="utf-8")
@@ -46,13 +46,13 @@ def play(given: argparse.Namespace, file: Path) -> None:
     for row in range(max(done, 0), count):
         if persons[row] != last:
             last = persons[row]
-            actor, balancer = Actor(crowd.subjects[last]), Balancer(crowd.subjects[last])
-        found = balancer.search(places[row], solved.angles[row], NEAR_M)
+            actor, balancer = Actor(crowd.subjects[last]), Balancer(crowd.subjects[last].body)
+        found = balancer.search(places[row], solved.angles[row], BALANCE.near_m)
         acted = actor.act(places[row], np.array([each.angles for each in found[:ATTEMPTS]]))
         values = [last, *(f"{x:.3f}" for x in places[row])]
         values += [f"{solved.gap_m[row]:.4f}", int(solved.leans[row])]
         values += [f"{x:.4f}" for x in (found[0].gap_m, found[0].left_nm, found[0].way_nm)]
-        values += [int(found[0].holds(NEAR_M)), int(acted.done), f"{acted.gap:.4f}"]
+        values += [int(found[0].holds(BALANCE.near_m)), int(acted.done), f"{acted.gap:.4f}"]
         values += [acted.attempts, f"{acted.seconds or 0:.2f}"]
         with file.open("a", encoding="utf-8") as lines:
             lines.write(",".join(map(str, values)) + "\n")
@@ -64,7 +64,7 @@ def cause(row: dict[str, float]) -> str:
         return "tolerance: within 3 cm" if row["acted_gap_m"] < 0.03 else "motor layer"
     if row["out_of_reach_m"] > 0.0:
         return "out of reach"
-    still = row["left_nm"] <= 0.1 and row["gap_m"] <= NEAR_M
+    still = row["left_nm"] <= 0.1 and row["gap_m"] <= BALANCE.near_m
     return "too weak on the way" if still else "too weak for any posture found"
 
 

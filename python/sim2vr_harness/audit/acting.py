@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.audit.equilibrium import NEAR_M
-from sim2vr_harness.audit.judging import Judged, places_of
+from sim2vr_harness.audit.judging import Judged
 from sim2vr_harness.audit.population import Subject
+from sim2vr_harness.audit.postures import BALANCE
 from sim2vr_harness.audit.reaching import MIRROR, Crowd
 from sim2vr_harness.audit.targets import Target
 from sim2vr_harness.users import UserBatch
@@ -81,7 +81,7 @@ class Actor:
             ray: That has to get there, not the hand.
             near: How near is enough, m or degrees.
         """
-        enough = near if near is not None else NEAR_M if ray is None else NEAR_DEG
+        enough = near if near is not None else BALANCE.near_m if ray is None else NEAR_DEG
         gap, steps = np.inf, 0
         for attempt, posture in enumerate([*postures, None]):
             arrived, least, passed = self._attempt(place, posture, ray, enough)
@@ -146,14 +146,13 @@ def act_out(
         judged: Postures that were found; first attempts.
     """
     actor = Actor(crowd.subjects[person])
-    side = MIRROR if crowd.subjects[person].mirrored else np.ones(3)
+    who, mirrored = np.array([person]), np.array([crowd.subjects[person].mirrored])
     found: list[Acted | None] = []
     for column, target in enumerate(targets):
         if target.how == "look" or target.hand == "both":
             found.append(None)
             continue
-        place = places_of(crowd, target, np.array([person]))[0]
-        place = (place - np.array([0.0, 0.0, crowd.lift_m[person]])) * side
+        place = crowd.local(crowd.places(target, who), who, mirrored)[0]
         posture = judged.postures[person, column]
         further = posture[None] if not np.isnan(posture).any() else np.zeros((0, 0))
         if len(further) and target.how != "point":
@@ -161,7 +160,7 @@ def act_out(
                 (place, place * MIRROR),
                 key=lambda each: float(np.linalg.norm(each - crowd.hand(person, posture))),
             )
-        ray, near = None, max(NEAR_M, target.radius_m)
+        ray, near = None, max(BALANCE.near_m, target.radius_m)
         if target.how == "point":
             ray, size = target.ray, np.arctan2(target.radius_m, np.linalg.norm(place))
             near = max(NEAR_DEG, float(np.degrees(size)))

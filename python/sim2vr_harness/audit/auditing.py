@@ -27,13 +27,12 @@ from sim2vr_harness.audit.population import (
     NONE,
     Limitation,
     Stance,
-    Subject,
     draw,
     groups_of,
 )
 from sim2vr_harness.audit.postures import Held, hold, who_hold
-from sim2vr_harness.audit.reaching import Crowd, FloatArray
-from sim2vr_harness.audit.remedies import GOAL, Remedy, remedy
+from sim2vr_harness.audit.reaching import Crowd
+from sim2vr_harness.audit.remedies import GOAL, remedy
 from sim2vr_harness.audit.summary import Audit, AuditPath
 from sim2vr_harness.audit.targets import (
     How,
@@ -331,72 +330,56 @@ def run(
     say(f"{people} persons, {len(targets)} targets ...")
     subjects = draw(people, seed)
     everyone = Crowd(subjects, stance, NONE)
+    # The same parts for any number of processes, so that this number changes no result: everyone on
+    # some targets each, and some of them with each limitation on all targets.
     parts = Parts(processes)
-    judged, limited = _judge_all(everyone, stance, targets, pace, parts)
+    few = subjects[: limited_persons(len(subjects))]
+    every, limitations = np.arange(len(targets)), limitations_of(stance)
+    jobs = [(everyone, each, NONE) for each in np.array_split(every, _PARTS) if len(each)]
+    count = len(jobs)
+    jobs += [(Crowd(few, stance, limitation), every, limitation) for limitation in limitations]
+
+    def judged_part(number: int) -> Judged:
+        crowd, columns, limitation = jobs[number]
+        chosen, whole = [targets[i] for i in columns.tolist()], number < count
+        return judge(crowd, chosen, limitation, pace if whole else None, muscles=whole)
+
+    verdicts = parts.run(judged_part, range(len(jobs)))
+    judged, limited = Judged.joined(verdicts[:count]), verdicts[count:]
     # What would include 95 %, for each target; None where 95 % are included.
     missed = [i for i in range(len(targets)) if judged.usable[:, i].mean() < GOAL]
     if missed:
         say(f"what would include 95 %: {', '.join(targets[i].name for i in missed)} ...")
-    found: list[Remedy | None] = [None] * len(targets)
     fixes = parts.run(lambda i: remedy(everyone, targets[i], judged, i), missed)
-    for column, fix in zip(missed, fixes, strict=True):
-        found[column] = fix
-    remedies = found
+    found = dict(zip(missed, fixes, strict=True))
+    remedies = [found.get(i) for i in range(len(targets))]
     acting = min(operate, people)
     if acting:
         say(f"{acting} persons act it out ...")
     acted = parts.run(lambda person: act_out(everyone, person, targets, judged), range(acting))
     middle = sorted(range(people), key=lambda i: subjects[i].person.stature_m)[people // 2]
-    return Audit(
-        title,
-        seed,
-        stance,
-        pace,
-        targets,
-        subjects,
-        everyone.lift_m,
-        judged,
-        groups_of(subjects),
-        limited,
-        remedies,
-        middle,
-        everyone.landmarks(middle),
-        _paths(subjects[middle], targets, judged.postures[middle]),
-        acted,
-    )
-
-
-def _judge_all(
-    everyone: Crowd, stance: Stance, targets: Sequence[Target], pace: float, parts: Parts
-) -> tuple[Judged, list[Judged]]:
-    """Return everyone judged on all targets, and some of them with each limitation.
-
-    The same parts for any number of processes, so that this number changes no result.
-    """
-    few = everyone.subjects[: limited_persons(len(everyone.subjects))]
-    limitations = limitations_of(stance)
-    crowds = [everyone, *(Crowd(few, stance, limitation) for limitation in limitations)]
-    shares = [(0, columns) for columns in np.array_split(np.arange(len(targets)), _PARTS)]
-    jobs = [each for each in shares if len(each[1])]
-    count = len(jobs)
-    jobs += [(1 + i, np.arange(len(targets))) for i in range(len(limitations))]
-
-    def judged_part(number: int) -> Judged:
-        crowd, columns = jobs[number]
-        limitation = NONE if crowd == 0 else limitations[crowd - 1]
-        chosen = [targets[i] for i in columns.tolist()]
-        return judge(crowds[crowd], chosen, limitation, None if crowd else pace, muscles=not crowd)
-
-    found = parts.run(judged_part, range(len(jobs)))
-    return Judged.joined(found[:count]), found[count:]
-
-
-def _paths(subject: Subject, targets: Sequence[Target], postures: FloatArray) -> list[AuditPath]:
-    """Return the paths of a person from each target that it reaches to the next one."""
+    # Its paths from each target that it reaches to the next one.
+    postures = judged.postures[middle]
     known = [i for i in range(len(targets)) if not np.isnan(postures[i]).any()]
-    loads = path_loads(subject, [postures[i] for i in known], NONE)
+    loads = path_loads(subjects[middle], [postures[i] for i in known], NONE)
     pairs = zip(known, known[1:], loads, strict=False)
-    return [AuditPath(targets[a].name, targets[b].name, *load) for a, b, load in pairs]
+    return Audit(
+        title=title,
+        seed=seed,
+        stance=stance,
+        pace=pace,
+        targets=targets,
+        subjects=subjects,
+        lifts_m=everyone.lift_m,
+        judged=judged,
+        groups=groups_of(subjects),
+        limited=limited,
+        remedies=remedies,
+        middle=middle,
+        landmarks_m=everyone.landmarks(middle),
+        paths=[AuditPath(targets[a].name, targets[b].name, *load) for a, b, load in pairs],
+        acted=acted,
+    )
 
 
 _do: Callable[[int], object] = int

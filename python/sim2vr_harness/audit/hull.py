@@ -3,7 +3,7 @@
 import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
+from itertools import count, product, repeat
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,6 @@ from scipy.spatial import cKDTree
 from sim2vr_harness.audit.targets import Target, alike
 from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.base.files import naming
-from sim2vr_harness.base.optional import needed
 from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
 from sim2vr_harness.envs.config import EnvConfig
@@ -102,12 +101,14 @@ class Volume:
 
     def surface(self) -> FloatArray:
         """(N, 3) middles of the reached cells with a neighbour that is not."""
-        padded = np.pad(self.reached, 1)
-        inner = padded.copy()
-        for axis, step in product(range(3), (1, -1)):
-            inner &= np.roll(padded, step, axis)
-        rim = padded & ~inner
+        rim = np.pad(self.reached, 1) & (self.beside() < 6)
         return self.middles(np.argwhere(rim) - 1)
+
+    def beside(self) -> NDArray[np.int64]:
+        """(X + 2, Y + 2, Z + 2) reached neighbours of each cell and of the cells around."""
+        padded = np.pad(self.reached, 1).astype(int)
+        sides = product(range(3), (1, -1))
+        return np.sum([np.roll(padded, step, axis) for axis, step in sides], axis=0)
 
 
 @dataclass
@@ -198,12 +199,17 @@ class Reach:
 
         A direction that holds at a radius is taken to hold at every smaller one.
         """
-        count = len(places)
-        # Directions all around, and last the one that points out where something failed.
-        directions = np.repeat(_directions(_DIRECTIONS + 1)[None], count, axis=0)
-        failing = np.ones((count, _DIRECTIONS + 1), dtype=bool)
-        good, bad = np.zeros(count), np.full(count, FURTHEST_MARGIN_M)
-        radius, open_ = bad.copy(), np.ones(count, dtype=bool)
+        n = len(places)
+        # Directions all around, by Fibonacci's spiral, and last the one that points out where
+        # something failed.
+        i = np.arange(_DIRECTIONS + 1) + 0.5
+        z, turn = 1.0 - 2.0 * i / len(i), np.pi * (1.0 + np.sqrt(5.0)) * i
+        ring = np.sqrt(1.0 - z * z)
+        around = np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1)
+        directions = np.repeat(around[None], n, axis=0)
+        failing = np.ones((n, len(i)), dtype=bool)
+        good, bad = np.zeros(n), np.full(n, FURTHEST_MARGIN_M)
+        radius, open_ = bad.copy(), np.ones(n, dtype=bool)
         while open_.any():
             target, direction = np.nonzero(failing & open_[:, None])
             tested = places[target] + directions[target, direction] * radius[target, None]
@@ -216,11 +222,11 @@ class Reach:
             any_fails = fails.any(axis=1)
             good = np.where(open_ & ~any_fails, radius, good)
             bad = np.where(open_ & any_fails, radius, bad)
-            for i in np.flatnonzero(open_ & any_fails):
-                worst = off[i].argmax()
-                directions[i, -1] = outwards[i, worst] / off[i, worst]
-                failing[i] = fails[i]
-                failing[i, -1] = True
+            for row in np.flatnonzero(open_ & any_fails):
+                worst = off[row].argmax()
+                directions[row, -1] = outwards[row, worst] / off[row, worst]
+                failing[row] = fails[row]
+                failing[row, -1] = True
             open_ &= (bad - good > 1e-3) & (good < FURTHEST_MARGIN_M)
             radius = 0.5 * (good + bad)
         return good
@@ -242,7 +248,8 @@ class Reach:
         while len(cells):
             known[tuple(cells.T)] += 1
             places = volume.middles(cells)
-            q, distance = self._once(places, own)
+            start = self.postures[self._tree.query(places)[1]] if own is None else own
+            q, distance = solve(self.linkage, places, start, iterations=25, close_m=0.5 * CLOSE_M)
             ok = distance <= CLOSE_M
             reached = cells[ok]
             volume.reached[tuple(reached.T)] = True
@@ -257,33 +264,14 @@ class Reach:
             beside, source = beside[within], source[within]
             worth = ~volume.reached[tuple(beside.T)] & (known[tuple(beside.T)] < 3)
             beside, source = beside[worth], source[worth]
-            neighbours_cells, index = np.unique(beside, axis=0, return_index=True)
-            cells, own = neighbours_cells, np.array([postures[i] for i in source[index].tolist()])
+            cells, index = np.unique(beside, axis=0, return_index=True)
+            own = np.array([postures[i] for i in source[index].tolist()])
         # Look again at cells that most neighbours of can be reached, from other postures.
-        padded = np.pad(volume.reached, 1)
-        around = sum(
-            np.roll(padded, step, axis).astype(int) for axis, step in product(range(3), (1, -1))
-        )
-        doubtful = np.argwhere(~padded & (np.asarray(around, dtype=int) >= _MOST_SIDES)) - 1
+        doubtful = np.argwhere(~np.pad(volume.reached, 1) & (volume.beside() >= _MOST_SIDES)) - 1
         if len(doubtful):
-            _, mend_distance = self.nearest(volume.middles(doubtful))
-            volume.reached[tuple(doubtful[mend_distance <= CLOSE_M].T)] = True
+            _, distance = self.nearest(volume.middles(doubtful))
+            volume.reached[tuple(doubtful[distance <= CLOSE_M].T)] = True
         return volume
-
-    def _once(self, places: FloatArray, own: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-        if own is None:
-            _, near = self._tree.query(places)
-            own = self.postures[near]
-        return solve(self.linkage, places, own, iterations=25, close_m=0.5 * CLOSE_M)
-
-
-def _directions(count: int) -> FloatArray:
-    """(count, 3) unit vectors spread evenly, by Fibonacci's spiral."""
-    i = np.arange(count) + 0.5
-    z = 1.0 - 2.0 * i / count
-    around = np.pi * (1.0 + np.sqrt(5.0)) * i
-    ring = np.sqrt(1.0 - z * z)
-    return np.stack([ring * np.cos(around), ring * np.sin(around), z], axis=1)
 
 
 def shell(volume: Volume) -> tuple[FloatArray, NDArray[np.int64]]:
@@ -303,22 +291,18 @@ def shell(volume: Volume) -> tuple[FloatArray, NDArray[np.int64]]:
         quads.append(np.stack(ring if step > 0 else ring[::-1], axis=1))
     corners, flat = np.unique(np.concatenate(quads).reshape(-1, 3), axis=0, return_inverse=True)
     faces = flat.reshape(-1, 4)
-    vertices = _smoothed(corners.astype(float), faces)
-    triangles = np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
-    return volume.low_m + (vertices - 0.5) * volume.cell_m, triangles
-
-
-def _smoothed(vertices: FloatArray, faces: NDArray[np.int64]) -> FloatArray:
-    """Pull each vertex towards the middle of its neighbours and push it back, a few times."""
+    vertices = corners.astype(float)
+    # Pulls each vertex towards the middle of its neighbours and pushes it back, a few times.
     rows = np.concatenate([faces, np.roll(faces, 1, axis=1)], axis=1).ravel()
     columns = np.concatenate([np.roll(faces, 1, axis=1), faces], axis=1).ravel()
-    count = len(vertices)
-    beside = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(count, count)).tocsr()
+    shape = (len(vertices), len(vertices))
+    beside = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=shape).tocsr()
     beside.data[:] = 1.0
     share = 1.0 / np.asarray(beside.sum(axis=1))
     for step in (_SHRINK, _SWELL) * _ROUNDS:
         vertices = vertices + step * (beside @ vertices * share - vertices)
-    return vertices
+    triangles = np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
+    return volume.low_m + (vertices - 0.5) * volume.cell_m, triangles
 
 
 @dataclass(frozen=True)
@@ -404,7 +388,7 @@ def measure(
         np.stack([extent.min(axis=0), extent.max(axis=0)]),
         reach.fill(cell_m),
         tuple(targets),
-        tuple(reach.judge(_in_mujoco(targets))) if targets else (),
+        tuple(reach.judge(position_to_mujoco([t.place_m for t in targets]))) if targets else (),
         np.zeros((0, len(targets))) if people is None else people,
     )
 
@@ -420,11 +404,6 @@ def _in_world(body: Body, targets: Sequence[Target]) -> list[Target]:
     ]
 
 
-def _in_mujoco(targets: Sequence[Target]) -> FloatArray:
-    """(T, 3) the targets in MuJoCo's world, m."""
-    return np.array([position_to_mujoco(target.place_m) for target in targets])
-
-
 def _resting(body: Body) -> mujoco.MjData:
     """The body in the posture that episodes start near."""
     data = mujoco.MjData(body.physics_model)
@@ -438,7 +417,7 @@ def people_margins(
     env: EnvConfig,
     point: Point,
     places: Sequence[Target],
-    count: int,
+    people: int,
     look: Callable[[EnvConfig, int], Sequence[Target]],
     seed: int = 1,
 ) -> FloatArray:
@@ -448,7 +427,7 @@ def people_margins(
         env: User and app.
         point: What is to get there.
         places: Of the average user.
-        count: How many persons, as an evaluation with as many has them.
+        people: How many persons, as an evaluation with as many has them.
         look: Finds the targets of a person by its number.
         seed: Of the population.
 
@@ -457,21 +436,22 @@ def people_margins(
         rounds did not have the place.
 
     Raises:
-        InputError: ``count`` is not positive.
+        InputError: ``people`` is not positive.
     """
-    several = with_people(alike(env), count, seed)
+    several = with_people(alike(env), people, seed)
     average = ResolvedEnv(several)
     population = average.people
     assert population is not None
-    margins = np.full((count, len(places)), np.nan)
-    for person in range(count):
+    margins = np.full((people, len(places)), np.nan)
+    for person in range(people):
         body = average.body_for(population.physique(population.number(person)))
         reach = Reach(Linkage(body, point))
         targets = look(several, person)
         found = [next((i for i, p in enumerate(places) if p.same_as(t)), None) for t in targets]
         kept = [(i, t) for i, t in zip(found, targets, strict=True) if i is not None]
         if kept:
-            verdicts = reach.judge(_in_mujoco(_in_world(body, [target for _, target in kept])))
+            placed = _in_world(body, [target for _, target in kept])
+            verdicts = reach.judge(position_to_mujoco([each.place_m for each in placed]))
             for (i, _), verdict in zip(kept, verdicts, strict=True):
                 margins[person, i] = verdict.margin_m
     return margins
@@ -547,12 +527,16 @@ def write(found: Measured, out: Path) -> list[Path]:
 
 def write_picture(found: Measured, file: Path) -> Path:
     """Write a PNG file: the body from two sides, what it reaches, targets, a line of words."""
-    views, things = [], _things(found)
+    vertices, triangles = shell(found.volume)
+    room = SceneMesh("reach", position_to_app(vertices).astype(np.float32), triangles[:, ::-1])
+    colours = [_INSIDE_RGBA if each.inside else _OUTSIDE_RGBA for each in found.verdicts]
+    things = ball_scene([each.place_m for each in found.targets], colours, _BALL_M, room)
+    views = []
     qpos = np.array(_resting(found.body).qpos)
     x, y, z = found.reach.points.mean(axis=0).tolist()
     with UserRenderer(found.body, _PICTURE[0] // 2, _PICTURE[1]) as renderer:
         for azimuth in (150.0, 60.0):
-            view = OrbitView((0.5 * x, 0.5 * y, 0.85 * z), 2.6, azimuth, -14.0)
+            view = OrbitView((0.5 * x, 0.5 * y, 0.88 * z), 2.8, azimuth, -14.0)
             views.append(renderer.render(qpos, view, scene=things))
     image = Image.fromarray(np.concatenate(views, axis=1))
     draw = ImageDraw.Draw(image)
@@ -563,28 +547,14 @@ def write_picture(found: Measured, file: Path) -> Path:
     return file
 
 
-def _things(found: Measured) -> AppScene:
-    """The room within reach and the targets, as objects of an app."""
-    vertices, triangles = shell(found.volume)
-    room = SceneMesh("reach", position_to_app(vertices).astype(np.float32), triangles[:, ::-1])
-    objects = [_object(0, 1, np.zeros(3), 1.0, _ROOM_RGBA)]
-    for target, verdict in zip(found.targets, found.verdicts, strict=True):
-        color = _INSIDE_RGBA if verdict.inside else _OUTSIDE_RGBA
-        objects.append(_object(1, len(objects) + 1, target.place_m, _BALL_M, color))
-    # What is seen through the room has to be drawn before it.
-    return AppScene(tuple(objects[1:] + objects[:1]), (room, _ball()))
-
-
-def _object(
-    mesh: int, number: int, place_m: NDArray[np.float64], size: float, color: tuple[float, ...]
-) -> SceneObject:
-    pose = np.r_[place_m, 0.0, 0.0, 0.0, 1.0]
-    rgba = np.array(color, np.float32)
-    return SceneObject(number, "reach", 0, mesh, pose, np.full(3, size), rgba, mesh == 1)
-
-
-def _ball() -> SceneMesh:
-    """A ball of radius 1 out of twice-divided triangles of an octahedron."""
+def ball_scene(
+    places: Sequence[FloatArray],
+    colours: Sequence[tuple[float, ...]],
+    radius_m: float,
+    room: SceneMesh | None = None,
+) -> AppScene:
+    """Return balls at places, right, up, ahead, and a room around them as an app's objects."""
+    # Twice-divided triangles of an octahedron.
     corners = np.concatenate([np.eye(3), -np.eye(3)])
     signs = [(0, 1, 2), (1, 3, 2), (3, 4, 2), (4, 0, 2), (1, 0, 5), (3, 1, 5), (4, 3, 5), (0, 4, 5)]
     faces = corners[np.array(signs)]
@@ -594,8 +564,19 @@ def _ball() -> SceneMesh:
         parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
         faces = np.concatenate([np.stack(part, axis=1) for part in parts])
     points = faces.reshape(-1, 3)
-    points = points / np.linalg.norm(points, axis=1)[:, None]
-    return SceneMesh("ball", points.astype(np.float32), np.arange(len(points)).reshape(-1, 3))
+    points = (points / np.linalg.norm(points, axis=1)[:, None]).astype(np.float32)
+    ball = SceneMesh("ball", points, np.arange(len(points)).reshape(-1, 3))
+
+    def placed(mesh: int, place_m: FloatArray, size: float, colour: Sequence[float]) -> SceneObject:
+        pose, rgba = np.r_[place_m, 0.0, 0.0, 0.0, 1.0], np.array(colour, np.float32)
+        return SceneObject(next(numbers), "audit", 0, mesh, pose, np.full(3, size), rgba, mesh == 0)
+
+    numbers = count(1)
+    objects = [placed(0, *each) for each in zip(places, repeat(radius_m), colours)]
+    if room is None:
+        return AppScene(tuple(objects), (ball,))
+    # What is seen through the room has to be drawn before it.
+    return AppScene((*objects, placed(1, np.zeros(3), 1.0, _ROOM_RGBA)), (ball, room))
 
 
 def write_page(found: Measured, file: Path) -> Path:
@@ -616,98 +597,56 @@ def write_page(found: Measured, file: Path) -> Path:
     )
     parts: list[str | Any] = [words]
     if found.targets:
-        verdict = (
-            f"{len(names)} of {len(found.targets)} targets cannot be reached"
-            if names
-            else f"All {len(found.targets)} targets can be reached"
-        )
-        parts.append(Markup("<p><b>{}.</b></p>").format(verdict))
+        answer = f"All {len(found.targets)} targets can be reached"
+        if names:
+            answer = f"{len(names)} of {len(found.targets)} targets cannot be reached"
+        parts.append(Markup("<p><b>{}.</b></p>").format(answer))
     parts.append(_figure(found))
     if found.targets:
-        parts += [heading("Targets"), _table(found)]
+        rows, pairs = [], zip(found.targets, found.verdicts, strict=True)
+        for target, verdict in pairs:
+            place = [f"{value:.3f}" for value in target.place_m]
+            rows.append([target.name, *place, margin_words(verdict.margin_m)])
+        bad = [i for i, verdict in enumerate(found.verdicts) if not verdict.inside]
+        header = ["Target", "Right (m)", "Up (m)", "Ahead (m)", "Within reach"]
+        parts += [heading("Targets"), table(header, rows, bad)]
     title = f"Reach of {found.body.name}, {found.point.part}"
     return save_page(file, title, parts)
 
 
-def _table(found: Measured) -> Markup:
-    rows, bad = [], []
-    for i, (target, verdict) in enumerate(zip(found.targets, found.verdicts, strict=True)):
-        place = [f"{value:.3f}" for value in target.place_m]
-        rows.append([target.name, *place, margin_words(verdict.margin_m)])
-        if not verdict.inside:
-            bad.append(i)
-    return table(["Target", "Right (m)", "Up (m)", "Ahead (m)", "Within reach"], rows, bad)
-
-
-def _axes(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Right, ahead, up of points (N, 3) in MuJoCo's world, for a figure whose z is up."""
-    right, up, ahead = position_to_app(points).round(4).T
-    return right, ahead, up
-
-
-def _figure(found: Measured) -> Any:
-    go = needed("plotly.graph_objects", "studies", "audit")
+def _figure(found: Measured) -> dict[str, Any]:
+    """The hull, the body's bones and the targets, for Plotly."""
     vertices, triangles = shell(found.volume)
-    x, y, z = _axes(vertices)
-    i, j, k = triangles.T
-    figure = go.Figure()
-    room = {"color": _ROOM, "opacity": 0.22, "name": "within reach", "showlegend": True}
-    figure.add_trace(go.Mesh3d(x=x, y=y, z=z, i=i, j=j, k=k, hoverinfo="skip", **room))
-    right, ahead, up = _bones(found)
-    line = {"color": _BONES, "width": 6}
-    figure.add_trace(
-        go.Scatter3d(
-            x=right, y=ahead, z=up, mode="lines", line=line, name="the body", hoverinfo="skip"
-        )
-    )
-    for inside, color, label in ((True, _INSIDE, "reached"), (False, _OUTSIDE, "not reached")):
-        _add_targets(go, figure, found, inside, color, label)
-    figure.update_layout(
-        height=640,
-        margin={"l": 0, "r": 0, "t": 0, "b": 0},
-        legend={"orientation": "h", "y": 0.0, "yanchor": "top"},
-        scene={
-            "aspectmode": "data",
-            "xaxis_title": "right (m)",
-            "yaxis_title": "ahead (m)",
-            "zaxis_title": "up (m)",
-            "camera": {"eye": {"x": 1.5, "y": -1.5, "z": 0.8}},
-        },
-    )
-    return figure
+    (right, up, ahead), (i, j, k) = position_to_app(vertices).round(4).T, triangles.T
+    room = {"type": "mesh3d", "color": _ROOM, "opacity": 0.22, "name": "within reach"}
+    room |= {"x": right, "y": ahead, "z": up, "i": i, "j": j, "k": k}
+    bones = {"type": "scatter3d", "mode": "lines", "name": "the body", "hoverinfo": "skip"}
+    bones |= {"line": {"color": _BONES, "width": 6}}
+    bones |= dict(zip("xyz", _bones(found.body), strict=True))
+    traces = [room | {"showlegend": True, "hoverinfo": "skip"}, bones]
+    for inside, colour, label in ((True, _INSIDE, "reached"), (False, _OUTSIDE, "not reached")):
+        pairs = zip(found.targets, found.verdicts, strict=True)
+        chosen = [(target, verdict) for target, verdict in pairs if verdict.inside == inside]
+        if chosen:
+            right, up, ahead = np.array([target.place_m for target, _ in chosen]).T
+            trace = {"type": "scatter3d", "mode": "markers", "name": f"targets {label}"}
+            trace |= {"x": right, "y": ahead, "z": up, "hovertemplate": "%{text}<extra></extra>"}
+            line = {"width": 1, "color": "white"}
+            trace["marker"] = {"size": 5, "color": colour, "line": line}
+            trace["text"] = [f"{t.name}: {margin_words(v.margin_m)}" for t, v in chosen]
+            traces.append(trace)
+    axes = {"xaxis": "right (m)", "yaxis": "ahead (m)", "zaxis": "up (m)"}
+    scene = {name: {"title": {"text": label}} for name, label in axes.items()}
+    scene |= {"aspectmode": "data", "camera": {"eye": {"x": 1.5, "y": -1.5, "z": 0.8}}}
+    layout = {"height": 640, "margin": dict.fromkeys("lrtb", 0), "scene": scene}
+    layout["legend"] = {"orientation": "h", "y": 0.0, "yanchor": "top"}
+    return {"data": traces, "layout": layout}
 
 
-def _add_targets(
-    go: Any, figure: Any, found: Measured, inside: bool, color: str, label: str
-) -> None:
-    chosen = [
-        (target, verdict)
-        for target, verdict in zip(found.targets, found.verdicts, strict=True)
-        if verdict.inside == inside
-    ]
-    if not chosen:
-        return
-    right, up, ahead = np.array([target.place_m for target, _ in chosen]).T
-    texts = [f"{target.name}: {margin_words(verdict.margin_m)}" for target, verdict in chosen]
-    marker = {"size": 5, "color": color, "line": {"width": 1, "color": "white"}}
-    figure.add_trace(
-        go.Scatter3d(
-            x=right,
-            y=ahead,
-            z=up,
-            mode="markers",
-            marker=marker,
-            name=f"targets {label}",
-            text=texts,
-            hovertemplate="%{text}<extra></extra>",
-        )
-    )
-
-
-def _bones(found: Measured) -> tuple[list[float | None], ...]:
+def _bones(body: Body) -> tuple[list[float | None], ...]:
     """Lines between the body's parts in the posture that episodes start near."""
-    model = found.body.physics_model
-    places = np.stack(_axes(np.array(_resting(found.body).xpos)), axis=1).tolist()
+    model = body.physics_model
+    places = position_to_app(_resting(body).xpos).round(4)[:, [0, 2, 1]].tolist()
     lines: list[list[float | None]] = []
     for part in range(1, model.nbody):
         above = int(model.body_parentid[part])

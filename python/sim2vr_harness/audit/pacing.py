@@ -19,15 +19,27 @@ from sim2vr_harness.users.exertion import (
 
 FloatArray = NDArray[np.float64]
 
-MOST_MINUTES = 30.0
-"""After so long without exhaustion the time is taken as endless."""
-REACH_S = 0.5
-"""The arm is raised so long before and after a target is held, as one movement takes."""
-_STEP_S = 0.25
-_HANGING_DEG = (0.0, 170.0)
-"""Shoulder and elbow of an arm that rests; its own weight asks nothing of the shoulder."""
-_POINTS = 11
-"""Of a path."""
+MODELS = ("3CC-r, shoulder", "NICER", "Consumed Endurance")
+"""Models of exertion in reports; NICER decides whether a posture is held long enough."""
+
+
+@dataclass(frozen=True)
+class PaceSettings:
+    """How an arm is used at a pace."""
+
+    most_minutes: float = 30.0
+    """After so long without exhaustion the time is taken as endless."""
+    reach_s: float = 0.5
+    """The arm is raised so long before and after a target is held, as one movement takes."""
+    step_s: float = 0.25
+    """Of the simulation of fatigue."""
+    hanging_deg: tuple[float, float] = (0.0, 170.0)
+    """Shoulder and elbow of an arm that rests; its own weight asks nothing of the shoulder."""
+    path_points: int = 11
+    """Postures of a path whose torques are computed."""
+
+
+PACING = PaceSettings()
 
 
 @dataclass(frozen=True)
@@ -59,49 +71,30 @@ def minutes_at_pace(arms: Paced) -> dict[str, FloatArray]:
     it cannot meet the load, NICER and Consumed Endurance at 100 %.
     """
     # Looft, Herkert, Frey-Law (2018), the active units following the load at once.
-    rates = FATIGUE_PRESETS["shoulder"]
-    tired = np.zeros(len(arms.share))
-    found = np.where(arms.share > 1.0, 0.0, np.inf)
-    for step in _steps():
-        load = np.where(_raised(arms, step), arms.share, 0.0)
-        spent = (1.0 - tired < load) & ~np.isfinite(found)
-        found[spent] = step * _STEP_S / 60.0
-        if np.isfinite(found).all():
-            break
+    rates, dt, n = FATIGUE_PRESETS["shoulder"], PACING.step_s, len(arms.share)
+    tired = np.zeros(n)
+    nicer, consumed = NicerMeter(n, arms.strength), ConsumedEnduranceMeter(n, arms.strength)
+    minutes = np.full((len(MODELS), n), np.inf)
+    minutes[0, arms.share > 1.0] = 0.0
+    for step in range(round(60.0 * PACING.most_minutes / dt)):
+        raised = (step * dt) % arms.cycle_s < arms.raised_s
+        load = np.where(raised, arms.share, 0.0)
+        failed = 1.0 - tired < load
         active = np.minimum(load, 1.0 - tired)
         faster = np.where(load > 0.0, 1.0, rates["r"])
         change = rates["fatigue"] * active - faster * rates["recovery"] * tired
-        tired = np.clip(tired + _STEP_S * change, 0.0, 1.0)
-    return {
-        "3CC-r, shoulder": found,
-        **_meters(arms),
-    }
-
-
-def _raised(arms: Paced, step: int) -> NDArray[np.bool_]:
-    """(B,) whether the arm is raised in a time step."""
-    return np.asarray((step * _STEP_S) % arms.cycle_s < arms.raised_s)
-
-
-def _steps() -> range:
-    return range(round(60.0 * MOST_MINUTES / _STEP_S))
-
-
-def _meters(arms: Paced) -> dict[str, FloatArray]:
-    found = {name: np.full(len(arms.share), np.inf) for name in ("NICER", "Consumed Endurance")}
-    nicer = NicerMeter(len(arms.share), arms.strength)
-    consumed = ConsumedEnduranceMeter(len(arms.share), arms.strength)
-    for step in _steps():
-        raised = _raised(arms, step)
+        tired = np.clip(tired + dt * change, 0.0, 1.0)
         torque = np.where(raised, arms.torque, 0.0)
-        shoulder = np.where(raised, arms.shoulder_deg, _HANGING_DEG[0])
-        elbow = np.where(raised, arms.elbow_deg, _HANGING_DEG[1])
-        nicer.update(torque, shoulder, elbow, _STEP_S)
-        consumed.update(torque, _STEP_S)
-        for name, value in (("NICER", nicer.value), ("Consumed Endurance", consumed.value)):
-            spent = (value >= 100.0) & ~np.isfinite(found[name])
-            found[name][spent] = (step + 1) * _STEP_S / 60.0
-    return found
+        shoulder = np.where(raised, arms.shoulder_deg, PACING.hanging_deg[0])
+        elbow = np.where(raised, arms.elbow_deg, PACING.hanging_deg[1])
+        nicer.update(torque, shoulder, elbow, dt)
+        consumed.update(torque, dt)
+        spent = np.stack([failed, nicer.value >= 100.0, consumed.value >= 100.0])
+        now = np.array([step, step + 1, step + 1])[:, None] * dt / 60.0
+        minutes = np.where(spent & ~np.isfinite(minutes), now, minutes)
+        if np.isfinite(minutes).all():
+            break
+    return dict(zip(MODELS, minutes, strict=True))
 
 
 def path_loads(
@@ -109,25 +102,23 @@ def path_loads(
 ) -> list[tuple[float, float]]:
     """Return mean and peak torque at the shoulder along paths between postures, each to the next.
 
-    Joints follow minimum-jerk curves of :data:`REACH_S`. Torques are shares of the published
-    strength where they act.
+    Joints follow minimum-jerk curves of :attr:`PaceSettings.reach_s`. Torques are shares of the
+    published strength where they act.
 
     Args:
         subject: Whose arm.
         postures: (J,) each.
         limitation: Of the person.
     """
-    body, arm = subject.body, arms_of(subject.body)[0]
-    dynamics = ArmDynamics(body.physics_model, arm)
-    factor = np.asarray(subject.strength.factor) * limitation.strength
-    strength = Strength(subject.strength.man, factor)
-    t = np.linspace(0.0, 1.0, _POINTS)
+    body, strength = subject.body, subject.shoulder(limitation)
+    dynamics = ArmDynamics(body.physics_model, arms_of(body)[0])
+    t = np.linspace(0.0, 1.0, PACING.path_points)
     place = 10.0 * t**3 - 15.0 * t**4 + 6.0 * t**5
     found = []
     for first, second in pairwise(postures):
         qpos = body.coupled_qpos(first + place[:, None] * (second - first))
-        qvel = np.gradient(qpos, REACH_S * t, axis=0)
-        qacc = np.gradient(qvel, REACH_S * t, axis=0)
+        qvel = np.gradient(qpos, PACING.reach_s * t, axis=0)
+        qacc = np.gradient(qvel, PACING.reach_s * t, axis=0)
         loads = [dynamics.load(*row) for row in zip(qpos, qvel, qacc, strict=True)]
         shares = [
             each.torque / float(strength.shoulder_torque(each.shoulder_deg, each.elbow_deg))

@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 
 MOST_SEARCH_S = 300.0
 """How long a page's things are watched and operated at most; docs/guide/audit.md states it."""
-_PROGRESS_S = 5.0
+PROGRESS_S = 5.0
 _MOST_TRIED = 160
 _MOST_ROUNDS = 24
 """A page that was left or died is opened again so often."""
@@ -41,6 +41,7 @@ _SILENT = "no reaction to touch, ray or gaze with any button"
 NOT_OPERATED = "not operated"
 LEAVES = "leaves the page"
 _LEFT = ("left its document", "went to another address", "loaded itself again")
+"""Words of an error after which the page is not broken."""
 
 OTHERS = "another object changes"
 APPEARS = "another object appears"
@@ -168,23 +169,15 @@ class Operator:
         pressed = self._moment(name)
         self._add(effects, before, pressed)
         effects.objects |= self._changed(reached, pressed)
-        if way.how == "look" or pressed.thing is None:
-            effects.carried = False
-        else:
-            drag_hands = self._hands
+        if way.how != "look" and pressed.thing is not None:
             for _ in range(3):
-                place = drag_hands.place[way.side] - _PULL_M / 3.0
-                drag_hands.put(way.side, place)
-                drag_hands.step(1, *way.held)
+                hands.put(way.side, hands.place[way.side] - _PULL_M / 3.0)
+                hands.step(1, *way.held)
             now = self._moment(name)
             self._add(effects, before, now)
-            if now.thing is None:
-                effects.carried = False
-            else:
+            if now.thing is not None and name not in self._restless:
                 gap = np.array(now.thing.place_m) - np.array(pressed.thing.place_m)
-                effects.carried = name not in self._restless and bool(
-                    np.linalg.norm(gap) > _DRAGGED_M
-                )
+                effects.carried = bool(np.linalg.norm(gap) > _DRAGGED_M)
         hands.step(2)
         self._add(effects, before, self._moment(name))
         hands.rest()
@@ -203,7 +196,7 @@ class Operator:
         start = hands.place[way.side]
         for part in (0.7, 0.9, 1.0):
             if name in self._restless:
-                now = self._named(name)
+                now = _named(self._app.things(), name)
                 place = place if now is None else np.array(now.place_m)
             if way.how == "touch":
                 at = start + part * (place + offset - start)
@@ -225,7 +218,7 @@ class Operator:
         hands, effects = self._hands, _Effects()
         hands.rest()
         hands.step(2)
-        before, load = self._moment(name), self._named(carrier)
+        before, load = self._moment(name), _named(self._app.things(), carrier)
         if before.thing is None or load is None:
             return effects
         offset = self._offset(before.thing, way.how) if beside else np.zeros(3)
@@ -262,52 +255,40 @@ class Operator:
         options = [reach * (np.cos(each) * aside + np.sin(each) * upward) for each in angles]
         others = [each for each in self._app.things() if each.name != thing.name]
 
-        def room(offset: FloatArray) -> float:
-            gaps = [self._gap(place + offset, each, how) for each in others]
-            return min(gaps, default=np.inf)
+        def gap(at: FloatArray, other: Thing) -> float:
+            """From a place to a thing's rim, m; of rays the angle."""
+            middle, rim = np.array(other.place_m), max(other.half_m)
+            if how == "touch":
+                return float(np.linalg.norm(at - middle)) - rim
+            first, second = at - HEAD_M, middle - HEAD_M
+            angle = np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second)
+            return float(angle - np.arctan2(rim, np.linalg.norm(second)))
 
-        return max(options, key=room)
-
-    @staticmethod
-    def _gap(at: FloatArray, thing: Thing, how: How) -> float:
-        """From a place to a thing's rim, m; of rays the angle."""
-        place, half = np.array(thing.place_m), max(thing.half_m)
-        if how == "touch":
-            return float(np.linalg.norm(at - place)) - half
-        first, second = at - HEAD_M, place - HEAD_M
-        angle = np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second)
-        return float(angle - np.arctan2(half, np.linalg.norm(second)))
+        return max(options, key=lambda o: min((gap(place + o, x) for x in others), default=np.inf))
 
     def _moment(self, name: str) -> _Moment:
         things = {each.name: each for each in self._app.things()}
-        pulses = self._hands.pulses
-        return _Moment(things.get(name), self._app.signs(), pulses, frozenset(things))
-
-    def _named(self, name: str) -> Thing | None:
-        return next((each for each in self._app.things() if each.name == name), None)
+        signs = self._app.signs()
+        return _Moment(things.get(name), signs, self._hands.pulses, frozenset(things))
 
     def _add(self, effects: _Effects, before: _Moment, now: _Moment) -> None:
         """Add what has happened to the thing and to the user."""
-        tests: Sequence[tuple[str, Callable[[], bool]]] = (
-            ("hears an event", lambda: _events(now) > _events(before)),
-            ("changes", lambda: self._differs(before.thing, now.thing)),
-            (APPEARS, lambda: bool(now.names - before.names)),
-            ("vibrates", lambda: now.pulses > before.pulses),
-            ("sounds", lambda: now.signs.sounds > before.signs.sounds),
-            (
-                "the page's text changes",
-                lambda: self._text_rests and now.signs.text != before.signs.text,
-            ),
-        )
-        effects.kinds |= {kind for kind, test in tests if test()}
-
-    def _differs(self, before: Thing | None, now: Thing | None) -> bool:
-        if now is None or before is None:
-            return now is not before
-        if before.name in self._restless:
-            return False
-        moved = np.linalg.norm(np.array(now.place_m) - np.array(before.place_m)) > MOVED_M
-        return bool(moved) or now.state != before.state
+        first, last = before.thing, now.thing
+        differs = first is not last
+        if first is not None and last is not None:
+            moved = np.linalg.norm(np.array(last.place_m) - np.array(first.place_m)) > MOVED_M
+            differs = first.name not in self._restless and (
+                bool(moved) or last.state != first.state
+            )
+        happened = {
+            "hears an event": _events(now) > _events(before),
+            "changes": differs,
+            APPEARS: bool(now.names - before.names),
+            "vibrates": now.pulses > before.pulses,
+            "sounds": now.signs.sounds > before.signs.sounds,
+            "the page's text changes": self._text_rests and now.signs.text != before.signs.text,
+        }
+        effects.kinds |= {kind for kind, yes in happened.items() if yes}
 
     def _changed(self, before: _Moment, now: _Moment) -> set[int]:
         first, second = before.signs.objects, now.signs.objects
@@ -421,7 +402,7 @@ class _Clock:
     def over(self, doing: str | None = None) -> bool:
         """Say every few seconds what is done, the same as before if None; return if time is up."""
         now, self._doing = time.monotonic(), doing or self._doing
-        if now - self._said >= _PROGRESS_S:
+        if now - self._said >= PROGRESS_S:
             self._said = now
             self._say(f"{self._doing}, {now - self._began:.0f} of at most {self._most_s:.0f} s ...")
         return now - self._began >= self._most_s
@@ -437,8 +418,7 @@ class _Search:
         self._rounds = 0
         self._looks: dict[str, int | None] = {}
         self._again: dict[str, int] = {}
-        tracks = self._open(seconds)
-        self.found = {track.name: track.found() for track in tracks}
+        self.found = {track.name: track.found() for track in self._open(seconds)}
 
     def _open(self, seconds: float) -> list[_Track]:
         """Begin a round, and watch it while nothing happens."""
@@ -447,12 +427,11 @@ class _Search:
         app = self._stack.enter_context(WebXRApp(apps_wanted(self._env, 1)))
         hands = PageHands(app, rays=self.rays)
         hands.on_step = self._clock.over
-        watched = _watched(app, hands, seconds, self._clock)
-        names = frozenset(track.name for track in watched.tracks if track.changes)
-        restless = frozenset(watched.restless) | names
-        self._app, self._restless = app, restless
-        self._operator = Operator(app, hands, restless, text_rests=watched.text_rests)
-        return watched.tracks
+        tracks, changing, text_rests = _watched(app, hands, seconds, self._clock)
+        names = {track.name for track in tracks if track.changes}
+        self._app, self._restless = app, frozenset(changing | names)
+        self._operator = Operator(app, hands, self._restless, text_rests=text_rests)
+        return tracks
 
     def operate_all(self) -> None:
         """Operate each thing with the right hand, and those that did not react with the left.
@@ -470,22 +449,11 @@ class _Search:
             self._operate(thing, side)
             if not thing.reacts and side == "right":
                 queue.append((name, "left"))
-            now = [
-                appeared_each
-                for appeared_each in self._app.things()
-                if appeared_each.name not in self.found
-            ]
-            tracks = [
-                _Track.of(appeared_each, {})
-                for appeared_each in now
-                if appeared_each.how != "unknown"
-            ]
-            found = [track.found() for track in tracks if not _surrounds(_named(now, track.name))]
-            for appeared_each in found:
-                appeared_each.after = name
-            for new in found:
-                self.found[new.name] = new
-                queue.appendleft((new.name, "right"))
+            for new in self._app.things():
+                if new.name not in self.found and new.how != "unknown" and not _surrounds(new):
+                    self.found[new.name] = _Track.of(new, {}).found()
+                    self.found[new.name].after = name
+                    queue.appendleft((new.name, "right"))
             queue.extendleft((each, side) for each in self._changed(thing))
 
     def _changed(self, tried: FoundThing) -> list[str]:
@@ -534,7 +502,8 @@ class _Search:
         try:
             return self._operator.reaction(name, way)
         except (*APP_FAILURES, SessionEnded) as error:
-            left = isinstance(error, SessionEnded) or _left(error)
+            went = isinstance(error, AppDied) and any(word in str(error) for word in _LEFT)
+            left = isinstance(error, SessionEnded) or went
         self._open(_AGAIN_S)
         if not left:
             self.found[name].obstacle = "the page stopped when it was operated"
@@ -564,12 +533,6 @@ class _Search:
                     thing.how, thing.way, thing.signs = way.how, way, tuple(sorted(signs))
                     thing.after = carrier
                     break
-
-
-def _left(error: BaseException) -> bool:
-    """Whether the page went to another address, and did not break."""
-    said = str(error)
-    return isinstance(error, AppDied) and any(word in said for word in _LEFT)
 
 
 def _named(things: Sequence[Thing], name: str) -> Thing | None:
@@ -610,33 +573,25 @@ class _Track:
 
     def found(self) -> FoundThing:
         """Return the thing."""
-        how = "touch" if self.how == "unknown" else self.how
-        return FoundThing(
-            self.name,
-            how,  # type: ignore[arg-type]
-            self.nearest_m,
-            self.half_m,
-            self.moves,
-            self.how != "unknown",
-        )
+        listens = self.how != "unknown"
+        how: How = self.how if listens else "touch"  # type: ignore[assignment]
+        return FoundThing(self.name, how, self.nearest_m, self.half_m, self.moves, listens)
 
 
-@dataclass
-class _Watched:
-    """What there is, and what of it changes by itself."""
-
-    tracks: list[_Track] = field(default_factory=list)
-    restless: set[int] = field(default_factory=set)
-    text_rests: bool = True
-
-
-def _watched(app: WebXRApp, hands: PageHands, seconds: float, clock: _Clock) -> _Watched:
-    """Return what there is while nothing happens but head and hands that move.
+def _watched(
+    app: WebXRApp, hands: PageHands, seconds: float, clock: _Clock
+) -> tuple[list[_Track], set[int | str], bool]:
+    """Watch a page while nothing happens but head and hands that move.
 
     Objects that move with a hand or surround the head are left out.
+
+    Returns:
+        What there is, numbers of the objects that change by themselves, and whether the document's
+        text does not.
     """
     tracks: dict[str, _Track] = {}
-    watched = _Watched()
+    restless: set[int | str] = set()
+    text_rests = True
     hands.rest()
     last = app.signs()
     steps = max(8, round(seconds * HZ))
@@ -651,19 +606,19 @@ def _watched(app: WebXRApp, hands: PageHands, seconds: float, clock: _Clock) -> 
             hands.learn_rays()
             now = app.signs()
             changed = {k for k, state in now.objects.items() if last.objects.get(k, state) != state}
-            watched.restless |= changed
-            watched.text_rests &= now.text == last.text
+            restless |= changed
+            text_rests &= now.text == last.text
             last = now
         hands.sway(step)
         # A page that tests rays when a trigger is pulled shows against what.
         hands.step(1, *(["right.trigger", "left.trigger"] if step % 16 in (8, 9) else []))
     now_there = app.things()
-    watched.tracks = [
+    kept = [
         track
         for name, track in tracks.items()
         if (track.apart or not track.moves) and not _surrounds(_named(now_there, name))
     ]
-    return watched
+    return kept, restless, text_rests
 
 
 def _surrounds(thing: Thing | None) -> bool:

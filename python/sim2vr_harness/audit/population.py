@@ -97,7 +97,6 @@ class Subject:
         man: Whether the traits are drawn from men's distributions.
         percentile: Of the stature among persons of the same sex.
         user: Right-handed, with a trunk that leans.
-        body: Of that user.
         strength: For published strength of shoulders, relative to the median of the sex.
     """
 
@@ -105,13 +104,21 @@ class Subject:
     man: bool
     percentile: float
     user: UserConfig
-    body: Body
     strength: Strength
+
+    @cached_property
+    def body(self) -> Body:
+        """The person's own body."""
+        return ResolvedEnv.of_user(self.user).body
 
     @cached_property
     def holder(self) -> PostureHolder:
         """For postures of the right arm."""
         return PostureHolder(self.body, arms_of(self.body)[0])
+
+    def shoulder(self, limitation: Limitation) -> Strength:
+        """Return the published strength of the shoulder under a limitation."""
+        return Strength(self.strength.man, np.asarray(self.strength.factor) * limitation.strength)
 
     @property
     def mirrored(self) -> bool:
@@ -129,17 +136,16 @@ def draw(people: int, seed: int) -> list[Subject]:
         vary=("stature_m", "upper_arm_factor", "forearm_factor", "strength"),
     )
     population = Population(settings, cut=np.inf)
-    return [_subject(population, index) for index in range(people)]
-
-
-def _subject(population: Population, index: int) -> Subject:
-    person, man = population.number(index), population.is_man(index)
-    user = UserConfig(model=MODEL, torso=True, person=population.physique(person))
     stature = next(trait for trait in TRAITS if trait.name == "stature_m")
-    sign = 1.0 if man else -1.0
-    z = (person.stature_m - stature.mean - sign * stature.sex_offset) / stature.sd
-    own = population.shoulder(person)
-    return Subject(person, man, float(100.0 * ndtr(z)), user, ResolvedEnv.of_user(user).body, own)
+    subjects = []
+    for index in range(people):
+        person, man = population.number(index), population.is_man(index)
+        user = UserConfig(model=MODEL, torso=True, person=population.physique(person))
+        sign = 1.0 if man else -1.0
+        z = (person.stature_m - stature.mean - sign * stature.sex_offset) / stature.sd
+        percentile = float(100.0 * ndtr(z))
+        subjects.append(Subject(person, man, percentile, user, population.shoulder(person)))
+    return subjects
 
 
 @dataclass(frozen=True)

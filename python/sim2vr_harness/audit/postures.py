@@ -1,7 +1,11 @@
-"""Postures that arms hold: activations, torques and the time until exhaustion.
+"""Postures that an arm holds: activations, torques, the time until exhaustion, and equilibria.
 
-The largest muscle activation is made as small as possible while all joints of the arm are in
-equilibrium: static optimisation by the min/max criterion (Rasmussen, Damsgaard, Voigt 2001).
+To hold a posture the largest muscle activation is made as small as possible while all joints of the
+arm are in equilibrium: static optimisation by the min/max criterion (Rasmussen, Damsgaard, Voigt
+2001). :class:`Balancer` looks for a posture in equilibrium as near to a place as possible: unknown
+are the joints' angles and the muscles' activations. Activations are a bounded least squares problem
+in each posture; angles follow by Levenberg-Marquardt steps, with the activations between their
+bounds left free to follow (variable projection).
 """
 
 from __future__ import annotations
@@ -19,7 +23,7 @@ from sim2vr_harness.envs.config import UserConfig
 from sim2vr_harness.envs.people_preset import as_population
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.users import FATIGUE_PRESETS, Body, Population
-from sim2vr_harness.users.bodies.moments import moment_arms
+from sim2vr_harness.users.bodies.rules import moment_arms
 from sim2vr_harness.users.exertion import (
     Arm,
     ArmDynamics,
@@ -32,10 +36,11 @@ from sim2vr_harness.users.exertion import (
     nicer_correction,
 )
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
+from sim2vr_harness.users.kinematics.inverse import bounded_least_squares
 
 FloatArray = NDArray[np.float64]
 
-_STEP = 1e-6
+_STEP = 1e-5
 _NO_MOMENT = 1e-6
 """Nm at full activation below which a muscle does not move a joint."""
 _SPARING = 1e-6
@@ -153,54 +158,122 @@ def hold(
 
 def plain(held: Held) -> dict[str, object]:
     """Return an arm for JSON, which has no infinity: endless endurance is null."""
-    values = vars(held)
-    times = values["endurance_s"]
-    finite_times = {name: time if time < float("inf") else None for name, time in times.items()}
-    return {**values, "endurance_s": finite_times}
+    times = held.endurance_s.items()
+    finite_times = {name: time if time < np.inf else None for name, time in times}
+    return {**vars(held), "endurance_s": finite_times}
 
 
 def told(arms: Sequence[Held], load_kg: float) -> list[str]:
     """Return lines on the same arm of one or several persons."""
     first = arms[0]
     many = f", {len(arms)} persons: median (least to most)" if len(arms) > 1 else ""
+    shares = [np.inf if arm.share is None else arm.share for arm in arms]
+    rows = {
+        "torque at the shoulder (Nm)": ([arm.torque_nm for arm in arms], 1, ""),
+        "share of maximum at the shoulder": (shares, 2, "too weak"),
+        "share of published strength": ([arm.strength_share for arm in arms], 2, ""),
+    }
+    for name in first.endurance_s:
+        times = [arm.endurance_s[name] for arm in arms]
+        rows[f"exhausted by {name} (s)"] = (times, 0, "endless")
     lines = [
         f"{first.side.capitalize()} arm, shoulder {first.shoulder_deg:.0f}, elbow "
         f"{first.elbow_deg:.0f} degrees, {load_kg:g} kg in the hand{many}"
     ]
-    shares = [float("inf") if arm.share is None else arm.share for arm in arms]
-    rows = {
-        "torque at the shoulder (Nm)": _spread([arm.torque_nm for arm in arms], 1),
-        "share of maximum at the shoulder": _spread(shares, 2, "too weak"),
-        "share of published strength": _spread([arm.strength_share for arm in arms], 2),
-    }
-    for name in first.endurance_s:
-        times = [arm.endurance_s[name] for arm in arms]
-        rows[f"exhausted by {name} (s)"] = _spread(times, 0, "endless")
-    lines += [f"  {label:40} {text}" for label, text in rows.items()]
+    for label, (values, digits, infinite) in rows.items():
+        median, least, most = (
+            infinite if value == np.inf else f"{value:.{digits}f}"
+            for value in (np.median(values), min(values), max(values))
+        )
+        spread = f" ({least} to {most})" if len(arms) > 1 else ""
+        lines.append(f"  {label:40} {median}{spread}")
     if len(arms) == 1 and first.activations:
-        most = sorted(first.activations.items(), key=lambda item: -item[1])[:4]
-        lines.append("  most active: " + ", ".join(f"{name} {x:.2f}" for name, x in most))
+        highest = sorted(first.activations.items(), key=lambda item: -item[1])[:4]
+        lines.append("  most active: " + ", ".join(f"{name} {x:.2f}" for name, x in highest))
     return lines
 
 
-def _spread(values: list[float], digits: int, infinite: str = "") -> str:
-    """The median, with the extremes of several."""
+@dataclass(frozen=True)
+class Mechanics:
+    """What P postures ask of K joints, and what M muscles can do in them.
 
-    def text(value: float) -> str:
-        return infinite if value == float("inf") else f"{value:.{digits}f}"
+    Attributes:
+        hands: (P, 3) where the hand of the first arm is, m.
+        needed: (P, K) torques against gravity and what is passive, Nm.
+        effects: (P, M, K) torques of fully active muscles, Nm.
+        inertia: (K, K) of the last posture.
+    """
 
-    ordered = sorted(values)
-    middle, even = divmod(len(ordered), 2)
-    median = ordered[middle] if even else (ordered[middle - 1] + ordered[middle]) / 2.0
-    if len(ordered) == 1:
-        return text(median)
-    return f"{text(median)} ({text(ordered[0])} to {text(ordered[-1])})"
+    hands: FloatArray
+    needed: FloatArray
+    effects: FloatArray
+    inertia: FloatArray
+
+
+class ArmMuscles:
+    """Statics of a body: passive forces of joints and muscles count, couplings are followed.
+
+    Args:
+        body: Whose muscles act.
+    """
+
+    def __init__(self, body: Body) -> None:
+        model = body.physics_model
+        self._body, self._model, self._data = body, model, mujoco.MjData(model)
+        self._sites = [int(model.site(each.device).id) for each in arms_of(body)]
+        self._muscles = np.array([model.actuator(name).id for name in body.muscles], dtype=int)
+
+    def gravity(self, qpos: FloatArray) -> FloatArray:
+        """Return torques of gravity at the joints, (nv,), which they have to balance."""
+        model, data = self._model, self._data
+        data.qpos[:], data.qvel[:] = qpos, 0.0
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        return np.array(data.qfrc_bias)
+
+    def mechanics(
+        self, angles: FloatArray, columns: NDArray[np.int64], load_kg: float, strength: float
+    ) -> Mechanics:
+        """Return the mechanics of postures.
+
+        Args:
+            angles: (P, J) of the independent joints, rad.
+            columns: (K,) which of the joints count.
+            load_kg: Mass in each hand, beside the controller's.
+            strength: Factor on the forces of the muscles beyond those at rest.
+        """
+        model, data, coupled = self._model, self._data, self._body.coupled_qpos
+        count, k = len(angles), len(columns)
+        # (P, nv, K) how all joints follow these; all are hinges or slides.
+        shifts = np.zeros((k, angles.shape[1]))
+        shifts[np.arange(k), columns] = _STEP
+        rise = coupled(angles[:, None] + shifts) - coupled(angles[:, None] - shifts)
+        slopes = np.swapaxes(rise, 1, 2) / (2.0 * _STEP)
+        hands, needed = np.zeros((count, 3)), np.zeros((count, k))
+        effects = np.zeros((count, len(self._muscles), k))
+        mass, push = np.zeros((model.nv, model.nv)), np.zeros((3, model.nv))
+        for i, qpos in enumerate(coupled(angles)):
+            torques = self.gravity(qpos) - data.qfrc_passive
+            slack, full = self._forces(0.0), self._forces(1.0)
+            arms = moment_arms(model, data)[self._muscles] @ slopes[i]
+            hands[i] = data.site_xpos[self._sites[0]]
+            for site in self._sites:
+                mujoco.mj_jacSite(model, data, push, None, site)
+                torques = torques - load_kg * model.opt.gravity @ push
+            needed[i] = torques @ slopes[i] - slack @ arms
+            effects[i] = strength * (full - slack)[:, None] * arms
+        mujoco.mj_fullM(model, data, mass)
+        return Mechanics(hands, needed, effects, slopes[-1].T @ mass @ slopes[-1])
+
+    def _forces(self, activation: float) -> FloatArray:
+        """(M,) of muscles that are all active alike."""
+        self._data.act[:] = activation
+        mujoco.mj_fwdActuation(self._model, self._data)
+        return np.array(self._data.actuator_force)[self._muscles]
 
 
 class PostureHolder:
     """Holds postures with one arm of a body.
-
-    Passive forces of joints and muscles count; dependent joints follow their couplings.
 
     Args:
         body: Whose muscles count.
@@ -209,33 +282,22 @@ class PostureHolder:
 
     def __init__(self, body: Body, arm: Arm) -> None:
         model = body.physics_model
-        self._body, self._arm, self._model = body, arm, model
-        self._data = mujoco.MjData(model)
+        self._body, self._arm, self._muscles = body, arm, ArmMuscles(body)
         self._dynamics, self._still = ArmDynamics(model, arm), np.zeros(model.nv)
-        self._sites = [model.site(each.device).id for each in arms_of(body)]
-        self._actuators = np.array([model.actuator(name).id for name in body.muscles], dtype=int)
         joints, moved = body.independent_joints, Linkage(body, Point(arm.device)).joints
-        over, of_elbow = Linkage(body, Point(arm.forearm)).joints, _joints_of(model, arm.forearm)
+        over, part = Linkage(body, Point(arm.forearm)).joints, model.body(arm.forearm)
+        of_elbow = [model.joint(part.jntadr[0] + i).name for i in range(part.jntnum[0])]
         self._moved = np.array([joint in moved for joint in joints])
         self._above = np.array([joint in over and joint not in of_elbow for joint in joints])
 
     def load(self, angles: FloatArray, load_kg: float) -> ArmLoad:
-        """Return torque and posture of the arm.
-
-        Args:
-            angles: (J,) of the independent joints, rad.
-            load_kg: Mass in the hand, beside the controller's.
-        """
+        """Return torque and posture of the arm; arguments as of :meth:`hold`."""
         qpos = self._body.coupled_qpos(angles)
         return self._dynamics.load(qpos, self._still, self._still, held_kg=load_kg)
 
-    def torques(self, angles: FloatArray) -> FloatArray:
-        """Return gravity's torques at the joints, (nv,), which they have to balance."""
-        data = self._data
-        data.qpos[:], data.qvel[:] = self._body.coupled_qpos(angles), 0.0
-        mujoco.mj_fwdPosition(self._model, data)
-        mujoco.mj_fwdVelocity(self._model, data)
-        return np.array(data.qfrc_bias)
+    def gravity(self, angles: FloatArray) -> FloatArray:
+        """Return torques of gravity at the joints, (nv,), which they have to balance."""
+        return self._muscles.gravity(self._body.coupled_qpos(angles))
 
     def hold(
         self,
@@ -258,109 +320,302 @@ class PostureHolder:
         load = self.load(angles, load_kg)
         maximum = strength.shoulder_torque(load.shoulder_deg, load.elbow_deg)
         corrected = load.torque + nicer_correction(load.shoulder_deg, load.elbow_deg, strength.man)
-        own: float | None = float(load.torque / maximum)
-        activations: dict[str, float] = {}
-        balance = self._balance(angles, load_kg, limits_bear, muscle_strength)
-        if balance.muscles:
-            own, activations = balance.solve()
+        published = float(load.torque / maximum)
+        found = self._activations(angles, load_kg, limits_bear, muscle_strength)
+        own, activations = (published, {}) if found is None else found
         times = {
             f"3CC-r, {name}": 0.0
             if own is None
             else float(fatigue_endurance_time(own, rates["fatigue"], rates["recovery"]))
             for name, rates in FATIGUE_PRESETS.items()
         }
-        consumed = load.torque / strength.consumed_endurance_torque
         times["NICER"] = float(endurance_time(corrected / maximum))
+        consumed = load.torque / strength.consumed_endurance_torque
         times["Consumed Endurance"] = float(consumed_endurance_time(consumed))
         return Held(
-            self._arm.side,
-            load.torque,
-            load.shoulder_deg,
-            load.elbow_deg,
-            own,
-            float(load.torque / maximum),
-            activations,
-            times,
+            side=self._arm.side,
+            torque_nm=load.torque,
+            shoulder_deg=load.shoulder_deg,
+            elbow_deg=load.elbow_deg,
+            share=own,
+            strength_share=published,
+            activations=activations,
+            endurance_s=times,
         )
 
-    def _balance(
+    def _activations(
         self, angles: FloatArray, load_kg: float, limits_bear: bool, strength: float
-    ) -> _Balance:
-        body, model, data = self._body, self._model, self._data
-        # (nv, J) how all joints follow the independent ones; all are hinges or slides.
-        by = _STEP * np.eye(len(angles))
-        rise: FloatArray = body.coupled_qpos(angles + by) - body.coupled_qpos(angles - by)
-        slope = rise.T / (2.0 * _STEP)
-        needed = self.torques(angles) - data.qfrc_passive
-        for site in self._sites:
-            push = np.zeros((3, model.nv))
-            mujoco.mj_jacSite(model, data, push, None, site)
-            needed = needed - load_kg * model.opt.gravity @ push
-        data.act[:] = 0.0
-        mujoco.mj_fwdActuation(model, data)
-        passive, slack = np.array(data.qfrc_actuator), np.array(data.actuator_force)
-        data.act[:] = 1.0
-        mujoco.mj_fwdActuation(model, data)
-        moments = moment_arms(model, data)
-        forces = (data.actuator_force - slack)[self._actuators, None]
-        effects = strength * (forces * moments[self._actuators]) @ slope
-        at_limits = np.abs(angles[:, None] - body.joint_ranges) < _AT_LIMIT
-        stops = at_limits @ np.array([1.0, -1.0]) * limits_bear
-        pulled = np.abs(effects).max(axis=0, initial=0.0) > _NO_MOMENT
-        rows = self._moved & pulled
+    ) -> tuple[float | None, dict[str, float]] | None:
+        """Return the least largest activation of the shoulder's muscles, and all activations.
+
+        Muscles that do not cross the shoulder go up to 1. None for the first: nothing balances the
+        arm; for both: no muscle moves it.
+        """
+        body = self._body
+        found = self._muscles.mechanics(angles[None], np.arange(len(angles)), load_kg, strength)
+        effects = found.effects[0]
+        # Columns of joints that muscles move, and rows of muscles that move one of them.
+        rows = self._moved & (np.abs(effects).max(axis=0, initial=0.0) > _NO_MOMENT)
         moving = np.abs(effects[:, rows]).max(axis=1, initial=0.0) > _NO_MOMENT
         crosses = np.abs(effects[:, rows & self._above]).max(axis=1, initial=0.0) > _NO_MOMENT
-        return _Balance(
-            tuple(name for name, moves in zip(body.muscles, moving, strict=True) if moves),
-            effects[moving][:, rows],
-            crosses[moving],
-            (slope.T @ (needed - passive))[rows],
-            np.diag(stops)[rows][:, rows & (stops != 0.0)],
-        )
+        names = [name for name, moves in zip(body.muscles, moving, strict=True) if moves]
+        if not names:
+            return None
+        at_limits = np.abs(angles[:, None] - body.joint_ranges) < _AT_LIMIT
+        stops = at_limits @ np.array([1.0, -1.0]) * limits_bear
+        resting = np.diag(stops)[rows][:, rows & (stops != 0.0)]
+        n, shoulder = len(names), crosses[moving].astype(float)
+        bounds = [(0.0, None if crosses else 1.0) for crosses in shoulder]
+        bounds += [(0.0, None)] * (1 + resting.shape[1])
+        solution = linprog(
+            np.r_[np.full(n, _SPARING), 1.0, np.zeros(resting.shape[1])],
+            A_ub=np.c_[np.diag(shoulder), -shoulder, np.zeros((n, resting.shape[1]))],
+            b_ub=np.zeros(n),
+            A_eq=np.c_[effects[moving][:, rows].T, np.zeros(rows.sum()), resting],
+            b_eq=found.needed[0, rows],
+            bounds=bounds,
+        ).x
+        if solution is None:
+            return None, {}
+        return float(solution[n]), dict(zip(names, solution.tolist(), strict=False))
 
 
 @dataclass(frozen=True)
-class _Balance:
-    """Equilibrium of an arm: what its joints need, and what each muscle can do.
+class BalanceSettings:
+    """What counts as held by the model's muscles, and how the search for it goes."""
+
+    near_m: float = 0.02
+    """So near counts as there, when it is acted out, too."""
+    left_nm: float = 0.1
+    """So much torque may stay unbalanced."""
+    swing_nm: float = 12.0
+    """So much torque may be lacking on the way, which the arm's swing makes up for. Fitted to 290
+    pairs of a person and a place that were acted out (docs/research/audit.md)."""
+    place_m: float = 0.01
+    """Distance that counts as much as one unit of unbalanced torque."""
+    unit: float = 10.0
+    """Weight of torques, in the metric of kinetic energy."""
+    ease: float = 0.02
+    """Weight of activations beside unbalanced torques."""
+    way_points: int = 6
+    """Postures on the way from rest that are looked at."""
+    iterations: int = 20
+    tries: int = 4
+    """Dampings tried for each step."""
+    gain: float = 1e-3
+    small: float = 1e-2
+    """The search ends when it gains less than ``gain`` times the cost, or times ``small``."""
+    damping: tuple[float, float, float] = (1e-2, 1e-7, 1e5)
+    """At first, at least and at most."""
+
+
+BALANCE = BalanceSettings()
+_BOUND = 1e-9
+"""Activations so near their bounds are at them."""
+_ARM_DEG = {"elv_angle": 60.0, "shoulder_elv": 60.0, "shoulder_rot": -20.0, "elbow_flexion": 90.0}
+_TRUNK = ("trunk_flexion", "trunk_bending", "trunk_rotation")
+_LEANS_DEG = [
+    (flexion, bending, rotation)
+    for flexion in (5.0, 35.0)
+    for bending, rotation in ((0.0, 0.0), (-20.0, -15.0), (20.0, 15.0))
+]
+"""Trunk and arm in postures from which the search goes on."""
+
+
+@dataclass(frozen=True)
+class Balance:
+    """What muscles do for a posture.
 
     Attributes:
-        muscles: M, that move the arm.
-        effects: (M, R) on its joints, Nm.
-        shoulder: (M,) whether they cross the shoulder.
-        needed: (R,) Nm.
-        stops: (R, S) directions in which joints rest at their limits.
+        angles: (J,) of the independent joints.
+        gap_m: Of the hand from the place.
+        left_nm: Largest torque that stays unbalanced.
+        way_nm: Largest torque that muscles lack on the way there; infinite: not near, or
+            unbalanced.
+        activations: (M,) of the muscles.
     """
 
-    muscles: tuple[str, ...]
-    effects: FloatArray
-    shoulder: NDArray[np.bool_]
-    needed: FloatArray
-    stops: FloatArray
+    angles: FloatArray
+    gap_m: float
+    left_nm: float
+    way_nm: float
+    activations: FloatArray
 
-    def solve(self) -> tuple[float | None, dict[str, float]]:
-        """Return the least largest activation of the shoulder's muscles, and all activations.
+    @property
+    def balanced(self) -> bool:
+        """Whether the posture is in equilibrium."""
+        return self.left_nm <= BALANCE.left_nm
 
-        Muscles that do not cross the shoulder go up to 1. None: nothing balances the arm.
+    def holds(self, close_m: float) -> bool:
+        """Whether muscles bring the hand so near and hold it there."""
+        return self.balanced and self.gap_m <= close_m and self.way_nm <= BALANCE.swing_nm
+
+    def rank(self, close_m: float) -> tuple[bool, bool, float]:
+        """Order of postures, the best first."""
+        near = self.gap_m <= close_m
+        return not (near and self.balanced), not near, self.way_nm if near else self.gap_m
+
+
+class Balancer:
+    """Finds postures of the right arm and trunk in static equilibrium.
+
+    Args:
+        body: Whose muscles and trunk motors act.
+        strength: Factor on both.
+        load_kg: Mass in the hand, beside the controller's.
+
+    Attributes:
+        columns: (K,) of the joints that move the hand, among the independent ones.
+        limits: (K, 2) of these joints, rad.
+        motor_low, motor_high: (K,) torques of the motors that move them, Nm.
+        motors: How many motors there are.
+    """
+
+    def __init__(self, body: Body, strength: float = 1.0, load_kg: float = 0.0) -> None:
+        self._muscles, self._load_kg, self._strength = ArmMuscles(body), load_kg, strength
+        chain = Linkage(body, Point("controller_right")).joints
+        joints = body.independent_joints
+        self._rest = np.array([body.reset_rule.posture.get(joint, 0.0) for joint in joints])
+        # (S, J) postures with the elbow bent and the trunk leaning to several sides.
+        self._starts = np.repeat(self._rest[None], len(_LEANS_DEG), axis=0)
+        for joint, degrees in _ARM_DEG.items():
+            self._starts[:, joints.index(joint)] = np.radians(degrees)
+        trunk = [joints.index(joint) for joint in _TRUNK]
+        self._starts[:, trunk] = np.radians(_LEANS_DEG)
+        self.columns = np.array([joints.index(joint) for joint in chain])
+        self.limits: FloatArray = np.asarray(body.joint_ranges)[self.columns]
+        self.motor_low, self.motor_high = np.zeros((2, len(chain)))
+        for i, joint in enumerate(chain):
+            if joint.startswith("trunk_"):
+                span = body.physics_model.actuator(f"{joint}_motor").forcerange
+                self.motor_low[i], self.motor_high[i] = strength * span
+        self.motors = int((self.motor_high > 0.0).sum())
+
+    def mechanics(self, angles: FloatArray) -> Mechanics:
+        """Return what postures (P, J) ask for, and what muscles can do in them."""
+        return self._muscles.mechanics(angles, self.columns, self._load_kg, self._strength)
+
+    def holds(self, angles: FloatArray) -> bool:
+        """Whether muscles bring the arm to a posture (J,) and hold it."""
+        still = _State(self, np.array(angles), np.zeros(3)).left_nm <= BALANCE.left_nm
+        return still and self._on_the_way(angles) <= BALANCE.swing_nm
+
+    def search(self, place: FloatArray, postures: FloatArray, close_m: float) -> list[Balance]:
+        """Return postures that the search found, the best first.
+
+        It ends with the first that muscles bring near enough and hold.
+
+        Args:
+            place: (3,) MuJoCo's world, in the body's own frame, m.
+            postures: (C, J) to begin with; leaning postures follow.
+            close_m: How near is enough.
         """
-        n, stops = len(self.muscles), self.stops.shape[1]
-        bounds = [(0.0, None if crosses else 1.0) for crosses in self.shoulder]
-        bounds += [(0.0, None)] * (1 + stops)
-        shoulder = self.shoulder.astype(float)
-        found = linprog(
-            np.r_[np.full(n, _SPARING), 1.0, np.zeros(stops)],
-            A_ub=np.c_[np.diag(shoulder), -shoulder, np.zeros((n, stops))],
-            b_ub=np.zeros(n),
-            A_eq=np.c_[self.effects.T, np.zeros(self.effects.shape[1]), self.stops],
-            b_eq=self.needed,
-            bounds=bounds,
+        found: list[Balance] = []
+        for start in (*postures, *self._starts):
+            found.append(self._nearest(place, start, close_m))
+            if found[-1].holds(close_m):
+                break
+        return sorted(found, key=lambda each: each.rank(close_m))
+
+    def _nearest(self, place: FloatArray, angles: FloatArray, close_m: float) -> Balance:
+        """Return the equilibrium nearest to a place that is found from a posture (J,)."""
+        angles = np.array(angles, dtype=np.float64)
+        angles[self.columns] = np.clip(angles[self.columns], *self.limits.T)
+        state, (damping, least, most) = _State(self, angles, place), BALANCE.damping
+        for _ in range(BALANCE.iterations):
+            if state.left_nm <= BALANCE.left_nm and state.gap_m <= 0.5 * close_m:
+                break
+            slope, tried = state.slope(), state
+            for _ in range(BALANCE.tries):
+                moved = state.angles[self.columns] + self._step(state, slope, damping)
+                changed = state.angles.copy()
+                changed[self.columns] = np.clip(moved, *self.limits.T)
+                tried = _State(self, changed, place)
+                if tried.cost < state.cost:
+                    damping = max(0.2 * damping, least)
+                    break
+                damping = min(8.0 * damping, most)
+            gain = state.cost - tried.cost
+            if gain <= 0.0:
+                break
+            state = tried
+            if gain < BALANCE.gain * max(tried.cost, BALANCE.small):
+                break
+        way = np.inf
+        if state.left_nm <= BALANCE.left_nm and state.gap_m <= close_m:
+            way = self._on_the_way(state.angles)
+        return Balance(state.angles, state.gap_m, state.left_nm, way, state.activations)
+
+    def _on_the_way(self, angles: FloatArray) -> float:
+        """Largest torque that muscles lack on the straight way from rest to a posture."""
+        parts = np.linspace(0.0, 1.0, BALANCE.way_points + 1)[1:, None]
+        way = self._rest + parts * (angles - self._rest)
+        return max(_State(self, each, np.zeros(3)).left_nm for each in way)
+
+    def _step(self, state: _State, slope: FloatArray, damping: float) -> FloatArray:
+        """Levenberg-Marquardt step, (K,); joints at limits do not go on."""
+        q, (low, high) = state.angles[self.columns], self.limits.T
+        free = np.ones(len(q), dtype=bool)
+        step = np.zeros(len(q))
+        for _ in range(3):
+            part = slope[:, free]
+            normal = part.T @ part + damping * np.eye(part.shape[1])
+            step[:] = 0.0
+            step[free] = -np.linalg.solve(normal, part.T @ state.error)
+            below = (q + step < low) & (q <= low + _AT_LIMIT)
+            out = below | ((q + step > high) & (q >= high - _AT_LIMIT))
+            if not (out & free).any():
+                break
+            free &= ~out
+        return step
+
+
+class _State:
+    """A posture with the activations that balance it best.
+
+    Args:
+        balancer: Whose muscles act.
+        angles: (J,) of the independent joints.
+        place: (3,) where the hand shall be.
+    """
+
+    def __init__(self, balancer: Balancer, angles: FloatArray, place: FloatArray) -> None:
+        self.angles, self._by = angles, balancer
+        found = balancer.mechanics(angles[None])
+        # (S, K) torques of the trunk's motors, from the lowest up, and of joints at limits.
+        motors = np.diag(balancer.motor_high - balancer.motor_low)
+        (low, high), q = balancer.limits.T, angles[balancer.columns]
+        stops = (q <= low + _AT_LIMIT).astype(float) - (q >= high - _AT_LIMIT)
+        others = np.concatenate([motors[motors.any(axis=1)], np.diag(stops)[stops != 0.0]])
+        needed = found.needed[0] - balancer.motor_low
+        muscles, pulling = len(found.effects[0]), np.concatenate([found.effects[0], others])
+        scale = BALANCE.unit * np.linalg.inv(np.linalg.cholesky(found.inertia))
+        ease = BALANCE.unit * BALANCE.ease * np.eye(muscles, len(pulling))
+        most = np.ones(len(pulling))
+        most[muscles + balancer.motors :] = np.inf
+        part = bounded_least_squares(
+            np.concatenate([scale @ pulling.T, ease]),
+            np.concatenate([scale @ needed, np.zeros(muscles)]),
+            most,
         )
-        if found.x is None:
-            return None, {}
-        values = found.x.tolist()
-        return values[n], dict(zip(self.muscles, values, strict=False))
+        self.activations = part[:muscles]
+        left, gap = needed - pulling.T @ part, found.hands[0] - place
+        self.left_nm, self.gap_m = float(np.abs(left).max()), float(np.linalg.norm(gap))
+        self.error = np.concatenate([scale @ left, gap / BALANCE.place_m])
+        self.cost = float(self.error @ self.error)
+        self._scale, free = scale, (part > _BOUND) & (part < most - _BOUND)
+        self._following = scale @ pulling[free].T
 
-
-def _joints_of(model: mujoco.MjModel, part: str) -> list[str]:
-    found = model.body(part)
-    first, count = int(found.jntadr[0]), int(found.jntnum[0])
-    return [model.joint(j).name for j in range(first, first + count)]
+    def slope(self) -> FloatArray:
+        """(K + 3, K) how unbalanced torques and the gap change with the angles."""
+        k = len(self._by.columns)
+        around = np.repeat(self.angles[None], k + 1, axis=0)
+        around[1 + np.arange(k), self._by.columns] += _STEP
+        found = self._by.mechanics(around)
+        left = found.needed - np.einsum("pmk,m->pk", found.effects, self.activations)
+        rise = self._scale @ ((left[1:] - left[0]) / _STEP).T
+        basis, sizes, _ = np.linalg.svd(self._following, full_matrices=False)
+        basis = basis[:, sizes > 1e-6 * sizes.max(initial=1e-3)]
+        rise -= basis @ (basis.T @ rise)
+        way = (found.hands[1:] - found.hands[0]) / _STEP
+        return np.concatenate([rise, way.T / BALANCE.place_m])

@@ -8,14 +8,15 @@ the one with the least torque at the shoulder counts.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sim2vr_harness.audit.population import EYE_HEIGHT_STANDING, Limitation, Stance, Subject
-from sim2vr_harness.client.frames import position_to_app
+from sim2vr_harness.audit.targets import Target
+from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
 from sim2vr_harness.users import AVERAGE
 from sim2vr_harness.users.exertion import arms_of
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
@@ -26,7 +27,7 @@ FloatArray = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-MIRROR = np.array([1.0, -1.0, 1.0])
+MIRROR, _UP = np.array([1.0, -1.0, 1.0]), np.array([0.0, 0.0, 1.0])
 """MuJoCo's world: y points to the left."""
 _DEVICE = "controller_right"
 _TRUNK = "trunk_"
@@ -68,14 +69,8 @@ class Rows:
 
     def take(self, chosen: Ints) -> Rows:
         """Return some of the rows."""
-        return Rows(
-            self.persons[chosen],
-            self.mirrored[chosen],
-            self.places[chosen],
-            self.close_m[chosen],
-            self.ray,
-            self.quick,
-        )
+        names = ("persons", "mirrored", "places", "close_m")
+        return replace(self, **{name: getattr(self, name)[chosen] for name in names})
 
 
 @dataclass
@@ -121,7 +116,9 @@ class Crowd:
         self.rest = np.array([first.reset_rule.posture.get(j, 0.0) for j in self._joints])
         self._hands = [Linkage(each.body, Point(_DEVICE)) for each in subjects]
         self._stacks: dict[bytes, Linkage] = {}
-        self.heads = np.array([_head(each, self.rest) for each in subjects])
+        heads = [Linkage(each.body, Point("headset")) for each in subjects]
+        self.heads = np.array([each.place(each.rest[None])[0] for each in heads])
+        """(N, 3) where the headsets are with the necks at rest, MuJoCo's world, m."""
         statures = np.array([each.person.stature_m for each in subjects])
         self._sizes = statures / AVERAGE.stature_m
         self.lift_m = np.zeros(len(subjects))
@@ -132,9 +129,15 @@ class Crowd:
         self.heads[:, 2] += self.lift_m
         self._samples: dict[tuple[bool, bool], tuple[FloatArray, cKDTree]] = {}
 
-    def lifted(self, persons: Ints) -> FloatArray:
-        """(B, 3) the floor of the bodies of persons, MuJoCo's world, m."""
-        return np.stack([0.0 * self.lift_m, 0.0 * self.lift_m, self.lift_m], axis=1)[persons]
+    def places(self, target: Target, persons: Ints) -> FloatArray:
+        """(B, 3) where a target is for persons, MuJoCo's world, m."""
+        place = np.repeat(position_to_mujoco(target.place_m)[None], len(persons), axis=0)
+        return place + self.heads[persons] if target.from_head else place
+
+    def local(self, places: FloatArray, persons: Ints, mirrored: Bools) -> FloatArray:
+        """(B, 3) places in the bodies' own frames, as the right hand is to get there; m."""
+        lift = self.lift_m[persons, None] * _UP
+        return (places - lift) * np.where(mirrored[:, None], MIRROR, 1.0)
 
     def hand(self, person: int, angles: FloatArray) -> FloatArray:
         """(3,) where a posture (J,) brings a person's right hand, in the body's own frame, m."""
@@ -155,8 +158,7 @@ class Crowd:
     def solve(self, rows: Rows) -> Solved:
         """Bring hands, or rays, to places."""
         count = len(rows.persons)
-        lift = self.lifted(rows.persons)
-        local = (rows.places - lift) * np.where(rows.mirrored[:, None], MIRROR, 1.0)
+        local = self.local(rows.places, rows.persons, rows.mirrored)
         stack = self._stack(rows.ray)
         found = _Best(count, len(stack.joints))
         for trunk in (True,) if rows.quick else (False, True):
@@ -166,7 +168,10 @@ class Crowd:
             part = rows.take(left)
             starts = self._starts(part, local[left], trunk)
             bodies = stack.take(part.persons)
-            bodies = bodies if trunk else bodies.with_limits(_upright(bodies))
+            if not trunk:  # it stays where it is
+                limits = bodies.limits.copy()
+                limits[:, [joint.startswith(_TRUNK) for joint in bodies.joints]] = 0.0
+                bodies = bodies.with_limits(limits)
             for start in starts[: _QUICK_STARTS if rows.quick else None]:
                 if rows.quick:
                     left = np.flatnonzero(found.gap[:, 0] > 0.0)
@@ -187,7 +192,8 @@ class Crowd:
                     cost[row] = load.torque + _TURNED_NM * float(strain.sum())
                 found.offer(left, q, gap, cost, leans=trunk)
         nearest = stack.take(rows.persons).place(found.q[:, 0])
-        nearest = nearest * np.where(rows.mirrored[:, None], MIRROR, 1.0) + lift
+        nearest = nearest * np.where(rows.mirrored[:, None], MIRROR, 1.0)
+        nearest = nearest + self.lift_m[rows.persons, None] * _UP
         angles = np.stack([self._whole(stack, found.q[:, i]) for i in range(_KEPT)], axis=1)
         return Solved(angles, found.gap == 0.0, found.gap[:, 0], nearest, found.leans)
 
@@ -215,12 +221,11 @@ class Crowd:
             # (S, K) postures with the elbow at a right angle and the upper arm raised more and
             # more.
             stack = self._stack(rows.ray)
-            raised_postures = np.repeat(stack.rest[None], len(_ELEVATIONS_DEG), axis=0)
-            raised_postures[:, stack.joints.index("elbow_flexion")] = np.radians(90.0)
-            raised_postures[:, stack.joints.index("elv_angle")] = np.radians(60.0)
-            raised_postures[:, stack.joints.index("shoulder_elv")] = np.radians(_ELEVATIONS_DEG)
-            rest = raised_postures
-            starts = np.repeat(rest[:, None], len(local), axis=1)
+            raised = np.repeat(stack.rest[None], len(_ELEVATIONS_DEG), axis=0)
+            raised[:, stack.joints.index("elbow_flexion")] = np.radians(90.0)
+            raised[:, stack.joints.index("elv_angle")] = np.radians(60.0)
+            raised[:, stack.joints.index("shoulder_elv")] = np.radians(_ELEVATIONS_DEG)
+            starts = np.repeat(raised[:, None], len(local), axis=1)
             starts[:, :, -1] = np.linalg.norm(local - self.heads[rows.persons], axis=1)
             return starts
         scaled = local * (self._sizes[0] / self._sizes[rows.persons, None])
@@ -261,20 +266,6 @@ class _Best:
         self.gap[rows] = np.take_along_axis(gaps, order, axis=1)
         self.cost[rows] = np.take_along_axis(costs, order, axis=1)
         self.q[rows] = np.take_along_axis(postures, order[..., None], axis=1)
-
-
-def _head(subject: Subject, rest: FloatArray) -> FloatArray:
-    """(3,) where the headset is with the neck at rest, MuJoCo's world, m."""
-    linkage = Linkage(subject.body, Point("headset"))
-    place: FloatArray = linkage.place(linkage.rest[None])[0]
-    return place
-
-
-def _upright(stack: Linkage) -> FloatArray:
-    """Limits that keep the trunk where it is."""
-    limits = stack.limits.copy()
-    limits[:, [joint.startswith(_TRUNK) for joint in stack.joints]] = 0.0
-    return limits
 
 
 def _samples(hand: Linkage, trunk: bool, straight: bool) -> tuple[FloatArray, cKDTree]:

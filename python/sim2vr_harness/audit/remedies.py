@@ -2,24 +2,19 @@
 
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 
-from sim2vr_harness.audit.grip import grip_time
-from sim2vr_harness.audit.judging import (
-    MODELS,
-    Judged,
-    can_hold,
-    places_of,
-    reach_either,
-    seen,
-)
+from sim2vr_harness.audit.judging import Judged, can_hold, grip_time, reach_either, seen
 from sim2vr_harness.audit.population import Limitation
 from sim2vr_harness.audit.reaching import Bools, Crowd, FloatArray, Ints
 from sim2vr_harness.audit.targets import Target
 from sim2vr_harness.client.frames import position_to_mujoco
 
 GOAL = 0.95
+_LEAST_M = 0.005
+_SIDES = (("left", "right"), ("down", "up"), ("back", "ahead"))
 _SAMPLE = 20
 """Sample for the search of shifts; all persons confirm the one that is found."""
 _STEP_M, _STEP_SHARE, _FARTHEST_M = 0.02, 0.08, 1.5
@@ -53,6 +48,31 @@ class Remedy:
     hold_s: float | None = None
     grip_n: float | None = None
 
+    def plain(self) -> dict[str, Any]:
+        """Return it for JSON, shifts in cm and in words."""
+        found: dict[str, Any] = {}
+        for name, shift in (("reach_shift", self.reach_m), ("shift", self.shift_m)):
+            found[f"{name}_cm"] = None if shift is None else np.round(100.0 * shift, 1).tolist()
+            found[name] = None if shift is None else shift_words(shift)
+        return found | {
+            "share_after": round(self.share, 4),
+            "by_ray": self.ray,
+            "one_hand": self.one_hand,
+            "load_kg": self.load_kg,
+            "hold_s": self.hold_s,
+            "grip_n": self.grip_n,
+        }
+
+
+def shift_words(shift_m: FloatArray) -> str:
+    """Return a shift, right, up, ahead, in words: ``12 cm down and 5 cm back``."""
+    parts = [
+        f"{100.0 * abs(metres):.0f} cm {_SIDES[axis][metres > 0.0]}"
+        for axis, metres in sorted(enumerate(shift_m.tolist()), key=lambda part: -abs(part[1]))
+        if abs(metres) >= _LEAST_M
+    ]
+    return " and ".join(parts) or "less than 1 cm"
+
 
 def usable_at(
     crowd: Crowd,
@@ -84,7 +104,7 @@ def usable_at(
 def remedy(crowd: Crowd, target: Target, judged: Judged, column: int) -> Remedy:
     """Search for what would include 95 % of a crowd."""
     everyone = np.arange(len(crowd.subjects))
-    here = places_of(crowd, target, everyone)
+    here = crowd.places(target, everyone)
 
     def share(changed: Target) -> float:
         return float(usable_at(crowd, changed, everyone, here, judged.limitation).mean())
@@ -94,41 +114,33 @@ def remedy(crowd: Crowd, target: Target, judged: Judged, column: int) -> Remedy:
     by_hand = target.how in ("touch", "press")
     ray = share(replace(target, how="point")) if by_hand and not reached else None
     one = share(replace(target, hand="either")) if target.hand == "both" else None
-    load_kg = _load(crowd, target, here, judged.limitation) if tires else None
+    load_kg = None
+    if tires:  # the largest of some loads that 95 % hold, below the target's own
+        solved, _, _ = reach_either(crowd, target, everyone, here)
+        for kg in (each for each in _LOADS_KG if each < target.load_kg):
+            lighter = replace(target, load_kg=kg)
+            held = [
+                solved.reached[i]
+                and can_hold(subject, solved.angles[i][solved.found[i]], lighter, judged.limitation)
+                for i, subject in enumerate(crowd.subjects)
+            ]
+            if np.mean(held) >= GOAL:
+                load_kg = kg
+                break
     weaker = (each for each in _GRIPS_N if tires and load_kg is None and each < target.grip_n)
     grip_n = next((each for each in weaker if share(replace(target, grip_n=each)) >= GOAL), None)
-    tires = tires and load_kg is None and grip_n is None
-    hold_s = _time(target, judged, column) if tires else None
+    hold_s = None
+    if tires and load_kg is None and grip_n is None:  # the longest of some times, likewise
+        minutes = judged.minutes["NICER"][:, column]
+        strong = judged.published_share[:, column] <= 1.0
+        seconds = np.where(strong, 60.0 * np.nan_to_num(minutes, posinf=np.inf), 0.0)
+        seconds = np.minimum(seconds, grip_time(judged.grip_share[:, column]))
+        shorter = (each for each in _TIMES_S if each < target.hold_s)
+        hold_s = next((each for each in shorter if (seconds >= each).mean() >= GOAL), None)
     shift, reach, after = None, None, float(judged.usable[:, column].mean())
     if load_kg is None and hold_s is None and grip_n is None:
         shift, reach, after = _shift(crowd, target, judged, column)
     return Remedy(shift, after, reach, ray, one, load_kg, hold_s, grip_n)
-
-
-def _load(crowd: Crowd, target: Target, here: FloatArray, limitation: Limitation) -> float | None:
-    """Return the largest of some loads that 95 % hold, below the target's own."""
-    everyone = np.arange(len(here))
-    solved, _, _ = reach_either(crowd, target, everyone, here)
-    for kg in (each for each in _LOADS_KG if each < target.load_kg):
-        lighter = replace(target, load_kg=kg)
-        held = [
-            solved.reached[i]
-            and can_hold(subject, solved.angles[i][solved.found[i]], lighter, limitation)
-            for i, subject in enumerate(crowd.subjects)
-        ]
-        if np.mean(held) >= GOAL:
-            return kg
-    return None
-
-
-def _time(target: Target, judged: Judged, column: int) -> float | None:
-    """Return the longest of some times that 95 % hold, below the target's own."""
-    minutes = judged.minutes[MODELS[1]][:, column]
-    strong = judged.published_share[:, column] <= 1.0
-    seconds = np.where(strong, 60.0 * np.nan_to_num(minutes, posinf=np.inf), 0.0)
-    seconds = np.minimum(seconds, grip_time(judged.grip_share[:, column]))
-    shorter = (each for each in _TIMES_S if each < target.hold_s)
-    return next((each for each in shorter if (seconds >= each).mean() >= GOAL), None)
 
 
 def _shift(
@@ -137,7 +149,7 @@ def _shift(
     """Return the smallest shifts found for use and for reach, and the share of users."""
     everyone = np.arange(len(crowd.subjects))
     sample = everyone[:_SAMPLE]
-    here = places_of(crowd, target, everyone)
+    here = crowd.places(target, everyone)
     # (D, 3) unit vectors: along axes and between them, and the mean of what persons need.
     steps = np.array(
         [each for each in product((-1.0, 0.0, 1.0), repeat=3) if 0 < sum(map(abs, each)) < 3]
@@ -165,8 +177,7 @@ def _shift(
             usable[rows] = usable_at(crowd, target, persons[rows], places[rows], _ANY, hold=False)
         shares = usable.reshape(len(shifts), -1).mean(axis=1)
         order = sorted(np.flatnonzero(shares >= GOAL).tolist(), key=lambda i: -shares[i])
-        promising = [shifts[i] for i in order[:_CONFIRMED]]
-        for shift in promising:
+        for shift in shifts[order[:_CONFIRMED]]:
             reach = shift if reach is None else reach
             after = _confirmed(crowd, target, here, shift, judged.limitation)
             if after >= GOAL:

@@ -4,7 +4,6 @@ import json
 import logging
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +12,15 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from sim2vr_harness.audit.acting import Actor
-from sim2vr_harness.audit.grip import SOURCE as GRIP
-from sim2vr_harness.audit.judging import MODELS
+from sim2vr_harness.audit.hull import ball_scene
+from sim2vr_harness.audit.judging import GRIP
+from sim2vr_harness.audit.pacing import MODELS
 from sim2vr_harness.audit.population import FEWEST, MODEL
 from sim2vr_harness.audit.reaching import MIRROR
 from sim2vr_harness.audit.remedies import GOAL
 from sim2vr_harness.audit.summary import EVERYONE, Audit, plain
 from sim2vr_harness.base.files import write_atomically
-from sim2vr_harness.client import AppRefused, AppScene, SceneMesh, SceneObject
+from sim2vr_harness.client import AppRefused
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
 from sim2vr_harness.client.webxr.browser import print_page
 from sim2vr_harness.figures.figure import GREY, INK, Bars, Figure, Panel
@@ -56,7 +56,7 @@ _CLASSES = (
 )
 _SIZE = (640, 480)
 _RED, _GREY = (0.7, 0.12, 0.1, 1.0), (0.5, 0.55, 0.6, 1.0)
-_HALF_M = 0.04
+_BALL_M = 0.04
 _TRUNK_M = 0.6
 """Below the head, which the film shows too."""
 _AWAY_M, _AWAY = 0.6, 1.1
@@ -85,22 +85,19 @@ def write(audit: Audit, out: Path, *, film: bool = True) -> list[Path]:
     text = json.dumps(values, indent=1, ensure_ascii=False, allow_nan=False)
     write_atomically(file, text.encode() + b"\n")
     figure = Figure("targets", "Targets", _CAPTION, (_space(audit),))
-    worst = _filmed(audit, out / "worst.mp4") if film else None
+    worst = None
+    if film:
+        (out / "worst.mp4").unlink(missing_ok=True)
+        try:
+            worst = write_film(audit, out / "worst.mp4")
+        except RuntimeError as error:  # no OpenGL, or no ffmpeg
+            logging.getLogger(__name__).info("no film: %s", error)
     title = f"Who can use {audit.title}?"
     page = save_page(out / "report.html", title, _parts(audit, values, worst))
     files = [page, file, write_figure(figure, out / "targets.png")]
     with suppress(AppRefused):
         files.append(print_page(page, out / "report.pdf"))
     return files + ([] if worst is None else [worst])
-
-
-def _filmed(audit: Audit, file: Path) -> Path | None:
-    file.unlink(missing_ok=True)
-    try:
-        return write_film(audit, file)
-    except RuntimeError as error:  # no OpenGL, or no ffmpeg
-        logging.getLogger(__name__).info("no film: %s", error)
-        return None
 
 
 def headline(values: Mapping[str, Any]) -> str:
@@ -123,7 +120,14 @@ def headline(values: Mapping[str, Any]) -> str:
 
 def findings(values: Mapping[str, Any]) -> list[str]:
     """Return a sentence per target that excludes more than 5 %, worst first."""
-    return [_finding(each) for each in _missed(values)]
+    found = []
+    for target in _missed(values):
+        n = target["usable"]["n"]
+        why = ", ".join(f"{cause}: {count} of {n}" for cause, count in target["causes"].items())
+        offers = ", or ".join(_offers(target))
+        advice = f"To include 95 %: {offers}." if offers else f"{_NO_SHIFT} includes 95 %."
+        found.append(f"{target['name']}: {_percent(target['usable'])} can use it ({why}). {advice}")
+    return found
 
 
 def too_weak(values: Mapping[str, Any]) -> str:
@@ -158,24 +162,6 @@ def _missed(values: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return sorted(missed, key=lambda each: (each["usable"]["share"] or 0.0, each["name"]))
 
 
-def _finding(target: Mapping[str, Any]) -> str:
-    n = target["usable"]["n"]
-    why = ", ".join(f"{cause}: {count} of {n}" for cause, count in target["causes"].items())
-    return f"{target['name']}: {_percent(target['usable'])} can use it ({why}). {_advice(target)}"
-
-
-def _advice(target: Mapping[str, Any]) -> str:
-    offers = _offers(target)
-    if not offers:
-        return "No shift of up to 1.5 m includes 95 %."
-    return f"To include 95 %: {', or '.join(offers)}."
-
-
-def _change(target: Mapping[str, Any]) -> str:
-    words = ", or ".join(_offers(target)) or "no shift of up to 1.5 m"
-    return words[:1].upper() + words[1:]
-
-
 def _offers(target: Mapping[str, Any]) -> list[str]:
     fix = target["remedy"]
     offers = []
@@ -204,31 +190,36 @@ def _percent(share: Mapping[str, Any]) -> str:
     return f"{100.0 * share['share']:.0f} % [{low:.0f}, {high:.0f}]"
 
 
-def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[str | Panel]:
-    parts: list[str | Panel] = [Markup("<p><b>{}</b></p>").format(headline(values))]
-    rows = []
+def _answers(values: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """Return who is excluded from which target, why, and what would include them."""
+    rows: list[tuple[str, ...]] = []
     for target in _missed(values):
         why = next(iter(target["causes"]), "")
-        rows.append((EVERYONE, target["name"], _percent(target["usable"]), why, _change(target)))
-    # Groups that are excluded from more than everyone: target, share and cause of each.
-    found = []
+        change = ", or ".join(_offers(target)) or _NO_SHIFT
+        change = change[:1].upper() + change[1:]
+        rows.append((EVERYONE, target["name"], _percent(target["usable"]), why, change))
+    # Groups that are excluded from more than everyone.
     every = values["groups"][0]["targets"]
-    for groups_group in values["groups"][1:]:
-        if not groups_group["verified"] or groups_group["n"] < FEWEST:
+    for group in values["groups"][1:]:
+        if not group["verified"] or group["n"] < FEWEST:
             continue
         worse = [
-            (name, _percent(share), next(iter(groups_group["causes"][name]), ""))
-            for name, share in groups_group["targets"].items()
+            (name, share)
+            for name, share in group["targets"].items()
             if share["share"] < GOAL and share["share"] < every[name]["share"] - 0.05
         ]
-        if worse:
-            found.append((groups_group["name"], worse))
-    for group in found:
-        for name, share, why in group[1][:_MOST]:
+        for name, share in worse[:_MOST]:
+            why = next(iter(group["causes"][name]), "")
             change = "Let one hand do it" if why == "needs two hands" else ""
-            rows.append((group[0], name, share, why, change))
-        if len(group[1]) > _MOST:
-            rows.append((group[0], f"{len(group[1]) - _MOST} more", "", "", ""))
+            rows.append((group["name"], name, _percent(share), why, change))
+        if len(worse) > _MOST:
+            rows.append((group["name"], f"{len(worse) - _MOST} more", "", "", ""))
+    return rows
+
+
+def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[str | Panel]:
+    parts: list[str | Panel] = [Markup("<p><b>{}</b></p>").format(headline(values))]
+    rows = _answers(values)
     if rows:
         rows = [(*row[:2], row[2].replace(" ", "\u00a0"), *row[3:]) for row in rows]
         parts.append(table(_ANSWER, rows, kind="words"))
@@ -236,12 +227,9 @@ def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[
     case = worst_case(audit)
     if worst is not None and case is not None:
         person, column = audit.subjects[case[0]], audit.targets[case[1]].name
-        words = (
-            f"Worst case: {column}, by a {'man' if person.man else 'woman'} of "
-            f"{person.person.stature_m:.2f} m"
-        )
-        link = Markup('<p>{} (<a href="{}">film</a>).</p>')
-        parts.append(link.format(words, worst.name))
+        who = f"a {'man' if person.man else 'woman'} of {person.person.stature_m:.2f} m"
+        link = Markup('<p>Worst case: {}, by {} (<a href="{}">film</a>).</p>')
+        parts.append(link.format(column, who, worst.name))
     limits = Markup().join(Markup("<li>{}</li>").format(text) for text in LIMITS)
     parts.append(Markup('<div class="warn">Limits of the model:<ul>{}</ul></div>').format(limits))
     parts += [heading("Where the targets are"), _space(audit), _CAPTION]
@@ -249,10 +237,19 @@ def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[
     if told := [[each["name"], each["in_app"]] for each in values["targets"] if each["in_app"]]:
         parts += [heading("Operated in the app"), table(["target", "reaction"], told, kind="wrap")]
     # Groups by targets, some targets a table, so that it fits a page.
-    names = [each["name"] for each in values["targets"]]
-    table_parts = [names[i : i + _ABREAST] for i in range(0, len(names), _ABREAST)]
     parts.append(heading("By group"))
-    parts += [_some_targets(values, part, first=part is table_parts[0]) for part in table_parts]
+    names = [each["name"] for each in values["targets"]]
+    for begin in range(0, len(names), _ABREAST):
+        chosen, first = names[begin : begin + _ABREAST], begin == 0
+        rows = []
+        for group in values["groups"]:
+            shares = [group["every_target"]] if first else []
+            shares += [group["targets"][name] for name in chosen]
+            cells = [_percent(each).replace(" ", "\u00a0") for each in shares]
+            mark = "" if group["verified"] else " *"
+            rows.append((group["name"] + mark, str(group["n"]), *cells))
+        header = ("group", "persons", *(["every target"] if first else []), *chosen)
+        parts.append(table(header, rows, kind="wrap"))
     parts += [_GROUPS, heading("Exertion by target"), _exertion_table(values), _EXERTION]
     reached = [
         each for each in values["targets"] if each["exertion"]["n"] and each["how"] != "look"
@@ -261,15 +258,30 @@ def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[
     shown = [1.0 if each is None else min(each, 1.0) for each in medians]
     bars = Bars("activation", [each["name"] for each in reached], shown, "#0072b2")
     title = "Median activation of the shoulder's muscles; 1: too weak"
-    exertion_panel = Panel(title, (bars,), y_label="share of maximum")
-    parts += [exertion_panel]
+    parts.append(Panel(title, (bars,), y_label="share of maximum"))
     if any(each["operated"] for each in values["targets"]):
         parts += [heading("Acted out"), _operated_table(values), _OPERATED]
     if values["paths"]:
-        parts += [heading("Exertion between targets"), _path_table(values), _PATHS]
-    return [*parts, heading("Sources"), _sources(values)]
+        paths = [
+            (f"{path['start']} to {path['end']}", f"{path['mean']:.2f}", f"{path['peak']:.2f}")
+            for path in values["paths"]
+        ]
+        path_table = table(("path", "mean", "peak"), paths)
+        parts += [heading("Exertion between targets"), path_table, _PATHS]
+    sources = [
+        (EVERYONE, "stature, segments, strength, handedness: docs/concepts/people.md", "yes"),
+        ("field of view, neck", "90 degrees; Apti, Colak and Akcay 2023", "yes"),
+        ("grip", GRIP.source, "no"),
+    ]
+    sources += [
+        (group["name"], group["source"], "yes" if group["verified"] else "no")
+        for group in values["groups"]
+        if group["source"] != "sampled"
+    ]
+    return [*parts, heading("Sources"), table(("group", "source", "verified"), sources)]
 
 
+_NO_SHIFT = "No shift of up to 1.5 m"
 _ANSWER = ("who", "target", "can use it", "why not", "smallest change that includes 95 %")
 _OPERATED = (
     "Muscles and trunk bring the hand, or its ray, to the target and keep it there for "
@@ -302,6 +314,8 @@ _EXERTION = (
 
 _MOST = 4
 """Targets that the answer names for a group."""
+_ABREAST = 5
+"""Targets beside each other."""
 
 
 def _target_table(values: Mapping[str, Any]) -> Markup:
@@ -317,21 +331,6 @@ def _target_table(values: Mapping[str, Any]) -> Markup:
         if each["remedy"] is not None:
             bad.append(number)
     return table(header, rows, bad, kind="wrap")
-
-
-_ABREAST = 5
-"""Targets beside each other."""
-
-
-def _some_targets(values: Mapping[str, Any], names: list[str], *, first: bool) -> Markup:
-    header = ["group", "persons", *(["every target"] if first else []), *names]
-    rows = []
-    for group in values["groups"]:
-        row = [group["name"] + ("" if group["verified"] else " *"), str(group["n"])]
-        row += [_percent(group["every_target"])] if first else []
-        row += [_percent(group["targets"][name]) for name in names]
-        rows.append([cell.replace(" ", "\u00a0") if i else cell for i, cell in enumerate(row)])
-    return table(header, rows, kind="wrap")
 
 
 def _exertion_table(values: Mapping[str, Any]) -> Markup:
@@ -383,14 +382,6 @@ def _operated_table(values: Mapping[str, Any]) -> Markup:
     )
 
 
-def _path_table(values: Mapping[str, Any]) -> Markup:
-    rows = [
-        [f"{path['start']} to {path['end']}", f"{path['mean']:.2f}", f"{path['peak']:.2f}"]
-        for path in values["paths"]
-    ]
-    return table(["path", "mean", "peak"], rows)
-
-
 def _space(audit: Audit) -> Panel:
     """The targets, the eyes and the shoulders of the person of median stature."""
     usable = audit.judged.usable.mean(axis=0)
@@ -398,9 +389,14 @@ def _space(audit: Audit) -> Panel:
     eyes, right, left = audit.landmarks_m
     neck = (right + left) / 2.0
     figure = np.array([eyes, neck, right, left, neck, neck * [1.0, 0.0, 1.0]])
+
+    def layer(name: str, at: FloatArray, colour: str, **more: Any) -> Places:
+        right, up, ahead = at.T
+        return Places(name, right, ahead, up, colour, **{"places": True} | more)
+
     layers = [
-        replace(_places("a person, down to the floor", figure, INK), places=False),
-        _places("eyes and shoulders", audit.landmarks_m, GREY),
+        layer("a person, down to the floor", figure, INK, places=False),
+        layer("eyes and shoulders", audit.landmarks_m, GREY),
     ]
     names = np.array([each.name for each in audit.targets])
     labels = np.array(labels_of(places, names.tolist()))
@@ -408,36 +404,10 @@ def _space(audit: Audit) -> Panel:
         most = np.inf if number == 0 else _CLASSES[number - 1][0]
         chosen = (usable >= least) & (usable < most)
         if chosen.any():
-            placed = _places(name, places[chosen], colour)
             told = {"text": labels[chosen].tolist(), "hover": names[chosen].tolist()}
-            layers.append(replace(placed, **told))
-    return Panel(
-        "Share of people who can use each target",
-        tuple(layers),
-        legend=True,
-        square=True,
-        wide=True,
-    )
-
-
-def _places(name: str, places: np.ndarray[Any, np.dtype[np.float64]], colour: str) -> Places:
-    right, up, ahead = np.reshape(places, (-1, 3)).T
-    return Places(name, right, ahead, up, colour, places=True)
-
-
-def _sources(values: Mapping[str, Any]) -> Markup:
-    rows = [
-        [group["name"], group["source"], "yes" if group["verified"] else "no"]
-        for group in values["groups"]
-        if group["source"] != "sampled"
-    ]
-    rows = [
-        [EVERYONE, "stature, segments, strength, handedness: docs/concepts/people.md", "yes"],
-        ["field of view, neck", "90 degrees; Apti, Colak and Akcay 2023", "yes"],
-        ["grip", GRIP, "no"],
-        *rows,
-    ]
-    return table(["group", "source", "verified"], rows)
+            layers.append(layer(name, places[chosen], colour, **told))
+    title = "Share of people who can use each target"
+    return Panel(title, tuple(layers), legend=True, square=True, wide=True)
 
 
 def worst_case(audit: Audit) -> tuple[int, int] | None:
@@ -470,58 +440,29 @@ def write_film(audit: Audit, file: Path) -> Path | None:
     side = MIRROR if subject.mirrored else np.ones(3)
     places = position_to_mujoco(audit.judged.places_m[person]) * side
     places = places - np.array([0.0, 0.0, audit.lifts_m[person]])
+    # From the right and a little ahead: head, trunk and target are in the picture.
+    head = position_to_mujoco(audit.landmarks_m[0]) - [0.0, 0.0, audit.lifts_m[audit.middle]]
+    shown = np.stack([head, head - [0.0, 0.0, _TRUNK_M], places[column]])
+    (low, high), colours = (shown.min(axis=0), shown.max(axis=0)), [_GREY] * len(places)
+    x, y, z = ((low + high) / 2.0).tolist()
+    distance = _AWAY_M + _AWAY * float(np.linalg.norm(high - low))
+    view = OrbitView((x, y, z), distance, _AZIMUTH_DEG, _ELEVATION_DEG)
+    colours[column] = _RED
+    scene = ball_scene(position_to_app(places), colours, _BALL_M)
     frames: list[tuple[FloatArray, FloatArray]] = []
     Actor(subject, watch=lambda qpos, act: frames.append((qpos, act))).act(
         places[column], np.zeros((0, 0))
     )
     body = load_body(MODEL, person=subject.user.person, torso=True, appearance=True)
-    head, place = position_to_mujoco(audit.landmarks_m[0]), places[column]
-    view = _view(head - np.array([0.0, 0.0, audit.lifts_m[audit.middle]]), place)
     film = Film(file, *_SIZE, fps=20.0)
     try:
         with UserRenderer(body, *_SIZE) as renderer:
-            scene = _scene(places, column)
             for qpos, act in frames:
                 film.add(renderer.render(qpos, view, act, scene))
         return film.finish()
     except BaseException:
         film.discard()
         raise
-
-
-def _view(head: FloatArray, place: FloatArray) -> OrbitView:
-    """From the right and a little ahead: head, trunk and target are in the picture."""
-    shown = np.stack([head, head - np.array([0.0, 0.0, _TRUNK_M]), place])
-    low, high = shown.min(axis=0), shown.max(axis=0)
-    x, y, z = ((low + high) / 2.0).tolist()
-    distance = _AWAY_M + _AWAY * float(np.linalg.norm(high - low))
-    return OrbitView((x, y, z), distance, _AZIMUTH_DEG, _ELEVATION_DEG)
-
-
-def _scene(places: FloatArray, column: int) -> AppScene:
-    """The targets as small octahedra, the one that counts in red."""
-    corners = _HALF_M * np.concatenate([np.eye(3), -np.eye(3)]).astype(np.float32)
-    faces = []
-    for x in (0, 3):
-        for y in (1, 4):
-            for z in (2, 5):
-                signs = (x < 3) ^ (y < 3) ^ (z < 3)
-                faces.append((x, z, y) if signs else (x, y, z))
-    mesh = SceneMesh("target", corners, np.array(faces, dtype=np.int64))
-    objects = tuple(
-        SceneObject(
-            number,
-            f"target {number}",
-            0,
-            0,
-            np.r_[position_to_app(place), 0.0, 0.0, 0.0, 1.0],
-            np.ones(3),
-            np.array(_RED if number == column else _GREY, dtype=np.float32),
-            unlit=True,
-        )
-        for number, place in enumerate(places)
-    )
-    return AppScene(objects, (mesh,))
 
 
 def screen(places: FloatArray, azimuth_deg: float, elevation_deg: float) -> FloatArray:
@@ -545,28 +486,24 @@ def labels_of(places: FloatArray, names: Sequence[str]) -> list[str]:
     extent = max(float(np.ptp(places, axis=0).max(initial=0.0)), 1e-9) if len(places) else 1.0
     seen = [screen(places, *view) / extent for view in VIEWS]
     groups = [[i] for i in range(len(names))]
+
+    def text(group: Sequence[int]) -> str:
+        return names[group[0]] + (f" and {len(group) - 1} more" if len(group) > 1 else "")
+
+    def overlap(first: Sequence[int], second: Sequence[int]) -> bool:
+        width = _LETTER * (len(text(first)) + len(text(second))) / 2.0
+        gaps = (np.abs(view[first[0]] - view[second[0]]) for view in seen)
+        return any(gap[0] < width and gap[1] < _LINE for gap in gaps)
+
     merged = True
     while merged:
         merged = False
         for i in range(len(groups)):
             for j in range(len(groups) - 1, i, -1):
-                if any(_overlap(view, groups[i], groups[j], names) for view in seen):
+                if overlap(groups[i], groups[j]):
                     groups[i] += groups.pop(j)
                     merged = True
     found = [""] * len(names)
     for group in groups:
-        found[group[0]] = _text(group, names)
+        found[group[0]] = text(group)
     return found
-
-
-def _text(group: Sequence[int], names: Sequence[str]) -> str:
-    more = f" and {len(group) - 1} more" if len(group) > 1 else ""
-    return f"{names[group[0]]}{more}"
-
-
-def _overlap(
-    seen: FloatArray, first: Sequence[int], second: Sequence[int], names: Sequence[str]
-) -> bool:
-    gap = np.abs(seen[first[0]] - seen[second[0]])
-    width = _LETTER * (len(_text(first, names)) + len(_text(second, names))) / 2.0
-    return bool(gap[0] < width and gap[1] < _LINE)

@@ -8,17 +8,14 @@ from typing import Any
 import numpy as np
 
 from sim2vr_harness.audit.acting import Acted
-from sim2vr_harness.audit.grip import can_grip
-from sim2vr_harness.audit.judging import MODELS, Judged
+from sim2vr_harness.audit.judging import Judged, can_grip
+from sim2vr_harness.audit.pacing import MODELS
 from sim2vr_harness.audit.population import FEWEST, Group, Limitation, Stance, Subject
 from sim2vr_harness.audit.reaching import Bools, FloatArray, Ints
 from sim2vr_harness.audit.remedies import Remedy
 from sim2vr_harness.audit.targets import Target
 from sim2vr_harness.evaluation.expectations import Estimate
 from sim2vr_harness.statistics.intervals import wilson_interval
-
-_LEAST_M = 0.005
-_SIDES = (("left", "right"), ("down", "up"), ("back", "ahead"))
 
 
 def cause(judged: Judged, target: Target, person: int, column: int) -> str | None:
@@ -52,16 +49,6 @@ def causes(judged: Judged, target: Target, column: int, members: Ints) -> dict[s
     found = (cause(judged, target, int(person), column) for person in members)
     counts = Counter(each for each in found if each is not None)
     return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
-
-
-def shift_words(shift_m: FloatArray) -> str:
-    """Return a shift, right, up, ahead, in words: ``12 cm down and 5 cm back``."""
-    parts = [
-        f"{100.0 * abs(metres):.0f} cm {_SIDES[axis][metres > 0.0]}"
-        for axis, metres in sorted(enumerate(shift_m.tolist()), key=lambda part: -abs(part[1]))
-        if abs(metres) >= _LEAST_M
-    ]
-    return " and ".join(parts) or "less than 1 cm"
 
 
 EVERYONE = "everyone"
@@ -146,18 +133,15 @@ def proportion(successes: int, n: int) -> dict[str, float | int | None]:
 
 def estimates(audit: Audit) -> dict[str, dict[str, Estimate]]:
     """Return the measures of all groups; those of groups that are too small have no value."""
-    return {name: _measures(judged, who) for name, _, judged, who in audit.columns()}
-
-
-def _measures(judged: Judged, members: Ints) -> dict[str, Estimate]:
-    judged_at_all = len(members) >= FEWEST
-    tables = (judged.usable, judged.reached, judged.seen, judged.reached & judged.held)
-    found = {}
-    for part, table in zip(_PARTS, tables, strict=True):
-        shares = table[members].mean(axis=0) if judged_at_all else np.full(1, np.nan)
-        for kind, value in (("min", float(shares.min())), ("mean", float(shares.mean()))):
-            mean = value if judged_at_all else None
-            found[f"{part}.{kind}"] = Estimate(mean, None, len(members), "person")
+    found: dict[str, dict[str, Estimate]] = {}
+    for name, _, judged, members in audit.columns():
+        tables = (judged.usable, judged.reached, judged.seen, judged.reached & judged.held)
+        n, found[name] = len(members), {}
+        for part, table in zip(_PARTS, tables, strict=True):
+            shares = table[members].mean(axis=0) if n >= FEWEST else None
+            for kind, of in (("min", np.min), ("mean", np.mean)):
+                mean = None if shares is None else float(of(shares))
+                found[name][f"{part}.{kind}"] = Estimate(mean, None, n, "person")
     return found
 
 
@@ -170,7 +154,10 @@ def plain(audit: Audit) -> dict[str, Any]:
         "stance": audit.stance,
         "pace_per_minute": audit.pace,
         "measures": {
-            group: {name: _rounded(each.mean) for name, each in measures.items()}
+            group: {
+                name: None if each.mean is None else round(each.mean, 4)
+                for name, each in measures.items()
+            }
             for group, measures in estimates(audit).items()
         },
         "targets": [_target(audit, i) for i in range(len(audit.targets))],
@@ -180,10 +167,6 @@ def plain(audit: Audit) -> dict[str, Any]:
         ],
         "groups": [_group(audit, *row) for row in audit.columns()],
     }
-
-
-def _rounded(value: float | None) -> float | None:
-    return None if value is None else round(value, 4)
 
 
 def _target(audit: Audit, column: int) -> dict[str, Any]:
@@ -210,7 +193,7 @@ def _target(audit: Audit, column: int) -> dict[str, Any]:
         **{name: proportion(count, n) for name, count in counts.items()},
         "muscles_suffice": proportion(int(able[:, column].sum()), reached),
         "causes": causes(judged, target, column, every),
-        "remedy": None if fix is None else _remedy(fix),
+        "remedy": None if fix is None else fix.plain(),
         "exertion": _exertion(judged, column),
         "operated": _operated([each[column] for each in audit.acted], able[:, column]),
     }
@@ -233,22 +216,6 @@ def _operated(acted: Sequence[Acted | None], able: Bools) -> dict[str, Any] | No
         "agree": sum(yes == each.done for each, yes in tried),
         "seconds": round(float(np.median(seconds)), 2) if done else None,
         "attempts": round(float(np.mean([each.attempts for each in done])), 2) if done else None,
-    }
-
-
-def _remedy(fix: Remedy) -> dict[str, Any]:
-    shift, reach = fix.shift_m, fix.reach_m
-    return {
-        "reach_shift_cm": None if reach is None else np.round(100.0 * reach, 1).tolist(),
-        "reach_shift": None if reach is None else shift_words(reach),
-        "shift_cm": None if shift is None else np.round(100.0 * shift, 1).tolist(),
-        "shift": None if shift is None else shift_words(shift),
-        "share_after": round(fix.share, 4),
-        "by_ray": fix.ray,
-        "one_hand": fix.one_hand,
-        "load_kg": fix.load_kg,
-        "hold_s": fix.hold_s,
-        "grip_n": fix.grip_n,
     }
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from sim2vr_harness.client.webxr.hands import PageHands
 from sim2vr_harness.envs.apps import app_factory, apps_wanted
 from sim2vr_harness.envs.config import EnvConfig, SenseConfig
 from sim2vr_harness.play.environment import make_simulation
-from sim2vr_harness.sessions import Controller, read_session
+from sim2vr_harness.sessions import read_session
 from sim2vr_harness.sessions.state_log import read_lines
 from sim2vr_harness.users.kinematics.forward import Point
 from sim2vr_harness.users.kinematics.posture_controller import AIM_RAY, DeviceRay, page_ray
@@ -169,22 +169,21 @@ def read_targets(file: Path) -> list[TargetSettings]:
     listed = tree.get("targets") if isinstance(tree, dict) else None
     if not isinstance(listed, list) or not 1 <= len(listed) <= _MOST:
         raise InputError(file_name(file), shown(tree, 60), _FORM)
-    found = [_target(file, number, each) for number, each in enumerate(listed)]
+    found = []
+    for number, each in enumerate(listed):
+        where = f"{file_name(file)}: targets[{number}]"
+        if not isinstance(each, dict):
+            expected = "a mapping with 'name' and 'place' or 'object'"
+            raise InputError(where, shown(each, 60), expected)
+        try:
+            found.append(TargetSettings.model_validate(each))
+        except ValidationError as error:
+            raise first_problem(error, TargetSettings, (where,)) from error
     names = [each.name for each in found]
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"{file_name(file)}: targets", f"{name!r} twice", "each name once")
     return found
-
-
-def _target(file: Path, number: int, tree: Any) -> TargetSettings:
-    where = f"{file_name(file)}: targets[{number}]"
-    if not isinstance(tree, dict):
-        raise InputError(where, shown(tree, 60), "a mapping with 'name' and 'place' or 'object'")
-    try:
-        return TargetSettings.model_validate(tree)
-    except ValidationError as error:
-        raise first_problem(error, TargetSettings, (where,)) from error
 
 
 def found_targets(
@@ -204,11 +203,14 @@ def found_targets(
         seconds: How long to look at each round.
         how: What is done with them.
     """
-    short, tall = (
-        seen_targets(_sized(env, stature), objects, seconds=seconds, still=True)
-        for stature in _STATURES_M
-    )
-    found = []
+    plain = alike(env)
+    seen = []
+    for stature in _STATURES_M:
+        person = plain.user.person.model_copy(update={"stature_m": stature})
+        user = plain.user.model_copy(update={"person": person, "torso": True})
+        sized = plain.model_copy(update={"user": user})
+        seen.append(seen_targets(sized, objects, seconds=seconds, still=True))
+    (short, tall), found = seen, []
     for target in short:
         other = next((each for each in tall if target.same_as(each)), None)
         moved = other is not None and np.abs(other.place_m - target.place_m).max() > 0.01
@@ -222,15 +224,6 @@ def alike(env: EnvConfig) -> EnvConfig:
     """Return the environment with the average user and the cheapest sense."""
     user = env.user.model_copy(update={"people": None})
     return env.model_copy(update={"user": user, "senses": (SenseConfig(sense="time"),)})
-
-
-def _sized(env: EnvConfig, stature_m: float) -> EnvConfig:
-    """The environment with a body of that stature."""
-    plain = alike(env)
-    person = plain.user.person.model_copy(update={"stature_m": stature_m})
-    return plain.model_copy(
-        update={"user": plain.user.model_copy(update={"person": person, "torso": True})}
-    )
 
 
 def given_target(text: str) -> Target:
@@ -307,7 +300,6 @@ def seen_targets(
     rounds: int = 3,
     person: int | None = None,
     still: bool = False,
-    simulation: Callable[..., Any] = make_simulation,
 ) -> list[Target]:
     """Let the user sit still in a game, and note where objects come up.
 
@@ -325,14 +317,13 @@ def seen_targets(
         rounds: How many rounds to look at.
         person: Number of the person, where users are people.
         still: Whether small things above the floor that stay count without a pattern, too.
-        simulation: How to make the user: (EnvConfig, n) -> simulation.
 
     Raises:
         InputError: The app does not tell of its scene, or nothing fits the pattern.
     """
     seen: list[Target] = []
     paths: set[str] = set()
-    with closing(simulation(config, 1)) as users:
+    with closing(make_simulation(config, 1)) as users:
         app = users.apps[0]
         if "scene" not in app.capabilities:
             raise InputError("--game", "an app that tells nothing of its scene", "one that does")
@@ -356,7 +347,13 @@ def seen_targets(
         wanted = "that comes, goes or moves" if pattern is None else f"called {pattern!r}"
         own = sorted({name.rpartition("/")[2] for name in paths if not name.startswith(_RIG)})
         raise InputError("--objects", f"nothing {wanted}", f"one of {', '.join(own)}")
-    return _numbered(seen[:_MOST])
+    # Number places of a kind, whatever numbers the objects had.
+    counts: dict[str, int] = {}
+    for i, target in enumerate(seen[:_MOST]):
+        kind = target.name.rstrip("0123456789 ") or target.name
+        counts[kind] = counts.get(kind, 0) + 1
+        seen[i] = replace(target, name=f"{kind} {counts[kind]}")
+    return seen[:_MOST]
 
 
 def _watch_on(config: EnvConfig, tracks: _Tracks, seconds: float, seed: int) -> None:
@@ -369,17 +366,6 @@ def _watch_on(config: EnvConfig, tracks: _Tracks, seconds: float, seed: int) -> 
             tracks.add(app.scene())
             if tracks.moments - tracks.last_came > seconds * hz or reply.finished:
                 break
-
-
-def _numbered(seen: list[Target]) -> list[Target]:
-    """Number places of a kind, whatever numbers the objects had."""
-    counts: dict[str, int] = {}
-    named = []
-    for target in seen:
-        kind = target.name.rstrip("0123456789 ") or target.name
-        counts[kind] = counts.get(kind, 0) + 1
-        named.append(replace(target, name=f"{kind} {counts[kind]}"))
-    return named
 
 
 class _Tracks:
@@ -398,7 +384,7 @@ class _Tracks:
         self._best: dict[tuple[int, int], tuple[float, str, FloatArray]] = {}
         self._moved: set[tuple[int, int]] = set()
         self._size: dict[tuple[int, int], tuple[float, float]] = {}
-        self._rests: dict[tuple[int, int], _Rest] = {}
+        self._rests: dict[tuple[int, int], Resting] = {}
         self.moments = self.last_came = 0
         self._start = _head(first)
         # The devices where the scene has them.
@@ -423,7 +409,7 @@ class _Tracks:
             if before is None or not _same(before.pose[:3], one.pose[:3]):
                 self._moved.add(key)
             self._size.setdefault(key, _size(scene, one))
-            rest = self._rests.setdefault(key, _Rest(one.pose[:3].copy()))
+            rest = self._rests.setdefault(key, Resting(one.pose[:3].copy()))
             if rest.add(one.pose[:3]) or key not in self._best:
                 self.last_came = self.moments
             distance = float(np.linalg.norm(one.pose[:3] - head))
@@ -456,7 +442,7 @@ class _Tracks:
         return radius <= _STILL_M and not on_floor and not carried
 
 
-class _Rest:
+class Resting:
     """Where an object rests after it was put elsewhere at once."""
 
     def __init__(self, place: FloatArray) -> None:
@@ -535,14 +521,19 @@ def pressed_places(file: Path) -> list[Target]:
         InputError: It is no session, or nothing is pressed in it.
     """
     session = read_session(file)
-    found: list[NDArray[np.float64]] = []
-    presses = [
-        each
-        for hand, controller in (("left", session.left), ("right", session.right))
-        if controller is not None
-        for each in _presses(hand, controller)
-    ]
+    found: list[FloatArray] = []
+    # Frames in which an input begins to be pressed, and where the hand is then.
+    presses: list[tuple[int, FloatArray]] = []
+    for hand, controller in (("left", session.left), ("right", session.right)):
+        if controller is None or controller.inputs is None:
+            continue
+        columns = [input_named(f"{hand}.{name}").column for name in ("trigger", "squeeze")]
+        down = np.asarray((controller.inputs[:, columns] >= _PRESSED).any(axis=1))
+        begins = np.flatnonzero(down & ~np.r_[False, down[:-1]])
+        presses += zip(begins.tolist(), controller.grip[begins, :3], strict=True)
     for _, place in sorted(presses, key=lambda press: press[0]):
+        if np.isnan(place).any():
+            continue
         if not any(np.linalg.norm(place - other) < _SAME_PRESS_M for other in found):
             found.append(place)
     if not found:
@@ -552,18 +543,6 @@ def pressed_places(file: Path) -> list[Target]:
         Target(f"press {number}", place, how="press", radius_m=0.02)
         for number, place in enumerate(found[:_MOST_PRESSES], start=1)
     ]
-
-
-def _presses(hand: str, controller: Controller) -> list[tuple[int, NDArray[np.float64]]]:
-    """Frames in which an input begins to be pressed, and where the hand is then."""
-    if controller.inputs is None:
-        return []
-    columns = [input_named(f"{hand}.{name}").column for name in ("trigger", "squeeze")]
-    down = np.asarray((controller.inputs[:, columns] >= _PRESSED).any(axis=1))
-    begins = np.flatnonzero(down & ~np.r_[False, down[:-1]])
-    places = controller.grip[begins, :3]
-    known = ~np.isnan(places).any(axis=1)
-    return [(int(i), place) for i, place in zip(begins[known], places[known], strict=True)]
 
 
 def located(listed: Sequence[TargetSettings], env: EnvConfig | None) -> list[Target]:
@@ -590,18 +569,13 @@ def located(listed: Sequence[TargetSettings], env: EnvConfig | None) -> list[Tar
                     places[name] = app.locate(name)
                 except AppRefused as error:
                     raise InputError("--targets", f"object {name!r}", str(error)) from error
+    copied = ("name", "how", "hand", "hold_s", "load_kg", "radius_m", "grip_n")
     return [
         Target(
-            each.name,
-            np.array(each.place or places[each.object], dtype=np.float64),
-            each.relative_to == "head",
-            each.how,
-            each.hand,
-            each.hold_s,
-            each.load_kg,
-            each.radius_m,
-            each.grip_n,
+            place_m=np.array(each.place or places[each.object], dtype=np.float64),
+            from_head=each.relative_to == "head",
             ray=ray,
+            **{name: getattr(each, name) for name in copied},
         )
         for each in listed
     ]

@@ -6,6 +6,8 @@ from pathlib import Path
 
 _LONGEST = 100
 """Characters of a value or a reason that a sentence quotes."""
+_LISTED = 60
+"""More names than these are counted, not listed."""
 
 
 class InputError(ValueError):
@@ -76,7 +78,8 @@ def unknown_name(field: str, got: str, names: Iterable[str]) -> InputError:
     known = list(names)
     best = closest(got, known)
     hint = f" (did you mean {best!r}?)" if best else ""
-    return InputError(field, repr(got), f"one of {', '.join(known)}{hint}")
+    listed = ", ".join(known) if len(known) <= _LISTED else f"{len(known)} names"
+    return InputError(field, repr(got), f"one of {listed or 'none'}{hint}")
 
 
 def counted(n: int, what: str) -> str:

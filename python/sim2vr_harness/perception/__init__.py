@@ -8,6 +8,7 @@ from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.perception.registry import (
     SENSES,
     WRAPPERS,
+    Perception,
     SenseConfig,
     SenseKind,
     Surroundings,
@@ -15,7 +16,6 @@ from sim2vr_harness.perception.registry import (
     make_sense,
 )
 from sim2vr_harness.perception.sense import Sense, Sensed, StepContext
-from sim2vr_harness.perception.senses import Perception
 from sim2vr_harness.perception.vision import CHANNELS, channel_indices, pick_channels
 from sim2vr_harness.perception.wrappers import Delayed, History, Noisy, OwnDelays, Stacked
 

@@ -1,17 +1,18 @@
-"""The senses and wrappers by name, and how a user's perception is made of them."""
+"""The senses and wrappers by name, and the perception of N users that is made of them."""
 
-import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from gymnasium import spaces
 from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
+from sim2vr_harness.base.errors import unknown_name
 from sim2vr_harness.base.settings import Settings, Weight
+from sim2vr_harness.perception.events import Haptics, Hearing
 from sim2vr_harness.perception.foveation import Foveation
-from sim2vr_harness.perception.haptics import Haptics
 from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.perception.sense import (
     IntArray,
@@ -21,7 +22,6 @@ from sim2vr_harness.perception.sense import (
     float_space,
     rows_of,
 )
-from sim2vr_harness.perception.sound import Hearing
 from sim2vr_harness.perception.vision import fovea, vision
 from sim2vr_harness.perception.wrappers import Delayed, History, Noisy, OwnDelays, Stacked
 from sim2vr_harness.users import FEATURES
@@ -158,79 +158,32 @@ def _pictures(around: Surroundings) -> dict[str, Any]:
 
 def _proprioception(name: str, around: Surroundings) -> Sense:
     sense = around.proprioception
-
-    def look(moment: StepContext, ids: IntArray | None) -> NDArray[np.float32]:
-        return sense.observe(moment.users)[rows_of(ids)]
-
-    return Sensed(name, sense.observation_space, around.n, look)
+    space = sense.observation_space
+    return Sensed(name, space, around.n, lambda now, ids: sense.observe(now.users)[rows_of(ids)])
 
 
-def _time(name: str, around: Surroundings) -> Sense:
-    def look(moment: StepContext, ids: IntArray | None) -> NDArray[np.float32]:
-        return np.clip(moment.time_feature[rows_of(ids)], -1.0, 1.0)[:, None]
+def _numbers(
+    size: Callable[[Surroundings], int],
+    look: Callable[[StepContext, Surroundings], NDArray[Any]],
+    limit: float = 1.0,
+    needed: tuple[str, str] | None = None,
+) -> Callable[[str, Surroundings], Sense]:
+    """Return what makes a sense of numbers that are a function of the moment.
 
-    return Sensed(name, float_space(-1.0, 1.0, 1), around.n, look)
+    Args:
+        size: how many there are.
+        look: returns all users' values, (N, size).
+        limit: values are within plus and minus this.
+        needed: a field of the surroundings that must be set, and what is said where it is not.
+    """
 
+    def make(name: str, around: Surroundings) -> Sense:
+        if needed is not None and not getattr(around, needed[0]):
+            raise ValueError(f"senses: got {needed[1]}")
+        space = float_space(-limit, limit, size(around))
+        return Sensed(name, space, around.n, lambda now, ids: look(now, around)[rows_of(ids)])
 
-def _fingers(name: str, around: Surroundings) -> Sense:
-    if not around.inputs:
-        raise ValueError("senses: got 'fingers', expected user.inputs for them to work")
-
-    def look(moment: StepContext, ids: IntArray | None) -> NDArray[Any]:
-        return moment.inputs[rows_of(ids)]
-
-    return Sensed(name, float_space(-1.0, 1.0, len(around.inputs)), around.n, look)
-
-
-def _gaze(name: str, around: Surroundings) -> Sense:
-    if not around.gaze_range_deg:
-        raise ValueError("senses: got 'gaze', expected vision.foveation with gaze: moves")
-
-    def look(moment: StepContext, ids: IntArray | None) -> NDArray[Any]:
-        return moment.gaze_deg[rows_of(ids)] / around.gaze_range_deg
-
-    return Sensed(name, float_space(-1.0, 1.0, 2), around.n, look)
-
-
-def _actions(name: str, around: Surroundings) -> Sense:
-    def look(moment: StepContext, ids: IntArray | None) -> NDArray[Any]:
-        return moment.actions[rows_of(ids)]
-
-    return Sensed(name, float_space(-1.0, 1.0, around.actions), around.n, look)
-
-
-def _haptics(name: str, around: Surroundings) -> Sense:
-    return Haptics(name, around.n)
-
-
-def _sound(name: str, around: Surroundings) -> Sense:
-    return Hearing(name, around.n)
-
-
-def _head(name: str, around: Surroundings) -> Sense:
-    if not around.head_moves:
-        raise ValueError("senses: got 'head', expected user.head: reflex for it to move")
-
-    def look(moment: StepContext, ids: IntArray | None) -> NDArray[Any]:
-        return np.clip(moment.users.head_offsets[rows_of(ids)] / _HEAD_UNITS, -10.0, 10.0)
-
-    return Sensed(name, float_space(-10.0, 10.0, 5), around.n, look)
-
-
-def _headset(name: str, around: Surroundings) -> Sense:
-    def look(moment: StepContext, ids: IntArray | None) -> NDArray[Any]:
-        placed = np.concatenate(moment.users.device_poses("headset"), axis=1)
-        return placed[rows_of(ids)]
-
-    return Sensed(name, float_space(-_ROOM_M, _ROOM_M, 7), around.n, look)
-
-
-def _person(name: str, around: Surroundings) -> Sense:
-    def look(moment: StepContext, ids: IntArray | None) -> NDArray[np.float32]:
-        return moment.users.person_features[rows_of(ids)]
-
-    limit = float(np.finfo(np.float32).max)
-    return Sensed(name, float_space(-limit, limit, len(FEATURES)), around.n, look)
+    return make
 
 
 _ROOM_M = 1000.0
@@ -240,19 +193,75 @@ _HEAD_UNITS = np.array([0.1, 0.1, 0.1, 0.02, 0.02])
 
 _SEEN, _FELT = "visual_delay_s", "proprioceptive_delay_s"
 
+_FLOAT_MAX = float(np.finfo(np.float32).max)
+_FINGERS = "inputs", "'fingers', expected user.inputs for them to work"
+_GAZE = "gaze_range_deg", "'gaze', expected vision.foveation with gaze: moves"
+_HEAD = "head_moves", "'head', expected user.head: reflex for it to move"
+
 SENSES: dict[str, SenseKind] = {
     "vision": SenseKind("vision", "the headset's picture", _vision, _SEEN),
     "fovea": SenseKind("fovea", "the middle of the picture, in detail", _fovea, _SEEN),
     "proprioception": SenseKind("proprioception", "the own body", _proprioception, _FELT),
-    "time": SenseKind("stateful_information", "where in the round the app is, as it says", _time),
-    "haptics": SenseKind("haptics", "vibrations of the controllers", _haptics, _FELT),
-    "sound": SenseKind("sound", "loudness at both ears", _sound),
-    "fingers": SenseKind("fingers", "how far the fingers press their inputs", _fingers, _FELT),
-    "gaze": SenseKind("gaze", "where in the head the eyes look", _gaze, _FELT),
-    "actions": SenseKind("actions", "what the user did last (an efference copy)", _actions),
-    "head": SenseKind("head", "how far a reflex has moved the head", _head, _SEEN),
-    "headset": SenseKind("headset", "where the headset says that it is: x y z, w x y z", _headset),
-    "person": SenseKind("person", "who the user is: stature, strength, delays", _person),
+    "time": SenseKind(
+        "stateful_information",
+        "where in the round the app is, as it says",
+        _numbers(lambda around: 1, lambda now, _: np.clip(now.time_feature, -1.0, 1.0)[:, None]),
+    ),
+    "haptics": SenseKind(
+        "haptics",
+        "vibrations of the controllers",
+        lambda name, around: Haptics(name, around.n),
+        _FELT,
+    ),
+    "sound": SenseKind(
+        "sound", "loudness at both ears", lambda name, around: Hearing(name, around.n)
+    ),
+    "fingers": SenseKind(
+        "fingers",
+        "how far the fingers press their inputs",
+        _numbers(lambda around: len(around.inputs), lambda now, _: now.inputs, needed=_FINGERS),
+        _FELT,
+    ),
+    "gaze": SenseKind(
+        "gaze",
+        "where in the head the eyes look",
+        _numbers(
+            lambda around: 2, lambda now, around: now.gaze_deg / around.gaze_range_deg, needed=_GAZE
+        ),
+        _FELT,
+    ),
+    "actions": SenseKind(
+        "actions",
+        "what the user did last (an efference copy)",
+        _numbers(lambda around: around.actions, lambda now, _: now.actions),
+    ),
+    "head": SenseKind(
+        "head",
+        "how far a reflex has moved the head",
+        _numbers(
+            lambda around: 5,
+            lambda now, _: np.clip(now.users.head_offsets / _HEAD_UNITS, -10.0, 10.0),
+            10.0,
+            _HEAD,
+        ),
+        _SEEN,
+    ),
+    "headset": SenseKind(
+        "headset",
+        "where the headset says that it is: x y z, w x y z",
+        _numbers(
+            lambda around: 7,
+            lambda now, _: np.concatenate(now.users.device_poses("headset"), axis=1),
+            _ROOM_M,
+        ),
+    ),
+    "person": SenseKind(
+        "person",
+        "who the user is: stature, strength, delays",
+        _numbers(
+            lambda around: len(FEATURES), lambda now, _: now.users.person_features, _FLOAT_MAX
+        ),
+    ),
 }
 """Every sense by the name that configurations use."""
 
@@ -273,30 +282,20 @@ def make_sense(settings: SenseConfig, around: Surroundings) -> Sense:
     """
     kind = SENSES.get(settings.sense)
     if kind is None:
-        raise ValueError(unknown_sense(settings.sense))
+        raise unknown_name("sense", settings.sense, SENSES)
     sense = kind.make(settings.name or kind.key, around)
     try:
-        if settings.delay_ms:
-            delay: float | OwnDelays
-            if settings.delay_ms != "person":
-                delay = settings.delay_ms
-            else:
+        if delay := settings.delay_ms:
+            if delay == "person":
                 if kind.person_delay is None:
-                    late = [name for name, other in SENSES.items() if other.person_delay]
-                    raise ValueError(
-                        f"delay_ms: got 'person', which {', '.join(late)} have; expected ms"
-                    )
+                    late = ", ".join(name for name, other in SENSES.items() if other.person_delay)
+                    raise ValueError(f"delay_ms: got 'person', which {late} have; expected ms")
                 if not around.person_delays:
-                    raise ValueError(
-                        "delay_ms: got 'person', expected user.people for users to be persons"
-                    )
+                    expected = "user.people for users to be persons"
+                    raise ValueError(f"delay_ms: got 'person', expected {expected}")
                 delay = around.person_delays[kind.person_delay]
-            sense = Delayed(
-                sense,
-                delay,
-                timestep_s=around.timestep_s,
-                substeps=around.substeps,
-            )
+            timing = {"timestep_s": around.timestep_s, "substeps": around.substeps}
+            sense = Delayed(sense, delay, **timing)
         if settings.noise:
             sense = Noisy(sense, settings.noise)
         if settings.history_s is not None:
@@ -308,19 +307,12 @@ def make_sense(settings: SenseConfig, around: Surroundings) -> Sense:
     return sense
 
 
-def unknown_sense(got: str) -> str:
-    """Words the error for a sense that is none."""
-    close = difflib.get_close_matches(got, SENSES, n=1, cutoff=0.4)
-    hint = f"; did you mean {close[0]!r}?" if close else ""
-    return f"sense: got {got!r}, expected one of {', '.join(SENSES)}{hint}"
-
-
 def check_list(senses: Sequence[SenseConfig]) -> None:
     """Raises ValueError for unknown senses, two of a name, and two pictures."""
     keys: list[str] = []
     for settings in senses:
         if settings.sense not in SENSES:
-            raise ValueError(unknown_sense(settings.sense))
+            raise unknown_name("sense", settings.sense, SENSES)
         keys.append(settings.name or SENSES[settings.sense].key)
     for key in keys:
         if keys.count(key) > 1:
@@ -331,3 +323,98 @@ def check_list(senses: Sequence[SenseConfig]) -> None:
         raise ValueError(
             "senses: got 'vision' twice, expected it once: an app draws one picture per step"
         )
+
+
+class Perception:
+    """The senses of N users.
+
+    Args:
+        senses: with different names.
+    """
+
+    def __init__(self, senses: Sequence[Sense]) -> None:
+        self.senses = tuple(senses)
+        self._watching: list[Sense] = []
+        self.space = spaces.Dict({sense.name: sense.space for sense in senses})
+
+    @property
+    def drawn_frame(self) -> int | IntArray:
+        """Which of a step's app frames is to be drawn; -1 the last; (N,) where users differ."""
+        for sense in self.senses:
+            if not isinstance(sense.frame, int) or sense.frame != -1:
+                return sense.frame
+        return -1
+
+    @property
+    def late_pictures(self) -> Delayed | None:
+        """The delay line of what is seen; None where no picture is late."""
+        for sense in self.senses:
+            inner: Any = sense
+            while inner is not None:
+                if isinstance(inner, Delayed) and inner.of_pictures:
+                    return inner
+                inner = getattr(inner, "sense", None)
+        return None
+
+    def watch(self, sense: Sense) -> None:
+        """Let someone beside the users take in what they go through; no part of the observation.
+
+        Args:
+            sense: takes whole steps; its past is saved and restored with the users'.
+        """
+        self._watching.append(sense)
+
+    @property
+    def _all(self) -> tuple[Sense, ...]:
+        return (*self.senses, *self._watching)
+
+    @property
+    def needs(self) -> dict[str, str]:
+        """Capabilities that the apps need -> the sense that stays still without."""
+        return {sense.needs: sense.name for sense in self.senses if sense.needs is not None}
+
+    def pauses(self, moment: StepContext) -> dict[int, Callable[[], None]]:
+        """For every substep at which something is to be sensed, what to call there."""
+        paused: dict[int, list[Sense]] = {}
+        for sense in self.senses:
+            for substep in sense.pauses:
+                paused.setdefault(substep, []).append(sense)
+
+        def call(senses: Sequence[Sense], substep: int) -> Callable[[], None]:
+            def sample() -> None:
+                for sense in senses:
+                    sense.sample(moment, substep)
+
+            return sample
+
+        return {substep: call(senses, substep) for substep, senses in paused.items()}
+
+    def reset(self, ids: IntArray, seeds: IntArray) -> None:
+        """Forgets the past of these users; see :meth:`Sense.reset`."""
+        for sense in self._all:
+            sense.reset(ids, seeds)
+
+    def take(self, moment: StepContext, ids: IntArray | None) -> None:
+        """Takes in the end of a step or a reset; see :meth:`Sense.take`."""
+        for sense in self._all:
+            sense.take(moment, ids)
+
+    def observe(self) -> dict[str, NDArray[Any]]:
+        """The observation: fresh arrays, first axis N."""
+        return {sense.name: sense.observe() for sense in self.senses}
+
+    def state_dict(self, i: int) -> dict[str, Any]:
+        """Everything that user i's future perception depends on."""
+        return {sense.name: sense.state_dict(i) for sense in self._all}
+
+    def load_state_dict(self, i: int, state: Mapping[str, Any]) -> None:
+        """Restores what :meth:`state_dict` returned.
+
+        Raises:
+            ValueError: the state is of other senses.
+        """
+        expected = [sense.name for sense in self._all]
+        if sorted(state) != sorted(expected):
+            raise ValueError(f"state: got the senses {sorted(state)}, expected {sorted(expected)}")
+        for sense in self._all:
+            sense.load_state_dict(i, state[sense.name])

@@ -80,13 +80,7 @@ def fovea(
     degrees are 1.4 degrees a pixel in the middle.
 
     Args:
-        name: key in the observation.
-        n: number of users N.
-        channels: any of :data:`CHANNELS`, in the order wanted.
-        eyes: 1 or 2.
-        height: of what is seen, pixels.
-        width: of what is seen, pixels.
-        frame_grid: physics steps between app frames.
+        name, n, channels, eyes, height, width, frame_grid: as of :func:`vision`.
         zoom: how many times as wide and as high the drawn pictures are.
 
     Raises:

@@ -4,14 +4,13 @@ A user's motion depends on its own seed and actions only: neither the number of 
 other users of the batch change a single bit of it.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim2vr_harness.users import checks
 from sim2vr_harness.users.actuation import Actuation
 from sim2vr_harness.users.bodies.body import Body
 from sim2vr_harness.users.bodies.options import Physique
@@ -19,8 +18,7 @@ from sim2vr_harness.users.effort import EffortModel, effort_for
 from sim2vr_harness.users.head_reflex import HeadMotion, HeadReflex, head_reflex, moved_head
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
 from sim2vr_harness.users.people import Person, Persons, Population
-from sim2vr_harness.users.physics import Physics
-from sim2vr_harness.users.worn_devices import WornDevices
+from sim2vr_harness.users.physics import Physics, WornDevices
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -131,12 +129,12 @@ class UserBatch:
             ValueError: an index out of range or given twice, or another number of generators,
                 postures or persons.
         """
-        ids = checks.checked_ids(ids, self.n)
+        ids = _checked_ids(ids, self.n)
         chosen = [None] * len(ids) if postures is None else postures
-        checks.require_each("rngs", rngs, ids)
-        checks.require_each("postures", chosen, ids)
+        _require_each("rngs", rngs, ids)
+        _require_each("postures", chosen, ids)
         if persons is not None:
-            checks.require_each("persons", persons, ids)
+            _require_each("persons", persons, ids)
             self.who.become(ids, persons)
         if len(ids) == 0:
             return
@@ -196,10 +194,10 @@ class UserBatch:
             ValueError: an index out of range, another number of pitches, a pitch beyond +-90
                 degrees, or a body without a headset.
         """
-        ids = checks.checked_ids(ids, self.n)
+        ids = _checked_ids(ids, self.n)
         given = [pitch_deg] * len(ids) if pitch_deg is None or np.isscalar(pitch_deg) else pitch_deg
         pitches = np.array([np.nan if p is None else p for p in given], dtype=np.float64)  # type: ignore[union-attr]
-        checks.require_each("pitch_deg", pitches, ids)
+        _require_each("pitch_deg", pitches, ids)
         wrong = np.abs(pitches) > 90.0
         if wrong.any():
             raise ValueError(f"pitch_deg: got {pitches[wrong][0]}, expected -90 to 90 degrees")
@@ -256,8 +254,8 @@ class UserBatch:
             ValueError: the action has another shape or is not finite, a wrong `pose_samples`, or
                 a pause at no substep.
         """
-        action = checks.checked_action(action, self.n, self.body.action_names)
-        stops = checks.checked_stops(self.substeps, pose_samples, pauses or {})
+        action = _checked_action(action, self.n, self.body.action_names)
+        stops = _checked_stops(self.substeps, pose_samples, pauses or {})
         ids = np.flatnonzero(~self._physics.diverged)
         before = self._physics.kept(ids)
         self._apply(np.clip(action[ids], -1.0, 1.0), ids)
@@ -445,7 +443,7 @@ class UserBatch:
         was asked to look, so that a restored user goes on to the bit. The last step's extra pose
         samples are not included.
         """
-        i = int(checks.checked_ids([i], self.n)[0])
+        i = int(_checked_ids([i], self.n)[0])
         state: dict[str, Any] = {
             **self._physics.state_dict(i),
             "head_pitch_deg": np.array(self._worn.head_pitch_deg[i]),
@@ -467,8 +465,8 @@ class UserBatch:
             ValueError: an index out of range, a state of another model, effort or noise, or one
                 that is not finite.
         """
-        i = int(checks.checked_ids([i], self.n)[0])
-        checks.require_state(state, self.state_dict(i))
+        i = int(_checked_ids([i], self.n)[0])
+        _require_state(state, self.state_dict(i))
         ids = np.array([i])
         if self.who.people is not None:
             self.who.load_state_dict(i, state["person"])
@@ -497,3 +495,81 @@ class UserBatch:
             ValueError: another shape, or a number that is not finite.
         """
         self._physics.set_motion(qpos, qvel, act, motor)
+
+
+def _checked_ids(ids: Sequence[int] | NDArray[np.integer], n: int) -> NDArray[np.int64]:
+    """(K,) distinct users of n.
+
+    Raises:
+        ValueError: they are no indices, one is out of range or comes twice.
+    """
+    given = np.asarray(ids)
+    if given.ndim != 1 or (given.size and not np.issubdtype(given.dtype, np.integer)):
+        raise ValueError(f"ids: got {ids!r}, expected a list of user indices")
+    wrong = given[(given < 0) | (given >= n)]
+    if wrong.size:
+        raise ValueError(f"ids: got {int(wrong[0])}, expected 0 to {n - 1}")
+    if len(np.unique(given)) != len(given):
+        raise ValueError(f"ids: got {given.tolist()}, expected each user at most once")
+    return given.astype(np.int64)
+
+
+def _checked_stops(substeps: int, pose_samples: int, pauses: Iterable[int]) -> list[int]:
+    """The substeps of a user step, in order, at whose ends something is to be done.
+
+    Raises:
+        ValueError: samples that do not divide the step, or a pause at no substep.
+    """
+    if pose_samples < 1 or substeps % pose_samples:
+        raise ValueError(
+            f"pose_samples: got {pose_samples}, expected a divisor of substeps={substeps}"
+        )
+    wrong = [stop for stop in pauses if stop not in range(1, substeps + 1)]
+    if wrong:
+        raise ValueError(f"pauses: got substep {wrong[0]}, expected 1 to {substeps}")
+    every = substeps // pose_samples
+    return sorted({*range(every, substeps + 1, every), *pauses})
+
+
+def _require_each(field: str, given: Sized, ids: Sized) -> None:
+    """Raise ValueError unless there is one of something for each id."""
+    if len(given) != len(ids):
+        raise ValueError(f"{field}: got {len(given)}, expected {len(ids)}, one per id")
+
+
+def _require_state(state: Mapping[str, Any], expected: Mapping[str, Any]) -> None:
+    """Raise ValueError unless a state has the keys and shapes of another, and finite numbers."""
+    if set(state) != set(expected):
+        raise ValueError(f"state: got keys {sorted(state)}, expected {sorted(expected)}")
+    for key, value in expected.items():
+        if isinstance(value, np.ndarray) and np.shape(state[key]) != value.shape:
+            raise ValueError(
+                f"state {key}: got shape {np.shape(state[key])}, expected {value.shape}"
+            )
+    if not np.isfinite(state["simulation"]).all():
+        raise ValueError("state simulation: got NaN or infinity, expected finite numbers")
+
+
+def _checked_action(action: ArrayLike, n: int, names: Sequence[str]) -> NDArray[np.float64]:
+    """(N, A) finite actions of n users, one for each name.
+
+    Raises:
+        ValueError: another shape, or numbers that are not real and finite.
+    """
+    shape = (n, len(names))
+    try:
+        given = np.asarray(action)
+    except ValueError as error:
+        raise ValueError(f"action: got rows of several lengths, expected {shape}") from error
+    if given.shape != shape:
+        raise ValueError(f"action: got shape {given.shape}, expected {shape}")
+    if not np.issubdtype(given.dtype, np.number) or np.iscomplexobj(given):
+        raise ValueError(f"action: got dtype {given.dtype}, expected real numbers")
+    given = given.astype(np.float64)
+    wrong = np.argwhere(~np.isfinite(given))
+    if len(wrong):
+        i, j = (int(k) for k in wrong[0])
+        raise ValueError(
+            f"action[{i}, {j}] ({names[j]}): got {given[i, j]}, expected a finite number in [-1, 1]"
+        )
+    return given

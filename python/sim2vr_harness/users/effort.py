@@ -13,8 +13,9 @@ from typing import Any, ClassVar, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.errors import unknown_name
 from sim2vr_harness.users.bodies.body import Body
-from sim2vr_harness.users.name_errors import unknown_name
+from sim2vr_harness.users.exertion import consumed_endurance_time
 
 FloatArray = NDArray[np.float64]
 Ids = Sequence[int] | NDArray[np.integer] | slice
@@ -63,13 +64,9 @@ class EffortModel(ABC):
             raise ValueError(f"n: got {n}, expected at least 1 user")
         self.actuator_count = muscle_count if actuator_count is None else actuator_count
         self.weight = _not_negative("weight", self.default_weight if weight is None else weight)
-        field = "dt"
-        value = dt
-        if not (np.isfinite(value) and value > 0):
-            raise ValueError(f"{field}: got {value}, expected a finite number above 0")
-        self.dt = float(value)
-        self.n = n
-        self.muscle_count = muscle_count
+        if not (np.isfinite(dt) and dt > 0):
+            raise ValueError(f"dt: got {dt}, expected a finite number above 0")
+        self.dt, self.n, self.muscle_count = float(dt), n, muscle_count
 
     def reset(self, ids: Ids) -> None:  # noqa: B027 (most models have no past)
         """Forgets the past of these users: a new episode begins."""
@@ -97,15 +94,12 @@ class EffortModel(ABC):
             ValueError: the array that the model reads has another shape, or is missing.
         """
         given = {"act": act, "ctrl": ctrl, "force": force}[self.reads]
-        field = self.reads
         rows = len(np.arange(self.n)[ids if isinstance(ids, slice) else np.asarray(ids, int)])
-        shape = None if given is None else np.shape(given)
-        columns = self.muscle_count if field == "act" else self.actuator_count
-        if shape != (rows, columns):
-            got = "None" if shape is None else f"shape {shape}"
-            raise ValueError(f"{field}: got {got}, expected shape ({rows}, {columns})")
-        check = np.asarray(given, dtype=np.float64)
-        return self.weight * self._cost(check, ids)
+        columns = self.muscle_count if self.reads == "act" else self.actuator_count
+        if given is None or np.shape(given) != (rows, columns):
+            got = "None" if given is None else f"shape {np.shape(given)}"
+            raise ValueError(f"{self.reads}: got {got}, expected shape ({rows}, {columns})")
+        return self.weight * self._cost(np.asarray(given, dtype=np.float64), ids)
 
     @abstractmethod
     def _cost(self, values: FloatArray, ids: Ids) -> FloatArray:
@@ -228,7 +222,7 @@ class CumulativeFatigue3CCr(EffortModel):
         self._max_mf[ids] = 0.0
 
     def _cost(self, values: FloatArray, ids: Ids) -> FloatArray:
-        load = values
+        load, dt = values, self.dt
         ma, mr, mf = self._ma[ids], self._mr[ids], self._mf[ids]
         lacking = load - ma
         met = ma >= load
@@ -236,13 +230,12 @@ class CumulativeFatigue3CCr(EffortModel):
         tiring = self.fatigue * ma
         recovering = np.where(met, self.r * self.recovery, self.recovery) * mf
         # Bounds on the drive that keep every compartment within [0, 1] after this step.
-        lowest = np.maximum(-ma / self.dt + tiring, (mr - 1.0) / self.dt + recovering)
-        highest = np.minimum((1.0 - ma) / self.dt + tiring, mr / self.dt + recovering)
+        lowest = np.maximum(-ma / dt + tiring, (mr - 1.0) / dt + recovering)
+        highest = np.minimum((1.0 - ma) / dt + tiring, mr / dt + recovering)
         drive = np.minimum(np.maximum(drive, lowest), highest)
-        ma = ma + (drive - tiring) * self.dt
-        self._ma[ids] = ma
-        self._mr[ids] = mr + (recovering - drive) * self.dt
-        self._mf[ids] = mf = mf + (tiring - recovering) * self.dt
+        self._ma[ids] = ma = ma + (drive - tiring) * dt
+        self._mr[ids] = mr + (recovering - drive) * dt
+        self._mf[ids] = mf = mf + (tiring - recovering) * dt
         self._max_mf[ids] = np.maximum(self._max_mf[ids], mf)
         missed = ma - load
         return np.sqrt((missed * missed).sum(axis=1))
@@ -291,11 +284,7 @@ class ConsumedEndurance(EffortModel):
     def _cost(self, values: FloatArray, ids: Ids) -> FloatArray:
         strength = np.clip(np.abs(values[:, self._lifting]) / self._peak, 0.0, 1.0)
         # Endurance falls with strength, so the most loaded muscle has the least of it.
-        hardest = strength.max(axis=1)
-        tiring = hardest > 0.15
-        percent = np.where(tiring, 100.0 * hardest - 15.0, 1.0)
-        endurance = np.where(tiring, 1236.5 / percent**0.618 - 72.5, np.inf)
-        return 100.0 * self.dt / endurance
+        return 100.0 * self.dt / consumed_endurance_time(strength.max(axis=1))
 
 
 _MODELS: dict[str, type[EffortModel]] = {
@@ -313,17 +302,21 @@ def list_efforts() -> tuple[str, ...]:
     return get_args(EffortName)
 
 
+def _model(name: str) -> type[EffortModel]:
+    if name not in _MODELS:
+        raise unknown_name("effort", name, list_efforts())
+    return _MODELS[name]
+
+
 def effort_options(name: str) -> tuple[str, ...]:
     """Returns the parameters of a model that a configuration can set, `weight` first.
 
     Raises:
         ValueError: unknown name.
     """
-    if name not in _MODELS:
-        raise ValueError(unknown_name("effort", name, list_efforts()))
     if name == "zero":
         return ()
-    names = inspect.signature(_MODELS[name]).parameters
+    names = inspect.signature(_model(name)).parameters
     return tuple(option for option in names if option not in _OF_THE_BODY)
 
 
@@ -333,9 +326,7 @@ def effort_weight(name: str, weight: float | None = None) -> float:
     Raises:
         ValueError: unknown name.
     """
-    if name not in _MODELS:
-        raise ValueError(unknown_name("effort", name, list_efforts()))
-    return _MODELS[name].default_weight if weight is None else weight
+    return _model(name).default_weight if weight is None else weight
 
 
 def make_effort(
@@ -354,9 +345,7 @@ def make_effort(
         ValueError: unknown name or parameter, a value out of range, or a body that does not have
             what the model looks at.
     """
-    if name not in _MODELS:
-        raise ValueError(unknown_name("effort", name, list_efforts()))
-    model = _MODELS[name]
+    model = _model(name)
     if model in (CumulativeFatigue3CCr, MuscleState) and not body.muscles:
         raise ValueError(
             f"effort: got {name!r} for body {body.name!r}, which has no muscles; expected "
@@ -419,7 +408,7 @@ def _endurance_inputs(body: Body) -> dict[str, Any]:
     names = body.action_names
     unused = [name for name in lifting if name not in names]
     if unused:
-        raise ValueError(unknown_name("effort lifting", unused[0], names))
+        raise unknown_name("effort lifting", unused[0], names)
     indices = [names.index(name) for name in lifting]
     unknown = [names[i] for i in indices if not body.peak_forces[i] > 0.0]
     if unknown:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,14 +13,18 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.errors import unknown_name
 from sim2vr_harness.base.gl import prepare_process
-from sim2vr_harness.client import AppScene
+from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.users.appearance import colour_muscles
 from sim2vr_harness.users.bodies.body import Body
-from sim2vr_harness.users.name_errors import unknown_name
-from sim2vr_harness.users.stage import add_meshes, put_objects
+from sim2vr_harness.users.kinematics.forward import rotation_matrix
 
 _FLOOR_GAP_M = 0.01
+_NAME = "app_mesh_{}"
+_DEGENERATE_M2 = 1e-14
+_GLOW = 0.6
+"""How much of its own colour an unlit surface shows without light; lamps add to it."""
 _PLATFORMS = ("egl", "osmesa")  # EGL also works on Mesa's software rasteriser
 
 
@@ -96,7 +101,7 @@ class UserRenderer:
         if len(scene.meshes) == self._meshes:
             return
         spec = self._body.spec()
-        add_meshes(spec, scene.meshes)
+        _add_meshes(spec, scene.meshes)
         self._model, self._meshes = spec.compile(), len(scene.meshes)
         # The app's floor, where it has one, lies on the room's.
         planes = self._model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
@@ -134,7 +139,7 @@ class UserRenderer:
         if self._painter is None:
             raise RenderingError("render was called after close")
         if isinstance(camera, str) and camera not in self.cameras:
-            raise ValueError(unknown_name("camera", camera, self.cameras))
+            raise unknown_name("camera", camera, self.cameras)
         if scene is not None:
             self._learn(scene)
         self._pose(qpos, activations)
@@ -158,7 +163,7 @@ class UserRenderer:
             self._scene,
         )
         if scene is not None:
-            put_objects(self._model, self._scene, scene, self._meshes)
+            _put_objects(self._model, self._scene, scene, self._meshes)
         # Scene as (height, width, 3) RGB.
         self._context.make_current()
         window = mujoco.MjrRect(0, 0, self.width, self.height)
@@ -199,6 +204,52 @@ class UserRenderer:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _add_meshes(spec: mujoco.MjSpec, meshes: Sequence[SceneMesh]) -> None:
+    """Add an app's shapes to a specification, so that a drawing context knows them."""
+    for number, mesh in enumerate(meshes):
+        vertices, triangles = mesh.in_mujoco()
+        corners = vertices[triangles]
+        area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        kept = triangles[(area * area).sum(axis=1) > _DEGENERATE_M2**2]
+        added = spec.add_mesh(name=_NAME.format(number))
+        added.uservert = vertices.ravel()
+        added.userface = kept.ravel()
+        added.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # sheets are not closed
+
+
+def _put_objects(model: mujoco.MjModel, scene: mujoco.MjvScene, app: AppScene, known: int) -> None:
+    """Put what an app shows into a scene, behind what is there; the player's stand-in is left out.
+
+    Args:
+        model: with the app's first ``known`` shapes (:func:`_add_meshes`).
+        scene: to be drawn.
+        app: the app's moment.
+        known: number of shapes.
+    """
+    for one in app.drawn():
+        if one.mesh is not None and one.mesh < known and scene.ngeom < scene.maxgeom:
+            _put(model, scene, one)
+
+
+def _put(model: mujoco.MjModel, scene: mujoco.MjvScene, one: SceneObject) -> None:
+    mesh = model.mesh(_NAME.format(one.mesh)).id
+    position, quat, scale = one.in_mujoco()
+    # MuJoCo moves a mesh to its middle and along its main axes; the scale comes before that.
+    linear = rotation_matrix(quat) * scale
+    geom = scene.geoms[scene.ngeom]
+    mujoco.mjv_initGeom(
+        geom,
+        mujoco.mjtGeom.mjGEOM_MESH.value,
+        np.ones(3),
+        position + linear @ model.mesh_pos[mesh],
+        (linear @ rotation_matrix(model.mesh_quat[mesh])).ravel(),
+        one.color.astype(np.float32),
+    )
+    geom.dataid = 2 * mesh  # the odd ones are convex hulls
+    geom.specular, geom.emission = (0.0, _GLOW) if one.unlit else (0.2, 0.0)
+    scene.ngeom += 1
 
 
 def _open_context(width: int, height: int) -> Any:

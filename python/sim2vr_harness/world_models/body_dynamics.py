@@ -18,7 +18,7 @@ from torch import Tensor, nn
 
 from sim2vr_harness.base.torch_threads import FastestThreads
 from sim2vr_harness.users import Body
-from sim2vr_harness.users.bodies.moments import moment_arms
+from sim2vr_harness.users.bodies.rules import moment_arms
 from sim2vr_harness.users.kinematics.forward_torch import Chains
 from sim2vr_harness.world_models.actuator_state import ActuatorState
 from sim2vr_harness.world_models.columns import Columns

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from sim2vr_harness.users import Body
-from sim2vr_harness.users.bodies.spec_body import muscle_peak_force
+from sim2vr_harness.users.bodies.body import muscle_peak_force
 from sim2vr_harness.users.effort import EffortModel, MuscleState, Neural, Zero
 from sim2vr_harness.world_models.actuator_state import ActuatorState
 from sim2vr_harness.world_models.columns import Columns

@@ -10,7 +10,7 @@ from torch import Tensor
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.users import FEATURES, Body, Person, Population
-from sim2vr_harness.users.people.traits import TOLD
+from sim2vr_harness.users.people import TOLD
 
 _SIZES, _FACTORS = 3, 2
 _REFERENCES = (

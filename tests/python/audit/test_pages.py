@@ -81,7 +81,7 @@ def test_what_the_page_does_anywhere_is_no_reaction() -> None:
 def test_a_page_of_many_objects_ends_in_time_and_says_what_was_left_out(
     options: dict[str, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pages, "_PROGRESS_S", 0.5)
+    monkeypatch.setattr(pages, "PROGRESS_S", 0.5)
     file = ROOT / "tests" / "data" / "webxr" / "many_objects.html"
     app = AppConfig(transport="webxr", page=str(file), map={CDN: str(ENGINES)}, options=options)
     said: list[str] = []

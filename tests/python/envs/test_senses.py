@@ -277,7 +277,7 @@ def test_the_default_list_is_the_references() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"senses": [{"sense": "visoin"}]}, "sense: got 'visoin', .* did you mean 'vision'"),
+        ({"senses": [{"sense": "visoin"}]}, "sense: got 'visoin', .*did you mean 'vision'"),
         ({"senses": []}, "senses"),
         ({"senses": [{"sense": "time"}, {"sense": "time"}]}, "two with the name 'stateful_inf"),
         (

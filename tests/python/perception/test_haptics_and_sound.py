@@ -5,8 +5,7 @@ import pytest
 from perception_fakes import SUBSTEPS, TIMESTEP_S, World, pulse, sound
 
 from sim2vr_harness.perception import Delayed
-from sim2vr_harness.perception.haptics import Haptics
-from sim2vr_harness.perception.sound import Hearing, ear_gains
+from sim2vr_harness.perception.events import Haptics, Hearing, ear_gains
 
 
 def felt(world: World, **replied: object) -> list[float]:

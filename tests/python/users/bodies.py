@@ -3,7 +3,11 @@
 from pathlib import Path
 from typing import Any
 
+import mujoco
+import numpy as np
 import yaml
+
+from sim2vr_harness.users import Body, load_body
 
 ROOT = Path(__file__).resolve().parents[3]
 OWN_ARM = ROOT / "docs" / "examples" / "own_body" / "body.yaml"
@@ -44,3 +48,27 @@ def write_body(folder: Path, mjcf: str, description: dict[str, Any]) -> Path:
     file = folder / "body.yaml"
     file.write_text(yaml.safe_dump(description))
     return file
+
+
+_MADE: dict[str, Body] = {}
+
+
+def body(name: str | Path = "mobl_arms_wrist", **options: Any) -> Body:
+    """A body without drawn shapes; the same one for the same options, as bodies are immutable."""
+    key = repr((str(name), sorted(options.items())))
+    if key not in _MADE:
+        _MADE[key] = load_body(name, **{"appearance": False} | options)
+    return _MADE[key]
+
+
+def placed(body: Body, angles: Any = None) -> mujoco.MjData:
+    """A body in a posture of its independent joints; None: where the model has it."""
+    data = mujoco.MjData(body.physics_model)
+    if angles is not None:
+        data.qpos[:] = body.coupled_qpos(np.asarray(angles))
+    mujoco.mj_kinematics(body.physics_model, data)
+    return data
+
+
+def rngs(*seeds: int) -> list[np.random.Generator]:
+    return [np.random.default_rng(seed) for seed in seeds]

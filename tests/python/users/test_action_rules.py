@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from python.users.bodies import OWN_ARM, PENDULUM, PENDULUM_DESCRIPTION, write_body
+from python.users.bodies import body as made
 from sim2vr_harness.perception import Proprioception
 from sim2vr_harness.users import UserBatch, list_efforts, load_body, make_effort
 from sim2vr_harness.users.bodies.registry import installed_bodies
 
-BODY = load_body(OWN_ARM, appearance=False)
+BODY = made(OWN_ARM)
 
 
 def _batch(n: int = 2, **settings: object) -> UserBatch:
@@ -54,18 +55,20 @@ def test_start_draws_activations_then_motors() -> None:
 
 
 @pytest.mark.parametrize("name", installed_bodies())
-def test_an_idle_minute_tires_no_muscle_and_the_hand_comes_to_rest(name: str) -> None:
+def test_idleness_tires_no_muscle_and_the_hand_comes_to_rest(name: str) -> None:
     """From 5 s on hands stay within 2 cm; the published arms hang where they began, within 5 cm.
+
+    A minute of the first body, 20 s of the others.
 
     The minute of fatigue may have .005 (mean over muscles); .55 came of activations that stayed.
     """
-    body = load_body(name, appearance=False, timestep_s=0.005)
+    body = made(name, timestep_s=0.005)
     effort = "cumulative_fatigue_3ccr" if body.muscles else "neural"
     batch = UserBatch(body, 2, threads=1, effort=effort, substeps=10)
     batch.reset(range(2), [np.random.default_rng(i) for i in range(2)])
     hands = [device for device in body.devices if device != "headset"]
     path = []
-    for _ in range(1200):
+    for _ in range(1200 if name == "mobl_arms_wrist" else 400):
         path.append(np.stack([batch.device_poses(hand)[0] for hand in hands]))
         batch.step(np.tile(batch.resting_action, (2, 1)))
     moved = np.linalg.norm(np.array(path) - path[-1], axis=-1)

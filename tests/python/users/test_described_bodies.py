@@ -197,122 +197,72 @@ def test_warnings_are_counted_per_user(tmp_path: Path, monkeypatch: pytest.Monke
     }
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (
-            {"devices": {"headset": {"site": "eye"}}},
-            "devices.headset.site: got 'eye', expected one of .*'eyes'.*did you mean 'eyes'",
-        ),
-        (
-            {"effort": {"peak_forces": {"turn": -40.0}}},
-            "effort.peak_forces.turn: got -40.0, expected greater than 0",
-        ),
-        (
-            {"devices": {"headset": {"body": "haed"}}},
-            "devices.headset.body: got 'haed', .*did you mean 'head'",
-        ),
-        (
-            {"devices": {"headset": {"body": "head", "site": "eyes"}}},
-            "devices.headset.site: got 'eyes' and a body, expected either a site or a body",
-        ),
-        ({"devices": {"controller_right": {"body": "hand"}}}, "devices: got .*expected a headset"),
-        (
-            {"devices": {"headset": {"body": "head", "quat_wxyz": [1, 1, 0, 0]}}},
-            "devices.headset.quat_wxyz: got .*of norm 1",
-        ),
-        ({"device": {}}, "device: got an unknown key, .*did you mean 'devices'"),
-        (
-            {"devices": {"headset": {"body": "head", "mass": 1}}},
-            "devices.headset.mass: got an unknown key, expected one of site, body, pos_m",
-        ),
-        ({"actuators": [{"names": ["bicep"]}]}, "actuators: got 'bicep', .*did you mean 'biceps'"),
-        (
-            {"locked_joints": {"elbow": 1.0}},
-            "locked_joints: got 'elbow', .*did you mean 'elbow_flexion'",
-        ),
-        (
-            {"locked_joints": {"shoulder_flexion": 1.0}},
-            "locked_joints: got 'shoulder_flexion', which the actuator 'shoulder_flexion_motor'",
-        ),
-        ({"observed_joints": ["wrist"]}, "observed_joints: got 'wrist', .*'wrist_flexion'"),
-        ({"end_effectors": ["knucle"]}, "end_effectors: got 'knucle', .*did you mean 'knuckle'"),
-        (
-            {"reset": {"posture": {"elbow_flex": 1}}},
-            "reset.posture: got 'elbow_flex', .*did you mean 'elbow_flexion'",
-        ),
-        ({"effort": {"lifting": ["delt*"]}}, r"effort.lifting: got 'delt\*', expected one of"),
-        ({"mjcf": "arms.xml"}, "mjcf: got '.*arms.xml', which is not there"),
-        ({"mjcf": None}, "mjcf: got both or neither of mjcf and model"),
-        ({"mjcf": None, "model": "myoarm_r"}, "package: got none for model 'myoarm_r'"),
-        (
-            {"package": "no_such_package_of_bodies"},
-            "package: got 'no_such_package_of_bodies', which is not installed",
-        ),
-        (
-            {"package": "os"},
-            "package: got 'os', a module without files of its own; expected a pack",
-        ),
-        (
-            {"mjcf": None, "package": "os", "model": "arm"},
-            r"model: got 'arm' of 'os', which has no load_spec\(name\)",
-        ),
-        ({"package": "..", "mjcf": None, "model": "arm"}, r"package: got '\.\.', expected .*"),
-        ({"package": "x" * 5000}, r"package: got 'x{1,100}\.*.*, expected .*100"),
-        (
-            {"mjcf": None, "package": "json", "model": "arm"},
-            r"model: got 'arm' of 'json', which has no load_spec\(name\)",
-        ),
-        ({"timestep_s": "fast"}, "timestep_s: got 'fast', expected a number"),
-        ({"timestep_s": 1.0}, r"timestep_s: got 1\.0, expected less than or equal to 0\.02"),
-        ({"actuators": []}, r"actuators: got \[\], expected at least 1 entries"),
-        ({"actuators": [{"names": []}]}, r"actuators\.0\.names: got \[\], expected at least 1"),
-        ({"observed_joints": []}, r"observed_joints: got \[\], expected at least 1 entries"),
-        (
-            {"reset": {"posture": {"elbow_flexion": 10.0}}},
-            r"reset\.posture\.elbow_flexion: got 10, expected an angle .* joint's limits, 0 to ",
-        ),
-        (
-            {"anatomy": {"segments": {"arm": {"bodies": ["head"], "start": "a", "end": "a"}}}},
-            r"anatomy\.segments\.arm\.end: got 'a', as start; expected another body or site",
-        ),
-        ({"devices": {"helmet": {"body": "head"}}}, r"devices\.helmet: got 'helmet', expected 'h"),
-        ({"place": {"pos_m": [1e300, 0, 0]}}, r"place\.pos_m\.0: got 1e\+300, expected less than"),
-        (
-            {"anatomy": {"segments": {"arm": {"bodies": ["arm"], "start": "head", "end": "eyes"}}}},
-            "anatomy.segments: got 'arm', .*did you mean 'forearm'",
-        ),
-    ],
-)
-def test_errors_name_file_key_and_the_nearest(
-    change: dict[str, Any], message: str, tmp_path: Path
-) -> None:
-    tree = yaml.safe_load(OWN_ARM.read_text())
-    mjcf = (OWN_ARM.parent / "arm.xml").read_text()
-    changed = {key: value for key, value in (tree | change).items() if value is not None}
-    (tmp_path / "arm.xml").write_text(mjcf)
+WRONG = r"""
+devices: {headset: {site: eye}} | devices.headset.site: got 'eye', .*eyes.*did you mean 'eyes'
+effort: {peak_forces: {turn: -40.0}} | effort.peak_forces.turn: got -40.0, expected greater than 0
+devices: {headset: {body: haed}} | devices.headset.body: got 'haed', .*did you mean 'head'
+devices: {headset: {body: head, site: eyes}} | headset.site: got 'eyes' and a body
+devices: {controller_right: {body: hand}} | devices: got .*expected a headset
+devices: {headset: {body: head, quat_wxyz: [1, 1, 0, 0]}} | headset.quat_wxyz: got .*of norm 1
+device: {} | device: got an unknown key, .*did you mean 'devices'
+devices: {headset: {body: head, mass: 1}} | headset.mass: got an unknown key, .*site, body
+actuators: [{names: [bicep]}] | actuators: got 'bicep', .*did you mean 'biceps'
+locked_joints: {elbow: 1.0} | locked_joints: got 'elbow', .*did you mean 'elbow_flexion'
+locked_joints: {shoulder_flexion: 1.0} | got 'shoulder_flexion', which the actuator
+observed_joints: [wrist] | observed_joints: got 'wrist', .*wrist_flexion
+end_effectors: [knucle] | end_effectors: got 'knucle', .*did you mean 'knuckle'
+reset: {posture: {elbow_flex: 1}} | reset.posture: got 'elbow_flex', .*did you mean 'elbow_flexion'
+effort: {lifting: ["delt*"]} | effort.lifting: got 'delt\*', expected one of
+mjcf: arms.xml | mjcf: got '.*arms.xml', which is not there
+mjcf: null | mjcf: got both or neither of mjcf and model
+mjcf: null, model: myoarm_r | package: got none for model 'myoarm_r'
+package: no_such_package_of_bodies | got 'no_such_package_of_bodies', which is not inst
+package: os | package: got 'os', a module without files of its own; expected a pack
+mjcf: null, package: os, model: arm | model: got 'arm' of 'os', which has no load_spec\(name\)
+package: "..", mjcf: null, model: arm | package: got '\.\.', expected .*
+mjcf: null, package: json, model: arm | model: got 'arm' of 'json', which has no load_spec\(name\)
+timestep_s: fast | timestep_s: got 'fast', expected a number
+timestep_s: 1.0 | timestep_s: got 1\.0, expected less than or equal to 0\.02
+actuators: [] | actuators: got \[\], expected at least 1 entries
+actuators: [{names: []}] | actuators\.0\.names: got \[\], expected at least 1
+observed_joints: [] | observed_joints: got \[\], expected at least 1 entries
+reset: {posture: {elbow_flexion: 10.0}} | elbow_flexion: got 10, .* limits, 0 to
+anatomy: {segments: {arm: {bodies: [head], start: a, end: a}}} | got 'a', as start
+devices: {helmet: {body: head}} | devices\.helmet: got 'helmet', expected 'h
+place: {pos_m: [1.0e+300, 0, 0]} | place\.pos_m\.0: got 1e\+300, expected less than
+anatomy: {segments: {arm: {bodies: [arm], start: head, end: eyes}}} | got 'arm',
+"""
+"""Changes of the description, and what is said of each."""
+
+
+@pytest.mark.parametrize("line", [*WRONG.strip().splitlines(), "package: " + "x" * 5000])
+def test_errors_name_file_key_and_the_nearest(line: str, tmp_path: Path) -> None:
+    change, _, message = line.partition(" | ")
+    tree = yaml.safe_load(OWN_ARM.read_text()) | yaml.safe_load(change.join("{}"))
+    (tmp_path / "arm.xml").write_text((OWN_ARM.parent / "arm.xml").read_text())
     file = tmp_path / "changed.yaml"
-    file.write_text(yaml.safe_dump(changed))
-    with pytest.raises(ValueError, match=message) as error:
+    file.write_text(yaml.safe_dump({k: v for k, v in tree.items() if v is not None}))
+    expected = message or r"package: got 'x{1,100}\.*.*, expected .*100"
+    with pytest.raises(ValueError, match=expected) as error:
         load_body(file)
     assert str(error.value).startswith(f"{file}: ")
 
 
-def test_files_that_are_no_descriptions(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"none.yaml: got nothing: there is no such file"):
-        load_body(tmp_path / "none.yaml")
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, "got nothing: there is no such file"),
+        ("a: [", "got text that is not YAML"),
+        ("- a", r"got YAML of \['a'\], expected the description of a body"),
+        ("mjcf: body.xml\ndevices: {headset: {body: head}}", "which MuJoCo cannot read"),
+    ],
+)
+def test_files_that_are_no_descriptions(text: str | None, message: str, tmp_path: Path) -> None:
     file = tmp_path / "body.yaml"
-    file.write_text("a: [")
-    with pytest.raises(ValueError, match=r"body.yaml, line 1: got text that is not YAML"):
-        load_body(file)
-    file.write_text("- a")
-    with pytest.raises(
-        ValueError, match=r"body.yaml: got YAML of \['a'\], expected the description of a body"
-    ):
-        load_body(file)
-    file.write_text("mjcf: body.xml\ndevices: {headset: {body: head}}")
     (tmp_path / "body.xml").write_text("<mujoco><world/></mujoco>")
-    with pytest.raises(ValueError, match=r"mjcf: got '.*body.xml', which MuJoCo cannot read"):
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(ValueError, match=f"body.yaml.*{message}"):
         load_body(file)
 
 

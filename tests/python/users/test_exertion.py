@@ -4,8 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from python.users.bodies import body
 from sim2vr_harness.envs.config import EffortConfig
-from sim2vr_harness.users import CumulativeFatigue3CCr, load_body, make_effort
+from sim2vr_harness.users import CumulativeFatigue3CCr, make_effort
 from sim2vr_harness.users.exertion import (
     ArmDynamics,
     ConsumedEnduranceMeter,
@@ -18,7 +19,7 @@ from sim2vr_harness.users.exertion import (
     nicer_correction,
 )
 
-BODY = load_body("mobl_arms_wrist", appearance=False)
+BODY = body()
 SHOULDER = (0.0182, 0.00168)
 """F and R of the shoulder (Frey-Law, Looft, Heitsman 2012)."""
 REFERENCE = (0.0146, 0.0022)
@@ -50,15 +51,12 @@ def test_maximum_torque_of_consumed_endurance_by_hand() -> None:
     assert Strength(man=False).consumed_endurance_torque == pytest.approx(18.27001, abs=1e-4)
 
 
-def test_strength_of_the_shoulder_by_hand() -> None:
+def test_strength_and_correction_of_the_shoulder_by_hand() -> None:
     # 90 degrees, outstretched: 227.338 + 94.5 - 26.64 = 295.198; * .2845 = 83.98383 Nm.
     assert Strength().shoulder_torque(90.0, 180.0) == pytest.approx(83.98383, abs=1e-4)
     # Elbow at 90: 227.338 + 47.25 - 26.64 = 247.948; * .1495 * .5 = 18.53411 Nm.
     weak = Strength(man=False, factor=0.5)
     assert weak.shoulder_torque(90.0, 90.0) == pytest.approx(18.53411, abs=1e-4)
-
-
-def test_correction_above_the_shoulder_by_hand() -> None:
     # 120 degrees: e^((66.4 - 120)/7.83) = e^-6.845466 = .0010643; 11.685/1.0010643 = 11.672577;
     # less sin 120 / .09 = 9.622504: 2.050073 Nm. Below 90 or with a bent elbow: nothing.
     corrections = nicer_correction([120.0, 89.9, 120.0], [180.0, 180.0, 144.9])
@@ -117,12 +115,8 @@ def test_nicer_of_an_arm_that_only_rested_is_nothing() -> None:
 def test_closed_form_of_3ccr_is_what_its_simulation_does(
     share: float, rates: tuple[float, float]
 ) -> None:
-    model = CumulativeFatigue3CCr(1, 1, fatigue=rates[0], recovery=rates[1])
-    load, steps = np.full((1, 1), share), 0
-    while steps < 40 or model.state_dict()["MA"][0, 0] > 0.99 * share:
-        model.update(load, load)
-        steps += 1
-    assert 0.05 * steps == pytest.approx(float(fatigue_endurance_time(share, *rates)), rel=0.03)
+    held_s = _held_s(CumulativeFatigue3CCr(1, 1, fatigue=rates[0], recovery=rates[1]), share)
+    assert held_s == pytest.approx(float(fatigue_endurance_time(share, *rates)), rel=0.03)
 
 
 def test_3ccr_by_hand() -> None:
@@ -135,23 +129,28 @@ def test_3ccr_by_hand() -> None:
     assert fatigue_endurance_time(0.5, 0.01, 0.0) == pytest.approx(100.0)
 
 
-def _held_s(share: float, **settings: float | str) -> float:
-    """How long the effort model of these settings meets a load, to a hundredth of it."""
-    config = EffortConfig.model_validate(settings)
-    model = make_effort(config.model, 1, BODY, **config.options())
-    load, steps = np.full((1, 32), share), 0
+def _held_s(model: CumulativeFatigue3CCr, share: float) -> float:
+    """How long a model meets a load, to a hundredth of it."""
+    load, steps = np.full((1, model.muscle_count), share), 0
     while steps < 40 or model.state_dict()["MA"][0, 0] > 0.99 * share:
         model.update(load, load)
         steps += 1
     return 0.05 * steps
 
 
+def _of_preset(**settings: str) -> CumulativeFatigue3CCr:
+    config = EffortConfig.model_validate(settings)
+    return make_effort(config.model, 1, BODY, **config.options())  # type: ignore[return-value]
+
+
 def test_presets_against_the_published_endurance_of_the_shoulder() -> None:
     """Frey-Law and Avin's curve: the shoulder's rates follow it, the reference's last longer."""
     shares = [0.15, 0.2, 0.3, 0.4, 0.5]
     people = endurance_time(shares)
-    shoulder = np.array([_held_s(share, preset="shoulder") for share in shares]) / people
-    reference = np.array([_held_s(share) for share in shares]) / people
+    shoulder = (
+        np.array([_held_s(_of_preset(preset="shoulder"), share) for share in shares]) / people
+    )
+    reference = np.array([_held_s(_of_preset(), share) for share in shares]) / people
     assert ((shoulder > 0.9) & (shoulder < 1.15)).all()
     assert ((reference > 1.38) & (reference < 1.9)).all()
 
@@ -169,7 +168,7 @@ def test_arms_of_bodies() -> None:
     assert (arm.side, arm.upper_arm, arm.forearm, arm.wrist) == (
         *("right", "humerus", "ulna", "proximal_row"),
     )
-    both = arms_of(load_body("mobl_arms_bimanual_motor", appearance=False))
+    both = arms_of(body("mobl_arms_bimanual_motor"))
     assert [found.wrist for found in both] == ["proximal_row_r", "proximal_row_l"]
 
 
@@ -191,10 +190,7 @@ def test_torque_of_an_arm_held_still(elevation: float) -> None:
     shoulder = model.body("humerus").id
     moment = np.zeros(3)
     for part in range(model.nbody):
-        above = part
-        while above not in (0, shoulder):
-            above = int(model.body_parentid[above])
-        if above == shoulder:
+        if shoulder in _above(model, part):
             weight = [0.0, 0.0, -9.81 * model.body_mass[part]]
             moment += np.cross(data.xipos[part] - data.xpos[shoulder], weight)
     load = ArmDynamics(model, arm).load(qpos, still, still)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sim2vr_harness.users import UserBatch, load_body
+from python.users.bodies import body
+from sim2vr_harness.users import UserBatch
 from sim2vr_harness.users.head_reflex import (
     EYES_FORWARD_M,
     EYES_UP_M,
@@ -15,7 +16,7 @@ from sim2vr_harness.users.head_reflex import (
     rotated,
 )
 
-BODY = load_body("mobl_arms_wrist", appearance=False)
+BODY = body()
 STEP_S, SUBSTEPS = 0.002, 25
 AHEAD = (np.array([0.1, 0.0, 1.2]), np.array([1.0, 0.0, 0.0, 0.0]))
 FRONT_M = np.array([0.6, 0.0, 1.2])
@@ -148,6 +149,4 @@ def test_it_gives_way_where_the_hand_goes_and_comes_back() -> None:
 
 def test_who_can_have_it() -> None:
     with pytest.raises(ValueError, match=r"head: got 'reflex' for a body with a neck of its own"):
-        UserBatch(
-            load_body("mobl_arms_wrist", torso=True, appearance=False), 1, threads=1, head="reflex"
-        )
+        UserBatch(body(torso=True), 1, threads=1, head="reflex")

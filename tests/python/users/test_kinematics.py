@@ -9,12 +9,11 @@ import torch
 
 from sim2vr_harness.client.frames import aim_direction, position_to_mujoco
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, VisionConfig
-from sim2vr_harness.users import Body, BodyPlan, SpecBody, load_body
+from sim2vr_harness.users import Body, BodyPlan, load_body
 from sim2vr_harness.users.bodies.options import Physique
-from sim2vr_harness.users.kinematics.bounded import bounded_least_squares
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 from sim2vr_harness.users.kinematics.forward_torch import Chains
-from sim2vr_harness.users.kinematics.inverse import solve
+from sim2vr_harness.users.kinematics.inverse import bounded_least_squares, solve
 from sim2vr_harness.users.kinematics.posture_controller import AIM_RAY, PostureController
 
 SECONDS = 2.5
@@ -136,7 +135,7 @@ def slider() -> Body:
             <equality><joint joint1="b" joint2="a" polycoef="0.1 0.5 0.2 0 0"/>
               <joint joint1="c" joint2="b" polycoef="0 -0.7 0.3 0.1 0"/></equality></mujoco>""")
 
-    return SpecBody(BodyPlan("slider", (), (), ("tip",), 0.002), build)
+    return Body(BodyPlan("slider", (), (), ("tip",), 0.002), build)
 
 
 def sized(stature_m: float, **factors: float) -> Body:

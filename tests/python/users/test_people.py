@@ -5,7 +5,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from python.users.bodies import OWN_ARM, PENDULUM, PENDULUM_DESCRIPTION, write_body
+from python.users.bodies import (
+    OWN_ARM,
+    PENDULUM,
+    PENDULUM_DESCRIPTION,
+    body,
+    placed,
+    write_body,
+)
 from sim2vr_harness.users import Body, Physique, UserBatch, load_body
 
 MIRROR = np.array([1.0, -1.0, 1.0])
@@ -13,12 +20,11 @@ BODIES = ["mobl_arms_wrist", OWN_ARM]
 
 
 def _load(name: str | Path, **person: Any) -> Body:
-    return load_body(name, person=Physique(**person), appearance=False)
+    return body(name, person=Physique(**person))
 
 
-def _length(body: Body, start: str, end: str) -> float:
-    data = mujoco.MjData(body.physics_model)
-    mujoco.mj_kinematics(body.physics_model, data)
+def _length(user: Body, start: str, end: str) -> float:
+    data = placed(user)
     return float(np.linalg.norm(data.body(start).xpos - data.body(end).xpos))
 
 
@@ -59,20 +65,22 @@ def test_stature_and_mass() -> None:
     )
 
 
+def _muscles_at_work(user: Body, activation: float) -> tuple[np.ndarray, np.ndarray]:
+    """Forces of the muscles, and torques at the joints."""
+    data = mujoco.MjData(user.physics_model)
+    data.qpos[:] = user.coupled_qpos(np.array([0.4, 1.1, -0.3, 1.2, 0.2, 0.1, -0.2]))
+    data.act[:] = activation
+    mujoco.mj_forward(user.physics_model, data)
+    return data.actuator_force.copy(), data.qfrc_actuator.copy()
+
+
 def test_muscles_of_a_tall_body_work_as_before() -> None:
     """Paths are 1.1 times as long, and so are length ranges: same force, 1.1 times the torque."""
-    plain, tall = _load("mobl_arms_wrist"), _load("mobl_arms_wrist", stature_m=1.87)
-    q = np.array([0.4, 1.1, -0.3, 1.2, 0.2, 0.1, -0.2])
-    forces, arms = [], []
-    for body in (plain, tall):
-        data = mujoco.MjData(body.physics_model)
-        data.qpos[:], data.act[:] = body.coupled_qpos(q), 1.0
-        mujoco.mj_forward(body.physics_model, data)
-        forces.append(data.actuator_force.copy())
-        arms.append(data.qfrc_actuator.copy())
-    assert np.abs(forces[0]).max() > 500
-    np.testing.assert_allclose(forces[1], forces[0], rtol=1e-9, atol=1e-7)
-    np.testing.assert_allclose(arms[1], 1.1 * arms[0], rtol=1e-9, atol=1e-7)
+    tall = _load("mobl_arms_wrist", stature_m=1.87)
+    (plain, torque), (forces, arms) = (_muscles_at_work(each, 1.0) for each in (body(), tall))
+    assert np.abs(plain).max() > 500
+    np.testing.assert_allclose(forces, plain, rtol=1e-9, atol=1e-7)
+    np.testing.assert_allclose(arms, 1.1 * torque, rtol=1e-9, atol=1e-7)
 
 
 def test_one_segment() -> None:
@@ -186,16 +194,11 @@ def test_lengths_of_slides_and_meshes(tmp_path: Path) -> None:
 
 
 def test_strength_scales_the_isometric_force() -> None:
-    q = np.array([0.4, 1.1, -0.3, 1.2, 0.2, 0.1, -0.2])
-    forces = []
-    for strength in (1.0, 1.5):
-        body = _load("mobl_arms_wrist", strength=strength)
-        data = mujoco.MjData(body.physics_model)
-        data.qpos[:], data.act[:] = body.coupled_qpos(q), 0.8
-        mujoco.mj_forward(body.physics_model, data)
-        forces.append(data.actuator_force.copy())
-        assert body.peak_forces[0] == pytest.approx(strength * 1218.9)
-    np.testing.assert_allclose(forces[1], 1.5 * forces[0], rtol=1e-12)
+    strong = _load("mobl_arms_wrist", strength=1.5)
+    np.testing.assert_allclose(
+        _muscles_at_work(strong, 0.8)[0], 1.5 * _muscles_at_work(body(), 0.8)[0], rtol=1e-12
+    )
+    assert strong.peak_forces[0] == pytest.approx(1.5 * 1218.9)
     weak = _load(OWN_ARM, strength=0.5)
     assert weak.peak_forces.tolist() == [20.0, 20.0, 300.0, 300.0, 75.0, 75.0]
     assert weak.physics_model.actuator("shoulder_flexion_motor").gainprm[0] == 30.0
@@ -252,16 +255,12 @@ def test_right_handers_stay_and_left_ones_are_drawn_with_their_device() -> None:
     assert drawn.model.nmesh == plain.nmesh == 1
 
 
-def test_default_person_changes_no_bit() -> None:
-    model, plain = _load("mobl_arms_wrist").physics_model, load_body("mobl_arms_wrist")
+def test_default_person_changes_no_bit_and_eyes_can_be_nearer() -> None:
+    model, plain = _load("mobl_arms_wrist").physics_model, body()
     for field in ("body_pos", "body_quat", "body_inertia", "actuator_gainprm", "jnt_axis"):
-        np.testing.assert_array_equal(
-            getattr(model, field), getattr(plain.physics_model, field), err_msg=field
-        )
-
-
-def test_eyes() -> None:
-    assert load_body("mobl_arms_wrist", appearance=False).ipd_m == 0.063
+        wanted = getattr(plain.physics_model, field)
+        np.testing.assert_array_equal(getattr(model, field), wanted, err_msg=field)
+    assert plain.ipd_m == 0.063
     assert _load("mobl_arms_wrist", ipd_m=0.058).ipd_m == 0.058
 
 

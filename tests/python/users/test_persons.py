@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from python.users.bodies import body
 from sim2vr_harness.users import (
     AVERAGE,
     FEATURES,
@@ -15,14 +16,13 @@ from sim2vr_harness.users import (
     Physique,
     Population,
     UserBatch,
-    load_body,
 )
 
-BODY = load_body("mobl_arms_wrist", appearance=False)
+BODY = body()
 
 
 def cut(physique: Physique) -> Body:
-    return load_body("mobl_arms_wrist", person=physique, appearance=False)
+    return body(person=physique)
 
 
 def users(n: int, people: Population, **settings: object) -> UserBatch:

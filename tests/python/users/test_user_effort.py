@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from sim2vr_harness.users import CumulativeFatigue3CCr, load_body, make_effort
-from sim2vr_harness.users.effort import list_efforts
+from python.users.bodies import body
+from sim2vr_harness.users import CumulativeFatigue3CCr, make_effort
 
-BODY = load_body("mobl_arms_wrist", appearance=False)
+BODY = body()
 
 
 def _fatigue(n: int = 1, muscles: int = 1, **params: float) -> CumulativeFatigue3CCr:
@@ -34,30 +34,29 @@ def test_build_up_and_development_rate() -> None:
     assert cost == pytest.approx([0.1 * 0.100146], abs=1e-15)
 
 
-def test_release_recovers_faster() -> None:
-    # From MA .5, MR .3, MF .2 to TL .1: C = 10 (.1 - .5) = -4; rR = 7.5*.0022 = .0165.
-    # Lower bound max(-.5/.05 + .0073, (.3-1)/.05 + .0033) = max(-9.9927, -13.9967): kept.
-    # MA = .5 + (-4 - .0146*.5)*.05 = .5 - .2 - .000365 = .299635
-    # MR = .3 + (4 + .0165*.2)*.05 = .3 + .2 + .000165 = .500165
-    # MF = .2 + (.0073 - .0033)*.05 = .2002
+@pytest.mark.parametrize(
+    ("compartments", "load", "expected"),
+    [
+        # Release: C = 10 (.1 - .5) = -4; rR = 7.5*.0022 = .0165.
+        # Lower bound max(-.5/.05 + .0073, (.3-1)/.05 + .0033) = max(-9.9927, -13.9967): kept.
+        # MA = .5 + (-4 - .0146*.5)*.05 = .5 - .2 - .000365 = .299635
+        # MR = .3 + (4 + .0165*.2)*.05 = .3 + .2 + .000165 = .500165
+        # MF = .2 + (.0073 - .0033)*.05 = .2002
+        ((0.5, 0.3, 0.2), 0.1, [0.299635, 0.500165, 0.2002]),
+        # Beyond the rested units: MR <= TL - MA, so C = 10*MR = 1 (not 4).
+        # rR = R = .0022, since MA < TL. MA = .6 + (1 - .00876)*.05 = .649562;
+        # MR = .1 + (-1 + .00066)*.05 = .050033; MF = .3 + (.00876 - .00066)*.05 = .300405.
+        ((0.6, 0.1, 0.3), 1.0, [0.649562, 0.050033, 0.300405]),
+    ],
+)
+def test_release_and_loads_beyond_the_rested_units(
+    compartments: tuple[float, ...], load: float, expected: list[float]
+) -> None:
     model = _fatigue()
-    model.load_state_dict(
-        {k: _load(v) for k, v in zip(model.state_dict(), (0.5, 0.3, 0.2, 0.0), strict=True)}
-    )
-    model.update(_load(0.1), _load(0))
-    assert _compartments(model) == pytest.approx([0.299635, 0.500165, 0.2002], abs=1e-15)
-
-
-def test_load_beyond_the_rested_units() -> None:
-    # MA .6, MR .1, MF .3, TL 1: MR <= TL - MA, so C = 10*MR = 1 (not 4).
-    # rR = R = .0022, since MA < TL. MA = .6 + (1 - .00876)*.05 = .649562;
-    # MR = .1 + (-1 + .00066)*.05 = .050033; MF = .3 + (.00876 - .00066)*.05 = .300405.
-    model = _fatigue()
-    model.load_state_dict(
-        {k: _load(v) for k, v in zip(model.state_dict(), (0.6, 0.1, 0.3, 0.0), strict=True)}
-    )
-    model.update(_load(1.0), _load(0))
-    assert _compartments(model) == pytest.approx([0.649562, 0.050033, 0.300405], abs=1e-15)
+    pairs = zip(model.state_dict(), (*compartments, 0.0), strict=True)
+    model.load_state_dict({key: _load(value) for key, value in pairs})
+    model.update(_load(load), _load(0))
+    assert _compartments(model) == pytest.approx(expected, abs=1e-15)
 
 
 def test_drive_is_clipped_so_that_no_compartment_leaves_its_range() -> None:
@@ -143,17 +142,10 @@ def test_consumed_endurance() -> None:
     # E(1) = 1236.5 / 85^0.618 - 72.5; ln 85 = 4.4426513, x 0.618 = 2.7455585, e^ = 15.573310;
     # 1236.5 / 15.573310 = 79.39866; E = 6.89866 s; cost = 0.05 / 6.89866 = 7.24779e-3.
     assert cost[3] == pytest.approx(7.24779e-3, rel=1e-4)
+    with pytest.raises(ValueError, match=r"act: got shape \(1, 3\), expected shape \(2, 3\)"):
+        _fatigue(2, 3).update(np.zeros((1, 3)), np.zeros((2, 3)))
     with pytest.raises(ValueError, match=r"force: got None, expected shape \(4, 32\)"):
         model.update(_load(0, 4, 32), _load(0, 4, 32))
-
-
-def test_factory() -> None:
-    for name in list_efforts():
-        model = make_effort(name, 3, BODY)
-        cost = model.update(_load(0.2, 3, 32), _load(0.2, 3, 32), _load(-100, 3, 32))
-        assert cost.shape == (3,)
-        assert cost.dtype == np.float64
-    assert make_effort("cumulative_fatigue_3ccr", 1, BODY).weight == 0.1
 
 
 @pytest.mark.parametrize(
@@ -169,8 +161,3 @@ def test_factory() -> None:
 def test_factory_errors(name: str, params: dict[str, float], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         make_effort(name, 1, BODY, **params)
-
-
-def test_wrong_shapes() -> None:
-    with pytest.raises(ValueError, match=r"act: got shape \(1, 3\), expected shape \(2, 3\)"):
-        _fatigue(2, 3).update(np.zeros((1, 3)), np.zeros((2, 3)))

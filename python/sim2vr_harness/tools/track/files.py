@@ -29,7 +29,7 @@ from sim2vr_harness.figures.figure import (
 from sim2vr_harness.figures.matplotlib_backend import write_figure
 from sim2vr_harness.tools.track.postures import REACHED_M
 from sim2vr_harness.tools.track.tracking import Tracked
-from sim2vr_harness.users.bodies.moments import moment_arms
+from sim2vr_harness.users.bodies.rules import moment_arms
 
 _MUSCLES = 12
 

@@ -1,13 +1,14 @@
 """Bodies: what they are (`body.py`), where they come from (tables, MJCF), who has them (people).
 
-A new body is a YAML file about an MJCF file, a folder of tables, or a class of one's own that does
-what `Body` says; see docs/reference/bodies.md.
+A new body is a YAML file about an MJCF file, a folder of tables, or a `Body` with a function of
+one's own that builds its specification; see docs/reference/bodies.md.
 """
 
 from sim2vr_harness.users.bodies.body import (
     DEVICES,
     ActuatorGroup,
     Body,
+    BodyPlan,
     Coupling,
     EffortInputs,
     ResetRule,
@@ -22,7 +23,6 @@ from sim2vr_harness.users.bodies.registry import (
     list_bodies,
     load_body,
 )
-from sim2vr_harness.users.bodies.spec_body import BodyPlan, SpecBody
 
 __all__ = [
     "DEVICES",
@@ -34,7 +34,6 @@ __all__ = [
     "Physique",
     "ResetOptions",
     "ResetRule",
-    "SpecBody",
     "allow_package",
     "foreign_package",
     "held",

@@ -1,12 +1,16 @@
-"""Interface of bodies: one protocol, and its plain data."""
+"""Bodies: everything that can be read off a compiled model, and what its parts are for."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from functools import cached_property
+from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+
+from sim2vr_harness.base.errors import unknown_name
+from sim2vr_harness.users.bodies.rules import RULES, Muscle
 
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
@@ -78,95 +82,338 @@ class EffortInputs:
     peak_forces: Mapping[str, float] = field(default_factory=dict)
 
 
-class Body(Protocol):
+MEAN_IPD_M = 0.063
+"""Mean distance of adults' pupils (Dodgson 2004, Variation and extrema of human interpupillary
+distance)."""
+
+_JOINT = int(mujoco.mjtEq.mjEQ_JOINT)
+_SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+
+
+def polynomial(coefficients: Sequence[float] | FloatArray, x: Any) -> Any:
+    """Return a polynomial, lowest power first; NumPy's takes ten times as long."""
+    value = coefficients[-1] + x * 0.0
+    for coefficient in coefficients[-2::-1]:
+        value = coefficient + value * x
+    return value
+
+
+@dataclass(frozen=True)
+class BodyPlan:
+    """What the parts of a body are for.
+
+    Attributes:
+        name: what configurations and results call the body.
+        devices: names of the worn devices, from `DEVICES`.
+        actuator_groups: groups of actuators; a policy's actions are theirs, in this order.
+        end_effectors: sites whose positions the user senses.
+        timestep: physics step in s.
+        observed_joints: the joints that the user senses; None: the independent ones.
+        reset_rule: how an episode starts.
+        postures: name -> angles (rad; slides m) of joints, to begin episodes in.
+        effort_inputs: what the effort models need.
+        nod: the hinge that tips the head forward, worked by a position servo; None: no neck.
+        ipd_m: distance of the pupils.
+    """
+
+    name: str
+    devices: tuple[str, ...]
+    actuator_groups: tuple[ActuatorGroup, ...]
+    end_effectors: tuple[str, ...]
+    timestep: float
+    observed_joints: tuple[str, ...] | None = None
+    reset_rule: ResetRule = field(default_factory=ResetRule)
+    postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    effort_inputs: EffortInputs = field(default_factory=EffortInputs)
+    nod: str | None = None
+    ipd_m: float = MEAN_IPD_M
+
+
+class Body:
     """A body that wears VR devices: a MuJoCo model and what its parts are for.
 
     Immutable. Every worn device is a body and a site of the model with the device's name: the body
     has the tracked device's orientation (x forward, y left, z up), the site is the pose that is
-    reported to the app. `SpecBody` has everything but the specification itself.
+    reported to the app.
+
+    Args:
+        plan: what the parts of the body are for.
+        build: makes a fresh specification, with drawn shapes or without, devices included.
+        appearance: whether `spec` and `model` have drawn shapes, lights and cameras.
 
     Attributes:
-        name: what configurations and results call it.
-        appearance: whether `spec` and `model` have drawn shapes, lights and cameras.
-        devices: names of the worn devices, from `DEVICES`.
-        actuator_groups: groups of actuators; a policy's actions are theirs, in this order.
         independent_joints: the J hinges and slides that move freely, in model order.
-        observed_joints: the joints that the user senses.
-        end_effectors: sites whose positions the user senses.
-        reset_rule: how an episode starts.
-        effort_inputs: what the effort models need.
-        nod: the hinge that tips the head forward, worked by a position servo; None: no neck.
-        ipd_m: distance of the pupils.
-        timestep: physics step in s.
+
+    Raises:
+        ValueError: the plan names something that the specification does not have, or an actuator
+            cannot follow its rule.
     """
 
-    name: str
-    appearance: bool
-    devices: tuple[str, ...]
-    actuator_groups: tuple[ActuatorGroup, ...]
-    independent_joints: tuple[str, ...]
-    observed_joints: tuple[str, ...]
-    end_effectors: tuple[str, ...]
-    reset_rule: ResetRule
-    effort_inputs: EffortInputs
-    nod: str | None
-    ipd_m: float
-    timestep: float
+    def __init__(
+        self, plan: BodyPlan, build: Callable[[bool], mujoco.MjSpec], appearance: bool = True
+    ) -> None:
+        self.name = plan.name
+        self.devices = plan.devices
+        self.actuator_groups = plan.actuator_groups
+        self.end_effectors = plan.end_effectors
+        self.reset_rule = plan.reset_rule
+        self.effort_inputs = plan.effort_inputs
+        self.nod = plan.nod
+        self.ipd_m = plan.ipd_m
+        self.timestep = plan.timestep
+        self.appearance = appearance
+        self._build = build
+        self._check(plan)
+        model = self.physics_model
+        follows = {coupling.dependent for coupling in self.couplings}
+        scalar = [i for i in range(model.njnt) if model.jnt_type[i] in _SCALAR]
+        self.independent_joints = tuple(
+            n for n in (model.joint(i).name for i in scalar) if n not in follows
+        )
+        # Check that episodes can start in it: joints that move freely, within their limits.
+        for name, angle in plan.reset_rule.posture.items():
+            if name not in self.independent_joints:
+                raise unknown_name("reset.posture", name, self.independent_joints)
+            joint = self.physics_model.joint(name)
+            low, high = joint.range.tolist() if joint.limited[0] else (-np.inf, np.inf)
+            if not low <= angle <= high:
+                raise ValueError(
+                    f"reset.posture.{name}: got {angle:g}, expected an angle (rad; slides m) "
+                    f"within the joint's limits, {low:.4g} to {high:.4g}"
+                )
+        self.observed_joints = (
+            self.independent_joints if plan.observed_joints is None else plan.observed_joints
+        )
 
     def spec(self) -> mujoco.MjSpec:
         """Returns a fresh, editable specification; the caller owns it."""
+        return self._made(self.appearance)
 
-    @property
+    @cached_property
     def model(self) -> mujoco.MjModel:
-        """The compiled model. Shared: do not edit it, edit a `spec()` instead."""
+        """The compiled model, made once. Shared: do not edit it, edit a `spec()` instead."""
+        return self.spec().compile()
 
-    @property
+    @cached_property
     def physics_model(self) -> mujoco.MjModel:
-        """The compiled model without drawn shapes, faster to step."""
+        """The compiled model without drawn shapes: the same motion, faster to step."""
+        return self._made(False).compile()
+
+    def _made(self, appearance: bool) -> mujoco.MjSpec:
+        spec = self._build(appearance)
+        spec.option.timestep = self.timestep
+        return spec
+
+    def _check(self, plan: BodyPlan) -> None:
+        model = self.physics_model
+        joints = _names(model, "joint", model.njnt)
+        actuators = _names(model, "actuator", model.nu)
+        sites = _names(model, "site", model.nsite)
+        wanted: list[tuple[str, Sequence[str], Sequence[str]]] = [
+            ("observed_joints", plan.observed_joints or (), joints),
+            ("end_effectors", plan.end_effectors, sites),
+            ("devices", plan.devices, sites),
+            ("reset held", plan.reset_rule.held, actuators),
+            ("nod", (plan.nod,) if plan.nod else (), joints),
+            ("effort lifting", plan.effort_inputs.lifting, actuators),
+            ("effort loads", plan.effort_inputs.loads, actuators),
+            ("effort peak_forces", tuple(plan.effort_inputs.peak_forces), actuators),
+            *(("actuators", group.actuators, actuators) for group in plan.actuator_groups),
+        ]
+        for part, names, known in wanted:
+            for name in names:
+                if name not in known:
+                    raise unknown_name(part, name, known)
+        every = self.action_names
+        twice = sorted({name for name in every if every.count(name) > 1})
+        if twice:
+            raise ValueError(f"actuators: got {twice[0]!r} twice, expected each at most once")
+        for group in plan.actuator_groups:
+            if group.rule not in RULES:
+                raise unknown_name("rule", group.rule, RULES)
+            RULES[group.rule](model, group.actuators)
+
+    # --- actuators ---------------------------------------------------------------------------
+
+    @cached_property
+    def action_names(self) -> tuple[str, ...]:
+        """(A,) the actuators in the order of the actions."""
+        return tuple(name for group in self.actuator_groups for name in group.actuators)
 
     @property
     def action_size(self) -> int:
         """A, the number of actions: one per actuator of the groups."""
+        return len(self.action_names)
 
-    @property
-    def action_names(self) -> tuple[str, ...]:
-        """(A,) the actuators in the order of the actions."""
-
-    @property
+    @cached_property
     def muscles(self) -> tuple[str, ...]:
         """(M,) the actuators with the rule "muscle", in the order of their actions."""
+        groups = (g for g in self.actuator_groups if g.rule == Muscle.name)
+        return tuple(name for group in groups for name in group.actuators)
 
-    @property
+    @cached_property
     def peak_forces(self) -> FloatArray:
         """(A,) peak forces in N (torques in Nm) of the actuators; NaN where unknown."""
+        forces = np.array([self._peak_force(name) for name in self.action_names])
+        forces.flags.writeable = False
+        return forces
 
-    @property
-    def couplings(self) -> tuple[Coupling, ...]:
-        """How dependent joints follow, drivers before what they drive."""
+    def _peak_force(self, name: str) -> float:
+        if name in self.effort_inputs.peak_forces:
+            return self.effort_inputs.peak_forces[name]
+        model, i = self.physics_model, self.physics_model.actuator(name).id
+        if model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_MUSCLE:
+            return muscle_peak_force(model, i)
+        if model.actuator_forcelimited[i]:
+            return float(np.abs(model.actuator_forcerange[i]).max())
+        return float("nan")
 
-    @property
-    def joint_ranges(self) -> FloatArray:
-        """(J, 2) lower and upper limits of the independent joints in rad (slides m)."""
+    # --- joints ------------------------------------------------------------------------------
 
-    @property
-    def observed_ranges(self) -> FloatArray:
-        """The same of the observed joints."""
+    @cached_property
+    def dependent_joints(self) -> tuple[str, ...]:
+        """The joints that follow by couplings, in model order."""
+        follows = {coupling.dependent for coupling in self.couplings}
+        names = _names(self.physics_model, "joint", self.physics_model.njnt)
+        return tuple(name for name in names if name in follows)
 
-    @property
+    @cached_property
     def qpos_independent(self) -> IntArray:
         """(J,) addresses of the independent joints in qpos."""
+        return self._addresses(self.independent_joints, "qposadr")
 
-    @property
+    @cached_property
     def qvel_independent(self) -> IntArray:
         """(J,) addresses of the independent joints in qvel and qacc."""
+        return self._addresses(self.independent_joints, "dofadr")
 
-    @property
+    @cached_property
+    def qpos_dependent(self) -> IntArray:
+        """(D,) addresses of the dependent joints in qpos."""
+        return self._addresses(self.dependent_joints, "qposadr")
+
+    @cached_property
+    def qvel_dependent(self) -> IntArray:
+        """(D,) addresses of the dependent joints in qvel and qacc."""
+        return self._addresses(self.dependent_joints, "dofadr")
+
+    @cached_property
     def qpos_observed(self) -> IntArray:
         """Addresses of the observed joints in qpos."""
+        return self._addresses(self.observed_joints, "qposadr")
 
-    @property
+    @cached_property
     def qvel_observed(self) -> IntArray:
         """Addresses of the observed joints in qvel and qacc."""
+        return self._addresses(self.observed_joints, "dofadr")
+
+    @cached_property
+    def joint_ranges(self) -> FloatArray:
+        """(J, 2) lower and upper limits of the independent joints in rad (slides m).
+
+        A joint without limits counts as one of +-pi rad (+-1 m).
+        """
+        return self._ranges(self.independent_joints)
+
+    @cached_property
+    def observed_ranges(self) -> FloatArray:
+        """The same of the observed joints."""
+        return self._ranges(self.observed_joints)
+
+    @cached_property
+    def couplings(self) -> tuple[Coupling, ...]:
+        """How the dependent joints follow, drivers before what they drive."""
+        model = self.physics_model
+        found: dict[str, Coupling] = {}
+        for i in range(model.neq):
+            if model.eq_type[i] == _JOINT and model.eq_active0[i]:
+                # Reads an equality of joints; MuJoCo's polynomial is about the reference angles.
+                dependent, driver = int(model.eq_obj1id[i]), int(model.eq_obj2id[i])
+                coefficients = np.array(model.eq_data[i, :5])
+                if driver < 0:
+                    coefficients[1:] = 0.0
+                start = float(model.qpos0[model.jnt_qposadr[dependent]])
+                about = float(model.qpos0[model.jnt_qposadr[driver]]) if driver >= 0 else 0.0
+                if about:
+                    shifted = np.polynomial.Polynomial(coefficients)(
+                        np.polynomial.Polynomial([-about, 1.0])
+                    )
+                    coefficients = np.resize(np.append(shifted.coef, np.zeros(5)), 5)
+                coefficients[0] += start
+                coupling = Coupling(
+                    dependent=model.joint(dependent).name,
+                    driver=model.joint(driver).name if driver >= 0 else "",
+                    coefficients=tuple(coefficients.tolist()),
+                )
+                found[coupling.dependent] = coupling
+        ordered: dict[str, Coupling] = {}
+        while found:
+            ready = [name for name, coupling in found.items() if coupling.driver not in found]
+            if not ready:
+                raise ValueError(f"couplings: got a circle of {sorted(found)}, expected none")
+            ordered |= {name: found.pop(name) for name in ready}
+        return tuple(ordered.values())
 
     def coupled_qpos(self, q_independent: NDArray[np.floating]) -> FloatArray:
-        """Returns (..., nq) postures that satisfy the couplings, of (..., J) independent joints."""
+        """Fills in the dependent joints from their couplings.
+
+        Args:
+            q_independent: (..., J) rad, in the order of `independent_joints`.
+
+        Returns:
+            (..., nq) full posture that satisfies every coupling exactly; joints that are neither
+            (balls, free joints) are where the model has them.
+
+        Raises:
+            ValueError: the last axis does not have one entry per independent joint.
+        """
+        q = np.asarray(q_independent, dtype=np.float64)
+        if q.ndim == 0 or q.shape[-1] != len(self.independent_joints):
+            raise ValueError(
+                f"q_independent: got shape {q.shape}, expected (..., "
+                f"{len(self.independent_joints)}), one angle per independent joint"
+            )
+        full = np.empty((*q.shape[:-1], self.physics_model.nq))
+        full[:] = self.physics_model.qpos0
+        full[..., self.qpos_independent] = q
+        address = self._qpos_address
+        # A single posture in Python's numbers, which are the same and ten times as fast.
+        angles: Any = full.tolist() if q.ndim == 1 else np.moveaxis(full, -1, 0)
+        for coupling in self.couplings:
+            driver = angles[address[coupling.driver]] if coupling.driver else 0.0
+            angles[address[coupling.dependent]] = polynomial(coupling.coefficients, driver)
+        return np.array(angles) if q.ndim == 1 else full
+
+    @cached_property
+    def _qpos_address(self) -> Mapping[str, int]:
+        names = self.independent_joints + self.dependent_joints
+        return {name: int(self.physics_model.joint(name).qposadr[0]) for name in names}
+
+    def _ranges(self, joints: Sequence[str]) -> FloatArray:
+        model = self.physics_model
+        ranges = []
+        for name in joints:
+            joint = model.joint(name)
+            widest = 1.0 if joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE else np.pi
+            limited = bool(model.jnt_limited[joint.id])
+            ranges.append(joint.range if limited else np.array([-widest, widest]))
+        return np.array(ranges).reshape(-1, 2)
+
+    def _addresses(self, joints: Sequence[str], field: str) -> IntArray:
+        table = self.physics_model.joint
+        found = np.array([int(getattr(table(j), field)[0]) for j in joints], dtype=np.int64)
+        found.flags.writeable = False
+        return found
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name!r}, devices={self.devices})"
+
+
+def muscle_peak_force(model: mujoco.MjModel, i: int) -> float:
+    """Peak isometric force of muscle i in N; MuJoCo derives it from acc0 where none is given."""
+    given, scale = model.actuator_gainprm[i, 2:4]
+    return float(given if given >= 0.0 else scale / max(model.actuator_acc0[i], 1e-15))
+
+
+def _names(model: mujoco.MjModel, kind: str, count: int) -> list[str]:
+    return [getattr(model, kind)(i).name for i in range(count)]

@@ -15,11 +15,14 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from sim2vr_harness.base.errors import unknown_name
 from sim2vr_harness.users import appearance as looks
 from sim2vr_harness.users.bodies.body import (
     DEVICES,
+    MEAN_IPD_M,
     ActuatorGroup,
     Body,
+    BodyPlan,
     EffortInputs,
     ResetRule,
     held,
@@ -29,18 +32,13 @@ from sim2vr_harness.users.bodies.description import (
     BodyDescription,
     read_description,
 )
-from sim2vr_harness.users.bodies.devices import attach_device
-from sim2vr_harness.users.bodies.locking import Lock, lock_joints
 from sim2vr_harness.users.bodies.meshes import compose
 from sim2vr_harness.users.bodies.options import LEAST_STEP_S, MOST_STEP_S, BodyOptions
 from sim2vr_harness.users.bodies.packages import folder_of_package, package_of_models
-from sim2vr_harness.users.bodies.person import Anatomy, Segment
-from sim2vr_harness.users.bodies.posture import idle_actuators, still_legs
+from sim2vr_harness.users.bodies.person import Anatomy, Segment, tailored_body
+from sim2vr_harness.users.bodies.posture import Lock, idle_actuators, lock_joints, still_legs
 from sim2vr_harness.users.bodies.rules import usual_rule
-from sim2vr_harness.users.bodies.spec_body import MEAN_IPD_M, BodyPlan
 from sim2vr_harness.users.bodies.tables import load_device_rows
-from sim2vr_harness.users.bodies.tailored import tailored_body
-from sim2vr_harness.users.name_errors import unknown_name
 
 MOST_ELEMENTS = 10_000
 MOST_FILE_BYTES = 200_000_000
@@ -400,16 +398,6 @@ def described_body(file: Path, options: BodyOptions) -> Body:
         raise ValueError(text if text.startswith(str(file)) else f"{file}: {text}") from error
 
 
-@dataclass(frozen=True)
-class _Parts:
-    """Names of the model's parts, as they are in the MJCF."""
-
-    joints: tuple[str, ...]
-    bodies: tuple[str, ...]
-    sites: tuple[str, ...]
-    actuators: tuple[str, ...]
-
-
 class _Described:
     def __init__(self, description: BodyDescription, file: Path, options: BodyOptions) -> None:
         self._file = file
@@ -419,25 +407,24 @@ class _Described:
         model = compiled(self._source)
         check_finite(model)
         self._own_step = float(model.opt.timestep)
-        self._parts = _Parts(
-            *(
-                tuple(getattr(model, kind)(i).name for i in range(count))
-                for kind, count in (
-                    ("joint", model.njnt),
-                    ("body", model.nbody),
-                    ("site", model.nsite),
-                    ("actuator", model.nu),
-                )
+        # Names of the model's parts, as they are in the MJCF.
+        self._joints, self._bodies, self._sites, self._actuators = (
+            tuple(getattr(model, kind)(i).name for i in range(count))
+            for kind, count in (
+                ("joint", model.njnt),
+                ("body", model.nbody),
+                ("site", model.nsite),
+                ("actuator", model.nu),
             )
         )
-        posture, yaw = self._description.posture, math.radians(self._description.place.yaw_deg)
+        posture, yaw = description.posture, math.radians(description.place.yaw_deg)
         left = np.array([math.sin(yaw), math.cos(yaw), 0.0])  # turned by yaw it is along y
         self._legs = still_legs(model, posture, left) if posture else None
-        wanted = self._description.actuators
-        idle = idle_actuators(model, self._legs.locks, self._parts.actuators) if self._legs else ()
+        wanted = description.actuators
+        idle = idle_actuators(model, self._legs.locks, self._actuators) if self._legs else ()
         groups: list[ActuatorGroup] = []
         for group in wanted or (ActuatorsDescription(names=("*",)),):
-            for name in _found("actuators", group.names, self._parts.actuators):
+            for name in _found("actuators", group.names, self._actuators):
                 if name in idle:
                     continue
                 rule = group.rule or usual_rule(model, model.actuator(name).id)
@@ -451,31 +438,27 @@ class _Described:
             )
         self._groups = tuple(groups)
         self._locked = self._locked_joints(model)
-        wearable = tuple(
-            worn_name for worn_name in DEVICES if worn_name in self._description.devices
-        )
-        worn = wearable if self._options.devices is None else self._options.devices
-        for worn_name in worn:
-            _known("device", worn_name, wearable)
-        self._devices = worn
+        wearable = tuple(name for name in DEVICES if name in description.devices)
+        self._devices = wearable if options.devices is None else options.devices
         for name in self._devices:
+            _known("device", name, wearable)
             self._check_device(name)
         for segment in description.anatomy.segments.values():
             for body in segment.bodies:
-                _known("anatomy.segments", body, self._parts.bodies)
+                _known("anatomy.segments", body, self._bodies)
             for end in (segment.start, segment.end):
-                _known("anatomy.segments", end, (*self._parts.bodies, *self._parts.sites))
+                _known("anatomy.segments", end, (*self._bodies, *self._sites))
 
     def body(self) -> Body:
         """Makes the body."""
         description = self._description
-        joints = [name for name in self._parts.joints if name not in self._locked]
+        joints = [name for name in self._joints if name not in self._locked]
         observed = description.observed_joints
         effectors = description.end_effectors
         if effectors is None:
             effectors = held(self._devices) or ("headset",)
         for name in effectors:
-            _known("end_effectors", name, (*self._parts.sites, *self._devices))
+            _known("end_effectors", name, (*self._sites, *self._devices))
         lifting = description.effort.lifting
         step = self._options.timestep_s or description.timestep_s or self._own_step
         if not LEAST_STEP_S <= step <= MOST_STEP_S:
@@ -522,8 +505,8 @@ class _Described:
         self._place(spec)
         rows = load_device_rows()
         model = compiled(spec)
-        for attach_name in self._devices:
-            device = self._description.devices[attach_name]  # type: ignore[index]
+        for name in self._devices:
+            device = self._description.devices[name]  # type: ignore[index]
             pose = np.array(device.pos_m), _unit(device.quat_wxyz)
             if device.site is not None:
                 site = model.site(device.site)
@@ -531,13 +514,12 @@ class _Described:
                 pose = compose((np.array(site.pos), np.array(site.quat)), pose)
             else:
                 parent = spec.body(device.body)
-            if attach_name == "headset":
+            if name == "headset":
                 half = math.radians(self._options.skull_rotation_deg) / 2.0
                 down = np.array([math.cos(half), 0.0, math.sin(half), 0.0])
                 pose = compose(pose, (np.zeros(3), down))
-            attach_device(
-                parent, rows[attach_name], pose[0].tolist(), pose[1].tolist(), device.weight
-            )
+            place, turn = pose[0].tolist(), pose[1].tolist()
+            rows[name].attach(parent, place, turn, device.weight)
         # A diverged state must stay visible to the caller: no silent reset to the start pose.
         flags = mujoco.mjtDisableBit.mjDSBL_AUTORESET
         if not self._description.contacts:
@@ -563,7 +545,7 @@ class _Described:
     def _locked_joints(self, model: mujoco.MjModel) -> dict[str, Lock]:
         locked: dict[str, Lock] = dict(self._legs.locks) if self._legs else {}
         for pattern, angle in self._description.locked_joints.items():
-            for name in _found("locked_joints", [pattern], self._parts.joints):
+            for name in _found("locked_joints", [pattern], self._joints):
                 locked[name] = angle
         joint = int(mujoco.mjtTrn.mjTRN_JOINT)
         for name in (name for group in self._groups for name in group.actuators):
@@ -579,10 +561,10 @@ class _Described:
     def _check_device(self, name: str) -> None:
         device = self._description.devices[name]  # type: ignore[index]
         if device.site is not None:
-            _known(f"devices.{name}.site", device.site, self._parts.sites)
+            _known(f"devices.{name}.site", device.site, self._sites)
         else:
-            _known(f"devices.{name}.body", device.body or "", self._parts.bodies)
-        for kind, known in (("body", self._parts.bodies), ("site", self._parts.sites)):
+            _known(f"devices.{name}.body", device.body or "", self._bodies)
+        for kind, known in (("body", self._bodies), ("site", self._sites)):
             if name in known:
                 raise ValueError(
                     f"devices.{name}: got a model with a {kind} of that name already, expected "
@@ -624,7 +606,7 @@ def _found(field: str, patterns: Iterable[str], known: Iterable[str]) -> tuple[s
     for pattern in patterns:
         matches = [name for name in names if fnmatch.fnmatchcase(name, pattern)]
         if not matches:
-            raise ValueError(unknown_name(field, pattern, names))
+            raise unknown_name(field, pattern, names)
         found |= dict.fromkeys(matches)
     return tuple(found)
 
@@ -632,7 +614,7 @@ def _found(field: str, patterns: Iterable[str], known: Iterable[str]) -> tuple[s
 def _known(field: str, name: str, known: Iterable[str] | Mapping[str, object]) -> None:
     names = tuple(known)
     if name not in names:
-        raise ValueError(unknown_name(field, name, names))
+        raise unknown_name(field, name, names)
 
 
 def _unit(quaternion: Iterable[float]) -> np.ndarray:

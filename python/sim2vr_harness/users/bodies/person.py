@@ -8,18 +8,19 @@ length scale with its path (as OpenSim's scale tool does), so its fibres work in
 their range.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.users.bodies.body import DEVICES
+from sim2vr_harness.base.errors import unknown_name
+from sim2vr_harness.users.bodies.body import DEVICES, Body, BodyPlan, muscle_peak_force
 from sim2vr_harness.users.bodies.meshes import change_mesh_geoms, rescale_meshes
-from sim2vr_harness.users.bodies.options import JointOptions, Physique
-from sim2vr_harness.users.bodies.spec_body import muscle_peak_force
-from sim2vr_harness.users.name_errors import unknown_name
+from sim2vr_harness.users.bodies.mirror import mirror, swapped
+from sim2vr_harness.users.bodies.options import BodyOptions, JointOptions, Physique
+from sim2vr_harness.users.bodies.rules import Motor
 
 FloatArray = NDArray[np.float64]
 
@@ -76,7 +77,7 @@ def resize(spec: mujoco.MjSpec, person: Physique, anatomy: Anatomy) -> None:
     lengths = np.full(model.nbody, whole)
     for name, length_m in person.segment_lengths_m.items():
         if name not in anatomy.segments:
-            raise ValueError(unknown_name("person.segment_lengths_m", name, anatomy.segments))
+            raise unknown_name("person.segment_lengths_m", name, anatomy.segments)
         segment = anatomy.segments[name]
         own = segment_length(model, segment)
         if own < _LEAST_LENGTH_M:
@@ -92,7 +93,7 @@ def resize(spec: mujoco.MjSpec, person: Physique, anatomy: Anatomy) -> None:
         lengths[[model.body(body).id for body in segment.bodies]] = length_m / own
     for name, factor in person.segment_factors.items():
         if name not in anatomy.segments:
-            raise ValueError(unknown_name("person.segment_factors", name, anatomy.segments))
+            raise unknown_name("person.segment_factors", name, anatomy.segments)
         lengths[[model.body(body).id for body in anatomy.segments[name].bodies]] = whole * factor
     worn = [model.body(name).id for name in DEVICES if _has_body(model, name)]
     masses = np.full(model.nbody, mass)
@@ -127,7 +128,7 @@ def change_joints(spec: mujoco.MjSpec, joints: Mapping[str, JointOptions]) -> No
     known = {joint.name: joint for joint in spec.joints}
     for name, options in joints.items():
         if name not in known:
-            raise ValueError(unknown_name("person.joints", name, tuple(known)))
+            raise unknown_name("person.joints", name, tuple(known))
         joint = known[name]
         if options.armature is not None:
             joint.armature = options.armature
@@ -235,3 +236,69 @@ def _tendon_lengths(model: mujoco.MjModel) -> FloatArray:
     data.qpos[:] = model.qpos0
     mujoco.mj_fwdPosition(model, data)
     return np.array(data.ten_length)
+
+
+def tailored_body(
+    plan: BodyPlan,
+    build: Callable[[bool], mujoco.MjSpec],
+    options: BodyOptions,
+    anatomy: Anatomy,
+) -> Body:
+    """Makes the body for the person of `options`.
+
+    Args:
+        plan: what the body's parts are for, before it is mirrored.
+        build: makes a fresh specification of the body as it was measured, with drawn shapes or
+            without, devices included.
+        options: who the person is, how episodes begin.
+        anatomy: who the body was measured on.
+
+    Raises:
+        ValueError: a person that the body cannot be, or a posture that it does not have.
+    """
+    person = options.person
+    mirrored = person.handedness is not None and person.handedness != _own_hand(plan)
+
+    def made(appearance: bool) -> mujoco.MjSpec:
+        spec = build(appearance)
+        resize(spec, person, anatomy)
+        strengthen(spec, person.strength)
+        change_joints(spec, person.joints)
+        if mirrored:
+            mirror(spec)
+        return spec
+
+    if mirrored:
+        plan = replace(
+            plan,
+            devices=tuple(swapped(name) for name in plan.devices),
+            end_effectors=tuple(swapped(name) for name in plan.end_effectors),
+        )
+    if person.ipd_m is not None:
+        plan = replace(plan, ipd_m=person.ipd_m)
+    # The body's own way to begin, changed by what `reset` sets; joints left out stay.
+    reset = options.reset
+    rule = plan.reset_rule
+    if reset.posture is not None and reset.posture not in plan.postures:
+        raise unknown_name("reset.posture", reset.posture, plan.postures)
+    named = {} if reset.posture is None else plan.postures[reset.posture]
+    if posture := {**named, **reset.angles}:
+        # Far from 0 the dependent joints cannot start there: the couplings would yank the arm.
+        rule = replace(rule, posture={**rule.posture, **posture}, fit_couplings=True)
+    if reset.position_range is not None:
+        rule = replace(rule, position_range=reset.position_range)
+    if reset.velocity_range is not None:
+        rule = replace(rule, velocity_range=reset.velocity_range)
+    if reset.activation_range is not None:
+        rule = replace(rule, activation_range=reset.activation_range)
+    if reset.hold:
+        motors = (g.actuators for g in plan.actuator_groups if g.rule == Motor.name)
+        rule = replace(rule, held=tuple(name for names in motors for name in names))
+    plan = replace(plan, reset_rule=rule)
+    return Body(plan, made, options.appearance)
+
+
+def _own_hand(plan: BodyPlan) -> str:
+    """The hand that a body plays with: the right one, if it wears a controller there."""
+    only_left = "controller_left" in plan.devices and "controller_right" not in plan.devices
+    return "left" if only_left else "right"

@@ -1,7 +1,7 @@
 """Every body there is, by name or by the file that describes it."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -10,36 +10,31 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from sim2vr_harness.base.errors import unknown_name
 from sim2vr_harness.base.notices import noticed
 from sim2vr_harness.users import appearance as looks
-from sim2vr_harness.users.bodies.body import ActuatorGroup, Body, EffortInputs
+from sim2vr_harness.users.bodies.body import ActuatorGroup, Body, BodyPlan, EffortInputs
 from sim2vr_harness.users.bodies.described import DESCRIPTIONS, described_body
 from sim2vr_harness.users.bodies.description import read_description
-from sim2vr_harness.users.bodies.devices import attach_device
 from sim2vr_harness.users.bodies.mirror import mirror, swapped
 from sim2vr_harness.users.bodies.options import BodyOptions, Physique, ResetOptions
 from sim2vr_harness.users.bodies.packages import is_known
-from sim2vr_harness.users.bodies.person import Anatomy, Segment
-from sim2vr_harness.users.bodies.spec_body import BodyPlan
+from sim2vr_harness.users.bodies.person import Anatomy, Segment, tailored_body
 from sim2vr_harness.users.bodies.tables import (
     BodyRow,
-    BoneRow,
-    CouplingRow,
     DeviceRow,
     JointRow,
     ModelTables,
-    MuscleRow,
-    PointRow,
+    Row,
     Vector,
     load_device_rows,
     load_model_tables,
     load_settings,
     load_torso_tables,
 )
-from sim2vr_harness.users.bodies.tailored import tailored_body
-from sim2vr_harness.users.name_errors import unknown_name
 
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+_FORCE_CURVE = ("scale", "lmin", "lmax", "vmax", "fpmax", "fvmax")
 _PARAMETER_COUNT = 10  # length of MuJoCo's gainprm, biasprm and dynprm
 
 
@@ -112,7 +107,7 @@ def build_spec(
             name=tip["name"], pos=tip["pos_m"], quat=tip["quat_wxyz"], size=[0.004] * 3, group=4
         )
     for device, wearer in devices:
-        attach_device(bodies[wearer], device, device.pos, device.quat_wxyz)
+        device.attach(bodies[wearer], device.pos, device.quat_wxyz)
     return spec
 
 
@@ -166,17 +161,14 @@ def _add_muscles(
         actuator.gaintype = mujoco.mjtGain.mjGAIN_MUSCLE
         actuator.biastype = mujoco.mjtBias.mjBIAS_MUSCLE
         actuator.dynprm = _padded([muscle["activation_tau_s"], muscle["deactivation_tau_s"]])
-        actuator.gainprm = _force_curve(muscle["active"], row)
-        actuator.biasprm = _force_curve(muscle["passive"], row)
+        # MuJoCo's muscle parameters: range0 range1 F0 scale lmin lmax vmax fpmax fvmax.
+        actuator.gainprm, actuator.biasprm = (
+            _padded([*curve["range"], row.peak_force, *(curve[key] for key in _FORCE_CURVE)])
+            for curve in (muscle["active"], muscle["passive"])
+        )
         actuator.lengthrange = row.length_range
         actuator.ctrllimited = True
         actuator.ctrlrange = [0.0, 1.0]
-
-
-def _force_curve(curve: dict[str, Any], row: MuscleRow) -> list[float]:
-    """MuJoCo's muscle parameters: range0 range1 F0 scale lmin lmax vmax fpmax fvmax."""
-    shape = [curve[key] for key in ("scale", "lmin", "lmax", "vmax", "fpmax", "fvmax")]
-    return _padded([*curve["range"], row.peak_force, *shape])
 
 
 def _padded(values: list[float]) -> list[float]:
@@ -197,31 +189,41 @@ def both_arms(
         settings: what the new body's model.json says; the rest is the old one's.
     """
     left = _mirrored(one, held)
-    arms = [_Arm("_r", one, None), _Arm("_l", one, left)]
+    arms = [_arm("_r", one, None), _arm("_l", one, left)]
     shared_joints = tuple(row for row in one.joints if row.body in _SHARED)
     fixed = {row.name for row in shared_joints}
+    anatomy = one.settings["anatomy"]
+    segments = {
+        name: {
+            "bodies": [f"{body}{side}" for body in row["bodies"] for side in ("_r", "_l")],
+            "start": f"{row['start']}_r",
+            "end": f"{row['end']}_r",
+        }
+        for name, row in anatomy["segments"].items()
+    }
+    lifting = [f"{name}{side}" for side in ("_r", "_l") for name in one.settings["lifting"]]
     tables = ModelTables(
         bodies=(
             *(row for row in one.bodies if row.name in _SHARED),
-            *(row for arm in arms for row in arm.bodies()),
+            *(row for arm in arms for row in arm.bodies),
         ),
-        joints=(*shared_joints, *(row for arm in arms for row in arm.joints())),
+        joints=(*shared_joints, *(row for arm in arms for row in arm.joints)),
         couplings=(
             *(row for row in one.couplings if row.dependent in fixed),
-            *(row for arm in arms for row in arm.couplings(fixed)),
+            *(row for arm in arms for row in arm.couplings),
         ),
-        muscles=tuple(row for arm in arms for row in arm.muscles()),
+        muscles=tuple(row for arm in arms for row in arm.muscles),
         motors=(),
-        points=tuple(row for arm in arms for row in arm.points()),
+        points=tuple(row for arm in arms for row in arm.points),
         bones=(
             *(row for row in one.bones if row.body in _SHARED),
-            *(row for arm in arms for row in arm.bones()),
+            *(row for arm in arms for row in arm.bones),
         ),
         settings={
             **one.settings,
-            "sites": [row for arm in arms for row in arm.sites()],
-            "anatomy": _anatomy(one.settings["anatomy"]),
-            "lifting": [f"{name}{arm.side}" for arm in arms for name in one.settings["lifting"]],
+            "sites": [row for arm in arms for row in arm.settings["sites"]],
+            "anatomy": {**anatomy, "segments": segments},
+            "lifting": lifting,
             **settings,
         },
     )
@@ -244,76 +246,62 @@ def both_arms(
     return tables, other_hand
 
 
-class _Arm:
+def _arm(side: str, one: ModelTables, model: mujoco.MjModel | None) -> ModelTables:
     """One arm's rows, renamed; `model` is the mirrored body, None: as the tables have it."""
 
-    def __init__(self, side: str, one: ModelTables, model: mujoco.MjModel | None) -> None:
-        self.side, self._one, self._model = side, one, model
+    def named(name: str) -> str:
+        return name if name in _SHARED else name + side
 
-    def _named(self, name: str) -> str:
-        return name if name in _SHARED else name + self.side
+    def renamed(row: Row, *names: str, **changed: Any) -> Row:
+        return replace(row, **{name: named(getattr(row, name)) for name in names}, **changed)
 
-    def bodies(self) -> list[BodyRow]:
-        rows = [row for row in self._one.bodies if row.name not in _SHARED]
-        if self._model is not None:
-            rows = [_body(row, self._model) for row in rows]
-        return [
-            replace(row, name=self._named(row.name), parent=self._named(row.parent)) for row in rows
-        ]
+    def place(site: str, own: Vector) -> Vector:
+        return own if model is None else _numbers(model.site(site).pos)
 
-    def joints(self) -> list[JointRow]:
-        rows = [row for row in self._one.joints if row.body not in _SHARED]
-        if self._model is not None:
-            rows = [replace(row, axis=_numbers(self._model.joint(row.name).axis)) for row in rows]
-        return [
-            replace(row, name=self._named(row.name), body=self._named(row.body)) for row in rows
-        ]
-
-    def couplings(self, fixed: set[str]) -> list[CouplingRow]:
-        rows = (row for row in self._one.couplings if row.dependent not in fixed)
-        return [
-            replace(row, dependent=self._named(row.dependent), driver=self._named(row.driver))
-            for row in rows
-        ]
-
-    def muscles(self) -> list[MuscleRow]:
-        return [
-            replace(row, name=self._named(row.name), path=tuple(map(self._named, row.path)))
-            for row in self._one.muscles
-        ]
-
-    def points(self) -> list[PointRow]:
-        return [
-            PointRow(self._named(row.name), self._named(row.body), self._place(row.name, row.pos))
-            for row in self._one.points
-        ]
-
-    def bones(self) -> list[BoneRow]:
-        rows = (row for row in self._one.bones if row.body not in _SHARED)
-        return [
-            replace(
-                row,
-                name=self._named(row.name),
-                body=self._named(row.body),
-                end1=self._place(f"{row.name} end1", row.end1),
-                end2=self._place(f"{row.name} end2", row.end2),
+    def site(row: Mapping[str, Any]) -> dict[str, Any]:
+        pos, quat = tuple(row["pos_m"]), tuple(row["quat_wxyz"])
+        if model is not None:
+            pos, quat = (
+                _numbers(model.site(row["name"]).pos),
+                _numbers(model.site(row["name"]).quat),
             )
-            for row in rows
-        ]
+        names = {key: named(row[key]) for key in ("name", "body")}
+        return {**names, "pos_m": pos, "quat_wxyz": quat}
 
-    def sites(self) -> list[dict[str, Any]]:
-        rows = []
-        for row in self._one.settings["sites"]:
-            pos, quat = tuple(row["pos_m"]), tuple(row["quat_wxyz"])
-            if self._model is not None:
-                site = self._model.site(row["name"])
-                pos, quat = _numbers(site.pos), _numbers(site.quat)
-            body, name = self._named(row["body"]), self._named(row["name"])
-            rows.append({"name": name, "body": body, "pos_m": pos, "quat_wxyz": quat})
-        return rows
-
-    def _place(self, site: str, own: Vector) -> Vector:
-        return own if self._model is None else _numbers(self._model.site(site).pos)
+    bodies = [row for row in one.bodies if row.name not in _SHARED]
+    joints = [row for row in one.joints if row.body not in _SHARED]
+    if model is not None:
+        bodies = [_body(row, model) for row in bodies]
+        joints = [replace(row, axis=_numbers(model.joint(row.name).axis)) for row in joints]
+    fixed = {row.name for row in one.joints if row.body in _SHARED}
+    return ModelTables(
+        bodies=tuple(renamed(row, "name", "parent") for row in bodies),
+        joints=tuple(renamed(row, "name", "body") for row in joints),
+        couplings=tuple(
+            renamed(row, "dependent", "driver")
+            for row in one.couplings
+            if row.dependent not in fixed
+        ),
+        muscles=tuple(
+            renamed(row, "name", path=tuple(map(named, row.path))) for row in one.muscles
+        ),
+        motors=(),
+        points=tuple(
+            renamed(row, "name", "body", pos=place(row.name, row.pos)) for row in one.points
+        ),
+        bones=tuple(
+            renamed(
+                row,
+                "name",
+                "body",
+                end1=place(f"{row.name} end1", row.end1),
+                end2=place(f"{row.name} end2", row.end2),
+            )
+            for row in one.bones
+            if row.body not in _SHARED
+        ),
+        settings={"sites": [site(row) for row in one.settings["sites"]]},
+    )
 
 
 def _mirrored(one: ModelTables, held: DeviceRow) -> mujoco.MjModel:
@@ -336,18 +324,6 @@ def _body(row: BodyRow, model: mujoco.MjModel) -> BodyRow:
         inertia_quat_wxyz=_numbers(body.iquat),
         inertia=_numbers(body.inertia),
     )
-
-
-def _anatomy(table: dict[str, Any]) -> dict[str, Any]:
-    segments = {
-        name: {
-            "bodies": [f"{body}{side}" for body in row["bodies"] for side in ("_r", "_l")],
-            "start": f"{row['start']}_r",
-            "end": f"{row['end']}_r",
-        }
-        for name, row in table["segments"].items()
-    }
-    return {**table, "segments": segments}
 
 
 def _numbers(values: Any) -> Vector:
@@ -375,32 +351,27 @@ def with_torso(tables: ModelTables) -> ModelTables:
     thorax = next(row for row in tables.bodies if row.name == "thorax")
     pelvis = replace(new["pelvis"], pos=thorax.pos, quat_wxyz=thorax.quat_wxyz)
     held = {row.name for row in tables.joints if row.body == "thorax"}
+
+    def body(row: BodyRow) -> BodyRow:
+        if row.name in new:
+            row = replace(new[row.name], parent=row.parent, pos=row.pos, quat_wxyz=row.quat_wxyz)
+        if _stem(row.name) in (*_ROTATIONS_UNDONE, _TURNS_WITH_ELV_ANGLE):
+            row = replace(row, inertia=(_NEXT_TO_NOTHING_KGM2,) * 3)
+        return row
+
+    def joint(row: JointRow) -> JointRow:
+        # elv_angle has the inertia of the body that only it turns.
+        if _stem(row.name) != "elv_angle":
+            return row
+        return replace(row, armature=row.armature + 1.0 - _NEXT_TO_NOTHING_KGM2)
+
     return replace(
         tables,
-        bodies=(pelvis, *(_light(_heavier(row, new)) for row in tables.bodies)),
-        joints=(*torso.joints, *(_stiffer(row) for row in tables.joints if row.name not in held)),
+        bodies=(pelvis, *(body(row) for row in tables.bodies)),
+        joints=(*torso.joints, *(joint(row) for row in tables.joints if row.name not in held)),
         couplings=tuple(row for row in tables.couplings if row.dependent not in held),
         motors=(*tables.motors, *torso.motors),
     )
-
-
-def _heavier(row: BodyRow, new: dict[str, BodyRow]) -> BodyRow:
-    if row.name not in new:
-        return row
-    return replace(new[row.name], parent=row.parent, pos=row.pos, quat_wxyz=row.quat_wxyz)
-
-
-def _light(row: BodyRow) -> BodyRow:
-    if _stem(row.name) in (*_ROTATIONS_UNDONE, _TURNS_WITH_ELV_ANGLE):
-        return replace(row, inertia=(_NEXT_TO_NOTHING_KGM2,) * 3)
-    return row
-
-
-def _stiffer(row: JointRow) -> JointRow:
-    """Gives elv_angle the inertia of the body that only it turns."""
-    if _stem(row.name) == "elv_angle":
-        return replace(row, armature=row.armature + 1.0 - _NEXT_TO_NOTHING_KGM2)
-    return row
 
 
 def _stem(name: str) -> str:
@@ -421,7 +392,7 @@ def table_body(options: BodyOptions) -> Body:
     worn = wearable if options.devices is None else options.devices
     for name in worn:
         if name not in wearable:
-            raise ValueError(unknown_name("device", name, wearable))
+            raise unknown_name("device", name, wearable)
     devices = [(known[name], settings["devices"][name]) for name in worn]
     # A neck looks down by itself.
     skull = None if options.torso else _pitched_down(options.skull_rotation_deg)
@@ -490,11 +461,8 @@ def _pitched_down(degrees: float) -> tuple[float, float, float, float] | None:
     return (math.cos(half), 0.0, 0.0, -math.sin(half))
 
 
-_TABLES: dict[str, Callable[[BodyOptions], Body]] = {
-    "mobl_arms_wrist": table_body,
-    "mobl_arms_bimanual": table_body,
-    "mobl_arms_bimanual_motor": table_body,
-}
+_TABLES = ("mobl_arms_wrist", "mobl_arms_bimanual", "mobl_arms_bimanual_motor")
+"""Bodies whose tables are in the package."""
 
 
 def list_bodies() -> tuple[str, ...]:
@@ -559,9 +527,9 @@ def load_body(
         reset=reset or ResetOptions(),
     )
     if options.name in _TABLES:
-        return _TABLES[options.name](options)
+        return table_body(options)
     if not is_file(name) and options.name not in list_bodies():
-        raise ValueError(unknown_name("user model", options.name, list_bodies()))
+        raise unknown_name("user model", options.name, list_bodies())
     file = Path(name) if is_file(name) else DESCRIPTIONS / f"{options.name}.yaml"
     with noticed(f"Loading the body {options.name}; one with 400 muscles takes half a minute."):
         return described_body(file, options)

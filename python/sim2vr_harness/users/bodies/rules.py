@@ -142,3 +142,12 @@ def usual_rule(model: mujoco.MjModel, i: int) -> str:
 def _kind(model: mujoco.MjModel, i: int) -> str:
     kind = mujoco.mjtDyn(int(model.actuator_dyntype[i])).name
     return kind.removeprefix("mjDYN_").lower()
+
+
+def moment_arms(model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.float64]:
+    """(nu, nv) moment arms of all actuators in the posture of the last kinematics, m or 1."""
+    moments = np.zeros((model.nu, model.nv))
+    mujoco.mju_sparse2dense(
+        moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    )
+    return moments

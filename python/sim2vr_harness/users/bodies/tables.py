@@ -9,13 +9,16 @@ Units: m, kg, s, rad, N. Quaternions are w x y z. World frame: z up, x forward, 
 
 import csv
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from importlib import resources
 from importlib.resources.abc import Traversable
-from typing import Any, Literal
+from typing import Any, TypeVar, get_type_hints
+
+import mujoco
 
 Vector = tuple[float, ...]
+Row = TypeVar("Row", bound=Any)
 
 
 @dataclass(frozen=True)
@@ -38,12 +41,13 @@ class JointRow:
 
     name: str
     body: str
-    kind: Literal["hinge", "slide"]
     axis: Vector
     limits: Vector | None
     stiffness: float
     damping: float
     armature: float
+    kind: str = "hinge"
+    """Or ``slide``."""
     pos: Vector = (0.0, 0.0, 0.0)
     """Where it is in the body's frame, m."""
 
@@ -65,7 +69,7 @@ class MuscleRow:
     name: str
     peak_force: float
     length_range: Vector
-    path: tuple[str, ...]
+    path: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -85,11 +89,12 @@ class MotorRow:
 
 @dataclass(frozen=True)
 class PointRow:
-    """A point of a muscle path, fixed to `body` at `pos` (m, body frame)."""
+    """A point of a muscle's path, fixed to `body` at `pos` (m, body frame)."""
 
     name: str
     body: str
     pos: Vector
+    muscle: str
 
 
 @dataclass(frozen=True)
@@ -147,6 +152,29 @@ class DeviceRow:
     box_min: Vector
     box_max: Vector
 
+    def attach(
+        self, parent: mujoco.MjsBody, position: Vector, quaternion: Vector, weight: bool = True
+    ) -> None:
+        """Adds the device to the body that wears it: a rigid child body and a site, so called.
+
+        Departure from the reference, which holds free bodies by soft welds that slip by 1.9 mm on
+        average and start every episode at the pose of the zero posture (SIM2VR paper's release).
+
+        Args:
+            parent: the body.
+            position: of the device's frame (x forward, y left, z up) in the parent's, m.
+            quaternion: w x y z.
+            weight: whether it has the device's mass; without, only its pose is known.
+        """
+        body = parent.add_body(name=self.name, pos=position, quat=quaternion)
+        if weight:
+            body.mass = self.mass
+            body.ipos = self.com
+            body.iquat = self.inertia_quat_wxyz
+            body.inertia = self.inertia
+            body.explicitinertial = True
+        body.add_site(name=self.name, pos=self.openxr_offset, size=[0.004] * 3, group=4)
+
 
 def _file(*path: str) -> Traversable:
     return resources.files("sim2vr_harness.users").joinpath("data", *path)
@@ -156,103 +184,60 @@ def _text(*path: str) -> str:
     return _file(*path).read_text(encoding="utf-8")
 
 
-def _rows(folder: str, file: str, optional: bool = False) -> list[dict[str, str]]:
+def _rows(
+    folder: str, row: type[Row], table: tuple[str, str], optional: bool = False
+) -> tuple[Row, ...]:
+    """Rows of a table: what the columns are called, in the order of the fields, and the file.
+
+    Fields whose column a table does not have keep their defaults.
+    """
+    columns, file = table
     if optional and not _file(folder, file).is_file():
-        return []
-    return list(csv.DictReader(_text(folder, file).splitlines()))
+        return ()
+    kinds = get_type_hints(row)
+    named = list(zip(fields(row), columns.split(), strict=False))
+
+    def parsed(cells: dict[str, str]) -> Row:
+        values: dict[str, Any] = {}
+        for field, column in named:
+            if (cell := cells.get(column)) is not None:
+                kind = kinds[field.name]
+                vector = kind not in (float, str)
+                values[field.name] = _vector(cell) or None if vector else kind(cell)
+        return row(**values)
+
+    return tuple(parsed(cells) for cells in csv.DictReader(_text(folder, file).splitlines()))
 
 
 def _vector(cell: str) -> Vector:
     return tuple(float(number) for number in cell.split())
 
 
-def _bodies(folder: str) -> tuple[BodyRow, ...]:
-    return tuple(
-        BodyRow(
-            name=r["body"],
-            parent=r["parent"],
-            pos=_vector(r["pos_m"]),
-            quat_wxyz=_vector(r["quat_wxyz"]),
-            mass=float(r["mass_kg"]),
-            com=_vector(r["com_m"]),
-            inertia_quat_wxyz=_vector(r["inertia_quat_wxyz"]),
-            inertia=_vector(r["inertia_kgm2"]),
-        )
-        for r in _rows(folder, "bodies.csv")
-    )
-
-
-def _joints(folder: str) -> tuple[JointRow, ...]:
-    return tuple(
-        JointRow(
-            name=r["joint"],
-            body=r["body"],
-            kind="slide" if r.get("type") == "slide" else "hinge",
-            axis=_vector(r["axis"]),
-            limits=_vector(r["range_rad"]) or None,
-            stiffness=float(r["stiffness_Nm_per_rad"]),
-            damping=float(r["damping_Nms_per_rad"]),
-            armature=float(r["armature_kgm2"]),
-            pos=_vector(r.get("pos_m", "0.0 0.0 0.0")),
-        )
-        for r in _rows(folder, "joints.csv")
-    )
-
-
-def _motors(folder: str) -> tuple[MotorRow, ...]:
-    return tuple(
-        MotorRow(
-            name=r["motor"],
-            joint=r["joint"],
-            kp=float(r["kp_Nm_per_rad"]),
-            kd=float(r["kd_Nms_per_rad"]),
-            limits=_vector(r["range_rad"]),
-            torques=_vector(r.get("torque_Nm", "")) or None,
-        )
-        for r in _rows(folder, "motors.csv", optional=True)
-    )
+_BODIES = "body parent pos_m quat_wxyz mass_kg com_m inertia_quat_wxyz inertia_kgm2", "bodies.csv"
+_JOINTS = (
+    "joint body axis range_rad stiffness_Nm_per_rad damping_Nms_per_rad armature_kgm2 type pos_m",
+    "joints.csv",
+)
+_MOTORS = "motor joint kp_Nm_per_rad kd_Nms_per_rad range_rad torque_Nm", "motors.csv"
 
 
 @cache
 def load_model_tables(folder: str) -> ModelTables:
     """Reads the tables of one user model from the package folder `data/<folder>`."""
-    points = tuple(
-        PointRow(r["point"], r["body"], _vector(r["pos_m"]))
-        for r in _rows(folder, "muscle_points.csv", optional=True)
-    )
-    paths: dict[str, list[str]] = {}
-    for r in _rows(folder, "muscle_points.csv", optional=True):
-        paths.setdefault(r["muscle"], []).append(r["point"])
+    points = _rows(folder, PointRow, ("point body pos_m muscle", "muscle_points.csv"), True)
+    muscles = _rows(folder, MuscleRow, ("muscle peak_force_N length_range_m", "muscles.csv"), True)
+    couplings = "dependent driver coefficients solimp", "couplings.csv"
     return ModelTables(
-        bodies=_bodies(folder),
-        joints=_joints(folder),
-        couplings=tuple(
-            CouplingRow(
-                r["dependent"], r["driver"], _vector(r["coefficients"]), _vector(r["solimp"])
-            )
-            for r in _rows(folder, "couplings.csv")
-        ),
+        bodies=_rows(folder, BodyRow, _BODIES),
+        joints=_rows(folder, JointRow, _JOINTS),
+        couplings=_rows(folder, CouplingRow, couplings),
         muscles=tuple(
-            MuscleRow(
-                name=r["muscle"],
-                peak_force=float(r["peak_force_N"]),
-                length_range=_vector(r["length_range_m"]),
-                path=tuple(paths[r["muscle"]]),
-            )
-            for r in _rows(folder, "muscles.csv", optional=True)
+            replace(each, path=tuple(point.name for point in points if point.muscle == each.name))
+            for each in muscles
         ),
-        motors=_motors(folder),
+        motors=_rows(folder, MotorRow, _MOTORS, True),
         points=points,
-        bones=tuple(
-            BoneRow(
-                r["bone"],
-                r["body"],
-                _vector(r["end1_m"]),
-                _vector(r["end2_m"]),
-                float(r["mean_radius_m"]),
-            )
-            for r in _rows(folder, "bones.csv")
-        ),
+        bones=_rows(folder, BoneRow, ("bone body end1_m end2_m mean_radius_m", "bones.csv")),
         settings=load_settings(folder),
     )
 
@@ -260,7 +245,11 @@ def load_model_tables(folder: str) -> ModelTables:
 @cache
 def load_torso_tables() -> TorsoTables:
     """Reads the tables of trunk and neck, `data/torso`; every row names its source."""
-    return TorsoTables(_bodies("torso"), _joints("torso"), _motors("torso"))
+    return TorsoTables(
+        _rows("torso", BodyRow, _BODIES),
+        _rows("torso", JointRow, _JOINTS),
+        _rows("torso", MotorRow, _MOTORS),
+    )
 
 
 def load_settings(folder: str) -> dict[str, Any]:
@@ -273,18 +262,10 @@ def load_settings(folder: str) -> dict[str, Any]:
 def load_device_rows() -> dict[str, DeviceRow]:
     """Reads the VR hardware (Meta Quest 1) table; keys are device names."""
     devices = json.loads(_text("hardware.json"))["devices"]
-    return {
-        name: DeviceRow(
-            name=name,
-            pos=tuple(d["pos_m"]),
-            quat_wxyz=tuple(d["quat_wxyz"]),
-            mass=d["mass_kg"],
-            com=tuple(d["com_m"]),
-            inertia_quat_wxyz=tuple(d["inertia_quat_wxyz"]),
-            inertia=tuple(d["inertia_kgm2"]),
-            openxr_offset=tuple(d["openxr_offset_m"]),
-            box_min=tuple(d["box_min_m"]),
-            box_max=tuple(d["box_max_m"]),
-        )
-        for name, d in devices.items()
-    }
+    keys = ["pos_m", "quat_wxyz", "mass_kg", "com_m", "inertia_quat_wxyz", "inertia_kgm2"]
+    keys += ["openxr_offset_m", "box_min_m", "box_max_m"]
+
+    def value(content: Any) -> Any:
+        return tuple(content) if isinstance(content, list) else content
+
+    return {name: DeviceRow(name, *(value(d[key]) for key in keys)) for name, d in devices.items()}

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 
+from sim2vr_harness.base.errors import unknown_name
 from sim2vr_harness.users import Body
-from sim2vr_harness.users.name_errors import unknown_name
 
 FloatArray = NDArray[np.float64]
 
@@ -300,7 +300,7 @@ def _part(model: mujoco.MjModel, name: str) -> tuple[int, FloatArray]:
         return int(site.bodyid[0]), _placed(site.pos, site.quat)
     if name in bodies:
         return int(model.body(name).id), np.eye(4)
-    raise ValueError(unknown_name("point", name, [part for part in (*sites, *bodies) if part]))
+    raise unknown_name("point", name, [part for part in (*sites, *bodies) if part])
 
 
 def _moved(model: mujoco.MjModel, joint: int) -> FloatArray:

@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
 
 from sim2vr_harness.users.kinematics.forward import Linkage
 
@@ -93,3 +94,22 @@ def _tried(
 def _step(slope: FloatArray, error: FloatArray, damping: FloatArray) -> FloatArray:
     normal = slope @ slope.transpose(0, 2, 1) + damping[:, None, None] * np.eye(3)
     return np.einsum("bxk,bx->bk", slope, np.linalg.solve(normal, error[..., None])[..., 0])
+
+
+def bounded_least_squares(
+    matrix: FloatArray, target: FloatArray, high: FloatArray | float = 1.0
+) -> FloatArray:
+    """Return the x within 0 and ``high`` that makes ``matrix @ x - target`` least.
+
+    Active sets are exact and fast; where they divide by zero, a trust region does it.
+
+    Args:
+        matrix: (R, N) of full column rank.
+        target: (R,).
+        high: (N,) or one for all; may be infinite.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found: FloatArray = lsq_linear(matrix, target, bounds=(0.0, high), method="bvls").x
+    if not np.isfinite(found).all():
+        found = lsq_linear(matrix, target, bounds=(0.0, high)).x
+    return found

@@ -15,35 +15,47 @@ from scipy.optimize import least_squares
 from sim2vr_harness.client.frames import AIM_DIRECTION, position_to_mujoco
 from sim2vr_harness.users.actuation import Actuation
 from sim2vr_harness.users.bodies.body import Body
-from sim2vr_harness.users.bodies.moments import moment_arms
-from sim2vr_harness.users.bodies.rules import Motor
-from sim2vr_harness.users.kinematics.bounded import bounded_least_squares
+from sim2vr_harness.users.bodies.rules import Motor, moment_arms
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
+from sim2vr_harness.users.kinematics.inverse import bounded_least_squares
 
 FloatArray = NDArray[np.float64]
 
-_PLACE_PER_M, _AIM_PER_RAD = 20.0, 30.0
-"""Weights of the two errors in the search for a posture; the weights below are small beside them,
-so that they decide only what place and aim leave free."""
-_COMFORT_PER_M, _LIMITS, _NEAR_PER_RAD = 0.5, 0.3, 0.05
-_COMFORT_M = np.array([0.25, 0.25, -0.3])
-"""From the headset: forward, to the hand's side, up; where a hand that points is held."""
-_STARTS = 3
-"""Random starts of the search, beside the present posture; the least effort wins."""
 
-_FREQUENCY_RAD_S = 9.0
-"""Of the springs."""
-_FURTHEST_RAD = 0.5
-"""Springs pull no harder than at this error."""
-_SERVO_RAD = 0.08
-"""By which the target of a motor of trunk or neck moves in a user step."""
-_EASE = 0.1
-"""Weight of activations beside accelerations."""
-_HOLDING_EASE = 0.02
-"""Weight of activations beside torques (N m) that hold a posture."""
-_FEEDBACK, _NEAR_RAD, _SLOW_RAD_S, _MOST_RAD = 0.1, 0.4, 0.1, 0.5
-"""Part of a joint's error that is added to its correction in every user step, of joints that are
-nearer than the second and slower than the third; corrections stay below the fourth."""
+@dataclass(frozen=True)
+class ControlSettings:
+    """How postures are found and approached."""
+
+    place_per_m: float = 20.0
+    aim_per_rad: float = 30.0
+    """Weights of the two errors in the search for a posture; the weights below are small beside
+    them, so that they decide only what place and aim leave free."""
+    comfort_per_m: float = 0.5
+    limits: float = 0.3
+    near_per_rad: float = 0.05
+    comfort_m: tuple[float, float, float] = (0.25, 0.25, -0.3)
+    """From the headset: forward, to the hand's side, up; where a hand that points is held."""
+    starts: int = 3
+    """Random starts of the search, beside the present posture; the least effort wins."""
+    frequency_rad_s: float = 9.0
+    """Of the springs."""
+    furthest_rad: float = 0.5
+    """Springs pull no harder than at this error."""
+    servo_rad: float = 0.08
+    """By which the target of a motor of trunk or neck moves in a user step."""
+    ease: float = 0.1
+    """Weight of activations beside accelerations."""
+    holding_ease: float = 0.02
+    """Weight of activations beside torques (Nm) that hold a posture."""
+    feedback: float = 0.1
+    near_rad: float = 0.4
+    slow_rad_s: float = 0.1
+    most_rad: float = 0.5
+    """Part of a joint's error that is added to its correction in every user step, of joints that
+    are nearer than the second and slower than the third; corrections stay below the fourth."""
+
+
+CONTROL = ControlSettings()
 
 
 @dataclass(frozen=True)
@@ -159,7 +171,7 @@ class PostureController:
         low, high = self._limits.T
         starts = [start[self._columns]]
         if not nearby:
-            parts = np.random.default_rng(0).uniform(0.25, 0.75, (_STARTS, len(low)))
+            parts = np.random.default_rng(0).uniform(0.25, 0.75, (CONTROL.starts, len(low)))
             starts += list(low + parts * (high - low))
         found = []
         for one in starts:
@@ -170,20 +182,25 @@ class PostureController:
                 tip, device, origin, along = self._reached(angles, tip_m, ray)
                 errors = []
                 if place is not None:
-                    errors.append(_PLACE_PER_M * (tip - place))
+                    errors.append(CONTROL.place_per_m * (tip - place))
                 if aim_at is not None:
-                    errors.append(_AIM_PER_RAD * (along - _unit(aim_at - origin)))
+                    errors.append(CONTROL.aim_per_rad * (along - _unit(aim_at - origin)))
                     head = self._tried.site("headset").xpos
-                    held = head + _COMFORT_M * [1.0, self._side, 1.0]
-                    errors.append(_COMFORT_PER_M * (device - held))
+                    held = head + np.array(CONTROL.comfort_m) * [1.0, self._side, 1.0]
+                    errors.append(CONTROL.comfort_per_m * (device - held))
                 middle, half = (low + high) / 2.0, (high - low) / 2.0
-                rest = [_LIMITS * ((x - middle) / half) ** 3, _NEAR_PER_RAD * (x - begin)]
+                rest = [
+                    CONTROL.limits * ((x - middle) / half) ** 3,
+                    CONTROL.near_per_rad * (x - begin),
+                ]
                 return np.concatenate([*errors, *rest])
 
             best = least_squares(wrong, begin, bounds=(low, high), max_nfev=40).x
             found.append(self._judged(self._whole(start, best), place, aim_at, tip_m, ray))
-        least = min(one.gap_m * _PLACE_PER_M + one.error_deg for one in found)
-        able = [one for one in found if one.gap_m * _PLACE_PER_M + one.error_deg < least + 0.1]
+        least = min(one.gap_m * CONTROL.place_per_m + one.error_deg for one in found)
+        able = [
+            one for one in found if one.gap_m * CONTROL.place_per_m + one.error_deg < least + 0.1
+        ]
         if len(able) == 1:
             return able[0]
         return min(able, key=self._effort)
@@ -240,9 +257,9 @@ class PostureController:
             angles: (J,) to move to.
         """
         error = angles - self.angles(qpos)
-        slow = np.abs(np.asarray(qvel)[self._qvel_of]) < _SLOW_RAD_S
-        part = np.where(slow & (np.abs(error) < _NEAR_RAD), _FEEDBACK * error, 0.0)
-        self._correction = np.clip(self._correction + part, -_MOST_RAD, _MOST_RAD)
+        slow = np.abs(np.asarray(qvel)[self._qvel_of]) < CONTROL.slow_rad_s
+        part = np.where(slow & (np.abs(error) < CONTROL.near_rad), CONTROL.feedback * error, 0.0)
+        self._correction = np.clip(self._correction + part, -CONTROL.most_rad, CONTROL.most_rad)
         wanted = self._driving(qpos, qvel, angles + self._correction)
         action = np.zeros(self._actions, np.float32)
         muscles = self._actuation.muscles
@@ -254,7 +271,7 @@ class PostureController:
     def holding(self, qpos: FloatArray) -> FloatArray:
         """(M,) the least activations, by the sum of their squares, that hold a posture (nq,)."""
         free, pulls, slack = self._muscles(qpos, np.zeros(self._model.nv))
-        return _least(pulls, free.T @ (self._holding_torques() - slack), _HOLDING_EASE)
+        return _least(pulls, free.T @ (self._holding_torques() - slack), CONTROL.holding_ease)
 
     def _driving(self, qpos: FloatArray, qvel: FloatArray, angles: FloatArray) -> FloatArray:
         """(M,) activations whose joint accelerations are the springs', as near as muscles can."""
@@ -264,13 +281,13 @@ class PostureController:
         mujoco.mj_fullM(model, data, mass)
         error = np.zeros(model.nv)
         mujoco.mj_differentiatePos(model, error, 1.0, qpos, self._body.coupled_qpos(angles))
-        error = np.clip(error, -_FURTHEST_RAD, _FURTHEST_RAD)
-        wanted = _FREQUENCY_RAD_S**2 * error - 2.0 * _FREQUENCY_RAD_S * qvel
+        error = np.clip(error, -CONTROL.furthest_rad, CONTROL.furthest_rad)
+        wanted = CONTROL.frequency_rad_s**2 * error - 2.0 * CONTROL.frequency_rad_s * qvel
         inertia = free.T @ mass @ free
         torques = inertia @ (free.T @ wanted) + free.T @ (self._holding_torques() - slack)
         # In the metric of kinetic energy light joints, such as the wrist, count like heavy ones.
         scale = np.linalg.inv(np.linalg.cholesky(inertia))
-        return _least(scale @ pulls, scale @ torques, _EASE)
+        return _least(scale @ pulls, scale @ torques, CONTROL.ease)
 
     def _muscles(
         self, qpos: FloatArray, qvel: FloatArray
@@ -336,7 +353,7 @@ class _TrunkServo:
         if self._aim is None:
             self._aim = float(np.clip((qpos[self._qpos] - self._low) / self._span, 0.0, 1.0))
         wanted = float(np.clip((angles[self._joint] - self._low) / self._span, 0.0, 1.0))
-        most = _SERVO_RAD / self._span
+        most = CONTROL.servo_rad / self._span
         shift = float(np.clip(wanted - self._aim, -most, most))
         # What the motor's rule does with an action (users/bodies/rules.py).
         action = shift / (1.0 - Motor.KEPT)

@@ -1,4 +1,4 @@
-"""Endurance of the shoulder by load, and the measures of arm fatigue that rest on it.
+"""Exertion as people rate it: endurance of the shoulder by load, and two measures of arm fatigue.
 
 Sources:
 
@@ -14,19 +14,33 @@ Angles are in degrees, torques in Nm, times in s; arrays broadcast.
 
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-FloatArray = NDArray[np.float64]
-Ids = NDArray[np.integer] | slice
+from sim2vr_harness.users.bodies.body import Body
 
-_GRAVITY = 9.8
-_CORRECTED_FROM_DEG = (90.0, 145.0)
-"""Least angles of shoulder and elbow at which NICER corrects the torque."""
-_RESTING_DEG = (25.0, 125.0)
-"""NICER: an arm rests with the shoulder up to the first and the elbow from the second angle on."""
-_RECOVERY_PER_S = 0.04
-_ENDURANCE_S, _ENDURANCE_POWER = 14.86, 1.83
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ExertionSettings:
+    """Published constants of endurance and of the measures of fatigue."""
+
+    endurance_s: float = 14.86
+    endurance_power: float = 1.83
+    """Shoulders hold a share f ``endurance_s f^-endurance_power`` s (Frey-Law and Avin 2010)."""
+    corrected_from_deg: tuple[float, float] = (90.0, 145.0)
+    """NICER: least angles of shoulder and elbow at which the torque is corrected."""
+    resting_deg: tuple[float, float] = (25.0, 125.0)
+    """NICER: an arm rests with the shoulder up to the first and the elbow from the second on."""
+    recovery_per_s: float = 0.04
+    """NICER: with which the value decays at rest."""
+    gravity_mps2: float = 9.8
+    """Consumed Endurance: in the weight of the arm."""
+
+
+EXERTION = ExertionSettings()
 
 
 @dataclass(frozen=True)
@@ -64,7 +78,9 @@ def _consumed_endurance_torque(
 ) -> float:
     upper, fore, hand = lengths
     arms = (0.452 * upper, upper + 0.424 * fore, upper + fore + 0.397 * hand)
-    return force * upper - _GRAVITY * sum(m * arm for m, arm in zip(masses, arms, strict=True))
+    return force * upper - EXERTION.gravity_mps2 * sum(
+        m * arm for m, arm in zip(masses, arms, strict=True)
+    )
 
 
 def endurance_time(share: ArrayLike) -> FloatArray:
@@ -74,7 +90,7 @@ def endurance_time(share: ArrayLike) -> FloatArray:
     """
     share = np.asarray(share, dtype=np.float64)
     with np.errstate(divide="ignore"):
-        return np.asarray(_ENDURANCE_S * share**-_ENDURANCE_POWER)
+        return np.asarray(EXERTION.endurance_s * share**-EXERTION.endurance_power)
 
 
 def consumed_endurance_time(share: ArrayLike) -> FloatArray:
@@ -124,7 +140,9 @@ def nicer_correction(
     shoulder, elbow = np.asarray(shoulder_deg), np.asarray(elbow_deg)
     gain, slope = np.where(man, 1230.0, 1005.0), np.where(man, 0.09, 0.11)
     activity = 0.0095 * gain / (1.0 + np.exp((66.40 - shoulder) / 7.83))
-    raised = (shoulder >= _CORRECTED_FROM_DEG[0]) & (elbow >= _CORRECTED_FROM_DEG[1])
+    raised = (shoulder >= EXERTION.corrected_from_deg[0]) & (
+        elbow >= EXERTION.corrected_from_deg[1]
+    )
     return np.where(raised, activity - np.sin(np.radians(shoulder)) / slope, 0.0)
 
 
@@ -189,7 +207,7 @@ class NicerMeter:
         torque, shoulder, elbow = (
             np.reshape(each, shape) for each in (torque, shoulder_deg, elbow_deg)
         )
-        resting = (shoulder <= _RESTING_DEG[0]) & (elbow >= _RESTING_DEG[1])
+        resting = (shoulder <= EXERTION.resting_deg[0]) & (elbow >= EXERTION.resting_deg[1])
         corrected = torque + nicer_correction(shoulder, elbow, self._strength.man)
         maximum = self._strength.shoulder_torque(shoulder, elbow)
         for step in zip(resting, corrected * dt, maximum, strict=True):
@@ -203,12 +221,12 @@ class NicerMeter:
         if self._rested.any():
             value = self._rested_value / 100.0
             with np.errstate(divide="ignore", invalid="ignore"):
-                share = (before / value / _ENDURANCE_S) ** (-1.0 / _ENDURANCE_POWER)
+                share = (before / value / EXERTION.endurance_s) ** (-1.0 / EXERTION.endurance_power)
             resumed = np.where(value > 0.0, share * self._maximum, 0.0)
             mean = np.where(self._rested, resumed, mean)
         mean = (impulse + mean * before) / time
         if resting.any():
-            decayed = self.value * np.exp(-_RECOVERY_PER_S * dt)
+            decayed = self.value * np.exp(-EXERTION.recovery_per_s * dt)
             self._rested_value = np.where(resting, decayed, self._rested_value)
             mean = np.where(resting, self._mean, mean)
             maximum = np.where(resting, self._maximum, maximum)
@@ -219,3 +237,142 @@ class NicerMeter:
         """(N,) per cent; 100 is exhaustion. 0 before the first step."""
         active = 100.0 * self._time / endurance_time(self._mean / self._maximum)
         return np.where(self._rested, self._rested_value, active)
+
+
+@dataclass(frozen=True)
+class Arm:
+    """An arm that holds a controller; names of the model's bodies.
+
+    Attributes:
+        side: ``right`` or ``left``.
+        upper_arm: whose origin is the centre of the shoulder.
+        forearm: whose origin is the elbow.
+        wrist: whose origin is the wrist.
+    """
+
+    side: str
+    upper_arm: str
+    forearm: str
+    wrist: str
+
+    @property
+    def device(self) -> str:
+        """What it holds."""
+        return f"controller_{self.side}"
+
+
+def arms_of(body: Body) -> tuple[Arm, ...]:
+    """Return the arms of a body, right before left.
+
+    An arm is a chain of bodies up from a controller, in which the upper arm is called
+    ``humerus...``, the forearm ``ulna...`` and ``radius...``, as in OpenSim's models; a controller
+    without them has none.
+    """
+    found = []
+    for side in ("right", "left"):
+        if f"controller_{side}" not in body.devices:
+            continue
+        site = f"controller_{side}"
+        names, part = [], int(body.physics_model.site(site).bodyid[0])
+        while part:
+            names.append(body.physics_model.body(part).name)
+            part = int(body.physics_model.body_parentid[part])
+        chain = names
+        upper = [name for name in chain if name.startswith("humerus")]
+        fore = [name for name in chain if name.startswith("ulna")]
+        bones = [i for i, name in enumerate(chain) if name.startswith(("ulna", "radius"))]
+        if upper and fore and bones and bones[0] > 0:
+            found.append(Arm(side, upper[0], fore[0], chain[bones[0] - 1]))
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class ArmLoad:
+    """What an arm does at a moment.
+
+    Attributes:
+        torque: magnitude of the moment at the shoulder, Nm.
+        shoulder_deg: between upper arm and straight down.
+        elbow_deg: between upper arm and forearm; 180: outstretched.
+    """
+
+    torque: float
+    shoulder_deg: float
+    elbow_deg: float
+
+
+class ArmDynamics:
+    """Inverse dynamics of arms: of each, everything from the humerus to the controller.
+
+    The moment is the one between the segments, of weight and acceleration.
+    Contacts that support the arm are not subtracted.
+
+    Args:
+        model: of the body.
+        arms: A of them.
+    """
+
+    def __init__(self, model: mujoco.MjModel, *arms: Arm) -> None:
+        self._model, self._arms = model, arms
+        self._data = data = mujoco.MjData(model)
+        self._motion = (data.qpos, data.qvel, data.qacc)
+        self._told: list[FloatArray] = []
+        for arm in arms:
+            parts = [model.body(part).id for part in (arm.upper_arm, arm.forearm, arm.wrist)]
+            # A wrench about the centre of mass of the whole tree: torque, then force. Live arrays.
+            self._told += [data.cfrc_int[parts[0]], data.subtree_com[model.body_rootid[parts[0]]]]
+            self._told += [data.xpos[part] for part in parts]
+
+    def moments(self, qpos: FloatArray, qvel: FloatArray, qacc: FloatArray) -> FloatArray:
+        """Return a moment of motion as :func:`arm_loads` takes it, (A, 18).
+
+        Args:
+            qpos: (nq,) angles, rad.
+            qvel: (nv,) rad/s.
+            qacc: (nv,) rad/s^2.
+        """
+        model, data = self._model, self._data
+        for live, given in zip(self._motion, (qpos, qvel, qacc), strict=True):
+            live[:] = given
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_rnePostConstraint(model, data)
+        return np.concatenate(self._told).reshape(len(self._arms), 18)
+
+    def load(
+        self, qpos: FloatArray, qvel: FloatArray, qacc: FloatArray, *, held_kg: float = 0.0
+    ) -> ArmLoad:
+        """Return torque and posture of the first arm.
+
+        ``held_kg`` more hang from the controller, at rest.
+        """
+        moment = self.moments(qpos, qvel, qacc)[0]
+        shoulder, hand = moment[9:12], self._data.site(self._arms[0].device).xpos
+        moment[:3] -= np.cross(hand - shoulder, held_kg * self._model.opt.gravity)
+        return ArmLoad(*map(float, arm_loads(moment)))
+
+
+def arm_loads(moments: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what arms do at moments, as the attributes of :class:`ArmLoad`, (...) each.
+
+    Args:
+        moments: (..., 18) torque, force, the point that they act about, shoulder, elbow and wrist.
+    """
+    torque, force, about, shoulder, elbow, wrist = np.moveaxis(
+        np.reshape(moments, (*np.shape(moments)[:-1], 6, 3)), -2, 0
+    )
+    total = torque + np.cross(about - shoulder, force)
+    upper = elbow - shoulder
+    down = np.array([0.0, 0.0, -1.0])
+    return (
+        np.linalg.norm(total, axis=-1),
+        _angle(upper, down),
+        180.0 - _angle(upper, wrist - elbow),
+    )
+
+
+def _angle(a: FloatArray, b: FloatArray) -> FloatArray:
+    lengths = np.linalg.norm(a, axis=-1) * np.linalg.norm(b, axis=-1)
+    cosine = (a * b).sum(axis=-1) / np.maximum(lengths, 1e-12)
+    return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))

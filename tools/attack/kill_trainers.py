@@ -31,7 +31,6 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.runs.config import TrainingConfig, load_config
 from sim2vr_harness.runs.teacher_config import ImaginedConfig
 from sim2vr_harness.training.dagger import dagger
-from sim2vr_harness.training.dagger import stage as student_stage
 from sim2vr_harness.training.motor_control import goal_task
 from sim2vr_harness.training.option_q_learning import q_learning
 from sim2vr_harness.training.option_q_learning import stage as q_learning_stage
@@ -72,7 +71,7 @@ CONSTANTS: list[tuple[Any, dict[str, object]]] = [  # of the algorithms, as smal
     (ImaginedConfig, {"play_steps": 10, "first_fit_minibatches": 20, "fit_minibatches": 20}),
     (ImaginedConfig, {"updates": 2, "critic_first_updates": 0}),
     (dagger, {"_ROLLOUT_STEPS": 8}),
-    (student_stage, {"CHECKPOINT_ROUNDS": 2}),
+    (dagger, {"CHECKPOINT_ROUNDS": 2}),
     (goal_task, {"_FIRST_PLAY_STEPS": 12, "_BODY_WIDTH": 16, "_USERS": 8, "_WINDOW_STEPS": 4}),
     (goal_task._Cycles, {"play_steps": 6, "fit_minibatches": 20, "updates": 3}),
     (q_learning_stage, {"_BASELINE_S": 0.5}),

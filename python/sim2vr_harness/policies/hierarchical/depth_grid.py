@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from sim2vr_harness.policies.hierarchical.motor_goals import WIDTHS_M
+from sim2vr_harness.policies.hierarchical.motor_policy import WIDTHS_M
 
 CELL_PX = 4
 """Width and height of a cell, pixels."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from sim2vr_harness.policies.hierarchical.motor_goals import (
+from sim2vr_harness.policies.hierarchical.motor_policy import (
     MOMENT_S,
     MotorGoals,
     describe,

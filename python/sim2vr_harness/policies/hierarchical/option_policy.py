@@ -28,8 +28,11 @@ from sim2vr_harness.policies.hierarchical.action_selection import (
 )
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid, rotation
-from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.motor_policy import (
+    MotorGoals,
+    MotorPolicy,
+    reachable_poses,
+)
 from sim2vr_harness.policies.hierarchical.options import option_set
 from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS
 from sim2vr_harness.policies.hierarchical.primitives import (
@@ -37,7 +40,6 @@ from sim2vr_harness.policies.hierarchical.primitives import (
     OptionChoice,
     PrimitiveController,
 )
-from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.policies.protocol import (
     Observation,
     require_observation,

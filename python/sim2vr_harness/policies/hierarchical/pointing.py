@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from sim2vr_harness.client.frames import AIM_DIRECTION
-from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals, tips
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorGoals, tips
 from sim2vr_harness.policies.scripted.places import own_ray
 
 AIM_RAYS = torch.stack([torch.zeros(3), torch.from_numpy(AIM_DIRECTION).float()])

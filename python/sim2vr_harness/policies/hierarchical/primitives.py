@@ -12,21 +12,22 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from sim2vr_harness.policies.hierarchical.controller_inputs import ROLES, ControllerInputs
-from sim2vr_harness.policies.hierarchical.motor_goals import (
+from sim2vr_harness.policies.hierarchical.motor_policy import (
     MOMENT_S,
     WIDTH_M,
     WIDTHS_M,
     MotorGoals,
+    MotorPolicy,
     tips,
 )
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.options import (
     FREE,
     MOVES,
     PLACED,
     PLAIN,
+    ROLES,
     SIDEWAYS,
+    ControllerInputs,
     OptionSet,
 )
 from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS, Pointing, off_ray, turn_rays

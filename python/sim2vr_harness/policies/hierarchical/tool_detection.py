@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from torch import Tensor
 
-from sim2vr_harness.policies.hierarchical.controller_inputs import with_inputs_at_rest
 from sim2vr_harness.policies.hierarchical.depth_grid import FAR_M, rotation
 from sim2vr_harness.policies.hierarchical.goal_sampler import GoalSampler
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.options import with_inputs_at_rest
 from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS
 
 _EVERY, _LOOKS, _PICTURES = 3, 30, 960

@@ -7,6 +7,7 @@ as which targets are there. Ross, Gordon & Bagnell (2011), "A Reduction of Imita
 Structured Prediction to No-Regret Online Learning".
 """
 
+import fnmatch
 import math
 import time
 from collections import deque
@@ -19,18 +20,134 @@ from typing import Any, Protocol
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from stable_baselines3.common.utils import get_device
 from torch import Tensor, nn
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.progress import View
 from sim2vr_harness.base.state import State
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.client import GameFacts
+from sim2vr_harness.client.frames import pose_to_app
+from sim2vr_harness.envs.config import with_options
+from sim2vr_harness.envs.privileged import OBSERVATION
+from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.policies.attention_crops import AttentionCrops
 from sim2vr_harness.policies.sharding import in_shards
+from sim2vr_harness.policies.teacher import load_teacher
 from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
+from sim2vr_harness.runs.checkpoint import read_tensors, write_tensors
+from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.dagger_config import StudentConfig
+from sim2vr_harness.runs.run_folder import metric_key
+from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.training.replay import ReplayStore
-from sim2vr_harness.training.run.episode_stats import episode_means
+from sim2vr_harness.training.run.loggers import episode_means
+from sim2vr_harness.training.run.stage import Callbacks, Stage
+from sim2vr_harness.training.teacher.env import game_of, privileged_senses
+
+_FARTHEST = 3.0
+"""Deviations from the mean at which numbers are cut."""
+_TARGET_FIELDS = ("present", "x_m", "y_m", "z_m")
+_NEAREST_M = 0.1
+"""What is nearer to the eyes, or behind them, is not looked at."""
+SCALE_STEPS, SCALE_EVERY = 120, 4
+"""User steps in which the teacher shows what a body goes through."""
+
+
+class TeacherExpert:
+    """See :class:`~sim2vr_harness.training.dagger.dagger.Guide`.
+
+    Args:
+        file: the teacher's weights.
+        config: the teacher's.
+        simulation: the student's users, in this process.
+    """
+
+    def __init__(self, file: Path, config: TeacherConfig, simulation: Simulation) -> None:
+        game = game_of(simulation.config)
+        self._senses = privileged_senses(simulation, config, game, simulation.config)
+        self._policy = load_teacher(file, self._senses.space, simulation.action_space)
+        known = {f"felt {name}" for name in self._senses.names} | set(self._senses.names)
+        self._game = [i for i, name in enumerate(self._senses.observed_names) if name in known]
+        self._attention_targets = game.attention_targets
+        told = [self._senses.observed_names[i].removeprefix("felt ") for i in self._game]
+        self.crop_columns = tuple(
+            tuple(i for i, name in enumerate(told) if name.startswith(f"{target}."))
+            for target in self._attention_targets
+        )
+        self._facts = [name for name in self._senses.names if fnmatch.fnmatchcase(name, game.facts)]
+
+    def actions(self, simulation: Any) -> NDArray[np.float32]:
+        return self._policy.act({OBSERVATION: self._senses.observe()})
+
+    def facts(self, simulation: Any) -> NDArray[np.float32]:
+        """See the protocol: which places have a target."""
+        columns = [self._senses.seen(name) for name in self._facts]
+        if not columns:
+            return np.zeros((simulation.n, 0), np.float32)
+        return np.clip(np.stack(columns, axis=1), 0.0, 1.0)
+
+    def numbers(self, simulation: Any) -> NDArray[np.float32]:
+        """See the protocol: what the teacher observes of the game, as its network takes it."""
+        with torch.inference_mode():
+            told = {OBSERVATION: torch.from_numpy(self._senses.observe())}
+            scaled: NDArray[np.float32] = self._policy.normaliser(told).numpy()
+        return np.clip(scaled[:, self._game], -_FARTHEST, _FARTHEST)
+
+    def crop_places(self, simulation: Any) -> NDArray[np.float32]:
+        """See the protocol: places of the game's ``attention_targets``, as the head is now."""
+        heads = pose_to_app(*simulation.users.device_poses("headset"))
+        told = [
+            np.stack([self._senses.field(f"{name}.{part}") for part in _TARGET_FIELDS], 1)
+            for name in self._attention_targets
+        ]
+        return seen_at(np.stack(told, 1), heads[:, 3:])
+
+    def proprioception_scale(
+        self, simulation: Simulation
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return proprioception_scale(self, simulation)
+
+
+def seen_at(told: NDArray[np.floating[Any]], head_xyzw: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Where in the picture things are.
+
+    Args:
+        told: (N, G, 4) whether there is one, and where it is from the head, m, in the app's frame.
+        head_xyzw: (N, 4) how the heads are turned, app frame.
+
+    Returns:
+        (N, G, 3) tangents of the angles right and up of straight ahead, at most 10, and 1 if there
+        is one before the eyes, else 0.
+    """
+    # In the frame of the head: turned back by the conjugate.
+    axis, w = -head_xyzw[:, None, :3], head_xyzw[:, None, 3:]
+    off = told[..., 1:].astype(np.float64)
+    off = off + 2.0 * np.cross(axis, np.cross(axis, off) + w * off)
+    ahead = off[..., 2]
+    there = (told[..., 0] > 0.0) & (ahead > _NEAREST_M)
+    place = np.clip(off[..., :2] / np.maximum(ahead, _NEAREST_M)[..., None], -10.0, 10.0)
+    place *= there[..., None]
+    return np.concatenate([place, there[..., None]], 2).astype(np.float32)
+
+
+def proprioception_scale(
+    guide: Any, simulation: Simulation
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean and standard deviation of the proprioception while a guide plays, (P,) each.
+
+    The users' present rounds are lost.
+    """
+    simulation.reset(seeds=list(range(simulation.n)))
+    seen = []
+    for step in range(SCALE_STEPS):
+        if step % SCALE_EVERY == 0:
+            seen.append(simulation.proprioception.observe(simulation.users))
+        simulation.renew(simulation.step(guide.actions(simulation)))
+    values = np.concatenate(seen).astype(np.float64)
+    return values.mean(0), values.std(0)
+
 
 PICTURE_FILES = "frames.*.bin"
 """Files of what the student has seen, the star being the sense's key."""
@@ -432,3 +549,125 @@ class Student(State):
         """Continue from :meth:`state_dict`."""
         super().load_state_dict(state)
         torch.set_rng_state(state["torch"].cpu())
+
+
+class StudentStage(Stage):
+    """The training of a student.
+
+    Args:
+        config: of the run.
+        folder: of the stage.
+        guide: makes the teacher of N users.
+    """
+
+    name, unit, result = "student", "frames", "policy.pt"
+    title = "a student learns to do the same from what the user sees."
+    state_of, leftovers = "the state of this student", (PICTURE_FILES,)
+
+    _learner: Student
+
+    def __init__(
+        self, config: TrainingConfig, folder: Path, guide: Callable[[Simulation], Expert]
+    ) -> None:
+        super().__init__(config, folder, config.student.frames)
+        self._guide = guide
+
+    @property
+    def done(self) -> float:
+        """Frames that the student has had."""
+        return self._learner.store.count
+
+    def weights(self) -> dict[str, Tensor]:
+        """Return the policy's weights in the end."""
+        return read_tensors(self.folder / self.result, "the student's weights")
+
+    def open(self) -> None:
+        """Make the student, its teacher and users."""
+        config = self._config
+        env = with_options(config.env, config.student.app_options)
+        self._simulation = simulation = Simulation(env, config.student.n_envs)
+        guide = self._guide(simulation)
+        policy = _new_policy(config, simulation, guide).to(get_device(config.device))
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self._learner = Student(
+            config.student,
+            policy,
+            simulation,
+            guide,
+            self.folder,
+            seed=config.seed,
+            game=simulation.resolved.facts,
+        )
+
+    def learned(self, state: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what may not be NaN."""
+        heads = {"heads": "_heads", "tell": "_tell", "read": "_read", "optimizer": "_optimizer"}
+        return {"policy": state["policy"]} | {title: state[k] for title, k in heads.items()}
+
+    def run(self, callbacks: Callbacks) -> None:
+        """Go through the rounds that are left."""
+        student = self._learner
+        self.resume(callbacks)
+        first, began, doing = student.store.count, time.monotonic(), "collecting the first frames"
+        while not student.finished:
+            view = View(student.store.count, doing)
+
+            def show(share: float, view: View = view) -> None:
+                callbacks.doing("playing" if share < COLLECTED else "learning")
+                callbacks.show(lambda: view)
+
+            progress = student.step(show)
+            self.remember()
+            if student.finished or student.round % CHECKPOINT_ROUNDS == 0:
+                self.save()
+            rate = (progress.frames - first) / (time.monotonic() - began)
+            doing = _line(progress, rate, student.game)
+            self.log(callbacks, _row(progress))
+        callbacks.say("Student: " + doing)
+        write_tensors(self.folder / self.result, student.policy.state_dict())
+        self.tidy()
+
+
+def _new_policy(config: TrainingConfig, simulation: Simulation, guide: Expert) -> VisualActorCritic:
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(config.seed)
+        policy = VisualActorCritic(
+            simulation.observation_space,
+            simulation.action_space,
+            lambda _: 0.0,
+            config=config.policy,
+        )
+    if config.policy.scale_proprioception:
+        # What the teacher has met is what the student will meet.
+        policy.fit_scaling(*guide.proprioception_scale(simulation))
+    with torch.no_grad():
+        policy.log_std.fill_(config.student.log_std)
+    return policy
+
+
+def _row(progress: StudentProgress) -> dict[str, Any]:
+    return {
+        "step": progress.frames,
+        **{f"rollout/{key}": value for key, value in progress.means.items()},
+        "student/imitation_error": progress.imitation_error,
+        "student/facts_error": progress.facts_error,
+        "student/numbers_error": progress.numbers_error,
+        "student/crops_error": progress.crops_error,
+        "student/reading_error": progress.reading_error,
+        "student/teacher_share": progress.teacher_share,
+        "time/collect_seconds": progress.collect_seconds,
+        "time/learn_seconds": progress.learn_seconds,
+    }
+
+
+def _line(progress: StudentProgress, rate: float, game: GameFacts) -> str:
+    played = "".join(
+        f"{measure.heading.lower()} {value:.{measure.digits}f} in its last rounds, "
+        for measure in game.scalars
+        if measure.name == game.score
+        and (value := progress.means.get(metric_key(measure))) is not None
+    )
+    return (
+        f"{progress.frames:,} frames, {played}differs from the teacher by "
+        f"{progress.imitation_error:.3f} ({rate:,.0f} frames/s)"
+    )

@@ -20,8 +20,7 @@ from sim2vr_harness.policies.teacher import TeacherPolicy, new_teacher
 from sim2vr_harness.runs.checkpoint import write_tensors
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.teacher_config import ImaginedConfig
-from sim2vr_harness.training.model_based.task import Task
-from sim2vr_harness.training.model_based.trainer import ModelBasedTrainer, value_function
+from sim2vr_harness.training.model_based.trainer import ModelBasedTrainer, Task, value_function
 from sim2vr_harness.training.run.stage import Callbacks, Stage
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 from sim2vr_harness.world_models.body_dynamics import BodyModel

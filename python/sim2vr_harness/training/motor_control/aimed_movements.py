@@ -23,10 +23,12 @@ from scipy.signal import find_peaks
 
 from sim2vr_harness.envs.config import UserConfig, motor_noise
 from sim2vr_harness.policies.hierarchical.goal_sampler import LEAD_STEPS
-from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
-from sim2vr_harness.policies.hierarchical.human_motor import HumanHands, HumanMotorPolicy
-from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.human_motor import (
+    HumanGoals,
+    HumanHands,
+    HumanMotorPolicy,
+)
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorGoals, MotorPolicy
 from sim2vr_harness.statistics.fitts import effective_bits, fit_line
 from sim2vr_harness.training.motor_control.people_training import Bodies
 from sim2vr_harness.users import UserBatch

@@ -17,11 +17,14 @@ from sim2vr_harness.base.state import State
 from sim2vr_harness.envs.config import UserConfig, motor_noise
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.policies.hierarchical.goal_sampler import off_goal
-from sim2vr_harness.policies.hierarchical.hand_policy import HandPolicy
-from sim2vr_harness.policies.hierarchical.human_goals import GoalPerception, HumanGoals
-from sim2vr_harness.policies.hierarchical.human_motor import HumanHands, people_policy
-from sim2vr_harness.policies.hierarchical.motor_goals import tips
-from sim2vr_harness.policies.hierarchical.workspace import INSIDE
+from sim2vr_harness.policies.hierarchical.human_motor import (
+    GoalPerception,
+    HandPolicy,
+    HumanGoals,
+    HumanHands,
+    people_policy,
+)
+from sim2vr_harness.policies.hierarchical.motor_policy import INSIDE, tips
 from sim2vr_harness.runs.option_config import PeopleTraining
 from sim2vr_harness.users import UserBatch
 from sim2vr_harness.world_models.body_dynamics import fit_body

@@ -35,7 +35,7 @@ from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools
 from sim2vr_harness.runs.checkpoint import read_tensors, write_tensors, write_user
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder
-from sim2vr_harness.training.motor_control.stage import MotorStage
+from sim2vr_harness.training.motor_control.goal_task import MotorStage
 from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS, OptionQLearning
 from sim2vr_harness.training.run.stage import Callbacks, Stage
 

@@ -15,7 +15,7 @@ from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.ppo_config import LearningRateConfig
 from sim2vr_harness.training.ppo.rollout_buffer import FrameRolloutBuffer
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
-from sim2vr_harness.training.run.episode_stats import episode_means
+from sim2vr_harness.training.run.loggers import episode_means
 
 
 class LearningRate:

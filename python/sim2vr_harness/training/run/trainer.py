@@ -33,11 +33,9 @@ from sim2vr_harness.runs.checkpoint import require_readable
 from sim2vr_harness.runs.config import TrainingConfig, first_difference
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.runs.trust import remember
-from sim2vr_harness.training.dagger.dagger import Expert
-from sim2vr_harness.training.dagger.expert import TeacherExpert
-from sim2vr_harness.training.dagger.stage import StudentStage
+from sim2vr_harness.training.dagger.dagger import Expert, StudentStage, TeacherExpert
 from sim2vr_harness.training.model_based.stage import ImaginedStage
-from sim2vr_harness.training.motor_control.stage import MotorStage, needs_motor_policy
+from sim2vr_harness.training.motor_control.goal_task import MotorStage, needs_motor_policy
 from sim2vr_harness.training.option_q_learning.stage import QLearningStage
 from sim2vr_harness.training.ppo.fine_tune import user_to_adapt
 from sim2vr_harness.training.ppo.rollout_buffer import buffer_bytes

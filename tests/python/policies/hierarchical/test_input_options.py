@@ -15,17 +15,19 @@ from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.evaluation.evaluate import _another_ray
 from sim2vr_harness.policies.hierarchical.action_selection import best_choices, choose
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
-from sim2vr_harness.policies.hierarchical.controller_inputs import (
-    ROLES,
-    ControllerInputs,
-    with_inputs_at_rest,
-)
 from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
-from sim2vr_harness.policies.hierarchical.motor_goals import WIDTH_M
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.motor_policy import WIDTH_M, MotorPolicy, reachable_poses
 from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy
-from sim2vr_harness.policies.hierarchical.options import MOVES, PLACED, PLAIN, option_set
+from sim2vr_harness.policies.hierarchical.options import (
+    MOVES,
+    PLACED,
+    PLAIN,
+    ROLES,
+    ControllerInputs,
+    option_set,
+    with_inputs_at_rest,
+)
 from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS, aim_of, off_ray, rays_of
 from sim2vr_harness.policies.hierarchical.primitives import (
     PERSONS,
@@ -33,7 +35,6 @@ from sim2vr_harness.policies.hierarchical.primitives import (
     PrimitiveController,
 )
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, _judged, straight_tool
-from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.users import UserBatch, load_body
 from sim2vr_harness.users.kinematics.posture_controller import DeviceRay

@@ -18,7 +18,6 @@ from sim2vr_harness.runs.checkpoint import read_tensors, write_tensors
 from sim2vr_harness.runs.config import PolicyConfig
 from sim2vr_harness.runs.dagger_config import StudentConfig
 from sim2vr_harness.training.dagger import dagger
-from sim2vr_harness.training.dagger import stage as student_stage
 from sim2vr_harness.training.dagger.dagger import Student
 
 CONFIG = StudentConfig(
@@ -252,9 +251,9 @@ def test_a_student_learns_on_the_device_that_is_asked_for(
         asked.append(name)
         return torch.device("cpu")
 
-    monkeypatch.setattr(student_stage, "get_device", get_device)
+    monkeypatch.setattr(dagger, "get_device", get_device)
     config = tiny_distill.config(f"device={device}", "policy.scale_proprioception=false")
-    stage = student_stage.StudentStage(config, tmp_path, lambda simulation: IdleGuide())
+    stage = dagger.StudentStage(config, tmp_path, lambda simulation: IdleGuide())
     stage.open()
     stage.close()
     assert asked == [device]

@@ -9,9 +9,7 @@ from resuming import assert_goes_on
 
 from sim2vr_harness.envs.config import UserConfig
 from sim2vr_harness.envs.people_preset import as_population
-from sim2vr_harness.policies.hierarchical.hand_policy import HandPolicy
-from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
-from sim2vr_harness.policies.hierarchical.human_motor import HumanHands
+from sim2vr_harness.policies.hierarchical.human_motor import HandPolicy, HumanGoals, HumanHands
 from sim2vr_harness.policies.hierarchical.motor_store import human_policy_for
 from sim2vr_harness.runs.option_config import PeopleTraining
 from sim2vr_harness.training.motor_control import people_training

@@ -18,8 +18,7 @@ from sim2vr_harness.cli.train import _of_people
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, VisionConfig
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.policies.hierarchical import motor_store as shipped
-from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.motor_policy import MOMENT_S, MotorPolicy, reachable_poses
 from sim2vr_harness.policies.hierarchical.motor_store import (
     human_policy_for,
     load_motor_layer,
@@ -35,7 +34,6 @@ from sim2vr_harness.policies.hierarchical.primitives import (
     PrimitiveController,
 )
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools
-from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.runs.config import TrainingConfig, load_config
 from sim2vr_harness.runs.option_config import MotorTrainingConfig, QLearningConfig
 from sim2vr_harness.training.motor_control import goal_task

@@ -102,6 +102,11 @@ class Stage(ABC):
         return f"{self._saved:,.0f} of {self.total:,.0f} {self.unit}" if self._saved else ""
 
     @property
+    def work(self) -> float:
+        """Where the progress bar ends: ``total``, or what takes equally long per unit."""
+        return self.total
+
+    @property
     @abstractmethod
     def done(self) -> float:
         """How far the learner is, in ``unit``."""
@@ -349,7 +354,7 @@ def run_stages(
             if len(stages) > 1:
                 say_line(console, f"Stage {number} of {len(stages)}: {stage.title}")
             began = time.monotonic()
-            display = ProgressDisplay(stage.name, stage.total, console)
+            display = ProgressDisplay(stage.name, stage.work, console)
             callbacks = Callbacks(stage, number, len(stages), folder, display, report, stop)
             outcome.status = "failed"
             try:

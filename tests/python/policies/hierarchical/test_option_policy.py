@@ -3,6 +3,7 @@
 import copy
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,6 @@ import pytest
 import torch
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.base.progress import View
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.packing import pack_measured
@@ -21,7 +21,7 @@ from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, require_senses
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import TrainingConfig, load_config
-from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS
+from sim2vr_harness.training.option_q_learning.q_learning import SETTINGS
 from sim2vr_harness.training.option_q_learning.stage import best_hold
 from sim2vr_harness.training.ppo.fine_tune import adapting
 from sim2vr_harness.training.run.trainer import train
@@ -29,7 +29,7 @@ from sim2vr_harness.training.run.trainer import train
 pytest.importorskip("sim2vr_harness._app_runtime")
 
 CONFIGS = Path(__file__).resolve().parents[4] / "configs"
-USERS, HELD = 3, DECIDE_STEPS
+USERS, HELD = 3, SETTINGS.decide_steps
 
 
 def config(*changes: str) -> TrainingConfig:
@@ -113,39 +113,18 @@ def test_a_user_goes_straight_to_what_it_touches_if_it_learned_so() -> None:
 class Obedient:
     """Earns the more, the longer a decision is seen through."""
 
-    class simulation:
-        class config:
-            action_frequency_hz = 20.0
-
-    step_count, n = 1000, 20
-
-    def earned(self, hold: int, steps: int, *, on_progress: Callable[[float], None]) -> float:
-        assert steps == 128  # 128 s of all 20 users at 20 Hz
-        for share in (0.0, 0.5):
-            on_progress(share)
+    def earned(self, hold: int, steps: int, *, on_step: Callable[[], None]) -> float:
+        on_step()
         return float(hold if hold < 5 else -1)
 
 
 def test_a_decision_is_seen_through_for_as_long_as_it_pays() -> None:
     said: list[str] = []
-
-    shown: list[tuple[str, bool]] = []
-
-    class Listener:
-        say = said.append
-
-        def doing(self, part: str) -> None:
-            assert part == "durations of decisions"
-
-        def show(self, view: Callable[[], View], *, force: bool = False) -> None:
-            shown.append((view().doing, force))
-
-    assert best_hold(Obedient(), Listener()) == 3  # type: ignore[arg-type]
+    shown: list[str] = []
+    callbacks = SimpleNamespace(say=said.append, doing=lambda part: None)
+    assert best_hold(Obedient(), 128, callbacks, shown.append) == 3  # type: ignore[arg-type]
     assert "1.00 for 1, 3.00 for 3, -1.00 for 5. The user's: 3." in said[0]
-    assert [what for what, _ in shown[::2]] == [
-        f"measuring 3 durations of decisions, {number} of 3" for number in (1, 2, 3)
-    ]
-    assert [force for _, force in shown] == [True, *[False] * 5], "one line at once"
+    assert shown == [f"measuring 3 durations of decisions, {number} of 3" for number in (1, 2, 3)]
 
 
 SMALL = (

@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -40,8 +40,7 @@ from sim2vr_harness.training.motor_control import goal_task
 from sim2vr_harness.training.motor_control.goal_task import motor_trainer
 from sim2vr_harness.training.option_q_learning import q_learning
 from sim2vr_harness.training.option_q_learning.q_learning import (
-    DECIDE_STEPS,
-    N_STEP,
+    SETTINGS,
     OptionQLearning,
 )
 from sim2vr_harness.training.option_q_learning.stage import choose_manner
@@ -186,7 +185,7 @@ SMALL = QLearningConfig(users=3, user_steps=240, try_steps=90, explore_steps=100
 
 @pytest.fixture(autouse=True)
 def small_minibatches(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(q_learning, "_BATCH_SIZE", 8)
+    monkeypatch.setattr(q_learning, "SETTINGS", replace(SETTINGS, batch_size=8))
 
 
 def skills(*changes: str) -> TrainingConfig:
@@ -235,11 +234,11 @@ def test_hands_move_as_it_pays(tmp_path: Path) -> None:
     earned = {1.0: 10.0, 6.0: 20.0, 36.0: 5.0}
     callbacks = SimpleNamespace(say=said.append, doing=lambda part: None)
 
-    def of_now(*_: object) -> float:
+    def of_now(*_: object, **__: object) -> float:
         return earned[float(person.vigour)] - 5.0 * float(person.primitives.lifts)
 
     with patch.object(one, "earned", side_effect=of_now):
-        choose_manner(one, callbacks)  # type: ignore[arg-type]
+        choose_manner(one, 100, callbacks, print)  # type: ignore[arg-type]
     assert (float(person.vigour), float(person.lifts)) == (6.0, 0.0)
     assert said == [
         "Reward per minute, less effort: 15.00 if hands lift off before they touch, 20.00 if not; "
@@ -261,7 +260,7 @@ def test_effort_is_taken_off_the_reward_of_every_decision(who: str, tmp_path: Pa
 
     with patch.object(one.simulation, "step", noted):
         one.step()
-    assert len(played) == DECIDE_STEPS
+    assert len(played) == SETTINGS.decide_steps
     infos = [outcome.infos for outcome in played]
     points = np.sum([[info["game_reward"] for info in each] for each in infos], axis=0)
     effort = np.sum([[info["effort_cost"] for info in each] for each in infos], axis=0)
@@ -287,17 +286,17 @@ def test_persons_learn_by_their_own_decisions(tmp_path: Path) -> None:
     """Rows of the measured body are not drawn, and what it learned is where persons begin."""
     one = with_persons(tmp_path / "own", 0)
     begun = copy.deepcopy(one.net.state_dict())
-    with patch.object(one.learner, "_shares", side_effect=AssertionError):
-        for _ in range(N_STEP):
+    with patch.object(one.learner, "_gradients", side_effect=AssertionError):
+        for _ in range(SETTINGS.n_step):
             one.step()
     assert all(torch.equal(begun[name], values) for name, values in one.net.state_dict().items())
     drawn = []
 
-    def noted(rows: np.ndarray, *others: object) -> list[object]:
+    def noted(rows: np.ndarray, *others: object) -> object:
         drawn.extend(rows)
-        return [(0.0, tuple(torch.zeros_like(p) for p in one.net.parameters()))]
+        return 0.0, tuple(torch.zeros_like(p) for p in one.net.parameters())
 
-    with patch.object(one.learner, "_shares", side_effect=noted):
+    with patch.object(one.learner, "_gradients", side_effect=noted):
         for _ in range(30):
             one.step()
     assert min(drawn) == 5
@@ -309,14 +308,14 @@ def test_preferred_decisions_count_less_at_the_end(tmp_path: Path) -> None:
     one = learner(tmp_path / "weights")
     used = []
 
-    def noted(rows: np.ndarray, users: np.ndarray, weights: np.ndarray, each: object) -> object:
+    def noted(rows: np.ndarray, users: np.ndarray, weights: np.ndarray) -> object:
         used.append((one.step_count, weights))
-        return [(0.0, tuple(torch.zeros_like(p) for p in one.net.parameters()))]
+        return 0.0, tuple(torch.zeros_like(p) for p in one.net.parameters())
 
     odds = np.full(8, 0.25)
     drawn = (np.zeros(8, np.int64), np.zeros(8, np.int64), odds)
     with (
-        patch.object(one.learner, "_shares", side_effect=noted),
+        patch.object(one.learner, "_gradients", side_effect=noted),
         patch.object(q_learning, "draw_decisions", return_value=drawn),
     ):
         while not one.finished:
@@ -331,7 +330,7 @@ def test_preferred_decisions_count_less_at_the_end(tmp_path: Path) -> None:
 def test_tries_go_to_small_things_of_a_rare_colour(tmp_path: Path) -> None:
     """One red pixel beside a cell's middle makes it the most tried of 600 cells."""
     one = learner(tmp_path / "rare")
-    scene = one._scene(one._sense())
+    _, scene = one.scene()
     scene.pictures[:, :3] = 90
     scene.pictures[:, 3] = 12
     scene.pictures[:, 0, 41, 63] = 250

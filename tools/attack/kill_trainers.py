@@ -70,8 +70,7 @@ DECIDER = (
 CONSTANTS: list[tuple[Any, dict[str, object]]] = [  # of the algorithms, as small
     (ImaginedConfig, {"play_steps": 10, "first_fit_minibatches": 20, "fit_minibatches": 20}),
     (ImaginedConfig, {"updates": 2, "critic_first_updates": 0}),
-    (dagger, {"_ROLLOUT_STEPS": 8}),
-    (dagger, {"CHECKPOINT_ROUNDS": 2}),
+    (dagger, {"SETTINGS": replace(dagger.SETTINGS, rollout_steps=8, checkpoint_rounds=2)}),
     (goal_task, {"_FIRST_PLAY_STEPS": 12, "_BODY_WIDTH": 16, "_USERS": 8, "_WINDOW_STEPS": 4}),
     (goal_task._Cycles, {"play_steps": 6, "fit_minibatches": 20, "updates": 3}),
     (q_learning, {"SETTINGS": replace(q_learning.SETTINGS, batch_size=8)}),

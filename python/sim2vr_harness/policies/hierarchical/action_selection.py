@@ -88,9 +88,7 @@ def best_choices(values: Tensor, something: Tensor, options: OptionSet = PLAIN) 
     """(N, H) choices that are worth most, of those that do something with something.
 
     Args:
-        values: (N, H, choices).
         something: (N, cells) or (N, H, cells) whether anything is there.
-        options: of the hands.
     """
     return _of_things(values, something, options).argmax(-1)
 
@@ -115,9 +113,7 @@ def committed(
     Hands that rest pursue nothing.
 
     Args:
-        values: (N, H, choices).
         something: as in :func:`best_choices`.
-        choice: what hands do.
         places: (N, 3, rows, columns) of the cells, world, m.
         primitives: of the hands; their manner says how much is clearly.
     """
@@ -154,7 +150,6 @@ def mask_unreached(
         something: (N, cells) whether anything is there.
         places: (N, 3, rows, columns) of the cells, world, m.
         hold: user steps for which a decision is seen through.
-        primitives: of the hands.
     """
     # Where a hand that points is does not matter, but what it points at.
     aims = points(choice.move)[..., None]

@@ -31,12 +31,7 @@ _CLEAR, _ENOUGH_PX = 128, 4
 
 
 class DepthGrid:
-    """Geometry of pictures of H x W pixels with 90 degrees from top to bottom.
-
-    Args:
-        height: H.
-        width: W.
-    """
+    """Geometry of pictures of H x W pixels with 90 degrees from top to bottom."""
 
     def __init__(self, height: int, width: int) -> None:
         self.height, self.width = height, width

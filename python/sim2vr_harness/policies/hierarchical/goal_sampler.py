@@ -60,9 +60,6 @@ class GoalSampler:
 
     Args:
         poses: (P, H, 4, 4) places that the devices can be at, from the body's joints.
-        n: number of users B.
-        step_s: duration of a user step.
-        seed: of goals.
         strikes: whether to come through places on time, at the velocity requested, is trained,
             and fast paths are.
     """

@@ -58,9 +58,6 @@ class GoalPerception:
     """Where users believe that goals are: misjudged in proportion to the distance last seen.
 
     Args:
-        n: number of users.
-        hands: H of each.
-        step_s: duration of a user step.
         weber: standard deviation of the error along each axis, of the distance from the hand.
         least_m: standard deviation of the error of a goal at the hand.
         late_steps: user steps by which the distance is seen late.
@@ -130,7 +127,6 @@ class Turning:
     """Rays that hands turn to their places, of B users' H hands; other hands stay as they are.
 
     Args:
-        goals: of the hands.
         hand: (B, H, 3) where the devices are.
         tip: (B, H, 3) where the tips of the goals are.
 
@@ -275,7 +271,6 @@ class InverseModel:
         low: (J,) least joint angles, rad; in the middle of their ranges joints are comfortable.
         high: (J,) greatest joint angles, rad.
         shares: (A,) relative volume of the muscles.
-        settings: costs.
     """
 
     def __init__(
@@ -397,7 +392,6 @@ class HumanMotorPolicy(nn.Module):
 
     Args:
         body: what persons share.
-        step_s: duration of a user step.
         persons: how persons stand in tensors.
         width: of the hidden layers of the policy in space.
         body_width: of the forward model's hidden layers.
@@ -504,8 +498,6 @@ class HumanHands:
     """N simulated users that move by a human motor policy, one user step after the other.
 
     Args:
-        policy: of the body.
-        n: number of users.
         perception: of their goals; None: they see goals where they are.
     """
 
@@ -581,7 +573,6 @@ class HumanHands:
 
         Args:
             now: the true motion; users feel it a user step later.
-            goals: of this user step.
             rule: what chooses velocities in the place of the policy.
         """
         policy = self.policy

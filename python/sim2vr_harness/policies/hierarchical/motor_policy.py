@@ -88,7 +88,6 @@ def describe(goals: MotorGoals, place: Tensor, soon: Tensor) -> Tensor:
     """(B, H, GOAL_SIZE) what a motor layer knows of its goals.
 
     Args:
-        goals: of H hands.
         place: (B, H, 4, 4) where the hands' devices are.
         soon: the same ``MOMENT_S`` later, if they go on as they move.
     """
@@ -122,8 +121,6 @@ class MotorPolicy(nn.Module):
     """A policy that brings hands to their goals.
 
     Args:
-        body: whose.
-        step_s: duration of a user step.
         width: of the two hidden layers.
     """
 

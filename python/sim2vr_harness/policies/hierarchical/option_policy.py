@@ -86,10 +86,6 @@ class Memory:
         age: (N,) user steps since the first one.
         seen: pictures (N, 8, H, W) of the last user steps and headsets (N, 4, 4) that they were
             drawn for, the newest last.
-
-    Args:
-        n: number of users N.
-        hands: H of each.
     """
 
     def __init__(self, n: int, hands: int) -> None:
@@ -268,7 +264,6 @@ class HierarchicalPolicy(nn.Module):
 
         Args:
             observations: key -> (N, ...).
-            memory: of these users.
         """
         # Check one user's observation; of frames an image may hold more than the newest.
         observation = {key: value[0] for key, value in observations.items()}
@@ -345,10 +340,6 @@ class HierarchicalPolicy(nn.Module):
 
 class _Read:
     """Angles, speeds and drives of bodies, from their proprioception.
-
-    Args:
-        body: whose.
-        layer: which acts on them.
 
     Raises:
         InputError: the body does not feel one of its joints.

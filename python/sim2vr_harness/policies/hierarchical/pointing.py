@@ -83,7 +83,6 @@ def turn_rays(goals: MotorGoals, which: Tensor, place: Tensor, rays: Tensor = AI
         goals: changed in place.
         which: (N, H) the hands that point.
         place: (N, H, 4, 4) where the devices are.
-        rays: of the hands.
     """
     far = (goals.place - _origins(place, rays)).norm(dim=-1, keepdim=True).clamp(min=_LEAST_M)
     point = rays[..., 0, :] + far * rays[..., 1, :]
@@ -96,7 +95,6 @@ class Pointing:
 
     Args:
         poses: (P, H, 4, 4) places that the devices can be at.
-        rays: of the hands.
     """
 
     def __init__(self, poses: Tensor, rays: Tensor = AIM_RAYS) -> None:

@@ -234,11 +234,9 @@ class PrimitiveController:
     """Turns moves into goals of a motor layer, in every user step anew.
 
     Args:
-        layer: of the body.
         tool: (H, 2, 3) points of each device that things are done with, its frame, m: the tip,
             with which it touches and pushes, and the middle, with which it swings through things.
         poses: (P, H, 4, 4) places that the devices can be at.
-        options: of the hands.
         manner: how they move.
         rays: with which they point, see :mod:`~.pointing`.
     """

@@ -121,7 +121,6 @@ def find_tools(
 
     Args:
         simulation: N users who see.
-        layer: of their body.
         poses: (P, H, 4, 4) places that the devices can be at.
         seed: of where they move.
         rays: with which they point.

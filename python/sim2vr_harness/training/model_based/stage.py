@@ -66,7 +66,6 @@ class GameTask(Task):
     """Success in a game; see :class:`~.trainer.Task`.
 
     Args:
-        config: of the imagined rollouts.
         policy: what learns; its statistics of observations are set here.
         simulation: users in the true game; their rounds continue from cycle to cycle.
         seed: of everything drawn here, but for the body model.
@@ -386,10 +385,6 @@ class CycleStage(Stage):
 
 class ImaginedStage(CycleStage):
     """The training of a teacher in a game's model.
-
-    Args:
-        config: of the run.
-        folder: of the stage.
 
     Raises:
         InputError: it shall begin with a teacher that is not there, or is of another kind.

@@ -248,7 +248,6 @@ class ModelBasedTrainer(State, Generic[AnyTask]):
 
     Args:
         task: what is trained.
-        config: of the cycles.
         critic: of the task's observations.
         device: that all of it is on, but for the policy and the simulated users.
     """

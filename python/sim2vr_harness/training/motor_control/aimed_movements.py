@@ -187,11 +187,7 @@ def measure_movements(
     Args:
         policy: what moves them: a motor layer moves bodies that are all the same.
         user: configuration, with people for a human motor policy.
-        persons: number of persons.
         repeats: movements of each in each cell.
-        threads: of the physics; 0: all.
-        seed: of persons, places and noise.
-        on_progress: receives the proportion that is done.
     """
     course: _Course
     if isinstance(policy, HumanMotorPolicy):
@@ -208,13 +204,7 @@ def measure_movements(
 
 
 class _Course:
-    """N bodies that are given one target after the other, for their first hand.
-
-    Args:
-        policy: what moves them.
-        users: the bodies.
-        seed: of places and noise.
-    """
+    """N bodies that are given one target after the other, for their first hand."""
 
     def __init__(self, policy: HumanMotorPolicy | MotorPolicy, users: UserBatch, seed: int) -> None:
         self._policy, self._users, self._n = policy, users, users.n

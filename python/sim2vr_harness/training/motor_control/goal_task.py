@@ -107,11 +107,7 @@ class GoalTask(Task):
     """Hands that arrive where and when goals say.
 
     Args:
-        config: of the training.
-        body: whose hands.
-        step_s: duration of a user step.
         noise: motor noise of the muscles, imagined and simulated; None: none.
-        threads: of the physics.
         seed: of everything drawn here, but for the networks.
         begin: a motor policy of this body to continue from, of the same width; None: a new one.
             The body model is learned anew.
@@ -309,13 +305,7 @@ def needs_motor_policy(config: TrainingConfig, env: ResolvedEnv) -> bool:
 
 
 class MotorStage(CycleStage):
-    """The training of a motor policy.
-
-    Args:
-        config: of the run.
-        folder: of the stage.
-        env: of the run.
-    """
+    """The training of a motor policy."""
 
     name = "motor"
     title = "hands learn to reach their goals (no motor policy ships for this body)."

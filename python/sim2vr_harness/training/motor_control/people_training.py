@@ -96,11 +96,6 @@ def train_hand_policy(
     Args:
         policy: changed.
         config: rewards, costs and perception.
-        execution: noise of the body.
-        step_s: duration of a user step.
-        updates: how many.
-        seed: of everything drawn.
-        on_progress: receives the proportion that is done.
 
     Returns:
         The mean worth of a movement in the last tenth of the updates.
@@ -226,9 +221,6 @@ class Bodies:
 
     Args:
         user: configuration with people.
-        n: number of them.
-        step_s: duration of a user step.
-        threads: of the physics.
     """
 
     def __init__(self, user: UserConfig, n: int, step_s: float, threads: int) -> None:
@@ -284,11 +276,7 @@ class PeopleTrainer(State):
     """Trains a human motor policy, cycle by cycle.
 
     Args:
-        config: of the training.
         user: configuration with people.
-        step_s: duration of a user step.
-        threads: of the physics.
-        seed: of everything drawn.
     """
 
     def __init__(

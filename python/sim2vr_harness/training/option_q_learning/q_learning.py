@@ -344,11 +344,9 @@ class OptionQLearning(State):
     """Learns option values while N users play.
 
     Args:
-        config: of the stage.
         simulation: N users; owned by the caller.
         policy: theirs; its values are learned.
         pictures: the file of the stored images; made or reused.
-        seed: of everything drawn here.
         for_persons: whether persons will use the values.
     """
 

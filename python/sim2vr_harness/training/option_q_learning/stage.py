@@ -56,9 +56,10 @@ _COMPARED_SHARE = 0.5
 they begin to play."""
 _HOPELESS = 0.35
 """Proportion of the stage after which a user should do better than one who does nothing."""
-UPDATE_STEPS, PERSON_STEPS = 96, 1.5
-"""User steps of plain users that take as long as an update of the Q-network and as a user step of a
-person: in the progress bar they count so."""
+UPDATE_STEPS, PERSON_STEPS, PERSON_COMPARED = 110, 1.5, 3.5
+"""Work in the progress bar, in user steps of plain users: of an update of the Q-network (of 64
+decisions), of a user step of a person, and of one in which a person may decide in every step.
+Processor times of `sample` and `whacamole` on one core."""
 
 
 def best_hold(
@@ -184,7 +185,7 @@ class QLearningStage(Stage):
 
     def _compared(self, steps: float) -> float:
         """Return the work of so many user steps of comparisons."""
-        return (PERSON_STEPS if self._people else 1.0) * steps
+        return (PERSON_COMPARED if self._people else 1.0) * steps
 
     def _played(self, steps: float) -> float:
         """Return the work of so many user steps of learning."""

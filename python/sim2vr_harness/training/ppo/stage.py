@@ -205,10 +205,6 @@ class PPOStage(Stage):
     Its checkpoints are the trained users; it works in the run's own folder.
 
     Args:
-        config: of the run.
-        folder: of the run.
-        title: one sentence for people.
-        make_simulation: makes the users.
         begin: puts the weights to begin with into the policy, when the stage begins.
         stop: user steps after which the stage ends, rounded up to whole iterations.
     """
@@ -347,7 +343,6 @@ class CheckpointCallback(BaseCallback):
     """Remembers the moment between two iterations and writes it when it is due.
 
     Args:
-        folder: The run's folder.
         every_steps: User steps between two checkpoints.
         keep: How many of the newest checkpoints to keep; None keeps all.
         on_written: Called with the file and the step of every checkpoint.
@@ -427,7 +422,6 @@ class ProgressCallback(BaseCallback):
     """Shows how far the learner is, during the update as well, and passes rows on.
 
     Args:
-        callbacks: the stage's.
         start: user steps taken before this session.
         stop: where this session stops.
     """

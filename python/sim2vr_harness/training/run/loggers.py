@@ -110,8 +110,6 @@ def make_logger(config: TrainingConfig, folder: RunFolder, start_step: int) -> L
     """Return the logger of one session.
 
     Args:
-        config: The run's configuration.
-        folder: The run's folder.
         start_step: User steps taken before this session.
     """
     writers: list[KVWriter] = [

@@ -58,8 +58,6 @@ class Stage(ABC):
     ``state_dict`` is what a stopped stage goes on from. Subclasses say what they are called.
 
     Args:
-        config: of the run.
-        folder: of the stage.
         total: where it ends, in ``unit``.
     """
 
@@ -238,7 +236,6 @@ class Callbacks:
     Args:
         number: its place in the run, from 1.
         stages: how many there are.
-        folder: of the run.
         display: shows how far it is.
         report: called with every row of the stage's log.
         stop: asked at every step; True ends the training.
@@ -334,12 +331,9 @@ def run_stages(
     """Run what is left of a run's stages, one after the other.
 
     Args:
-        stages: all of the run's.
         folder: of the run; every stage's wall time is noted in it.
         console: where to show how far it is.
         opened: the stage that was opened already.
-        report: see :class:`Callbacks`.
-        stop: see :class:`Callbacks`.
 
     Returns:
         How it ended. An error passes through, after the stage has saved.

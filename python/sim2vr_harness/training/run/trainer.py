@@ -188,10 +188,7 @@ def expected_seconds(stage: str, config: TrainingConfig, cores: float, slow: flo
     """Return about how long a stage takes; None: it says so itself once it is known.
 
     Args:
-        stage: its name.
-        config: of the run.
         cores: that it gets.
-        slow: see :func:`slowness`.
     """
     gpu = device_of(stage, config) == "cuda"
     sample_s = _SAMPLE_GPU_S if gpu else _SAMPLE_S * slow / cores

@@ -1,5 +1,6 @@
 """A student who imitates: on a stand-in whose best action shows in the observation."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +33,8 @@ ROLLOUT_STEPS = 8
 
 @pytest.fixture(autouse=True)
 def short_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dagger, "_ROLLOUT_STEPS", ROLLOUT_STEPS)
-    monkeypatch.setattr(dagger, "_TEACHER_ROUNDS", 1)
-    monkeypatch.setattr(dagger, "CHECKPOINT_ROUNDS", 1)
+    few = {"rollout_steps": ROLLOUT_STEPS, "teacher_rounds": 1, "checkpoint_rounds": 1}
+    monkeypatch.setattr(dagger, "SETTINGS", replace(dagger.SETTINGS, **few))
     monkeypatch.setattr(attention_crops, "_VISION_PIXELS", 8)
     monkeypatch.setattr(attention_crops, "_FEATURES", 8)
 

@@ -364,8 +364,3 @@ class VisualActorCritic(ActorCriticPolicy):
         for name in (*ours, "features_extractor_class", "features_extractor_kwargs"):
             parameters.pop(name, None)
         return parameters | {"config": self._config}
-
-
-def policy_arguments(config: PolicyConfig) -> dict[str, Any]:
-    """Return the ``policy_kwargs`` with which PPO builds a :class:`VisualActorCritic`."""
-    return {"config": config}

@@ -25,7 +25,6 @@ from sim2vr_harness.training.model_based.trainer import ModelBasedTrainer, Task,
 from sim2vr_harness.users import Body, UserBatch
 from sim2vr_harness.users.noise import MotorNoiseSettings
 from sim2vr_harness.world_models.body_dynamics import BodyModel
-from sim2vr_harness.world_models.effort import Effort
 from sim2vr_harness.world_models.rollout_env import ImaginedUsers
 from sim2vr_harness.world_models.transitions import TransitionStore
 
@@ -137,11 +136,18 @@ class GoalTask(Task):
         self.policy = MotorPolicy(body, step_s, width=config.width)
         self.actor = list(self.policy.net.parameters())
         self.body = BodyModel(body, self.policy.hands, step_s, width=_BODY_WIDTH)
+        muscles = self.policy.drives.muscle_columns
+
+        def effort(after: Tensor, control: Tensor) -> Tensor:
+            if not len(muscles):
+                return torch.zeros(len(after))
+            return _EFFORT * after[:, muscles].square().mean(1)
+
         self.users = ImaginedUsers(
             body,
             self.body,
             _USERS,
-            effort=self._effort(),
+            effort=effort,
             noise=noise,
             actuator_range_cost=_settings(config).actuator_range_cost,
         )
@@ -153,17 +159,6 @@ class GoalTask(Task):
         self._observed: Tensor | None = None
         self._age = np.zeros(config.bodies, dtype=np.int64)
         self._random = False
-
-    def _effort(self) -> Effort:
-        muscles = self.policy.drives.muscle_columns
-
-        def activations(after: Tensor, control: Tensor) -> Tensor:
-            return _EFFORT * after[:, muscles].square().mean(1)
-
-        def nothing(after: Tensor, control: Tensor) -> Tensor:
-            return torch.zeros(len(after))
-
-        return activations if len(muscles) else nothing
 
     # --- simulated bodies --------------------------------------------------------------------
 
@@ -332,9 +327,6 @@ class MotorStage(CycleStage):
             threads=budget(env.cores),
             seed=config.seed,
         )
-
-    def describe(self, report: MotorTrainingCycle) -> str:
-        return report.in_words(round(self.total))
 
     def write_result(self, file: Path, trainer: ModelBasedTrainer[Any], report: Any) -> None:
         save_motor_layer(file, trainer.task.policy, **({} if report is None else asdict(report)))

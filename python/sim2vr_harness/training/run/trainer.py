@@ -33,7 +33,7 @@ from sim2vr_harness.runs.checkpoint import require_readable
 from sim2vr_harness.runs.config import TrainingConfig, first_difference
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.runs.trust import remember
-from sim2vr_harness.training.dagger.dagger import Expert, StudentStage, TeacherExpert
+from sim2vr_harness.training.dagger.dagger import StudentStage, TeacherExpert
 from sim2vr_harness.training.model_based.stage import ImaginedStage
 from sim2vr_harness.training.motor_control.goal_task import MotorStage, needs_motor_policy
 from sim2vr_harness.training.option_q_learning.stage import QLearningStage
@@ -93,7 +93,7 @@ def _distill(run: Run) -> list[Stage]:
     config, path = run.config, run.folder.path
     teacher = ImaginedStage(config, path / ImaginedStage.name)
 
-    def guide(simulation: Simulation) -> Expert:
+    def guide(simulation: Simulation) -> TeacherExpert:
         return TeacherExpert(teacher.folder / teacher.result, config.teacher, simulation)
 
     student = StudentStage(config, path / StudentStage.name, guide)

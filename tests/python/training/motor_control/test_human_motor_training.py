@@ -17,6 +17,7 @@ from sim2vr_harness.training.motor_control.people_training import (
     Bodies,
     Execution,
     PeopleTrainer,
+    ReachSettings,
     ending,
     train_hand_policy,
 )
@@ -75,12 +76,12 @@ def test_two_arms_learn_from_half_as_many_persons() -> None:
 def test_a_training_that_goes_on_ends_in_the_same_bits(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(people_training, "_HANDS", 16)
+    monkeypatch.setattr(people_training, "SETTINGS", ReachSettings(hands=16))
     assert assert_goes_on(lambda folder: trainer(), tmp_path, 1, 1).finished
 
 
 def test_hands_learn_to_reach(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(people_training, "_HANDS", 64)
+    monkeypatch.setattr(people_training, "SETTINGS", ReachSettings(hands=64))
     torch.manual_seed(3)
     policy, config = HandPolicy(32), PeopleTraining()
     worth = [

@@ -9,7 +9,6 @@ import pytest
 import tiny_distill
 import torch
 from fake_simulation import FakeSimulation
-from resuming import assert_goes_on
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.policies import attention_crops
@@ -132,22 +131,6 @@ def test_what_the_teacher_knows_is_told_too(tmp_path: Path) -> None:
     # The mean is 0, so that this is what is left of the variance.
     assert rows[-1].numbers_error < 0.1 * rows[0].numbers_error
     assert rows[-1].imitation_error < 0.3 * rows[0].imitation_error
-
-
-@pytest.mark.parametrize(
-    ("kept", "crops"),
-    [(None, False), (2, False), (None, True)],
-    ids=["all frames", "the last rounds", "attention crops"],
-)
-def test_a_resumed_stage_is_the_same_to_the_bit(
-    tmp_path: Path, kept: int | None, crops: bool
-) -> None:
-    few = {"kept_frames": kept * CONFIG.n_envs * ROLLOUT_STEPS} if kept else {}
-    if crops:
-        few["numbers_weight"] = 0.5
-    config = CONFIG.model_copy(update=few)
-    gazes: Any = {"guide": GazingGuide(), "attention_crops": AttentionCropConfig(count=1)}
-    assert_goes_on(lambda folder: make(folder, config, **(gazes if crops else {})), tmp_path, 3, 3)
 
 
 def test_a_student_learns_where_to_look_and_what_is_there(tmp_path: Path) -> None:

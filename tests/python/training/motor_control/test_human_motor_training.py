@@ -1,11 +1,8 @@
 """The training of human motor policies, and its measures, against numbers worked out by hand."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
-from resuming import assert_goes_on
 
 from sim2vr_harness.envs.config import UserConfig
 from sim2vr_harness.envs.people_preset import as_population
@@ -71,13 +68,6 @@ def test_two_arms_learn_from_half_as_many_persons() -> None:
     report = two.step()
     assert two.finished and report.velocity_mps > 0.0
     assert [len(part) for part in two._seen] == [24 * 2, 12 * 2]
-
-
-def test_a_training_that_goes_on_ends_in_the_same_bits(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(people_training, "SETTINGS", ReachSettings(hands=16))
-    assert assert_goes_on(lambda folder: trainer(), tmp_path, 1, 1).finished
 
 
 def test_hands_learn_to_reach(monkeypatch: pytest.MonkeyPatch) -> None:

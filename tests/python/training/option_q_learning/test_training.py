@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,7 +12,6 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 import torch
-from resuming import assert_goes_on
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.train import _of_people
@@ -37,7 +37,7 @@ from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools
 from sim2vr_harness.runs.config import TrainingConfig, load_config
 from sim2vr_harness.runs.option_config import MotorTrainingConfig, QLearningConfig
 from sim2vr_harness.training.motor_control import goal_task
-from sim2vr_harness.training.motor_control.goal_task import motor_trainer
+from sim2vr_harness.training.motor_control.goal_task import MotorTrainer, motor_trainer
 from sim2vr_harness.training.option_q_learning import q_learning
 from sim2vr_harness.training.option_q_learning.q_learning import (
     SETTINGS,
@@ -201,11 +201,6 @@ def learner(folder: Path, cores: int = 1, for_persons: bool = False) -> OptionQL
     return OptionQLearning(SMALL, simulation, policy, file, seed=2, for_persons=for_persons)
 
 
-def test_q_learning_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
-    whole = assert_goes_on(learner, tmp_path, 15, 12)
-    assert whole.finished and whole.explore < 0.9
-
-
 def with_persons(folder: Path, steps: int, since: int = 5) -> OptionQLearning:
     """Return a learner whose persons have played, after the measured body."""
     one = learner(folder, for_persons=True)
@@ -219,11 +214,6 @@ def with_persons(folder: Path, steps: int, since: int = 5) -> OptionQLearning:
     for _ in range(steps):
         one.step()
     return one
-
-
-def test_persons_go_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
-    whole = assert_goes_on(lambda folder: with_persons(folder, 8), tmp_path, 0, 6)
-    assert whole.persons
 
 
 def test_hands_move_as_it_pays(tmp_path: Path) -> None:
@@ -372,20 +362,20 @@ TINY_SIZES = {"_FIRST_PLAY_STEPS": 12, "_BODY_WIDTH": 16, "_USERS": 8, "_WINDOW_
 TINY_CYCLES = {"play_steps": 6, "first_fit_minibatches": 20, "fit_minibatches": 20, "updates": 3}
 
 
-@pytest.fixture
+@contextmanager
 def tiny_practice() -> Iterator[None]:
     with patch.multiple(goal_task, **TINY_SIZES), patch.multiple(goal_task._Cycles, **TINY_CYCLES):
         yield
 
 
-@pytest.mark.usefixtures("tiny_practice")
-def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
-    body = load_body("mobl_arms_wrist")
+def motor_training() -> MotorTrainer:
+    return motor_trainer(TINY, load_body("mobl_arms_wrist"), STEP_S, threads=1, seed=3)
 
-    def make(folder: Path) -> Any:
-        return motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
 
-    whole = assert_goes_on(make, tmp_path, 1, 1)
+@tiny_practice()
+def test_a_motor_layer_is_kept_in_a_file_for_its_body_and_step(tmp_path: Path) -> None:
+    whole, body = motor_training(), load_body("mobl_arms_wrist")
+    whole.step()
     save_motor_layer(tmp_path / "layer.pt", whole.task.policy, body=body.name)
     read = load_motor_layer(tmp_path / "layer.pt", body, STEP_S)
     for name, values in whole.task.policy.weights().items():
@@ -397,7 +387,7 @@ def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
         load_motor_layer(tmp_path / "layer.pt", other, STEP_S)
 
 
-@pytest.mark.usefixtures("tiny_practice")
+@tiny_practice()
 def test_practice_goes_on_from_a_layer(monkeypatch: pytest.MonkeyPatch) -> None:
     body = load_body("mobl_arms_wrist")
     first = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)

@@ -2,7 +2,7 @@
 
 Plain motor layers bring a point that lies on the ray, ``_POINT_M`` before the hand, onto the line
 from the hand to the place, as if it were the tip of a tool. What stays wrong is added up and taken
-off. Persons turn the ray: see :mod:`~.ray_turning`.
+off. Persons turn the ray: see :class:`~.human_motor.Turning`.
 
 Rays are (H, 2, 3): of each hand the origin (m) and the direction, in the device's frame; (2, 3) is
 the same of all hands.

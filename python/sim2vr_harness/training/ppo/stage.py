@@ -79,19 +79,6 @@ class Snapshot:
         write_atomically(path, archive.getvalue())
 
 
-def require_finite_learner(model: PPO, last_good: Path | None) -> None:
-    """Check that what a learner has learned may be saved.
-
-    Raises:
-        NotFinite: a weight or a moment of its optimiser is NaN or infinite.
-    """
-    learned = {
-        "policy": model.policy.state_dict(),
-        "optimizer": model.policy.optimizer.state_dict(),
-    }
-    require_finite(learned, f"after {model.num_timesteps:,} user steps", last_good)
-
-
 def take(model: PPO) -> Snapshot:
     """Copy the state of a learner between two iterations."""
     env = model.get_env()
@@ -396,10 +383,13 @@ class CheckpointCallback(BaseCallback):
         Raises:
             NotFinite: A weight or a moment of the optimiser is NaN or infinite.
         """
+        policy = self.model.policy
+        learned = {"policy": policy.state_dict(), "optimizer": policy.optimizer.state_dict()}
+        where = f"after {self.model.num_timesteps:,} user steps"
         try:
-            require_finite_learner(self.model, None)
+            require_finite(learned, where, None)
         except NotFinite:
-            require_finite_learner(self.model, self.write())
+            require_finite(learned, where, self.write())
             raise
 
     def write(self) -> Path | None:

@@ -5,12 +5,14 @@ from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 import torch
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.progress import View
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.packing import pack_measured
@@ -24,6 +26,7 @@ from sim2vr_harness.runs.config import TrainingConfig, load_config
 from sim2vr_harness.training.option_q_learning.q_learning import SETTINGS
 from sim2vr_harness.training.option_q_learning.stage import best_hold
 from sim2vr_harness.training.ppo.fine_tune import adapting
+from sim2vr_harness.training.run.stage import Callbacks
 from sim2vr_harness.training.run.trainer import train
 
 pytest.importorskip("sim2vr_harness._app_runtime")
@@ -136,14 +139,36 @@ SMALL = (
 )
 
 
+SHOWN: list[tuple[float, float]] = []
+"""Work that was done and that there is, at every update of the progress bar."""
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A whole run, very small."""
     folder = tmp_path_factory.mktemp("runs") / "decider"
-    result = train(config(*SMALL), folder)
+    show = Callbacks.show
+
+    def noted(self: Callbacks, view: Callable[[], View], *, force: bool = False) -> None:
+        SHOWN.append((view().done, self._stage.work))
+        show(self, view, force=force)
+
+    with patch.object(Callbacks, "show", noted):
+        result = train(config(*SMALL), folder)
     assert not result.interrupted
     assert result.step == 243
     return folder
+
+
+def test_the_progress_bar_counts_updates_and_comparisons(run: Path) -> None:
+    """27 decisions of 9 user steps, 17 with an update; 2 manners of 5 s, 3 durations of 10 s.
+
+    An update counts as 110 user steps, and there are 3 users at 20 Hz.
+    """
+    done, work = zip(*SHOWN, strict=True)
+    assert min(work) == max(work) == pytest.approx(243 + 17 * 110 + 2 * 300 + 3 * 600)
+    assert list(done) == sorted(done)
+    assert done[-1] == pytest.approx(work[0])
 
 
 def test_a_run_that_stops_on_the_way_goes_on_to_the_bit(run: Path, tmp_path: Path) -> None:

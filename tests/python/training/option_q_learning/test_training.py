@@ -295,25 +295,14 @@ def test_persons_learn_by_their_own_decisions(tmp_path: Path) -> None:
 
 def test_preferred_decisions_count_less_at_the_end(tmp_path: Path) -> None:
     """The exponent of the weights is 0 in the first half, then it grows to 1."""
-    one = learner(tmp_path / "weights")
-    used = []
-
-    def noted(rows: np.ndarray, users: np.ndarray, weights: np.ndarray) -> object:
-        used.append((one.step_count, weights))
-        return 0.0, tuple(torch.zeros_like(p) for p in one.net.parameters())
-
-    odds = np.full(8, 0.25)
-    drawn = (np.zeros(8, np.int64), np.zeros(8, np.int64), odds)
-    with (
-        patch.object(one.learner, "_gradients", side_effect=noted),
-        patch.object(q_learning, "draw_decisions", return_value=drawn),
-    ):
-        while not one.finished:
-            one.step()
-    found = {step: float(weights[0]) for step, weights in used}
-    assert found[117] == 1.0
-    assert found[180] == pytest.approx(0.25**0.5)
-    assert found[234] == pytest.approx(0.25**0.95)
+    one, exponents = learner(tmp_path / "weights"), {}
+    while not one.finished:
+        step = one.step_count
+        one.step()
+        exponents[step] = one.learner.corrected
+    assert exponents[117] == 0.0
+    assert exponents[180] == pytest.approx(0.5)
+    assert exponents[225] == pytest.approx(1.0 - 2.0 * 15 / 240)
     one.simulation.close()
 
 

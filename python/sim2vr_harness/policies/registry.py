@@ -81,7 +81,6 @@ def new_network(
     """Return a network of a trained user's kind with random weights, on the CPU.
 
     Args:
-        observation_space: of the simulation.
         action_space: of the simulation; None takes the user's own.
     """
     config = user.config
@@ -99,7 +98,6 @@ def load_policy(
     """Return the policy of a trained user, on the CPU, and the user steps of its training.
 
     Args:
-        observation_space: of the simulation.
         action_space: of the simulation; None takes the user's own.
 
     Raises:

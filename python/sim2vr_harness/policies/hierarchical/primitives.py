@@ -237,7 +237,6 @@ class PrimitiveController:
         tool: (H, 2, 3) points of each device that things are done with, its frame, m: the tip,
             with which it touches and pushes, and the middle, with which it swings through things.
         poses: (P, H, 4, 4) places that the devices can be at.
-        manner: how they move.
         rays: with which they point, see :mod:`~.pointing`.
     """
 
@@ -266,8 +265,6 @@ class PrimitiveController:
         """(K, 3) places (K, 3), or where the hand waits for what is beyond its reach.
 
         Args:
-            hand: its number.
-            places: m.
             swings: (K,) bool, who swings through it.
         """
         found, middle = places.numpy().astype(np.float64), swings.numpy()

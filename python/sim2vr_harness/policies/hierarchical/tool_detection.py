@@ -120,9 +120,7 @@ def find_tools(
     The users' present rounds are lost.
 
     Args:
-        simulation: N users who see.
         poses: (P, H, 4, 4) places that the devices can be at.
-        seed: of where they move.
         rays: with which they point.
     """
     n = simulation.n

@@ -209,7 +209,6 @@ class Student(State):
     Args:
         policy: the network to train, where it is to learn (CPU or GPU); its critic is left alone.
         simulation: N users who see; owned by the caller.
-        guide: the teacher.
         folder: that the collected pictures go to; made or reused.
         game: what the game publishes, for the means of episodes.
     """

@@ -108,8 +108,6 @@ class Task(State, ABC):
         """Return what the cycle that has just ended was like, and adapt the next one to it.
 
         Args:
-            cycle: its number, from 1.
-            updates: of the policy so far.
             success_rates: of its simulated users, by condition.
             place_error_m: of the body model, mean over devices, in one user step.
         """
@@ -150,7 +148,6 @@ class Task(State, ABC):
         """Return the (B,) rewards of the user step that the imagined users have just taken.
 
         Args:
-            actions: that they took.
             done: proportion of the training that is over; rewards may be relaxed at first.
         """
 
@@ -176,10 +173,8 @@ def collect(
     """Return user steps that simulated users have taken.
 
     Args:
-        task: the users.
         action_noise: standard deviation on the policy's actions.
         randomly: move at random, in short episodes, instead of acting by the policy.
-        on_progress: called with the proportion of the steps that is taken.
     """
     rng, batch, drives = task.rng, task.batch, task.body.drives
     task.begin_collecting(randomly=randomly)
@@ -247,8 +242,6 @@ class ModelBasedTrainer(State, Generic[AnyTask]):
     The torch generator's state at construction is where the first cycle continues.
 
     Args:
-        task: what is trained.
-        critic: of the task's observations.
         device: that all of it is on, but for the policy and the simulated users.
     """
 

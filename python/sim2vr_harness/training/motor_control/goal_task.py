@@ -107,7 +107,6 @@ class GoalTask(Task):
 
     Args:
         noise: motor noise of the muscles, imagined and simulated; None: none.
-        seed: of everything drawn here, but for the networks.
         begin: a motor policy of this body to continue from, of the same width; None: a new one.
             The body model is learned anew.
     """

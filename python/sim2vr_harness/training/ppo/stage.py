@@ -409,12 +409,7 @@ class CheckpointCallback(BaseCallback):
 
 
 class ProgressCallback(BaseCallback):
-    """Shows how far the learner is, during the update as well, and passes rows on.
-
-    Args:
-        start: user steps taken before this session.
-        stop: where this session stops.
-    """
+    """Shows how far the learner is, during the update as well, and passes rows on."""
 
     model: PPO
 

@@ -107,11 +107,7 @@ def require_wandb() -> Any:
 
 
 def make_logger(config: TrainingConfig, folder: RunFolder, start_step: int) -> Logger:
-    """Return the logger of one session.
-
-    Args:
-        start_step: User steps taken before this session.
-    """
+    """Return the logger of one session."""
     writers: list[KVWriter] = [
         JsonLines(folder.metrics_file),
         TensorBoard(folder.tensorboard_dir, start_step),

@@ -234,8 +234,6 @@ class Callbacks:
     """What a stage calls while it runs.
 
     Args:
-        number: its place in the run, from 1.
-        stages: how many there are.
         display: shows how far it is.
         report: called with every row of the stage's log.
         stop: asked at every step; True ends the training.

@@ -181,11 +181,7 @@ def device_of(stage: str, config: TrainingConfig) -> str:
 
 
 def expected_seconds(stage: str, config: TrainingConfig, cores: float, slow: float) -> float | None:
-    """Return about how long a stage takes; None: it says so itself once it is known.
-
-    Args:
-        cores: that it gets.
-    """
+    """Return about how long a stage takes; None: it says so itself once it is known."""
     gpu = device_of(stage, config) == "cuda"
     sample_s = _SAMPLE_GPU_S if gpu else _SAMPLE_S * slow / cores
     seen_s = _SEEN_STEP_S * slow / cores
@@ -340,11 +336,9 @@ def train(
 
     Args:
         config: The configuration; with ``resume`` it must agree with the run's own.
-        out: The run's folder.
         timesteps: Where this session stops, from the start of the run's last stage, rounded up to
             whole iterations; None: ``config.last_stage_steps``, over which schedules run anyway.
         resume: Continue the run in ``out``; one that has reached ``timesteps`` is left as it is.
-        overwrite: Delete the run in ``out`` first.
         set_aside: With ``resume``: rename files that cannot be used (to ``NAME.aside``) and
             continue from the newest ones that can.
         console: Where to print; None prints to the standard error stream.

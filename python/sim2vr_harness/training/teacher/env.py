@@ -348,7 +348,6 @@ def privileged_senses(
 
     Args:
         simulation: the users; watched from its next reset on where the senses are late.
-        env: of the student, whose senses say how late the teacher knows.
     """
     lag = Lag.of(env, config.recognition_latency_steps)
     hidden = game.hidden_fields if config.hidden_fields is None else config.hidden_fields

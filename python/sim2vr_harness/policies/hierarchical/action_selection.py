@@ -192,7 +192,6 @@ def remembered(choice: OptionChoice, aims: Aims, head: Tensor, tips: Tensor) -> 
     along = (way * before).sum(-1, keepdim=True) / far
     beside = (way - along * before / far).norm(dim=-1)
     own = ((place - tips).norm(dim=-1) < _OWN_M) & (choice.move >= 0) & (beside < _SAME_THING_M)
-    own &= choice.leaving <= 0  # a hand that has waited in vain would be sent back
     share = width / choice.width
     partly = (share > _PARTLY[0]) & (share < _PARTLY[1])
     hidden = own & (((far - along)[..., 0] > _BEFORE_M) | partly)

@@ -165,7 +165,5 @@ def test_own_tools_hide_things_and_do_not_replace_them(
     found, width = remembered(choice, new, torch.zeros(1, 3), torch.tensor([[tip]]))
     assert found[0, 0].tolist() == pytest.approx((0.4, 0.0, 0.0) if kept else place)
     assert float(width) == pytest.approx(0.03 if kept else width_m)
-    choice.leaving[:] = 3  # what is left alone is not taken for what is seen beside it
-    assert torch.equal(remembered(choice, new, torch.zeros(1, 3), torch.tensor([[tip]]))[0], new[0])
-    choice.leaving[:], choice.move[:] = 0, -1  # at rest it has nothing to remember
+    choice.move[:] = -1  # at rest it has nothing to remember
     assert torch.equal(remembered(choice, new, torch.zeros(1, 3), torch.tensor([[tip]]))[0], new[0])

@@ -24,8 +24,9 @@ tell less: what the other arm does shakes a hand that waits.)"""
 _TO_COME_M = 0.3
 """So far beyond a hand's reach is what may come nearer, and is worth waiting for."""
 _LEFT_M, _LEFT_S = 0.08, 0.3
-"""How far around it, and how long, what a hand has waited at without effect is left alone. Places of
-cells are at the fronts of things, some cm before their middles; neighbouring cells show the same."""
+"""How far around it, and how long, what a hand has waited at without effect is left alone. Places
+of cells are at the fronts of things, some cm before their middles; their neighbours show the same.
+"""
 _PURSUED_M = 0.06
 """Cells so near to what a hand pursues show the same thing."""
 _SAME_M, _SHORT_M, _MOST_VAIN = 0.15, 0.05, 3

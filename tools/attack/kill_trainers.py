@@ -21,6 +21,7 @@ import tempfile
 import time
 import zipfile
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,10 +32,8 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.runs.config import TrainingConfig, load_config
 from sim2vr_harness.runs.teacher_config import ImaginedConfig
 from sim2vr_harness.training.dagger import dagger
-from sim2vr_harness.training.dagger import stage as student_stage
 from sim2vr_harness.training.motor_control import goal_task
 from sim2vr_harness.training.option_q_learning import q_learning
-from sim2vr_harness.training.option_q_learning import stage as q_learning_stage
 from sim2vr_harness.training.run import trainer
 
 SHARED = (
@@ -71,12 +70,10 @@ DECIDER = (
 CONSTANTS: list[tuple[Any, dict[str, object]]] = [  # of the algorithms, as small
     (ImaginedConfig, {"play_steps": 10, "first_fit_minibatches": 20, "fit_minibatches": 20}),
     (ImaginedConfig, {"updates": 2, "critic_first_updates": 0}),
-    (dagger, {"_ROLLOUT_STEPS": 8}),
-    (student_stage, {"CHECKPOINT_ROUNDS": 2}),
+    (dagger, {"SETTINGS": replace(dagger.SETTINGS, rollout_steps=8, checkpoint_rounds=2)}),
     (goal_task, {"_FIRST_PLAY_STEPS": 12, "_BODY_WIDTH": 16, "_USERS": 8, "_WINDOW_STEPS": 4}),
     (goal_task._Cycles, {"play_steps": 6, "fit_minibatches": 20, "updates": 3}),
-    (q_learning_stage, {"_BASELINE_S": 0.5}),
-    (q_learning, {"_BATCH_SIZE": 8}),
+    (q_learning, {"SETTINGS": replace(q_learning.SETTINGS, batch_size=8)}),
 ]
 SETTINGS = {
     "ppo": SHARED,

@@ -22,7 +22,7 @@ import torch
 
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.policies.hierarchical import person_policy
-from sim2vr_harness.policies.hierarchical.hand_policy import HandPolicy
+from sim2vr_harness.policies.hierarchical.human_motor import HandPolicy
 from sim2vr_harness.runs.option_config import PeopleTraining
 from sim2vr_harness.training.motor_control.people_training import Execution, train_hand_policy
 

@@ -34,7 +34,6 @@ class AttentionCrops(nn.Module):
 
     Args:
         shapes: (C, H, W) of the uint8 pictures ``vision`` and, if there is one, ``fovea``.
-        config: how many.
         dtype: what is computed in; weights are float32 either way.
     """
 
@@ -150,9 +149,7 @@ def _cut_out(picture: Tensor, place_px: Tensor, side: int, dtype: torch.dtype) -
 
     Args:
         picture: (B, C, H, W) uint8.
-        place_px: where.
         side: of the cut-outs, px.
-        dtype: of what is returned.
     """
     b, channels, height, width = picture.shape
     steps = torch.arange(side, device=picture.device)

@@ -1,7 +1,7 @@
 """Policies by kind: networks of this package, and classes of a Python file (``FILE.py:CLASS``)."""
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -21,7 +21,6 @@ from sim2vr_harness.policies.protocol import (
 )
 from sim2vr_harness.policies.store import TrainedUser
 from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
-from sim2vr_harness.runs.config import TrainingConfig
 
 
 class GaussianPolicy:
@@ -76,47 +75,21 @@ class GaussianPolicy:
         return self._network.state_dict()
 
 
-def _visual(
-    config: TrainingConfig, observations: spaces.Dict, actions: spaces.Box
-) -> VisualActorCritic:
-    return VisualActorCritic(observations, actions, lambda _: 0.0, config=config.policy)
-
-
-def _hierarchical(
-    config: TrainingConfig, observations: spaces.Dict, actions: spaces.Box
-) -> HierarchicalPolicy:
-    return PersonPolicy(config) if config.skills.people else HierarchicalPolicy(config)
-
-
-NETWORKS: dict[
-    str,
-    tuple[
-        Callable[[TrainingConfig, spaces.Dict, spaces.Box], Any],
-        Callable[[Any], Policy],
-    ],
-] = {
-    "visual": (_visual, GaussianPolicy),
-    "hierarchical": (_hierarchical, lambda network: network),
-}
-"""Kind of a configuration's policy -> how its network is made, and how that acts."""
-
-
 def new_network(
     user: TrainedUser, observation_space: spaces.Dict, action_space: spaces.Box | None = None
 ) -> nn.Module:
     """Return a network of a trained user's kind with random weights, on the CPU.
 
     Args:
-        observation_space: of the simulation.
         action_space: of the simulation; None takes the user's own.
     """
-    make, _ = NETWORKS[user.config.policy_kind]
-    if action_space is None:
-        action_space = user.env.action_space
+    config = user.config
     # The weights drawn here are replaced at once; a training's random numbers are not touched.
     with torch.random.fork_rng(devices=[]):
-        network: nn.Module = make(user.config, observation_space, action_space)
-    return network
+        if config.policy_kind == "hierarchical":
+            return PersonPolicy(config) if config.skills.people else HierarchicalPolicy(config)
+        actions = action_space or user.env.action_space
+        return VisualActorCritic(observation_space, actions, lambda _: 0.0, config=config.policy)
 
 
 def load_policy(
@@ -125,7 +98,6 @@ def load_policy(
     """Return the policy of a trained user, on the CPU, and the user steps of its training.
 
     Args:
-        observation_space: of the simulation.
         action_space: of the simulation; None takes the user's own.
 
     Raises:
@@ -133,21 +105,17 @@ def load_policy(
             Python file cannot be made.
     """
     if user.code is not None:
-        policy = _of_code(user, observation_space, action_space)
+        policy = _of_code(user, observation_space, action_space or user.env.action_space)
         return policy, int(getattr(policy, "steps", 0))
     network = new_network(user, observation_space, action_space)
     steps = user.load(network)
     network.train(False)
-    _, acting = NETWORKS[user.config.policy_kind]
-    return acting(network), steps
+    acts = GaussianPolicy(network) if isinstance(network, VisualActorCritic) else network
+    return cast(Policy, acts), steps
 
 
-def _of_code(
-    user: TrainedUser, observation_space: spaces.Dict, action_space: spaces.Box | None
-) -> Policy:
+def _of_code(user: TrainedUser, observation_space: spaces.Dict, action_space: spaces.Box) -> Policy:
     assert user.code is not None
-    if action_space is None:
-        action_space = user.env.action_space
     expected = f"a policy made by {user.code.__name__}(observation_space, action_space)"
     try:
         policy = user.code(observation_space, action_space)

@@ -357,8 +357,6 @@ def pack(
     Args:
         user: whose settings count.
         policy: the network; its weights are loaded here.
-        folder: made if needed.
-        name: what it will be called.
         details: further entries of the card: description, recipe, minutes, machine, seeds, results.
 
     Returns:

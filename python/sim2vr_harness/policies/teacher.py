@@ -42,10 +42,6 @@ class TeacherPolicy(nn.Module):
     """Two layers with SiLU on the normalised observation.
 
     The action is not squashed; what acts is clipped to [-1, 1], as the student's actions are.
-
-    Args:
-        size: of the observation.
-        actions: how many numbers an action has.
     """
 
     def __init__(self, size: int, actions: int) -> None:

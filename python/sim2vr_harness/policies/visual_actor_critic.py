@@ -41,8 +41,6 @@ class VisionEncoder(nn.Module):
 
     Args:
         image_shape: (C, H, W) of the uint8 image.
-        channels: Output channels of the convolutions.
-        features: Number of outputs.
         dtype: What is computed in. Weights are float32 either way.
     """
 
@@ -107,7 +105,6 @@ class UserFeatures(BaseFeaturesExtractor):
 
     Args:
         observation_space: A dictionary of boxes; pictures and ``proprioception`` have encoders.
-        config: Sizes of the encoders.
     """
 
     def __init__(self, observation_space: spaces.Dict, config: PolicyConfig) -> None:
@@ -200,11 +197,7 @@ class VisualActorCritic(ActorCriticPolicy):
     """Actor and critic of a simulated user; see the module's description.
 
     Args:
-        observation_space: Dictionary space of the environment.
         action_space: Box(-1, 1, (A,)).
-        lr_schedule: Learning rate of the optimiser (Adam, eps 1e-5).
-        config: Sizes of the network.
-        kwargs: Further arguments of Stable-Baselines3's ``ActorCriticPolicy``.
     """
 
     def __init__(
@@ -364,8 +357,3 @@ class VisualActorCritic(ActorCriticPolicy):
         for name in (*ours, "features_extractor_class", "features_extractor_kwargs"):
             parameters.pop(name, None)
         return parameters | {"config": self._config}
-
-
-def policy_arguments(config: PolicyConfig) -> dict[str, Any]:
-    """Return the ``policy_kwargs`` with which PPO builds a :class:`VisualActorCritic`."""
-    return {"config": config}

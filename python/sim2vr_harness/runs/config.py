@@ -157,7 +157,7 @@ class TrainingConfig(Settings):
 
     @property
     def policy_kind(self) -> str:
-        """Kind of the trained policy; a key of ``policies.registry.NETWORKS``."""
+        """Kind of the trained policy: ``hierarchical`` or ``visual``."""
         return "hierarchical" if self.recipe == "skills" else "visual"
 
     @property

@@ -9,7 +9,7 @@ from sim2vr_harness.policies import attention_crops
 from sim2vr_harness.policies.attention_crops import AttentionCrops, _cut_out
 from sim2vr_harness.runs.attention_config import AttentionCropConfig
 from sim2vr_harness.runs.config import load_config
-from sim2vr_harness.training.dagger.expert import seen_at
+from sim2vr_harness.training.dagger.dagger import seen_at
 
 SHAPES = {"vision": (2, 80, 120), "fovea": (2, 80, 120)}
 """Cells of 8 pixels: 10 rows of 15; the half height is 40 pixels, the place 1."""

@@ -15,8 +15,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.evaluation.data import read_data
-from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorGoals, MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
 from sim2vr_harness.sessions.logs import TargetEvent as Event
 from sim2vr_harness.tools.track.files import write

@@ -10,8 +10,7 @@ from tiny_distill import config, train, weights
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.runs.run_folder import RunFolder
-from sim2vr_harness.training.dagger.dagger import Student
-from sim2vr_harness.training.dagger.expert import TeacherExpert
+from sim2vr_harness.training.dagger.dagger import Student, TeacherExpert
 from sim2vr_harness.training.run.stage import Report
 
 REPORTS: list[Report] = []

@@ -2,6 +2,7 @@
 
 import io
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -48,7 +49,10 @@ def config(*settings: str) -> TrainingConfig:
 def train(folder: Path, *settings: str, **how: Any) -> tuple[trainer.TrainResult, str]:
     text = io.StringIO()
     console = Console(file=text, width=200)
-    with patch.object(dagger, "_ROLLOUT_STEPS", 8), short_cycles():
+    with (
+        patch.object(dagger, "SETTINGS", replace(dagger.SETTINGS, rollout_steps=8)),
+        short_cycles(),
+    ):
         return trainer.train(config(*settings), folder, console=console, **how), text.getvalue()
 
 

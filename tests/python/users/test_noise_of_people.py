@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from sim2vr_harness.envs.simulation import motor_noise
-from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorGoals
 from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.users import MotorNoiseSettings, UserBatch, load_body

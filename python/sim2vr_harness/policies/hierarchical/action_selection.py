@@ -23,8 +23,10 @@ _STILL_M, _PATIENCE_S = 0.05, 1.0
 tell less: what the other arm does shakes a hand that waits.)"""
 _TO_COME_M = 0.3
 """So far beyond a hand's reach is what may come nearer, and is worth waiting for."""
-_LEFT_M, _LEFT_S = 0.04, 0.3
-"""How far around it, and how long, what a hand has waited at without effect is left alone."""
+_LEFT_M, _LEFT_S = 0.08, 0.3
+"""How far around it, and how long, what a hand has waited at without effect is left alone. Places
+of cells are at the fronts of things, some cm before their middles; their neighbours show the same.
+"""
 _PURSUED_M = 0.06
 """Cells so near to what a hand pursues show the same thing."""
 _SAME_M, _SHORT_M, _MOST_VAIN = 0.15, 0.05, 3
@@ -88,9 +90,7 @@ def best_choices(values: Tensor, something: Tensor, options: OptionSet = PLAIN) 
     """(N, H) choices that are worth most, of those that do something with something.
 
     Args:
-        values: (N, H, choices).
         something: (N, cells) or (N, H, cells) whether anything is there.
-        options: of the hands.
     """
     return _of_things(values, something, options).argmax(-1)
 
@@ -115,9 +115,7 @@ def committed(
     Hands that rest pursue nothing.
 
     Args:
-        values: (N, H, choices).
         something: as in :func:`best_choices`.
-        choice: what hands do.
         places: (N, 3, rows, columns) of the cells, world, m.
         primitives: of the hands; their manner says how much is clearly.
     """
@@ -154,7 +152,6 @@ def mask_unreached(
         something: (N, cells) whether anything is there.
         places: (N, 3, rows, columns) of the cells, world, m.
         hold: user steps for which a decision is seen through.
-        primitives: of the hands.
     """
     # Where a hand that points is does not matter, but what it points at.
     aims = points(choice.move)[..., None]

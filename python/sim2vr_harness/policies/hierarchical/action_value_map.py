@@ -20,11 +20,6 @@ class ActionValueMap(nn.Module):
     Convolutions read the picture. Each cell also receives its position in the world, relative to
     the head and to the hands' tips, and their velocities: a choice in the middle of a stroke
     depends on that stroke.
-
-    Args:
-        sight: geometry of the pictures.
-        hands: H.
-        options: of each hand.
     """
 
     def __init__(self, sight: DepthGrid, hands: int, options: OptionSet = PLAIN) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from sim2vr_harness.policies.hierarchical.motor_goals import WIDTHS_M
+from sim2vr_harness.policies.hierarchical.motor_policy import WIDTHS_M
 
 CELL_PX = 4
 """Width and height of a cell, pixels."""
@@ -31,12 +31,7 @@ _CLEAR, _ENOUGH_PX = 128, 4
 
 
 class DepthGrid:
-    """Geometry of pictures of H x W pixels with 90 degrees from top to bottom.
-
-    Args:
-        height: H.
-        width: W.
-    """
+    """Geometry of pictures of H x W pixels with 90 degrees from top to bottom."""
 
     def __init__(self, height: int, width: int) -> None:
         self.height, self.width = height, width

@@ -6,7 +6,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from sim2vr_harness.policies.hierarchical.motor_goals import (
+from sim2vr_harness.policies.hierarchical.motor_policy import (
     MOMENT_S,
     MotorGoals,
     describe,
@@ -60,9 +60,6 @@ class GoalSampler:
 
     Args:
         poses: (P, H, 4, 4) places that the devices can be at, from the body's joints.
-        n: number of users B.
-        step_s: duration of a user step.
-        seed: of goals.
         strikes: whether to come through places on time, at the velocity requested, is trained,
             and fast paths are.
     """
@@ -262,7 +259,9 @@ class GoalSampler:
         arrived = over & (kind == _ARRIVE)
         reward = (worth * (arrived.float() + _STEP_SHARE * follows.float())).sum(1)
         with torch.no_grad():
-            self._measure(arrived, follows & (self._clock_s > 0.3), off, slow)
+            self._errors["place_m"].append(off[arrived])
+            self._errors["speed_mps"].append(slow[arrived])
+            self._errors["follow_m"].append(off[follows & (self._clock_s > 0.3)])
             # Take in how far arrivals were off in the regions where the hands should be.
             where = _regions(self._hand_goal[arrived])
             for region, error in zip(where.tolist(), off[arrived].tolist(), strict=True):
@@ -284,11 +283,6 @@ class GoalSampler:
                     self._draw(ids, hand, place[ids, hand].detach())
             self._show_paths()
         return reward
-
-    def _measure(self, arrived: Tensor, follows: Tensor, off: Tensor, slow: Tensor) -> None:
-        self._errors["place_m"].append(off[arrived].detach())
-        self._errors["speed_mps"].append(slow[arrived].detach())
-        self._errors["follow_m"].append(off[follows].detach())
 
     def observe(self, place: Tensor, soon: Tensor) -> Tensor:
         """(B, H * GOAL_SIZE) what the layer knows of its goals."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,15 +20,223 @@ from torch import Tensor, nn
 
 from sim2vr_harness.envs.config import UserConfig
 from sim2vr_harness.envs.resolved import ResolvedEnv
-from sim2vr_harness.policies.hierarchical.hand_policy import HandPolicy
-from sim2vr_harness.policies.hierarchical.human_goals import GoalPerception, HumanGoals
-from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, tips
-from sim2vr_harness.policies.hierarchical.ray_turning import Turning
+from sim2vr_harness.policies.hierarchical.motor_policy import MOMENT_S, MotorGoals, tips
 from sim2vr_harness.users import Body, UserBatch, held
-from sim2vr_harness.world_models.body_dynamics import BodyModel
+from sim2vr_harness.world_models.body_dynamics import BodyModel, mlp
 from sim2vr_harness.world_models.effort import volume_shares
 from sim2vr_harness.world_models.person_features import ImaginedPersons
 from sim2vr_harness.world_models.transitions import Motion
+
+_FIXATION_S = 0.2
+"""Correlation time of what is misjudged: about a fixation."""
+
+
+@dataclass
+class HumanGoals(MotorGoals):
+    """Goals of B users' H hands.
+
+    Attributes:
+        stops: (B, H) 1 for hands that come to rest in the target, 0 for those that select or pass.
+    """
+
+    stops: Tensor
+
+    @staticmethod
+    def none(users: int, hands: int) -> HumanGoals:
+        """Return goals of hands that rest."""
+        plain = MotorGoals.none(users, hands)
+        return HumanGoals(**plain.tensors(), stops=torch.ones(users, hands))
+
+    @staticmethod
+    def of(goals: MotorGoals) -> HumanGoals:
+        """Return goals without their durations; those without a velocity are to stop at."""
+        stops = (goals.velocity.abs().sum(-1) == 0.0).float()
+        return HumanGoals(**goals.tensors(), stops=stops)
+
+
+class GoalPerception:
+    """Where users believe that goals are: misjudged in proportion to the distance last seen.
+
+    Args:
+        weber: standard deviation of the error along each axis, of the distance from the hand.
+        least_m: standard deviation of the error of a goal at the hand.
+        late_steps: user steps by which the distance is seen late.
+        generators: of each user's errors; None: torch's global one.
+    """
+
+    def __init__(
+        self,
+        n: int,
+        hands: int,
+        step_s: float,
+        *,
+        weber: float,
+        least_m: float,
+        late_steps: int,
+        generators: Sequence[torch.Generator] | None = None,
+    ) -> None:
+        self._weber, self._least_m, self.generators = weber, least_m, generators
+        self._keep = float(torch.exp(torch.tensor(-step_s / _FIXATION_S)))
+        self._error = torch.zeros(n, hands, 3)
+        """In standard deviations."""
+        self._seen_m = torch.zeros(late_steps + 1, n, hands)
+
+    def _drawn(self, users: Sequence[int]) -> Tensor:
+        shape = self._error.shape[1:]
+        if self.generators is None:
+            return torch.randn(len(users), *shape)
+        return torch.stack([torch.randn(shape, generator=self.generators[i]) for i in users])
+
+    def forget(self, ids: Tensor, far: Tensor) -> None:
+        """Let goals of users (K,) be new ones, at distances (K, H) from their hands."""
+        self._error = self._error.clone()
+        self._error[ids] = self._drawn(ids.tolist())
+        self._seen_m = self._seen_m.clone()
+        self._seen_m[:, ids] = far
+
+    def look(self, far: Tensor) -> None:
+        """Take in a user step, at whose end the goals are (B, H) from the hands."""
+        fresh = (1.0 - self._keep**2) ** 0.5
+        self._error = self._keep * self._error + fresh * self._drawn(range(len(self._error)))
+        self._seen_m = torch.cat([self._seen_m[1:], far[None]])
+
+    def error(self) -> Tensor:
+        """(B, H, 3) how far from their places goals seem to be, m."""
+        return (self._least_m + self._weber * self._seen_m[0])[..., None] * self._error
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything that its future depends on, but for torch's global generator."""
+        own = {"error": self._error.clone(), "seen_m": self._seen_m.clone()}
+        return own | {"drawn": [each.get_state() for each in self.generators or ()]}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from :meth:`state_dict`."""
+        self._error, self._seen_m = state["error"].clone(), state["seen_m"].clone()
+        for each, drawn in zip(self.generators or (), state["drawn"], strict=True):
+            each.set_state(drawn)
+
+
+REFERENCE_M = 0.4
+"""Length by which angles of rays are lengths of reaches."""
+_TAKEN = 0.6
+"""Share of a wanted change of a ray's velocity that is taken up in a user step: what a light wrist
+does is predicted badly, and all of it would shake the ray."""
+
+
+class Turning:
+    """Rays that hands turn to their places, of B users' H hands; other hands stay as they are.
+
+    Args:
+        hand: (B, H, 3) where the devices are.
+        tip: (B, H, 3) where the tips of the goals are.
+
+    Attributes:
+        rows: (B, H, 3, 3) from velocities of tips to those of the policy in space.
+    """
+
+    def __init__(self, goals: HumanGoals, hand: Tensor, tip: Tensor) -> None:
+        self._turns = goals.rays[..., None] > 0.0
+        ray, to = tip - hand, goals.place - hand
+        far = ray.norm(dim=-1, keepdim=True).clamp(min=1e-6)
+        ray = ray / far
+        self._plane = (
+            torch.eye(3) - goals.rays[..., None, None] * ray[..., None] * ray[..., None, :]
+        )
+        scale = torch.where(self._turns, REFERENCE_M / far, torch.ones(()))
+        self._scale, self.rows = scale, scale[..., None] * self._plane
+        along = (to * ray).sum(-1, keepdim=True)
+        beside = to - along * ray
+        off = beside.norm(dim=-1, keepdim=True)
+        self._way = REFERENCE_M * torch.atan2(off, along) * beside / off.clamp(min=1e-6)
+
+    def seen(
+        self, way: Tensor, velocity: Tensor, goals: HumanGoals
+    ) -> tuple[Tensor, Tensor, HumanGoals]:
+        """Return ways and velocities (B, H, 3), and goals, with those of rays in angles."""
+        way = torch.where(self._turns, self._way, way)
+        velocity = (self.rows @ velocity[..., None])[..., 0]
+        return way, velocity, replace(goals, width=goals.width * self._scale[..., 0])
+
+    def taken(self, wanted: Tensor, velocity: Tensor) -> Tensor:
+        """(B, H, 3) wanted velocities, to which those of rays come little by little."""
+        return torch.where(self._turns, velocity + _TAKEN * (wanted - velocity), wanted)
+
+    def across(self, error: Tensor) -> Tensor:
+        """(B, H, 3) what is misjudged, without what is along rays."""
+        return (self._plane @ error[..., None])[..., 0]
+
+
+def far_off(goals: HumanGoals, place: Tensor) -> Tensor:
+    """(B, H) how far devices at (B, H, 4, 4) are from goals, for the policy in space."""
+    hand, tip = place[..., :3, 3], tips(place, goals.tip)
+    way = Turning(goals, hand, tip).seen(goals.place - tip, tip, goals)[0]
+    return way.norm(dim=-1)
+
+
+_WIDTH_M, _LEAST_M, _NEAR_M = 0.04, 0.002, 0.02
+_INPUTS = 13
+_MOST_MPS = 2.0
+"""Largest change of velocity in a user step."""
+_LOGIT, _FIRST_LOGIT = 3.0, -0.8
+"""Of the decision that a movement is over: factor on the network's output, and its first bias."""
+
+
+class HandPolicy(nn.Module):
+    """A feedback policy of hands in space, for all bodies and persons.
+
+    Args:
+        width: of the two hidden layers.
+    """
+
+    def __init__(self, width: int = 64) -> None:
+        super().__init__()
+        self.net = mlp(_INPUTS, width, width, 4)
+        last = self.net[-1]
+        assert isinstance(last, nn.Linear)
+        with torch.no_grad():
+            last.weight.mul_(0.1)
+            last.bias.copy_(torch.tensor([0.1, -0.3, 0.0, _FIRST_LOGIT]))
+
+    def forward(
+        self, way: Tensor, velocity: Tensor, goals: HumanGoals, noise: Tensor, effort: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """(B, H, 3) velocities wanted at the end of a user step, and (B, H) logits of its end.
+
+        Args:
+            way: (B, H, 3) from the hands to their goals as believed, m.
+            velocity: (B, H, 3) of the hands as believed, m/s.
+            goals: for widths, velocities and whether to stop.
+            noise: (B, 1) the persons' factors on motor noise.
+            effort: (B, 1) their factors on the cost of effort.
+        """
+        far = way.square().sum(-1).add(1e-8).sqrt()
+        ahead = way / (far[..., None] + _NEAR_M)
+        wanted = goals.velocity
+        speed, through = (x.square().sum(-1).add(1e-6).sqrt() for x in (velocity, wanted))
+        passes = (through > 2e-3).float()
+        inputs = [
+            far / 0.3,
+            (far + 0.01).log() + 2.0,
+            ((far + _LEAST_M) / (0.5 * goals.width + _LEAST_M)).log(),
+            (goals.width / _WIDTH_M).log(),
+            speed,
+            (velocity * ahead).sum(-1),
+            through,
+            (wanted * ahead).sum(-1),
+            (wanted * velocity).sum(-1),
+            goals.stops,
+            passes,
+            noise.log().expand_as(far) * 4.0,
+            effort.log().expand_as(far),
+        ]
+        out = self.net(torch.stack(inputs, -1))
+        onwards, keeps, takes, over = out.unbind(-1)
+        change = (
+            onwards[..., None] * ahead + keeps[..., None] * velocity + takes[..., None] * wanted
+        )
+        size = change.square().sum(-1, keepdim=True)
+        return velocity + change / (1.0 + size / _MOST_MPS**2).sqrt(), _LOGIT * over
+
 
 _MOMENT_RAD = 1e-3
 _PASSES = 3
@@ -63,7 +271,6 @@ class InverseModel:
         low: (J,) least joint angles, rad; in the middle of their ranges joints are comfortable.
         high: (J,) greatest joint angles, rad.
         shares: (A,) relative volume of the muscles.
-        settings: costs.
     """
 
     def __init__(
@@ -185,7 +392,6 @@ class HumanMotorPolicy(nn.Module):
 
     Args:
         body: what persons share.
-        step_s: duration of a user step.
         persons: how persons stand in tensors.
         width: of the hidden layers of the policy in space.
         body_width: of the forward model's hidden layers.
@@ -292,8 +498,6 @@ class HumanHands:
     """N simulated users that move by a human motor policy, one user step after the other.
 
     Args:
-        policy: of the body.
-        n: number of users.
         perception: of their goals; None: they see goals where they are.
     """
 
@@ -369,7 +573,6 @@ class HumanHands:
 
         Args:
             now: the true motion; users feel it a user step later.
-            goals: of this user step.
             rule: what chooses velocities in the place of the policy.
         """
         policy = self.policy

@@ -1,6 +1,9 @@
 """The motor layer of a body: goals of its hands in, actions of its muscles or motors out."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -8,16 +11,108 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from sim2vr_harness.policies.hierarchical.motor_goals import (
-    GOAL_SIZE,
-    MOMENT_S,
-    MotorGoals,
-    describe,
-)
 from sim2vr_harness.users import Body, UserBatch, held
 from sim2vr_harness.users.kinematics.forward_torch import Chains
 from sim2vr_harness.world_models.actuator_state import ActuatorState
 from sim2vr_harness.world_models.body_dynamics import mlp
+
+GOAL_SIZE = 22
+"""Numbers that a hand's goal has in an observation."""
+_FAR_M, _FAST_MPS, _LATE_S = 0.3, 1.5, 0.5
+"""Units of what is observed."""
+WIDTH_M = 0.04
+"""Of targets whose width is not known."""
+WIDTHS_M = (0.01, 0.12)
+"""Widths that human motor policies learn with: narrower or wider targets count as these."""
+MOMENT_S = 0.005
+"""Interval of the finite difference that gives velocities from positions, s."""
+
+
+@dataclass
+class MotorGoals:
+    """Goals of B users' H hands.
+
+    Attributes:
+        tip: (B, H, 3) the point that is meant, in the device's frame (x forward, y left, z up), m.
+        place: (B, H, 3) where it shall be.
+        velocity: (B, H, 3) with which velocity, m/s.
+        left_s: (B, H) in how long; what is over is requested at once.
+        axis: (B, H, 3) where the device's x axis shall point then, a unit vector; 0: anywhere.
+        active: (B, H) 1, or 0 for a hand that has nothing to do.
+        width: (B, H) diameter of the target, m; plain layers do not know it.
+        rays: (B, H) 1 for a hand of a person that turns its aim ray to the place. Its tip is the
+            point of the ray that is as far away as the place.
+    """
+
+    tip: Tensor
+    place: Tensor
+    velocity: Tensor
+    left_s: Tensor
+    axis: Tensor
+    active: Tensor
+    width: Tensor
+    rays: Tensor
+
+    @staticmethod
+    def none(users: int, hands: int) -> MotorGoals:
+        """Hands that have nothing to do."""
+
+        def zeros() -> Tensor:
+            return torch.zeros(users, hands, 3)
+
+        def plain() -> Tensor:
+            return torch.zeros(users, hands)
+
+        width = torch.full((users, hands), WIDTH_M)
+        return MotorGoals(zeros(), zeros(), zeros(), plain(), zeros(), plain(), width, plain())
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Everything, by name."""
+        return dict(vars(self))
+
+    def put(self, users: Tensor, hand: Tensor, new: MotorGoals) -> None:
+        """Replace the goals of K hands by K goals, (K, 1, ...)."""
+        for name, values in new.tensors().items():
+            changed = getattr(self, name).clone()
+            changed[users, hand] = values[:, 0]
+            setattr(self, name, changed)
+
+
+def tips(place: Tensor, tip: Tensor) -> Tensor:
+    """(B, H, 3) where points (B, H, 3) of devices at (B, H, 4, 4) are, m."""
+    at: Tensor = place[..., :3, 3] + (place[..., :3, :3] @ tip[..., None])[..., 0]
+    return at
+
+
+def describe(goals: MotorGoals, place: Tensor, soon: Tensor) -> Tensor:
+    """(B, H, GOAL_SIZE) what a motor layer knows of its goals.
+
+    Args:
+        place: (B, H, 4, 4) where the hands' devices are.
+        soon: the same ``MOMENT_S`` later, if they go on as they move.
+    """
+    now = tips(place, goals.tip)
+    velocity = (tips(soon, goals.tip) - now) / MOMENT_S
+    left = goals.left_s.clamp(min=0.0)[..., None]
+    way = goals.place - now
+    forward = place[..., :3, 0]
+    pointed = (goals.axis.abs().sum(-1, keepdim=True) > 0.0).float()
+    turned = (place[..., :3, :3] @ goals.tip[..., None])[..., 0]
+    parts = [
+        way / _FAR_M,
+        way / (left + 0.1) / _FAST_MPS,
+        velocity / _FAST_MPS,
+        goals.velocity / _FAST_MPS,
+        turned / _FAR_M,
+        left / _LATE_S,
+        0.1 / (left + 0.1),
+        (goals.axis - forward) * pointed,
+        pointed,
+        torch.ones_like(pointed),
+    ]
+    described = torch.cat(parts, -1) * goals.active[..., None]
+    return described.clamp(-8.0, 8.0)
+
 
 _CLIP = 8.0
 
@@ -26,8 +121,6 @@ class MotorPolicy(nn.Module):
     """A policy that brings hands to their goals.
 
     Args:
-        body: whose.
-        step_s: duration of a user step.
         width: of the two hidden layers.
     """
 
@@ -128,3 +221,18 @@ class MotorPolicy(nn.Module):
     def take(self, weights: Mapping[str, Tensor]) -> None:
         """Take over :meth:`weights` of a layer of the same body, step and width."""
         self.load_state_dict({**self.state_dict(), **weights})
+
+
+INSIDE = 0.94
+"""Share of the joints' ranges that postures are drawn from."""
+_COUNT = 20_000
+
+
+def reachable_poses(layer: MotorPolicy, seed: int) -> Tensor:
+    """(P, H, 4, 4) places of the hands' devices in postures drawn at random, world frame."""
+    rng = np.random.default_rng([seed, 58])
+    low, high = layer.body.joint_ranges.T
+    spread = rng.uniform(-1.0, 1.0, (_COUNT, len(low)))
+    angles = torch.from_numpy(0.5 * (low + high) + 0.5 * INSIDE * (high - low) * spread).float()
+    with torch.no_grad():
+        return layer.places(angles, torch.zeros_like(angles))[0]

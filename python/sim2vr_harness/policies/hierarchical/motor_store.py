@@ -62,8 +62,6 @@ def motor_layer_for(body: Body, step_s: float, *, following: bool = False) -> Mo
     """Return the layer that ships for a body.
 
     Args:
-        body: whose.
-        step_s: duration of a user step.
         following: whether it is to follow the hands of others, for which some bodies have a layer
             of their own: it uses less force and strikes on time.
 

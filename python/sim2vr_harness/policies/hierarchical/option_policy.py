@@ -28,8 +28,11 @@ from sim2vr_harness.policies.hierarchical.action_selection import (
 )
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid, rotation
-from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.motor_policy import (
+    MotorGoals,
+    MotorPolicy,
+    reachable_poses,
+)
 from sim2vr_harness.policies.hierarchical.options import option_set
 from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS
 from sim2vr_harness.policies.hierarchical.primitives import (
@@ -37,7 +40,6 @@ from sim2vr_harness.policies.hierarchical.primitives import (
     OptionChoice,
     PrimitiveController,
 )
-from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.policies.protocol import (
     Observation,
     require_observation,
@@ -84,10 +86,6 @@ class Memory:
         age: (N,) user steps since the first one.
         seen: pictures (N, 8, H, W) of the last user steps and headsets (N, 4, 4) that they were
             drawn for, the newest last.
-
-    Args:
-        n: number of users N.
-        hands: H of each.
     """
 
     def __init__(self, n: int, hands: int) -> None:
@@ -266,7 +264,6 @@ class HierarchicalPolicy(nn.Module):
 
         Args:
             observations: key -> (N, ...).
-            memory: of these users.
         """
         # Check one user's observation; of frames an image may hold more than the newest.
         observation = {key: value[0] for key, value in observations.items()}
@@ -343,10 +340,6 @@ class HierarchicalPolicy(nn.Module):
 
 class _Read:
     """Angles, speeds and drives of bodies, from their proprioception.
-
-    Args:
-        body: whose.
-        layer: which acts on them.
 
     Raises:
         InputError: the body does not feel one of its joints.

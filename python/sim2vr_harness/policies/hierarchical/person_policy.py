@@ -10,13 +10,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
 from sim2vr_harness.policies.hierarchical.human_motor import (
+    HumanGoals,
     HumanHands,
     HumanMotorPolicy,
+    far_off,
     people_policy,
 )
-from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorGoals
 from sim2vr_harness.policies.hierarchical.option_policy import (
     HierarchicalPolicy,
     Memory,
@@ -24,7 +25,6 @@ from sim2vr_harness.policies.hierarchical.option_policy import (
     as_reported,
 )
 from sim2vr_harness.policies.hierarchical.primitives import PERSONS, OptionChoice
-from sim2vr_harness.policies.hierarchical.ray_turning import far_off
 from sim2vr_harness.policies.protocol import Observation
 from sim2vr_harness.runs.option_config import PeopleTraining
 from sim2vr_harness.users import FEATURES

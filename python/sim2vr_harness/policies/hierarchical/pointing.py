@@ -2,7 +2,7 @@
 
 Plain motor layers bring a point that lies on the ray, ``_POINT_M`` before the hand, onto the line
 from the hand to the place, as if it were the tip of a tool. What stays wrong is added up and taken
-off. Persons turn the ray: see :mod:`~.ray_turning`.
+off. Persons turn the ray: see :class:`~.human_motor.Turning`.
 
 Rays are (H, 2, 3): of each hand the origin (m) and the direction, in the device's frame; (2, 3) is
 the same of all hands.
@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from sim2vr_harness.client.frames import AIM_DIRECTION
-from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals, tips
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorGoals, tips
 from sim2vr_harness.policies.scripted.places import own_ray
 
 AIM_RAYS = torch.stack([torch.zeros(3), torch.from_numpy(AIM_DIRECTION).float()])
@@ -83,7 +83,6 @@ def turn_rays(goals: MotorGoals, which: Tensor, place: Tensor, rays: Tensor = AI
         goals: changed in place.
         which: (N, H) the hands that point.
         place: (N, H, 4, 4) where the devices are.
-        rays: of the hands.
     """
     far = (goals.place - _origins(place, rays)).norm(dim=-1, keepdim=True).clamp(min=_LEAST_M)
     point = rays[..., 0, :] + far * rays[..., 1, :]
@@ -96,7 +95,6 @@ class Pointing:
 
     Args:
         poses: (P, H, 4, 4) places that the devices can be at.
-        rays: of the hands.
     """
 
     def __init__(self, poses: Tensor, rays: Tensor = AIM_RAYS) -> None:

@@ -12,21 +12,22 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from sim2vr_harness.policies.hierarchical.controller_inputs import ROLES, ControllerInputs
-from sim2vr_harness.policies.hierarchical.motor_goals import (
+from sim2vr_harness.policies.hierarchical.motor_policy import (
     MOMENT_S,
     WIDTH_M,
     WIDTHS_M,
     MotorGoals,
+    MotorPolicy,
     tips,
 )
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.options import (
     FREE,
     MOVES,
     PLACED,
     PLAIN,
+    ROLES,
     SIDEWAYS,
+    ControllerInputs,
     OptionSet,
 )
 from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS, Pointing, off_ray, turn_rays
@@ -233,12 +234,9 @@ class PrimitiveController:
     """Turns moves into goals of a motor layer, in every user step anew.
 
     Args:
-        layer: of the body.
         tool: (H, 2, 3) points of each device that things are done with, its frame, m: the tip,
             with which it touches and pushes, and the middle, with which it swings through things.
         poses: (P, H, 4, 4) places that the devices can be at.
-        options: of the hands.
-        manner: how they move.
         rays: with which they point, see :mod:`~.pointing`.
     """
 
@@ -267,8 +265,6 @@ class PrimitiveController:
         """(K, 3) places (K, 3), or where the hand waits for what is beyond its reach.
 
         Args:
-            hand: its number.
-            places: m.
             swings: (K,) bool, who swings through it.
         """
         found, middle = places.numpy().astype(np.float64), swings.numpy()

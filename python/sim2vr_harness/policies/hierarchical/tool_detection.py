@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from torch import Tensor
 
-from sim2vr_harness.policies.hierarchical.controller_inputs import with_inputs_at_rest
 from sim2vr_harness.policies.hierarchical.depth_grid import FAR_M, rotation
 from sim2vr_harness.policies.hierarchical.goal_sampler import GoalSampler
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.options import with_inputs_at_rest
 from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS
 
 _EVERY, _LOOKS, _PICTURES = 3, 30, 960
@@ -120,10 +120,7 @@ def find_tools(
     The users' present rounds are lost.
 
     Args:
-        simulation: N users who see.
-        layer: of their body.
         poses: (P, H, 4, 4) places that the devices can be at.
-        seed: of where they move.
         rays: with which they point.
     """
     n = simulation.n
@@ -266,16 +263,13 @@ def _found(looks: Sequence[ToolView], stands: NDArray[np.bool_], hand: int) -> T
 
     at_hand = np.linalg.norm(centers, axis=1) < _AT_HAND_M
     certain = _joined(centers, seen_so(*_CERTAIN), at_hand)
-    in_line = certain | _ahead(centers, Tool(centers[certain]).tip)
-    return Tool(centers[_joined(centers, seen_so(*_LIKELY) & in_line, certain)])
-
-
-def _ahead(points: NDArray[np.float64], tip: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(K,) which of points (K, 3) lie where a tool goes on, seen from the hand."""
+    tip = Tool(centers[certain]).tip
     axis = tip / max(1e-9, float(np.linalg.norm(tip)))
-    along = points @ axis
-    beside = np.linalg.norm(points - along[:, None] * axis, axis=1)
-    return (along > 0.0) & (beside < _AHEAD_M)
+    along = centers @ axis
+    beside = np.linalg.norm(centers - along[:, None] * axis, axis=1)
+    # Likely parts lie where a tool goes on, seen from the hand.
+    in_line = certain | ((along > 0.0) & (beside < _AHEAD_M))
+    return Tool(centers[_joined(centers, seen_so(*_LIKELY) & in_line, certain)])
 
 
 def _joined(

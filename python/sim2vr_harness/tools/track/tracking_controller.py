@@ -12,8 +12,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.evaluation.data.columns import Column
 from sim2vr_harness.evaluation.data.steps import BodySource
 from sim2vr_harness.policies.hierarchical.goal_sampler import LEAD_STEPS
-from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorGoals, MotorPolicy
 from sim2vr_harness.tools.track.paths import RecordedPath
 from sim2vr_harness.tools.track.postures import posture_at
 from sim2vr_harness.tools.track.registration import Placement

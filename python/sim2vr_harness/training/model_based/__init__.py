@@ -6,8 +6,6 @@ Control Policies by Stochastic Value Gradients"; Xu et al. (2022), "Accelerated 
 Parallel Differentiable Simulation". The teacher's training in the game itself starts from the
 result.
 
-- :mod:`.trainer`: cycles of collecting, fitting and policy updates, of any task
-- :mod:`.collector`: user steps of simulated users to which the body model is fitted
-- :mod:`.game_task`: a game as the task
-- :mod:`.stage`: the stage of a run
+:mod:`.trainer` has the cycles of collecting, fitting and policy updates of any task, :mod:`.stage`
+a game as the task, and the stage of a run.
 """

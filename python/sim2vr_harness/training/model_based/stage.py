@@ -20,8 +20,7 @@ from sim2vr_harness.policies.teacher import TeacherPolicy, new_teacher
 from sim2vr_harness.runs.checkpoint import write_tensors
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.teacher_config import ImaginedConfig
-from sim2vr_harness.training.model_based.task import Task
-from sim2vr_harness.training.model_based.trainer import ModelBasedTrainer, value_function
+from sim2vr_harness.training.model_based.trainer import ModelBasedTrainer, Task, value_function
 from sim2vr_harness.training.run.stage import Callbacks, Stage
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 from sim2vr_harness.world_models.body_dynamics import BodyModel
@@ -62,12 +61,25 @@ class CycleReport:
     worst_cell: float
     place_error_m: float
 
+    def in_words(self, cycles: int) -> str:
+        """Return one line, for people, of a cycle among so many."""
+
+        def rates(values: Sequence[float]) -> str:
+            return ", ".join("-" if math.isnan(value) else f"{value:.2f}" for value in values)
+
+        known = any(not math.isnan(rate) for rate in self.played)
+        played = f", {rates(self.played)} in the app" if known else ""
+        return (
+            f"Cycle {self.cycle}/{cycles}: success rates {rates(self.imagined)} in imagined "
+            f"rollouts (worst cell {self.worst_cell:.2f}){played}; body model error "
+            f"{1000.0 * self.place_error_m:.1f} mm in a step"
+        )
+
 
 class GameTask(Task):
     """Success in a game; see :class:`~.trainer.Task`.
 
     Args:
-        config: of the imagined rollouts.
         policy: what learns; its statistics of observations are set here.
         simulation: users in the true game; their rounds continue from cycle to cycle.
         seed: of everything drawn here, but for the body model.
@@ -351,10 +363,6 @@ class CycleStage(Stage):
         return self._learner.cycle
 
     @abstractmethod
-    def describe(self, report: Any) -> str:
-        """Return one line, for people, of a cycle."""
-
-    @abstractmethod
     def write_result(self, file: Path, trainer: ModelBasedTrainer[Any], report: Any) -> None:
         """Write what is learned; ``report`` is that of the last cycle, None before a first one."""
 
@@ -379,22 +387,14 @@ class CycleStage(Stage):
             report = trainer.step(show)
             self.remember()
             self.save()
-            callbacks.say(self.describe(report))
+            callbacks.say(report.in_words(round(self.total)))
             self.log(callbacks, asdict(report))
         self.write_result(self.folder / self.result, trainer, report)
         self.tidy()
 
 
 class ImaginedStage(CycleStage):
-    """The training of a teacher in a game's model.
-
-    Args:
-        config: of the run.
-        folder: of the stage.
-
-    Raises:
-        InputError: it shall begin with a teacher that is not there, or is of another kind.
-    """
+    """The training of a teacher in a game's model."""
 
     name = "imagined"
     title = "a teacher learns from imagined rollouts, by gradients through a body model."
@@ -422,23 +422,5 @@ class ImaginedStage(CycleStage):
             )
         super().run(callbacks)
 
-    def describe(self, report: CycleReport) -> str:
-        return describe(report, self.total)
-
     def write_result(self, file: Path, trainer: ModelBasedTrainer[Any], report: Any) -> None:
         write_tensors(file, trainer.task.policy.state_dict())
-
-
-def describe(report: CycleReport, cycles: float) -> str:
-    """One line for people: where a cycle has led to."""
-
-    def rates(values: Sequence[float]) -> str:
-        return ", ".join("-" if math.isnan(value) else f"{value:.2f}" for value in values)
-
-    known = any(not math.isnan(rate) for rate in report.played)
-    played = f", {rates(report.played)} in the app" if known else ""
-    return (
-        f"Cycle {report.cycle}/{cycles:.0f}: success rates {rates(report.imagined)} in imagined "
-        f"rollouts (worst cell {report.worst_cell:.2f}){played}; body model error "
-        f"{1000.0 * report.place_error_m:.1f} mm in a step"
-    )

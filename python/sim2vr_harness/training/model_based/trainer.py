@@ -1,6 +1,7 @@
 """Cycles of collecting user steps, fitting the body model, and learning from imagined rollouts."""
 
-from collections.abc import Callable, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -11,13 +12,149 @@ from torch import Tensor, nn
 from sim2vr_harness.base.state import State
 from sim2vr_harness.base.torch_threads import FastestThreads, torch_threads
 from sim2vr_harness.runs.teacher_config import ImaginedConfig
-from sim2vr_harness.training.model_based.task import Task
-from sim2vr_harness.world_models.body_dynamics import fit_body
+from sim2vr_harness.users import UserBatch
+from sim2vr_harness.world_models.body_dynamics import BodyModel, fit_body
 from sim2vr_harness.world_models.gradient_clipping import limited
-from sim2vr_harness.world_models.learning_device import LearningDevice
+from sim2vr_harness.world_models.learning_device import LearningDevice, Part
+from sim2vr_harness.world_models.rollout_env import ImaginedUsers
 from sim2vr_harness.world_models.transitions import KEPT_CYCLES, TransitionStore
 from sim2vr_harness.world_models.value_function import ValueFunction
 from sim2vr_harness.world_models.weight_average import WeightAverage
+
+
+class Task(State, ABC):
+    """A game model's rounds, or goals of hands.
+
+    N simulated users in MuJoCo take the user steps that the body model is fitted to. B imagined
+    users are what the policy learns from. Observations are (B, size), actions (B, A).
+    """
+
+    policy: nn.Module
+    """What learns."""
+    actor: Sequence[nn.Parameter]
+    """The policy's weights that gradients move."""
+    body: BodyModel
+    users: ImaginedUsers
+    parts: Sequence[Part]
+    """What imagined user steps change, beside the users."""
+    starts: int
+    """Starts of all imagined users before the first update; 0: they continue from the rest pose,
+    and the policy has its statistics of observations already."""
+    recent_per_early: int
+    """Start states of the last cycles for each of the first cycle, whose states are everywhere."""
+    warm_up: int = 0
+    """User steps after a start until an observation's past is the user's own."""
+    batch: UserBatch
+    """The simulated users."""
+    rng: np.random.Generator
+    """Of what simulated users do, noise on the actions included."""
+    random_size: tuple[float, float]
+    """Smallest and largest standard deviation of random actions; drawn per user."""
+    success_rates: tuple[float, ...] = ()
+    """Of the simulated users in the last collection, by condition; NaN: not known."""
+
+    # --- simulated users ---------------------------------------------------------------------
+
+    @abstractmethod
+    def begin_collecting(self, *, randomly: bool) -> None:
+        """Start episodes, or continue those that were; those of random actions are short."""
+
+    def stagger(self) -> None:
+        """Spread the episodes' ends over time."""
+
+    def motion(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """Return angles (rad), speeds (rad/s), (N, J) each, and drives (N, A)."""
+        users = self.batch
+        joints, dofs = users.body.qpos_independent, users.body.qvel_independent
+        return users.qpos[:, joints], users.qvel[:, dofs], self.body.drives.of(users)
+
+    @abstractmethod
+    def policy_actions(self) -> NDArray[Any]:
+        """Return the policy's (N, A) mean actions."""
+
+    @abstractmethod
+    def simulate(
+        self, actions: NDArray[Any]
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[Any], NDArray[Any]]:
+        """Advance by one user step.
+
+        Returns:
+            (N,) whether the user step can be learned from; (N,) whether the episode is over; (N, P)
+            persons and (N, F) privileged numbers after it.
+        """
+
+    @abstractmethod
+    def restart(self, ids: NDArray[np.int64]) -> None:
+        """Start new episodes of simulated users (K,)."""
+
+    def end_collecting(self) -> None:
+        """Measure what was done since :meth:`begin_collecting`."""
+
+    # --- a cycle -----------------------------------------------------------------------------
+
+    def begin_cycle(self, cycle: int) -> None:
+        """Set how difficult this cycle is, the first being 0."""
+
+    def calibrate(self, steps: TransitionStore) -> None:
+        """Fit what the task has to know of the tools to the user steps of the first cycle."""
+
+    def begin_updates(self, pool: TransitionStore) -> None:
+        """Take note of the states that imagined users start from in this cycle."""
+
+    @abstractmethod
+    def report(
+        self, cycle: int, updates: int, success_rates: tuple[float, ...], place_error_m: float
+    ) -> Any:
+        """Return what the cycle that has just ended was like, and adapt the next one to it.
+
+        Args:
+            success_rates: of its simulated users, by condition.
+            place_error_m: of the body model, mean over devices, in one user step.
+        """
+
+    # --- imagined users ----------------------------------------------------------------------
+
+    def place(self, steps: TransitionStore) -> Tensor:
+        """(K, D, 4, 4) where the devices were after user steps."""
+        with torch.no_grad():
+            place: Tensor = self.body.places(steps.after.angles, steps.after.persons)
+        return place
+
+    @abstractmethod
+    def start(self, ids: Tensor, pool: TransitionStore, rows: Tensor) -> None:
+        """Let imagined users ``ids`` (K,) continue from rows (K,) of the pool, or better ones.
+
+        Rows are on the CPU, where random numbers are cheap one by one.
+        """
+
+    @abstractmethod
+    def observe(self) -> Tensor:
+        """Return what the policy observes."""
+
+    @abstractmethod
+    def present(self) -> Tensor:
+        """Return the same without delays, for the critic."""
+
+    @abstractmethod
+    def normalise(self, observations: Tensor) -> None:
+        """Set the policy's statistics of observations by (K, size) of them."""
+
+    @abstractmethod
+    def action_mean(self, observation: Tensor) -> Tensor:
+        """Return the policy's mean actions."""
+
+    @abstractmethod
+    def step(self, actions: Tensor, done: float) -> Tensor:
+        """Return the (B,) rewards of the user step that the imagined users have just taken.
+
+        Args:
+            done: proportion of the training that is over; rewards may be relaxed at first.
+        """
+
+    @abstractmethod
+    def cut(self) -> None:
+        """Detach the present from what led to it."""
+
 
 _KEPT = (0.0, 0.6, 0.9)
 """Proportion of random noise that lasts from one user step to the next; drawn per user."""
@@ -36,10 +173,8 @@ def collect(
     """Return user steps that simulated users have taken.
 
     Args:
-        task: the users.
         action_noise: standard deviation on the policy's actions.
         randomly: move at random, in short episodes, instead of acting by the policy.
-        on_progress: called with the proportion of the steps that is taken.
     """
     rng, batch, drives = task.rng, task.batch, task.body.drives
     task.begin_collecting(randomly=randomly)
@@ -107,9 +242,6 @@ class ModelBasedTrainer(State, Generic[AnyTask]):
     The torch generator's state at construction is where the first cycle continues.
 
     Args:
-        task: what is trained.
-        config: of the cycles.
-        critic: of the task's observations.
         device: that all of it is on, but for the policy and the simulated users.
     """
 

@@ -23,10 +23,12 @@ from scipy.signal import find_peaks
 
 from sim2vr_harness.envs.config import UserConfig, motor_noise
 from sim2vr_harness.policies.hierarchical.goal_sampler import LEAD_STEPS
-from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
-from sim2vr_harness.policies.hierarchical.human_motor import HumanHands, HumanMotorPolicy
-from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.human_motor import (
+    HumanGoals,
+    HumanHands,
+    HumanMotorPolicy,
+)
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorGoals, MotorPolicy
 from sim2vr_harness.statistics.fitts import effective_bits, fit_line
 from sim2vr_harness.training.motor_control.people_training import Bodies
 from sim2vr_harness.users import UserBatch
@@ -185,11 +187,7 @@ def measure_movements(
     Args:
         policy: what moves them: a motor layer moves bodies that are all the same.
         user: configuration, with people for a human motor policy.
-        persons: number of persons.
         repeats: movements of each in each cell.
-        threads: of the physics; 0: all.
-        seed: of persons, places and noise.
-        on_progress: receives the proportion that is done.
     """
     course: _Course
     if isinstance(policy, HumanMotorPolicy):
@@ -206,13 +204,7 @@ def measure_movements(
 
 
 class _Course:
-    """N bodies that are given one target after the other, for their first hand.
-
-    Args:
-        policy: what moves them.
-        users: the bodies.
-        seed: of places and noise.
-    """
+    """N bodies that are given one target after the other, for their first hand."""
 
     def __init__(self, policy: HumanMotorPolicy | MotorPolicy, users: UserBatch, seed: int) -> None:
         self._policy, self._users, self._n = policy, users, users.n

@@ -1,7 +1,8 @@
 """Goals of hands as the task of a model-based training, whose policy is a motor policy."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -9,17 +10,21 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from sim2vr_harness.base.cores import budget
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.envs.config import motor_noise
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.policies.hierarchical.goal_sampler import GoalSampler
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
-from sim2vr_harness.policies.hierarchical.workspace import INSIDE, reachable_poses
+from sim2vr_harness.policies.hierarchical.motor_policy import INSIDE, MotorPolicy, reachable_poses
+from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for, save_motor_layer
+from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.option_config import MotorTrainingConfig
 from sim2vr_harness.runs.teacher_config import ImaginedConfig
-from sim2vr_harness.training.model_based.task import Task
-from sim2vr_harness.training.model_based.trainer import ModelBasedTrainer, value_function
+from sim2vr_harness.training.model_based.stage import CycleStage
+from sim2vr_harness.training.model_based.trainer import ModelBasedTrainer, Task, value_function
 from sim2vr_harness.users import Body, UserBatch
 from sim2vr_harness.users.noise import MotorNoiseSettings
 from sim2vr_harness.world_models.body_dynamics import BodyModel
-from sim2vr_harness.world_models.effort import Effort
 from sim2vr_harness.world_models.rollout_env import ImaginedUsers
 from sim2vr_harness.world_models.transitions import TransitionStore
 
@@ -101,12 +106,7 @@ class GoalTask(Task):
     """Hands that arrive where and when goals say.
 
     Args:
-        config: of the training.
-        body: whose hands.
-        step_s: duration of a user step.
         noise: motor noise of the muscles, imagined and simulated; None: none.
-        threads: of the physics.
-        seed: of everything drawn here, but for the networks.
         begin: a motor policy of this body to continue from, of the same width; None: a new one.
             The body model is learned anew.
     """
@@ -135,11 +135,18 @@ class GoalTask(Task):
         self.policy = MotorPolicy(body, step_s, width=config.width)
         self.actor = list(self.policy.net.parameters())
         self.body = BodyModel(body, self.policy.hands, step_s, width=_BODY_WIDTH)
+        muscles = self.policy.drives.muscle_columns
+
+        def effort(after: Tensor, control: Tensor) -> Tensor:
+            if not len(muscles):
+                return torch.zeros(len(after))
+            return _EFFORT * after[:, muscles].square().mean(1)
+
         self.users = ImaginedUsers(
             body,
             self.body,
             _USERS,
-            effort=self._effort(),
+            effort=effort,
             noise=noise,
             actuator_range_cost=_settings(config).actuator_range_cost,
         )
@@ -151,17 +158,6 @@ class GoalTask(Task):
         self._observed: Tensor | None = None
         self._age = np.zeros(config.bodies, dtype=np.int64)
         self._random = False
-
-    def _effort(self) -> Effort:
-        muscles = self.policy.drives.muscle_columns
-
-        def activations(after: Tensor, control: Tensor) -> Tensor:
-            return _EFFORT * after[:, muscles].square().mean(1)
-
-        def nothing(after: Tensor, control: Tensor) -> Tensor:
-            return torch.zeros(len(after))
-
-        return activations if len(muscles) else nothing
 
     # --- simulated bodies --------------------------------------------------------------------
 
@@ -289,3 +285,47 @@ def motor_trainer(
         if begin is not None:
             policy.take(begin.weights())
         return ModelBasedTrainer(task, settings, critic)
+
+
+def needs_motor_policy(config: TrainingConfig, env: ResolvedEnv) -> bool:
+    """Whether a run has to make its motor layer first."""
+    if config.skills.motor is not None or config.skills.people:
+        return False
+    try:
+        motor_layer_for(env.body, 1.0 / config.env.action_frequency_hz)
+    except InputError:
+        return True
+    return False
+
+
+class MotorStage(CycleStage):
+    """The training of a motor policy."""
+
+    name = "motor"
+    title = "hands learn to reach their goals (no motor policy ships for this body)."
+    result, state_of = "layer.pt", MOTOR_STATE
+
+    def __init__(self, config: TrainingConfig, folder: Path, env: ResolvedEnv) -> None:
+        super().__init__(config, folder, config.skills.motor_training.cycles)
+        self._env = env
+
+    @property
+    def layer_file(self) -> Path:
+        """Where the motor policy is, once there is one."""
+        return self.folder / self.result
+
+    def open(self) -> None:
+        """Make the trainer."""
+        config = self._config
+        env = config.env
+        self._learner = motor_trainer(
+            config.skills.motor_training,
+            self._env.body,
+            1.0 / env.action_frequency_hz,
+            noise=motor_noise(env.user.noise),
+            threads=budget(env.cores),
+            seed=config.seed,
+        )
+
+    def write_result(self, file: Path, trainer: ModelBasedTrainer[Any], report: Any) -> None:
+        save_motor_layer(file, trainer.task.policy, **({} if report is None else asdict(report)))

@@ -17,25 +17,57 @@ from sim2vr_harness.base.state import State
 from sim2vr_harness.envs.config import UserConfig, motor_noise
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.policies.hierarchical.goal_sampler import off_goal
-from sim2vr_harness.policies.hierarchical.hand_policy import HandPolicy
-from sim2vr_harness.policies.hierarchical.human_goals import GoalPerception, HumanGoals
-from sim2vr_harness.policies.hierarchical.human_motor import HumanHands, people_policy
-from sim2vr_harness.policies.hierarchical.motor_goals import tips
-from sim2vr_harness.policies.hierarchical.workspace import INSIDE
+from sim2vr_harness.policies.hierarchical.human_motor import (
+    GoalPerception,
+    HandPolicy,
+    HumanGoals,
+    HumanHands,
+    people_policy,
+)
+from sim2vr_harness.policies.hierarchical.motor_policy import INSIDE, tips
 from sim2vr_harness.runs.option_config import PeopleTraining
 from sim2vr_harness.users import UserBatch
 from sim2vr_harness.world_models.body_dynamics import fit_body
 from sim2vr_harness.world_models.transitions import Motion, TransitionStore
 
-_HANDS, _STEPS = 512, 40
-_STOP, _SELECT = 0.55, 0.2
-_DISTANCES_M, _WIDTHS_M, _PASS_MPS = (0.03, 0.7), (0.01, 0.12), (0.3, 3.0)
-_MOVING, _MOVING_MPS = 0.3, 0.4
-_JUMPS_HZ, _JUMP_M = 0.3, 0.05
-_STILL_MPS, _LIKE, _SLACK_MPS, _EDGE = 0.15, 0.4, 0.3, 0.12
-"""Speed at which a stop half counts; share of a velocity, and m/s beside it, by which one may be
-wrong; softness of a target's edge, of its width."""
-_LEARNING_RATE, _CLIP = 2e-3, 1.0
+
+@dataclass(frozen=True)
+class ReachSettings:
+    """Movements that the policy in space learns with; the same for all bodies and apps."""
+
+    hands: int = 512
+    """Movements of a batch."""
+    steps: int = 40
+    """User steps after which a movement is given up."""
+    stop: float = 0.55
+    """Proportion of movements that come to rest in the target."""
+    select: float = 0.2
+    """Proportion that end in the target at any speed; the others pass it at a given velocity."""
+    distances_m: tuple[float, float] = (0.03, 0.7)
+    widths_m: tuple[float, float] = (0.01, 0.12)
+    pass_mps: tuple[float, float] = (0.3, 3.0)
+    """Speeds of those that pass."""
+    moving: float = 0.3
+    """Proportion of movements that begin while the hand moves."""
+    moving_mps: float = 0.4
+    """Standard deviation of its velocity then, along each axis."""
+    jumps_hz: float = 0.3
+    """Rate at which targets jump."""
+    jump_m: float = 0.05
+    """Standard deviation of a jump, along each axis."""
+    still_mps: float = 0.15
+    """Error of a velocity that a stop tolerates (one standard deviation)."""
+    like: float = 0.4
+    """The same of a hand that passes, as a proportion of the wanted speed."""
+    slack_mps: float = 0.3
+    """Added to that."""
+    edge: float = 0.12
+    """Softness of a target's edge, as a proportion of its width."""
+    learning_rate: float = 2e-3
+    max_grad_norm: float = 1.0
+
+
+SETTINGS = ReachSettings()
 
 
 @dataclass(frozen=True)
@@ -73,8 +105,10 @@ def ending(way: Tensor, velocity: Tensor, goals: HumanGoals) -> tuple[Tensor, Te
     passes = (through > 2e-3).float()
     off = off_goal(-way, goals.velocity)
     wrong = (velocity - goals.velocity).square().sum(-1).add(1e-6).sqrt() * (goals.stops + passes)
-    inside = torch.sigmoid((0.5 * goals.width - off) / (_EDGE * goals.width))
-    slack = torch.where(passes > 0.0, _LIKE * through + _SLACK_MPS, _STILL_MPS)
+    inside = torch.sigmoid((0.5 * goals.width - off) / (SETTINGS.edge * goals.width))
+    slack = torch.where(
+        passes > 0.0, SETTINGS.like * through + SETTINGS.slack_mps, SETTINGS.still_mps
+    )
     return inside * torch.exp(-0.5 * (wrong / slack).square()), off, wrong
 
 
@@ -93,28 +127,23 @@ def train_hand_policy(
     Args:
         policy: changed.
         config: rewards, costs and perception.
-        execution: noise of the body.
-        step_s: duration of a user step.
-        updates: how many.
-        seed: of everything drawn.
-        on_progress: receives the proportion that is done.
 
     Returns:
         The mean worth of a movement in the last tenth of the updates.
     """
-    optimizer = torch.optim.Adam(policy.parameters(), lr=_LEARNING_RATE)
+    optimizer = torch.optim.Adam(policy.parameters(), lr=SETTINGS.learning_rate)
     worth: list[float] = []
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         for update in range(updates):
             on_progress(update / updates)
-            rate = _LEARNING_RATE * min(1.0, 2.0 * (1.0 - update / updates)) + 1e-5
+            rate = SETTINGS.learning_rate * min(1.0, 2.0 * (1.0 - update / updates)) + 1e-5
             for group in optimizer.param_groups:
                 group["lr"] = rate
             reward = _Reaches(policy, config, execution, step_s).worth()
             optimizer.zero_grad()
             (-reward).backward()  # type: ignore[no-untyped-call]
-            norm = nn.utils.clip_grad_norm_(policy.parameters(), _CLIP)
+            norm = nn.utils.clip_grad_norm_(policy.parameters(), SETTINGS.max_grad_norm)
             if torch.isfinite(norm):
                 optimizer.step()
             worth.append(float(reward.detach()))
@@ -133,29 +162,33 @@ class _Reaches:
         step_s: float,
     ) -> None:
         self._policy, self._config, self._how, self._step_s = policy, config, execution, step_s
-        count = (_HANDS, 1)
-        self._goals = HumanGoals.none(_HANDS, 1)
+        count = (SETTINGS.hands, 1)
+        self._goals = HumanGoals.none(SETTINGS.hands, 1)
         goals, kind = self._goals, torch.rand(count)
         direction = _directions()
-        self._way = _between(_DISTANCES_M, log=True)[..., None] * direction
-        goals.width = _between(_WIDTHS_M, log=True)
-        goals.stops = (kind < _STOP).float()
+        self._way = _between(SETTINGS.distances_m, log=True)[..., None] * direction
+        goals.width = _between(SETTINGS.widths_m, log=True)
+        goals.stops = (kind < SETTINGS.stop).float()
         onwards = nn.functional.normalize(direction + 0.8 * _directions(), dim=-1)
-        speed = _between(_PASS_MPS) * (kind >= _STOP + _SELECT)
+        speed = _between(SETTINGS.pass_mps) * (kind >= SETTINGS.stop + SETTINGS.select)
         goals.velocity = speed[..., None] * onwards
-        moving = (torch.rand(count) < _MOVING).float()
-        self._velocity = (_MOVING_MPS * moving)[..., None] * torch.randn(*count, 3)
+        moving = (torch.rand(count) < SETTINGS.moving).float()
+        self._velocity = (SETTINGS.moving_mps * moving)[..., None] * torch.randn(*count, 3)
         self._noise = (0.12 * torch.randn(count)).exp()
         self._effort = (0.5 * torch.randn(count)).exp()
         self._error = torch.zeros(*count, 3)
         """Of the velocity reached in the last user step, m/s; not known yet."""
-        self._seen = GoalPerception(_HANDS, 1, step_s, **config.perception)  # type: ignore[arg-type]
-        self._seen.forget(torch.arange(_HANDS), self._way.norm(dim=-1))
+        self._seen = GoalPerception(SETTINGS.hands, 1, step_s, **config.perception)  # type: ignore[arg-type]
+        self._seen.forget(torch.arange(SETTINGS.hands), self._way.norm(dim=-1))
 
     def worth(self) -> Tensor:
         """Mean expected reward of the movements."""
-        config, alive, total = self._config, torch.ones(_HANDS, 1), torch.zeros(_HANDS, 1)
-        for _ in range(_STEPS):
+        config, alive, total = (
+            self._config,
+            torch.ones(SETTINGS.hands, 1),
+            torch.zeros(SETTINGS.hands, 1),
+        )
+        for _ in range(SETTINGS.steps):
             over, cost = self._step()
             hazard = torch.sigmoid(over)
             succeeds, off, wrong = ending(self._way, self._velocity, self._goals)
@@ -184,8 +217,8 @@ class _Reaches:
         before, self._error = self._velocity, error
         self._velocity = believed + how.gain * change + error
         self._way = self._way - 0.5 * step_s * (before + self._velocity)
-        jumps = (torch.rand(_HANDS, 1, 1) < _JUMPS_HZ * step_s).float()
-        self._way = self._way + _JUMP_M * jumps * torch.randn_like(wanted)
+        jumps = (torch.rand(SETTINGS.hands, 1, 1) < SETTINGS.jumps_hz * step_s).float()
+        self._way = self._way + SETTINGS.jump_m * jumps * torch.randn_like(wanted)
         self._seen.look(self._way.detach().norm(dim=-1))
         return over, self._effort * cost
 
@@ -196,12 +229,12 @@ def _length(vectors: Tensor) -> Tensor:
 
 
 def _directions() -> Tensor:
-    return nn.functional.normalize(torch.randn(_HANDS, 1, 3), dim=-1)
+    return nn.functional.normalize(torch.randn(SETTINGS.hands, 1, 3), dim=-1)
 
 
 def _between(bounds: tuple[float, float], *, log: bool = False) -> Tensor:
     low, high = torch.tensor(bounds).log() if log else torch.tensor(bounds)
-    drawn = low + (high - low) * torch.rand(_HANDS, 1)
+    drawn = low + (high - low) * torch.rand(SETTINGS.hands, 1)
     return drawn.exp() if log else drawn
 
 
@@ -223,9 +256,6 @@ class Bodies:
 
     Args:
         user: configuration with people.
-        n: number of them.
-        step_s: duration of a user step.
-        threads: of the physics.
     """
 
     def __init__(self, user: UserConfig, n: int, step_s: float, threads: int) -> None:
@@ -281,11 +311,7 @@ class PeopleTrainer(State):
     """Trains a human motor policy, cycle by cycle.
 
     Args:
-        config: of the training.
         user: configuration with people.
-        step_s: duration of a user step.
-        threads: of the physics.
-        seed: of everything drawn.
     """
 
     def __init__(

@@ -1,9 +1,9 @@
-"""Learning what is worth doing with what is seen, by trying: Q-learning over places in the picture.
+"""Q-learning of motor options over the cells of the image.
 
-A decision is a move of each hand and a place in the picture to do it with (Zeng et al. 2018,
-"Learning Synergies between Pushing and Grasping", call such values action maps). What the hands
-decide adds up to what the user gets (Sunehag et al. 2018, value decomposition). Random tries go to
-rare colours more often than to common ones, and are seen through.
+A decision is an option of each hand and a cell to apply it at (Zeng et al. 2018, "Learning
+Synergies between Pushing and Grasping": action value maps). Values of the hands add up to the
+user's (Sunehag et al. 2018, value decomposition). Exploratory decisions prefer rare colours, and
+are completed.
 """
 
 import copy
@@ -37,10 +37,59 @@ from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy
 from sim2vr_harness.runs.option_config import QLearningConfig
 from sim2vr_harness.training.replay import ReplayStore
 
-N_STEP = 3
-"""Decisions whose rewards are added up before a value is bootstrapped."""
-_REWARDED_SHARE = 0.25
-"""Share of a minibatch that came before a reward (prioritised replay, Schaul et al. 2016)."""
+
+@dataclass(frozen=True)
+class LearningSettings:
+    """Constants of the Q-learning; the same for all apps."""
+
+    n_step: int = 3
+    """Decisions whose rewards are added up before a value is bootstrapped."""
+    decide_steps: int = 3
+    """User steps from one decision to the next: 0.15 s at 20 Hz. The final policy may hold a
+    decision for longer."""
+    gamma: float = 0.85
+    """Discount factor per decision: rewards follow within about 7 decisions."""
+    learning_rate: float = 1e-3
+    """Of Adam."""
+    batch_size: int = 64
+    """Decisions per minibatch."""
+    parts: int = 2
+    """Parts of a minibatch, whose gradients are computed in parallel."""
+    rewarded_share: float = 0.25
+    """Proportion of a minibatch that precedes a reward (prioritised replay, Schaul et al. 2016)."""
+    kept_decisions: int = 24_000
+    """Size of the replay buffer."""
+    target_rate: float = 0.01
+    """Rate at which the target network follows."""
+    scale_percentile: float = 99.0
+    """Rewards are divided by this percentile of the app's rewards that are not 0."""
+    max_grad_norm: float = 5.0
+    """Gradients are clipped to this norm."""
+    updates: int = 1
+    """Updates per decision of all users."""
+    updates_for_persons: int = 2
+    """The same if persons will use the values: they decide and move more slowly."""
+    explore_first: float = 0.9
+    """Proportion of exploratory decisions after the first, random ones."""
+    settle_share: float = 0.5
+    """Last proportion of the user steps, over which learning rate and exploration fall."""
+    settled_rate: float = 0.05
+    """Factor on the learning rate at the end."""
+    settled_tries: float = 0.25
+    """Factor on exploration at the end."""
+    explore_steps: tuple[int, int] = (6, 16)
+    """Duration of an exploratory decision, user steps: least, and beyond the longest."""
+    pull_steps: int = 24
+    """Duration of an exploratory pull, which has an end of its own."""
+    rest_share: float = 0.1
+    """Proportion of exploratory decisions that rest or take an option without a place."""
+    reach_m: float = 0.1
+    """Cells nearer than this to what a hand can reach are explored more often."""
+    colours: int = 8
+    """Levels of each colour channel by which colours are counted."""
+
+
+SETTINGS = LearningSettings()
 
 
 def draw_decisions(
@@ -50,58 +99,35 @@ def draw_decisions(
 
     Args:
         rewarded: (R, N) whether decisions of N users were rewarded, in order.
-        size: decisions to draw.
-        rng: draws them.
 
     Returns:
-        Their rows and users, and how much more likely each were if all were drawn alike
-        (importance weights without an exponent; their mean is 1).
+        Rows, users, and importance weights without an exponent: how much more likely each were if
+        all were drawn alike; their mean is 1.
     """
-    first, n = len(rewarded) - N_STEP + 1, rewarded.shape[1]
+    first, n = len(rewarded) - SETTINGS.n_step + 1, rewarded.shape[1]
     rows, users = rng.integers(0, first, size), rng.integers(0, n, size)
     when, who = np.nonzero(rewarded)
     if not len(when):
         return rows, users, np.ones(size)
-    preferred = round(_REWARDED_SHARE * size)
+    preferred = round(SETTINGS.rewarded_share * size)
     drawn = rng.integers(0, len(when), preferred)
-    before = np.clip(when[:, None] - np.arange(N_STEP), 0, first - 1)
-    rows[:preferred] = before[drawn, rng.integers(0, N_STEP, preferred)]
+    before = np.clip(when[:, None] - np.arange(SETTINGS.n_step), 0, first - 1)
+    rows[:preferred] = before[drawn, rng.integers(0, SETTINGS.n_step, preferred)]
     users[:preferred] = who[drawn]
     ways = np.zeros((first, n))
     np.add.at(ways, (before, who[:, None]), 1.0)
     share = preferred / size
-    times = ways[rows, users] * first * n / (N_STEP * len(when))
+    times = ways[rows, users] * first * n / (SETTINGS.n_step * len(when))
     return rows, users, 1.0 / (1.0 - share + share * times)
 
 
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 SCENE = ("pictures", "head", "turned", "tips", "velocities")
 """What a scene is made of, in the order of its fields."""
-LEARNING_RATE = 1e-3
-"""Adam's usual rate."""
-PARTS = 2
-"""Parts of a batch, whose gradients are computed in parallel."""
-_GAMMA = 0.85
-"""Discount factor per decision: rewards follow within about 7 decisions."""
-_BATCH_SIZE = 64
-"""Decisions per minibatch; all shipped users learned from as many."""
-_KEPT_DECISIONS = 24_000
-"""Size of the replay buffer."""
-_TARGET_RATE = 0.01
-"""Rate at which the target network follows."""
-_TRUSTED_PERCENTILE = 99.0
-_TIMED = 3
 
 
 class ValueLearner(State):
-    """Learns the values of options from what N users decided, and what came of it.
-
-    Args:
-        net: the network; changed.
-        decisions: decisions of all users, in order.
-        rng: draws minibatches.
-        users: N.
-    """
+    """Learns the values of options from decisions of N users and their rewards."""
 
     _state = ("slow", "optimizer", "scale", "since")
 
@@ -116,7 +142,7 @@ class ValueLearner(State):
         self._n = users
         self.slow = copy.deepcopy(net).requires_grad_(False)
         """The target network."""
-        self.optimizer = torch.optim.Adam(net.parameters(), LEARNING_RATE, fused=True)
+        self.optimizer = torch.optim.Adam(net.parameters(), SETTINGS.learning_rate, fused=True)
         self.since = 0
         """First decision that counts."""
         self.scale = 1.0
@@ -130,64 +156,46 @@ class ValueLearner(State):
             return
         known = np.abs(self.decisions.read("game_reward", np.arange(self.decisions.count)))
         known = known[known > 0.0]
-        self.scale = float(np.percentile(known, _TRUSTED_PERCENTILE)) if len(known) else 1.0
+        self.scale = float(np.percentile(known, SETTINGS.scale_percentile)) if len(known) else 1.0
 
     def learn(self, updates: int, rate: float, each: Map) -> float:
-        """Return the loss of the last of so many updates; NaN of none.
-
-        Args:
-            updates: how many.
-            rate: at which it learns.
-            each: maps over the parts of an update, in turn or in parallel.
-        """
+        """Return the loss of the last update; NaN of none. ``each`` maps over its parts."""
         for group in self.optimizer.param_groups:
             group["lr"] = rate
         loss = float("nan")
-        for _ in range(updates if self.decisions.count - self.since > N_STEP else 0):
+        for _ in range(updates if self.decisions.count - self.since > SETTINGS.n_step else 0):
             loss = self._update(each)
         return loss
 
     def _update(self, each: Map) -> float:
         """One step of learning, from a batch that is always parted alike."""
         memory = self.decisions
-        have = min(memory.count - self.since, max(N_STEP + 1, _KEPT_DECISIONS // self._n))
+        have = min(
+            memory.count - self.since, max(SETTINGS.n_step + 1, SETTINGS.kept_decisions // self._n)
+        )
         first = memory.count - have
         rewarded = memory.read("game_reward", np.arange(first, memory.count - 1)) > 0.0
-        rows, users, odds = draw_decisions(rewarded, _BATCH_SIZE, self._rng)
-        found = self._shares(first + rows, users, odds**self.corrected, each)
+        rows, users, odds = draw_decisions(rewarded, SETTINGS.batch_size, self._rng)
+        split = np.array_split(np.arange(len(rows)), min(SETTINGS.parts, len(rows)))
+        weights = odds**self.corrected
+        rows = first + rows
+        found = list(each(lambda i: self._gradients(rows[i], users[i], weights[i]), split))
         self.optimizer.zero_grad()
         for parameter, *shares in zip(
             self.net.parameters(), *(grads for _, grads in found), strict=True
         ):
             parameter.grad = sum(shares[1:], shares[0]).contiguous()
-        nn.utils.clip_grad_norm_(self.net.parameters(), 5.0)
+        nn.utils.clip_grad_norm_(self.net.parameters(), SETTINGS.max_grad_norm)
         self.optimizer.step()
         with torch.no_grad():
             for slow, fast in zip(self.slow.parameters(), self.net.parameters(), strict=True):
-                slow.lerp_(fast, _TARGET_RATE)
+                slow.lerp_(fast, SETTINGS.target_rate)
         return sum(loss for loss, _ in found)
-
-    def _shares(
-        self,
-        rows: NDArray[np.int64],
-        users: NDArray[np.int64],
-        weights: NDArray[np.float64],
-        each: Map,
-    ) -> list[tuple[float, tuple[Tensor, ...]]]:
-        """What the parts of a batch add to the mean loss, and to its gradients."""
-        parts = np.array_split(np.arange(len(rows)), min(PARTS, len(rows)))
-        return list(each(lambda i: self._gradients(rows[i], users[i], weights[i]), parts))
 
     def _gradients(
         self, rows: NDArray[np.int64], users: NDArray[np.int64], weights: NDArray[np.float64]
     ) -> tuple[float, tuple[Tensor, ...]]:
-        """What decisions add to the mean loss of a batch, and to its gradients.
-
-        Args:
-            rows: (K,) of the memory.
-            users: (K,) whose.
-            weights: (K,) of their losses.
-        """
+        """Return what decisions (K,) of users (K,) add to a batch's mean loss and gradients."""
         memory = self.decisions
         total, weight, last, known = self.returns(rows, users)
         then = self._scene(last, users)
@@ -200,82 +208,61 @@ class ValueLearner(State):
         chosen = torch.from_numpy(memory.read("chosen", rows, users))
         guessed = self._worth(self.net.values(*scene.inputs(self.net)), chosen)
         losses = functional.smooth_l1_loss(guessed, wanted, reduction="none")
-        loss = (losses * torch.from_numpy(weights * known).float()).sum() / _BATCH_SIZE
+        loss = (losses * torch.from_numpy(weights * known).float()).sum() / SETTINGS.batch_size
         return float(loss.detach()), torch.autograd.grad(loss, tuple(self.net.parameters()))
 
     def returns(
         self, rows: NDArray[np.int64], users: NDArray[np.int64]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64], NDArray[np.bool_]]:
-        """Add up what follows decisions (K,) of users (K,), until a value stands for the rest.
+        """Add up the rewards after decisions (K,) of users (K,), until a value is bootstrapped.
 
-        A round that is cut off goes on in principle, and what was seen then is not kept: the value
-        is that of the last decision before, and a decision in which a round was cut off teaches
-        nothing.
+        A truncated round goes on in principle, but its last image is not stored: the value is that
+        of the last decision before. A decision in which a round was truncated is not known.
 
         Returns:
             (K,) rewards, weights of the value, rows whose scenes have it, and whether that is
             known.
         """
         total, weight = np.zeros(len(rows), np.float32), np.ones(len(rows), np.float32)
-        last, left = rows + N_STEP, np.ones(len(rows), bool)
-        for k in range(N_STEP):
+        last, left = rows + SETTINGS.n_step, np.ones(len(rows), bool)
+        for k in range(SETTINGS.n_step):
             at = (rows + k, users)
             cut = left & self.decisions.read("cut", *at)
             last[cut] = rows[cut] + k
             left &= ~cut
             reward = self.decisions.read("reward", *at) / self.scale
             total[left] += (weight * reward)[left]
-            weight[left] *= _GAMMA
+            weight[left] *= SETTINGS.gamma
             over = left & self.decisions.read("over", *at)
             weight[over] = 0.0
             left &= ~over
         return total, weight, last, last > rows
 
     def _scene(self, rows: NDArray[np.int64], users: NDArray[np.int64]) -> OptionScene:
-        """What was seen in decisions (K,) of users (K,)."""
+        """Return the scenes of decisions (K,) of users (K,)."""
         pictures, *others = (self.decisions.read(name, rows, users) for name in SCENE)
         seen = (pictures.transpose(0, 3, 1, 2), *others)
         return OptionScene(self.net.sight, *(torch.from_numpy(each) for each in seen))
 
     @staticmethod
     def _worth(values: Tensor, chosen: Tensor) -> Tensor:
-        """(N,) what choices (N, H) of all hands are worth together."""
+        """(N,) sums over hands of the values of choices (N, H)."""
         return values.gather(-1, chosen[..., None])[..., 0].sum(1)
 
 
-_TRY_STEPS = (6, 16)
-"""How long a random try is seen through, user steps."""
-_PULL_STEPS = 24
-"""The same of pulls, which have an end of their own."""
-_REST_SHARE = 0.1
-_TRIED_M = 0.1
-"""Places so near to what a hand reaches are tried more often."""
-_COLOURS = 8
-
-
 class Exploration:
-    """Draws what N users try.
-
-    Args:
-        policy: of the users.
-        rng: of the tries.
-    """
+    """Draws exploratory decisions of N users."""
 
     def __init__(self, policy: HierarchicalPolicy, rng: np.random.Generator) -> None:
         self._policy, self._sight, self.rng = policy, policy.values.sight, rng
         self._options = policy.values.options
-        self.colours = np.ones(_COLOURS**3)
+        self.colours = np.ones(SETTINGS.colours**3)
         """How often each colour was seen."""
 
     def draw(self, near: NDArray[np.float64], far: NDArray[np.float64]) -> int:
-        """Draw a choice.
-
-        Args:
-            near: (cells,) weights of cells to do something at with the hand.
-            far: (cells,) the same of cells to point at.
-        """
+        """Draw a choice, by weights (cells,) of cells to touch and of cells to point at."""
         options, cells = self._options, self._sight.cells
-        if self.rng.random() < _REST_SHARE:
+        if self.rng.random() < SETTINGS.rest_share:
             free = int(self.rng.integers(1 + len(options.free))) if options.free else 0
             return options.rest(cells) + free
         drawn = self.rng.random()
@@ -293,43 +280,41 @@ class Exploration:
         """How long a try is seen through, user steps."""
         placed, option = self._options.placed, chosen // self._sight.cells
         if option < len(placed) and placed[option] == "pull":
-            return _PULL_STEPS
-        return int(self.rng.integers(*_TRY_STEPS))
+            return SETTINGS.pull_steps
+        return int(self.rng.integers(*SETTINGS.explore_steps))
 
     def curiosity(
         self, scene: OptionScene, users: NDArray[np.int64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(K, cells) how much K users try: what is within reach, what has a rare colour.
-
-        The second weights are those of cells to point at, near and far alike.
-        """
+        """(K, cells) weights of cells to touch (in reach, of rare colour) and to point at."""
         if not len(users):
             none = np.zeros((0, self._sight.cells))
             return none, none
         # (K, cells) how rare the rarest colour in each cell is.
-        rarity_rare = 1.0 / (0.002 + self.colours / self.colours.sum())
+        rarity = 1.0 / (0.002 + self.colours / self.colours.sum())
         rows, columns = self._sight.rows, self._sight.columns
         own = scene.pictures.numpy()[users][:, :, : rows * CELL_PX, : columns * CELL_PX]
-        each = rarity_rare[_colours(own)].reshape(-1, rows, CELL_PX, columns, CELL_PX)
-        rarest: NDArray[np.float64] = each.max((2, 4)).reshape(len(users), -1)
-        rare = rarest
+        each = rarity[_colours(own)].reshape(-1, rows, CELL_PX, columns, CELL_PX)
+        rare: NDArray[np.float64] = each.max((2, 4)).reshape(len(users), -1)
         flat = scene.places[users].flatten(2).transpose(1, 2).reshape(-1, 3)
-        reach = self._policy.primitives.near(flat, _TRIED_M).reshape(len(users), -1)
+        reach = self._policy.primitives.near(flat, SETTINGS.reach_m).reshape(len(users), -1)
         there = np.where(scene.something.numpy()[users], 1.0, 1e-9)
         near = _spread(there * np.where(reach, 1.0, 0.03), rare)
         return near, _spread(there, rare) if "point" in self._options.placed else near
 
     def note_colours(self, scene: OptionScene) -> None:
-        """Count what colours there are; what was seen long ago counts less."""
+        """Count colours, with exponential forgetting."""
         pictures = scene.pictures.numpy()[:, :, ::2, ::2]
-        seen = np.bincount(_colours(pictures).ravel(), minlength=_COLOURS**3)
+        seen = np.bincount(_colours(pictures).ravel(), minlength=SETTINGS.colours**3)
         self.colours = 0.999 * self.colours + seen / seen.sum()
 
 
 def _colours(pictures: NDArray[np.uint8]) -> NDArray[np.int64]:
     """(N, H, W) numbers of the colours of pixels."""
-    level = (pictures[:, :3].astype(np.int64) * _COLOURS) // 256
-    number: NDArray[np.int64] = (level[:, 0] * _COLOURS + level[:, 1]) * _COLOURS + level[:, 2]
+    level = (pictures[:, :3].astype(np.int64) * SETTINGS.colours) // 256
+    number: NDArray[np.int64] = (
+        level[:, 0] * SETTINGS.colours + level[:, 1]
+    ) * SETTINGS.colours + level[:, 2]
     return number
 
 
@@ -342,46 +327,27 @@ def _spread(where: NDArray[np.float64], rare: NDArray[np.float64]) -> NDArray[np
     )
 
 
-DECIDE_STEPS = 3
-"""User steps from one decision to the next: 0.15 s at 20 Hz.
-Users see decisions through for longer where it pays."""
-_UPDATES, _UPDATES_FOR_PERSONS = 1, 2
-"""Updates of the Q-network per decision of all users; persons take longer to decide and to move."""
-_EXPLORE_FIRST = 0.9
-_SETTLE_SHARE = 0.5
-"""Last share of the user steps, over which learning rate and exploration fall."""
-_SETTLED_RATE, _SETTLED_TRIES = 0.05, 0.25
-"""Factors on learning rate and random tries at the very end."""
-_NEAR_M, _REACHED_M = 1.2, 0.06
-
-
 @dataclass(frozen=True)
 class QLearningReport:
-    """Progress of the Q-learning.
-
-    Attributes:
-        step: user steps of all users so far.
-        reward: mean reward per minute, effort taken off, over the last ones.
-        loss: of the values.
-        explore: proportion of exploratory decisions.
-    """
+    """Progress of the Q-learning."""
 
     step: int
+    """User steps of all users so far."""
     reward: float
+    """Mean reward per minute, less effort, of the last decisions."""
     loss: float
     explore: float
+    """Proportion of exploratory decisions."""
 
 
 class OptionQLearning(State):
-    """Learns values of places and moves while N users try.
+    """Learns option values while N users play.
 
     Args:
-        config: of the stage.
         simulation: N users; owned by the caller.
-        policy: theirs; what is learned are its values.
-        pictures: the file that what is seen goes to; made or reused.
-        seed: of everything drawn here.
-        for_persons: whether persons will use what is learned.
+        policy: theirs; its values are learned.
+        pictures: the file of the stored images; made or reused.
+        for_persons: whether persons will use the values.
     """
 
     def __init__(
@@ -395,7 +361,7 @@ class OptionQLearning(State):
         for_persons: bool = False,
     ) -> None:
         self.config, self._seed = config, seed
-        self.updates = _UPDATES_FOR_PERSONS if for_persons else _UPDATES
+        self.updates = SETTINGS.updates_for_persons if for_persons else SETTINGS.updates
         """Updates of the Q-network per decision of all users."""
         n = self.n = int(simulation.n)
         hands = self.hands = len(policy.tool)
@@ -407,8 +373,9 @@ class OptionQLearning(State):
         self.persons = False
         """Whether the present users are persons."""
         self.manner_chosen = False
-        """Whether the manner of hands has been compared (see ``manner.py``)."""
-        self.step_count = 0
+        """Whether the manner of hands has been compared."""
+        self.step_count = self.compared = 0
+        """User steps of learning, and of comparisons of manners and durations, of all users."""
         sight = self.net.sight
         shapes: dict[str, tuple[tuple[int, ...], Any]] = {
             "pictures": ((n, sight.height, sight.width, 8), np.uint8),
@@ -422,7 +389,7 @@ class OptionQLearning(State):
             "over": ((n,), np.bool_),
             "cut": ((n,), np.bool_),
         }
-        length = -(-config.user_steps // (n * DECIDE_STEPS)) + 1
+        length = -(-config.user_steps // (n * SETTINGS.decide_steps)) + 1
         self._decisions = ReplayStore(pictures, length, shapes)
         """Decisions of all users, and what came of them."""
         self._rewards: deque[float] = deque(maxlen=200)
@@ -446,7 +413,6 @@ class OptionQLearning(State):
         self._memory = self.policy.begin(self.n)
 
     def _round_seeds(self, *seed: int) -> list[int]:
-        """Return seeds of the users' rounds."""
         return np.random.SeedSequence(seed).generate_state(self.n, np.uint32).tolist()
 
     def continue_with_persons(self, simulation: Any, policy: PersonPolicy) -> None:
@@ -461,16 +427,10 @@ class OptionQLearning(State):
         self.persons = True
         self._rewards.clear()
 
-    # --- deciding ----------------------------------------------------------------------------
-
-    def _sense(self) -> Moment:
-        return self.policy.sense(self.simulation.observation(), self._memory[0])
-
-    def _scene(self, moment: Moment) -> OptionScene:
-        """Return what users see by which they decide."""
-        return self.policy.scene(moment, self._memory[0], moment.decides)
-
-    # --- a decision and what comes of it -----------------------------------------------------
+    def scene(self) -> tuple[Moment, OptionScene]:
+        """Return what users sense now, and the scenes by which they decide."""
+        moment = self.policy.sense(self.simulation.observation(), self._memory[0])
+        return moment, self.policy.scene(moment, self._memory[0], moment.decides)
 
     @property
     def explore(self) -> float:
@@ -479,13 +439,17 @@ class OptionQLearning(State):
         late = max(0, self.step_count - config.try_steps) / config.explore_steps
         if self.step_count < config.try_steps:
             return 1.0
-        fallen = min(1.0, late) * (config.explore_last - _EXPLORE_FIRST)
-        return (_EXPLORE_FIRST + fallen) * self._settling(_SETTLED_TRIES)
+        fallen = min(1.0, late) * (config.explore_last - SETTINGS.explore_first)
+        return (SETTINGS.explore_first + fallen) * self._settling(SETTINGS.settled_tries)
 
     def _settling(self, end: float) -> float:
         """Factor that falls from 1 to ``end`` over the last share of the user steps."""
         left = max(0.0, 1.0 - self.step_count / self.config.user_steps)
-        return 1.0 if left >= _SETTLE_SHARE else end + (1.0 - end) * left / _SETTLE_SHARE
+        return (
+            1.0
+            if left >= SETTINGS.settle_share
+            else end + (1.0 - end) * left / SETTINGS.settle_share
+        )
 
     @property
     def finished(self) -> bool:
@@ -493,14 +457,9 @@ class OptionQLearning(State):
         return self.step_count >= self.config.user_steps
 
     def step(self, doing: Callable[[str], None] = lambda part: None) -> QLearningReport:
-        """Decide, see it through, and learn.
-
-        Args:
-            doing: told what is done from now on, for a table of times.
-        """
+        """Decide, complete the decision, and learn; ``doing`` receives the part that begins."""
         doing("choosing options")
-        explore, moment = self.explore, self._sense()
-        scene = self._scene(moment)
+        explore, (moment, scene) = self.explore, self.scene()
         # (N, H) what every user chooses; cells and moves in one number, the last one rests.
         primitives, choice = self.policy.primitives, self._memory[0].choice
         with torch.no_grad():
@@ -519,7 +478,7 @@ class OptionQLearning(State):
             for hand in np.flatnonzero(anew[i]):
                 chosen[i, hand] = self._tried[i, hand] = self._exploration.draw(near, far)
                 self._trying[i, hand] = self._exploration.steps(int(chosen[i, hand]))
-        self._trying -= DECIDE_STEPS
+        self._trying -= SETTINGS.decide_steps
         choose(choice, chosen, scene.places, primitives, changed, scene.aims(choice, chosen))
         seen = {name: getattr(scene, name).numpy()[None] for name in SCENE}
         seen["pictures"] = seen["pictures"].transpose(0, 1, 3, 4, 2)
@@ -528,46 +487,39 @@ class OptionQLearning(State):
         if self.step_count >= self.config.try_steps:
             self.learner.settle_scale()
             updates = self.updates
-        came, loss = self._play_and_learn(moment, updates, doing)
-        self._decisions.amend({name: values[None] for name, values in came.items()})
-        step_s = 1.0 / self.simulation.config.action_frequency_hz
-        self._rewards.append(float(came["reward"].mean()) * 60.0 / (DECIDE_STEPS * step_s))
-        return QLearningReport(self.step_count, float(np.mean(self._rewards)), loss, explore)
-
-    def _play_and_learn(
-        self, moment: Moment, updates: int, doing: Callable[[str], None]
-    ) -> tuple[dict[str, NDArray[Any]], float]:
-        """See the present choice through, and learn from the ones before it meanwhile.
-
-        What is learned from ends where the present decision was made, so that it makes no
-        difference, to the bit, whether there are cores for it or it comes first.
-        """
-        rate = LEARNING_RATE * self._settling(_SETTLED_RATE)
+        # What is learned from ends where the present decision was made, so that the bits are the
+        # same whether learning comes first or has a core of its own beside playing.
+        rate = SETTINGS.learning_rate * self._settling(SETTINGS.settled_rate)
         self.learner.corrected = 1.0 - self._settling(0.0)
         if budget(self.simulation.config.cores) == 1 or not updates:
             doing("learning")
             loss = self.learner.learn(updates, rate, map)
             doing("playing")
-            return self._play(moment), loss
-        doing("playing and learning")
-        with ThreadPoolExecutor(PARTS) as parts, ThreadPoolExecutor(1) as beside:
-            learning = beside.submit(self.learner.learn, updates, rate, parts.map)
-            played = self._play(moment)
-            return played, learning.result()
+            came = self._play(moment)
+        else:
+            doing("playing and learning")
+            with ThreadPoolExecutor(SETTINGS.parts) as parts, ThreadPoolExecutor(1) as beside:
+                learning = beside.submit(self.learner.learn, updates, rate, parts.map)
+                came = self._play(moment)
+                loss = learning.result()
+        self._decisions.amend({name: values[None] for name, values in came.items()})
+        step_s = 1.0 / self.simulation.config.action_frequency_hz
+        self._rewards.append(float(came["reward"].mean()) * 60.0 / (SETTINGS.decide_steps * step_s))
+        return QLearningReport(self.step_count, float(np.mean(self._rewards)), loss, explore)
 
     def _play(self, moment: Moment) -> dict[str, NDArray[Any]]:
-        """See the present choice through.
+        """Complete the present decision.
 
         Returns:
-            (N,) rewards, of which effort is taken off, and those of the app; whose episodes ended,
-            and whose of these were only cut off.
+            (N,) rewards less effort, rewards of the app, whose episodes ended, and whose of these
+            were truncated.
         """
         (memory,) = self._memory
         reward, game_reward = np.zeros((2, self.n), np.float32)
         over, cut = np.zeros((2, self.n), bool)
-        for step in range(DECIDE_STEPS):
+        for step in range(SETTINGS.decide_steps):
             if step:
-                moment = self._sense()
+                moment = self.policy.sense(self.simulation.observation(), memory)
             result = self.simulation.step(self.policy.move(moment, memory))
             self.step_count += self.n
             reward += np.where(over, 0.0, result.reward).astype(np.float32)
@@ -584,40 +536,50 @@ class OptionQLearning(State):
         hold: int,
         steps: int,
         *,
-        on_progress: Callable[[float], None] = lambda share: None,
+        on_step: Callable[[], None] = lambda: None,
     ) -> float:
-        """Mean reward per minute, effort taken off, without tries.
-
-        Every user's rounds begin anew, which ends the learning.
+        """Return the mean reward per minute, less effort, without exploration, in new rounds.
 
         Args:
-            hold: user steps for which a decision is seen through.
+            hold: user steps from one decision to the next.
             steps: user steps to play, of each.
-            on_progress: called with the share of the steps done, before each of them.
+            on_step: called before each of them.
         """
         self._trying[:] = 0
         self.policy.hold.fill_(hold)
+
+        def advance(_: float) -> None:
+            self.compared += self.n
+            on_step()
+
         seeds = self._round_seeds(self.step_count, 59)
         reward, effort = reward_per_minute(
-            self.simulation, self.policy, seeds, steps, deterministic=True, on_progress=on_progress
+            self.simulation, self.policy, seeds, steps, deterministic=True, on_progress=advance
         )
         return reward - effort
 
     def diagnosis(self) -> tuple[float, float]:
-        """Share of the decisions that were rewarded, and of what is near that is within reach."""
-        scene = self._scene(self._sense())
+        """Return the proportions of rewarded decisions, and of near cells within reach."""
+        _, scene = self.scene()
         flat = scene.places.flatten(2).transpose(1, 2).reshape(-1, 3)
         head = scene.head.repeat_interleave(scene.sight.cells, 0)
-        near = flat[(flat - head).norm(dim=1) < _NEAR_M]
+        near = flat[(flat - head).norm(dim=1) < 1.2]
         primitives = self.policy.primitives
-        within = float(primitives.near(near, _REACHED_M).mean()) if len(near) else 0.0
+        within = float(primitives.near(near, 0.06).mean()) if len(near) else 0.0
         known = self._decisions.read("game_reward", np.arange(self._decisions.count))
         return float((known > 0.0).mean()), within
 
-    # --- exact resume ------------------------------------------------------------------------
-
     _state = (
-        *("step_count", "persons", "manner_chosen", "_rewards", "rng", "net", "learner"),
+        *(
+            "step_count",
+            "persons",
+            "compared",
+            "manner_chosen",
+            "_rewards",
+            "rng",
+            "net",
+            "learner",
+        ),
         *("_decisions", "_trying", "_tried", "_exploration.colours", "simulation"),
     )
 
@@ -637,7 +599,6 @@ class OptionQLearning(State):
         return {"lifts": policy.lifts} | own
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from :meth:`state_dict`."""
         super().load_state_dict(state)
         for name, value in self._manner().items():
             value.copy_(state["manner"][name])

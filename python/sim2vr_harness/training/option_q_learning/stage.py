@@ -2,8 +2,9 @@
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from sim2vr_harness.policies.hierarchical.motor_store import (
     motor_layer_for,
 )
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, require_senses
-from sim2vr_harness.policies.hierarchical.options import OptionSet, option_set
+from sim2vr_harness.policies.hierarchical.options import option_set
 from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy, seen_late_steps
 from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS, apart, rays_of
 from sim2vr_harness.policies.hierarchical.primitives import MEASURED
@@ -35,55 +36,52 @@ from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools
 from sim2vr_harness.runs.checkpoint import read_tensors, write_tensors, write_user
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder
-from sim2vr_harness.training.motor_control.stage import MotorStage
-from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS, OptionQLearning
+from sim2vr_harness.training.motor_control.goal_task import MotorStage
+from sim2vr_harness.training.option_q_learning.q_learning import SETTINGS, OptionQLearning
 from sim2vr_harness.training.run.stage import Callbacks, Stage
 
-_HOLDS, _HOLD_S = (1, 3, 5), 128.0
-"""Candidate user steps for which a choice is kept, and seconds of play of all users together that
-compare them: 4 to 10 of each."""
+HOLDS = (1, 3, 5)
+"""Candidates for the user steps from one decision to the next."""
+_HOLD_S = 128.0
+"""Seconds of play of all users together that compare them: 4 to 10 of each user."""
 _VIGOURS, _MANNER_S = (1.0, 6.0, 36.0), 5.0
 """What persons' weights of effort may be divided by, and seconds of play that compare manners."""
+_PICTURES = "pictures.bin"
+_SAVE_DECISIONS, _REPORT_DECISIONS = 100, 20
+_MEASURED_SHARE = 0.75
+"""Proportion of the user steps in which the measured body plays, undelayed but for its pictures,
+before persons do: what an app rewards does not depend on who moves, and persons move slowly."""
+_COMPARED_SHARE = 0.5
+"""Proportion of the user steps before plain users compare manners of their hands; persons do when
+they begin to play."""
+_HOPELESS = 0.35
+"""Proportion of the stage after which a user should do better than one who does nothing."""
+UPDATE_STEPS, PERSON_STEPS, PERSON_COMPARED = 110, 1.5, 3.5
+"""Work in the progress bar, in user steps of plain users: of an update of the Q-network (of 64
+decisions), of a user step of a person, and of one in which a person may decide in every step.
+Processor times of `sample` and `whacamole` on one core."""
 
 
-def holds() -> list[int]:
-    """Return the candidate user steps for which a choice is kept."""
-    return sorted({*_HOLDS, DECIDE_STEPS})
-
-
-def hold_steps(users: int, steps_per_s: float) -> int:
-    """Return user steps of each user that compare durations of decisions: more of few users."""
-    return max(1, round(min(max(4.0, _HOLD_S / users), 10.0) * steps_per_s))
-
-
-def compared_steps(steps_per_s: float, *, persons: bool) -> int:
-    """Return user steps of each user that compare manners of hands."""
-    return round(_MANNER_S * steps_per_s) * (2 + len(_VIGOURS) * persons)
-
-
-def best_hold(learner: OptionQLearning, callbacks: Callbacks) -> int:
-    """Return for how many user steps it pays to see decisions through."""
+def best_hold(
+    learner: OptionQLearning, steps: int, callbacks: Callbacks, show: Callable[[str], None]
+) -> int:
+    """Return the user steps from one decision to the next with the highest reward less effort."""
     callbacks.doing("durations of decisions")
-    taken = learner.step_count
-    steps = hold_steps(learner.n, learner.simulation.config.action_frequency_hz)
-    tried = holds()
     earned = {}
-    for number, hold in enumerate(tried):
-
-        def show(share: float, done: int = number) -> None:
-            doing = f"measuring {len(tried)} durations of decisions, {done + 1} of {len(tried)}"
-            _show_end(callbacks, taken, doing, (done + share) / len(tried))
-
-        earned[hold] = learner.earned(hold, steps, on_progress=show)
-    best = max(tried, key=lambda hold: earned[hold])
-    found = ", ".join(f"{earned[hold]:.2f} for {hold}" for hold in tried)
+    for number, hold in enumerate(HOLDS):
+        text = f"measuring {len(HOLDS)} durations of decisions, {number + 1} of {len(HOLDS)}"
+        earned[hold] = learner.earned(hold, steps, on_step=partial(show, text))
+    best = max(HOLDS, key=lambda hold: earned[hold])
+    found = ", ".join(f"{earned[hold]:.2f} for {hold}" for hold in HOLDS)
     callbacks.say(
         f"Reward per minute, less effort, by user steps of a decision: {found}. The user's: {best}."
     )
     return best
 
 
-def choose_manner(learner: OptionQLearning, callbacks: Callbacks) -> None:
+def choose_manner(
+    learner: OptionQLearning, steps: int, callbacks: Callbacks, show: Callable[[str], None]
+) -> None:
     """Let hands lift off before they touch if it pays, and persons move as fast as it pays.
 
     People move faster where rewards come more often (Yoon et al. 2018). Nothing of this counts as
@@ -91,22 +89,27 @@ def choose_manner(learner: OptionQLearning, callbacks: Callbacks) -> None:
     """
     callbacks.doing("manner of hands")
     policy = learner.policy
-    steps = round(_MANNER_S * learner.simulation.config.action_frequency_hz)
-    hold = 1 if isinstance(policy, PersonPolicy) else DECIDE_STEPS
+    person = policy if isinstance(policy, PersonPolicy) else None
+    earned = partial(
+        learner.earned,
+        1 if person else SETTINGS.decide_steps,
+        steps,
+        on_step=partial(show, "comparing manners of hands"),
+    )
+    if person is not None:
+        person.vigour.fill_(_VIGOURS[1])
     by_lift, by_vigour = {}, {}
-    if isinstance(policy, PersonPolicy):
-        policy.vigour.fill_(_VIGOURS[1])
     for lifts in (1.0, 0.0):
         policy.lifts.fill_(lifts)
-        by_lift[lifts] = learner.earned(hold, steps)
+        by_lift[lifts] = earned()
     policy.lifts.fill_(max(by_lift, key=lambda each: by_lift[each]))
     said = f"{by_lift[1.0]:.2f} if hands lift off before they touch, {by_lift[0.0]:.2f} if not"
-    if isinstance(policy, PersonPolicy):
+    if person is not None:
         for vigour in _VIGOURS:
-            policy.vigour.fill_(vigour)
-            by_vigour[vigour] = learner.earned(hold, steps)
+            person.vigour.fill_(vigour)
+            by_vigour[vigour] = earned()
         best = max(by_vigour, key=lambda each: by_vigour[each])
-        policy.vigour.fill_(best)
+        person.vigour.fill_(best)
         found = ", ".join(f"{by_vigour[each]:.2f} for {each:g}" for each in _VIGOURS)
         said += f"; by vigour: {found}. The persons': {best:g}"
     callbacks.say(f"Reward per minute, less effort: {said}.")
@@ -114,30 +117,11 @@ def choose_manner(learner: OptionQLearning, callbacks: Callbacks) -> None:
     learner.manner_chosen = True
 
 
-def _show_end(callbacks: Callbacks, taken: int, doing: str, share: float) -> None:
-    """Show how far the measurement at the end of the stage is, a line at its beginning."""
-    callbacks.show(lambda: View(taken, doing), force=share == 0.0)
-
-
-_PICTURES = "pictures.bin"
-_SAVE_DECISIONS, _REPORT_DECISIONS = 100, 20
-_MEASURED_SHARE = 0.75
-"""Share of the user steps in which the measured body plays, undelayed but for its pictures, before
-persons do: what an app rewards does not depend on who moves, and persons move slowly."""
-_COMPARED_SHARE = 0.5
-"""Share of the user steps before plain users compare manners of their hands; persons do when they
-begin to play."""
-_HOPELESS = 0.35
-"""Share of the stage after which a user should do better than one who does nothing."""
-
-
 class QLearningStage(Stage):
     """The training of option values.
 
     Args:
-        config: of the run.
-        folder: of the stage.
-        motor: the run's own motor layer, if it makes one.
+        motor: the stage of the run's own motor layer, if it makes one.
         run: whose checkpoints are hierarchical policies.
         stop: user steps after which the session ends, at most all of the stage.
     """
@@ -192,8 +176,42 @@ class QLearningStage(Stage):
         return motor_layer_for(body, step_s)
 
     @property
-    def _options(self) -> OptionSet:
-        return option_set(self._config.env.user.inputs, self._config.skills.options)
+    def work(self) -> float:
+        """Learning, and comparisons of manners and durations, in user steps without learning."""
+        each = 0 if self._people else self._hold_steps * len(HOLDS)
+        if self.stop >= self._compared_steps:
+            each += self._manner_steps * (2 + len(_VIGOURS) * self._people)
+        return self._played(self.stop) + self._compared(each * self._users)
+
+    def _compared(self, steps: float) -> float:
+        """Return the work of so many user steps of comparisons."""
+        return (PERSON_COMPARED if self._people else 1.0) * steps
+
+    def _played(self, steps: float) -> float:
+        """Return the work of so many user steps of learning."""
+        config = self._config.skills.q_learning
+        updates = SETTINGS.updates_for_persons if self._people else SETTINGS.updates
+        each = updates * UPDATE_STEPS / (config.users * SETTINGS.decide_steps)
+        persons = max(0.0, steps - self._measured_steps)
+        return steps + each * max(0.0, steps - config.try_steps) + (PERSON_STEPS - 1.0) * persons
+
+    @property
+    def _people(self) -> bool:
+        return self._config.skills.people
+
+    @property
+    def _users(self) -> int:
+        return self._config.skills.q_learning.users
+
+    @property
+    def _hold_steps(self) -> int:
+        """User steps of each user that compare durations of decisions: more of few users."""
+        hz = self._config.env.action_frequency_hz
+        return max(1, round(min(max(4.0, _HOLD_S / self._users), 10.0) * hz))
+
+    @property
+    def _manner_steps(self) -> int:
+        return round(_MANNER_S * self._config.env.action_frequency_hz)
 
     def open(self) -> None:
         """Make the simulation."""
@@ -204,7 +222,7 @@ class QLearningStage(Stage):
                     "skills.user", "'person' without env.user.people", "train --people"
                 )
             self._human()
-        self._options  # noqa: B018  # refuses options without their input
+        option_set(self._config.env.user.inputs, config.options)  # refuses options without input
         require_senses(self._config.env)
         width = config.motor_training.width
         if self._motor is None:
@@ -224,8 +242,10 @@ class QLearningStage(Stage):
         with torch_threads(1):
             policy = HierarchicalPolicy(self._before_persons)
             policy.layer.take(self._layer().weights())
-            policy.late_steps = self._late_steps
-            if config.skills.people:
+            people = config.env.user.people
+            if self._people and people is not None:
+                step_s = 1.0 / config.env.action_frequency_hz
+                policy.late_steps = seen_late_steps(people.visual_delay_s, step_s)
                 policy.manner = MEASURED
             before = self._prepared(simulation, policy, callbacks)
             learner = self._learner = OptionQLearning(
@@ -242,7 +262,8 @@ class QLearningStage(Stage):
         steps = learner.step_count
         file = self._run.checkpoint_file(self.stop if finished else steps)
         # A person may decide in every user step: its refractory period says how often it does.
-        hold = 1 if config.skills.people else best_hold(learner, callbacks)
+        show = partial(self._show, callbacks)
+        hold = 1 if self._people else best_hold(learner, self._hold_steps, callbacks, show)
         learner.policy.hold.fill_(hold)
         user = learner.policy
         if config.skills.people and not learner.persons:
@@ -281,14 +302,6 @@ class QLearningStage(Stage):
     def _before_persons(self) -> TrainingConfig:
         """The configuration of the users who begin: of plain users, or of the measured body."""
         return self._config.model_copy(update={"env": with_measured_body(self._config.env)})
-
-    @property
-    def _late_steps(self) -> int:
-        """User steps by which persons see what they decide by."""
-        env = self._config.env
-        if not self._config.skills.people or env.user.people is None:
-            return 0
-        return seen_late_steps(env.user.people.visual_delay_s, 1.0 / env.action_frequency_hz)
 
     def _prepared(
         self, simulation: Simulation, policy: HierarchicalPolicy, callbacks: Callbacks
@@ -336,6 +349,11 @@ class QLearningStage(Stage):
         policy.rays.copy_(rays)
         return earned
 
+    def _show(self, callbacks: Callbacks, doing: str) -> None:
+        learner = self._learner
+        done = self._played(learner.step_count) + self._compared(learner.compared)
+        callbacks.show(lambda: View(done, doing))
+
     def _learn(
         self,
         learner: OptionQLearning,
@@ -349,11 +367,13 @@ class QLearningStage(Stage):
                 callbacks.say("Persons play from now on, with what has been learned.")
                 self._begin_persons(learner)
             if learner.step_count >= self._compared_steps and not learner.manner_chosen:
-                choose_manner(learner, callbacks)
+                choose_manner(
+                    learner, self._manner_steps, callbacks, partial(self._show, callbacks)
+                )
             report = learner.step(callbacks.doing)
             decisions += 1
             done = learner.step_count
-            callbacks.show(lambda: View(done, doing))  # noqa: B023
+            self._show(callbacks, doing)
             if decisions % _REPORT_DECISIONS == 0 or done >= self.stop:
                 rate = (done - first) / (time.monotonic() - began)
                 doing = (
@@ -369,7 +389,16 @@ class QLearningStage(Stage):
                 self.save()
             if not warned and done > _HOPELESS * self.total:
                 warned = True
-                _warn(report.reward, before, learner, callbacks)
+                best = max(before.values())
+                if report.reward <= best + 0.05 * abs(best):
+                    rewarded, within = learner.diagnosis()
+                    callbacks.say(
+                        f"Nothing is being learned yet: {report.reward:.2f} per minute, {best:.2f} "
+                        f"without learning. {100 * rewarded:.1f} % of the decisions were rewarded "
+                        f"and {100 * within:.0f} % of what is seen near is within reach. Check "
+                        "where the app puts things (sim2vr-harness render snapshot, reach), that "
+                        "they are seen against their background, and what the reward is for."
+                    )
         callbacks.say("Q-learning: " + doing)
 
     @property
@@ -390,19 +419,3 @@ def _seeing(env: EnvConfig) -> EnvConfig:
     """What users decide by is drawn, and no larger."""
     vision = env.vision.model_copy(update={"zoom": 1})
     return env.model_copy(update={"vision": vision})
-
-
-def _warn(
-    reward: float, before: Mapping[str, float], learner: OptionQLearning, callbacks: Callbacks
-) -> None:
-    """Say so where nothing is learned, and what to look at."""
-    best = max(before.values())
-    if reward > best + 0.05 * abs(best):
-        return
-    earned, within = learner.diagnosis()
-    callbacks.say(
-        f"Nothing is being learned yet: {reward:.2f} per minute, {best:.2f} without learning. "
-        f"{100 * earned:.1f} % of the decisions were rewarded and {100 * within:.0f} % of what is "
-        "seen near is within reach. Check where the app puts things (sim2vr-harness render "
-        "snapshot, reach), that they are seen against their background, and what the reward is for."
-    )

@@ -10,12 +10,12 @@ import torch
 
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.client import GameFacts
-from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic, policy_arguments
+from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.ppo_config import LearningRateConfig
 from sim2vr_harness.training.ppo.rollout_buffer import FrameRolloutBuffer
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
-from sim2vr_harness.training.run.episode_stats import episode_means
+from sim2vr_harness.training.run.loggers import episode_means
 
 
 class LearningRate:
@@ -156,7 +156,7 @@ def build(config: TrainingConfig, env: SimulationVecEnv) -> PPO:
         max_grad_norm=learner.max_grad_norm,
         target_kl=learner.target_kl,
         rollout_buffer_class=FrameRolloutBuffer,
-        policy_kwargs=policy_arguments(config.policy),
+        policy_kwargs={"config": config.policy},
         seed=config.seed,
         device=config.device,
     )

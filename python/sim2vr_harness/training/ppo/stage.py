@@ -1,25 +1,187 @@
 """The stage that learns by PPO, from checkpoints that continue exactly."""
 
-from collections.abc import Callable
+import copy
+import io
+import json
+import zipfile
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from torch import nn
 
-from sim2vr_harness.base.finite import NotFinite
+from sim2vr_harness import __version__
+from sim2vr_harness.base.errors import UnusableFile
+from sim2vr_harness.base.files import write_atomically
+from sim2vr_harness.base.finite import NotFinite, require_finite
 from sim2vr_harness.base.progress import View
+from sim2vr_harness.base.signals import interrupts_deferred
+from sim2vr_harness.client.errors import AppDied, AppTimeout
 from sim2vr_harness.envs.protocols import SimulationLike
+from sim2vr_harness.runs.checkpoint import (
+    DAMAGE,
+    EXPECTED,
+    FORMAT,
+    RESUME,
+    good_parts,
+    in_words,
+    last_good,
+    random_state,
+    set_random_state,
+)
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder, metric_key
-from sim2vr_harness.training.ppo import checkpoint, ppo
+from sim2vr_harness.training.ppo import ppo
 from sim2vr_harness.training.ppo.ppo import PPO
 from sim2vr_harness.training.ppo.rollout_buffer import buffer_bytes
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
 from sim2vr_harness.training.run.loggers import make_logger
 from sim2vr_harness.training.run.stage import Callbacks, Stage
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A moment between two iterations.
+
+    Attributes:
+        step: User steps taken so far.
+        weights: The policy's state.
+        optimizer: The optimiser's state.
+        header: Counters, random generators and episode statistics, as JSON.
+        arrays: Arrays of the learner and the bytes of the environment.
+    """
+
+    step: int
+    weights: dict[str, torch.Tensor]
+    optimizer: dict[str, Any]
+    header: dict[str, Any]
+    arrays: dict[str, NDArray]
+
+    def write(self, path: Path, model: PPO) -> None:
+        """Write the checkpoint; ``model`` gives the parts that never change."""
+        archive = io.BytesIO()
+        with interrupts_deferred(), _holding(model, self):
+            model.save(archive)
+        header = np.frombuffer(json.dumps(self.header).encode(), dtype=np.uint8)
+        arrays = io.BytesIO()
+        np.savez(arrays, allow_pickle=False, header=header, **self.arrays)
+        with zipfile.ZipFile(archive, "a") as members:
+            members.writestr(RESUME, arrays.getvalue(), zipfile.ZIP_DEFLATED)
+        write_atomically(path, archive.getvalue())
+
+
+def take(model: PPO) -> Snapshot:
+    """Copy the state of a learner between two iterations."""
+    env = model.get_env()
+    assert isinstance(env, SimulationVecEnv)
+    arrays: dict[str, NDArray] = {
+        **{f"environment.{key}": value for key, value in env.state_dict().items()},
+        "episode_starts": np.array(model._last_episode_starts),
+    }
+    last_observation = model._last_obs
+    assert isinstance(last_observation, dict)
+    for key, value in last_observation.items():
+        arrays[f"observation.{key}"] = np.array(value)
+    generators, generator_arrays = random_state()
+    header = {
+        "format": FORMAT,
+        "version": __version__,
+        "num_timesteps": model.num_timesteps,
+        "n_updates": model._n_updates,
+        "progress_remaining": model._current_progress_remaining,
+        "episodes": list(model.ep_info_buffer or []),
+        "random": generators,
+    }
+    return Snapshot(
+        step=model.num_timesteps,
+        weights=copy.deepcopy(model.policy.state_dict()),
+        optimizer=copy.deepcopy(model.policy.optimizer.state_dict()),
+        header=header,
+        arrays=arrays | generator_arrays,
+    )
+
+
+def restore(path: Path, model: PPO) -> None:
+    """Bring a freshly built learner and its environment to the state of a checkpoint.
+
+    Raises:
+        UnusableFile: The file is no checkpoint, is damaged or belongs to another configuration. The
+            learner and its environment may be at no moment at all then: they are to be made anew.
+    """
+    weights, optimizer, header, arrays = good_parts(path, model.policy, model.device)
+    env = model.get_env()
+    assert isinstance(env, SimulationVecEnv)
+    try:
+        model.policy.load_state_dict(weights)
+        model.policy.optimizer.load_state_dict(optimizer)
+        # Check what torch does not: that moments have the shape of their weights.
+        for weight, state in model.policy.optimizer.state.items():
+            for name, value in state.items():
+                if isinstance(value, torch.Tensor) and value.dim() and value.shape != weight.shape:
+                    shapes = f"{tuple(value.shape)}, expected {tuple(weight.shape)}"
+                    raise ValueError(f"{name} of the optimiser of shape {shapes}")
+        model.num_timesteps = int(header["num_timesteps"])
+        model._n_updates = int(header["n_updates"])
+        model._current_progress_remaining = float(header["progress_remaining"])
+        load_moment(model, env, arrays)
+        # SB3 makes the statistics' buffers when it starts learning, unless they are there.
+        model.ep_info_buffer = deque(header["episodes"], maxlen=model._stats_window_size)
+        model.ep_success_buffer = deque(maxlen=model._stats_window_size)
+        set_random_state(header["random"], arrays)
+    except (AppDied, AppTimeout):
+        raise  # the file may be good
+    except DAMAGE as error:
+        instead = last_good(path, model.policy)
+        raise UnusableFile(path, in_words(error), EXPECTED, instead) from error
+
+
+def load_moment(model: BaseAlgorithm, env: SimulationVecEnv, arrays: dict[str, NDArray]) -> None:
+    """Bring the environment and what was last seen of it to a checkpoint's moment."""
+    parts: dict[str, dict[str, NDArray]] = {"environment": {}, "observation": {}}
+    for key, value in arrays.items():
+        part, _, name = key.partition(".")
+        if part in parts:
+            parts[part][name] = value
+    anew, observation = env.load_state_dict(parts["environment"]), parts["observation"]
+    starts = arrays["episode_starts"]
+    if anew:
+        starts[anew] = True
+        for key, value in env.simulation.observation().items():
+            observation[key][anew] = value[anew]
+    model._last_obs, model._last_episode_starts = observation, starts
+
+
+@contextmanager
+def _holding(model: PPO, snapshot: Snapshot) -> Iterator[None]:
+    """Let ``model`` hold a snapshot's weights and counters for a moment."""
+    now = (
+        copy.deepcopy(model.policy.state_dict()),
+        copy.deepcopy(model.policy.optimizer.state_dict()),
+        model.num_timesteps,
+        model._n_updates,
+    )
+
+    def hold(weights: Any, optimizer: Any, step: int, updates: int) -> None:
+        model.policy.load_state_dict(weights)
+        # A copy: loading does not copy every tensor, and later steps would write into them.
+        model.policy.optimizer.load_state_dict(copy.deepcopy(optimizer))
+        model.num_timesteps, model._n_updates = step, updates
+
+    hold(snapshot.weights, snapshot.optimizer, snapshot.step, snapshot.header["n_updates"])
+    try:
+        yield
+    finally:
+        hold(*now)
+
 
 NOT_EXACT = "--resume starts new rounds, since this app cannot save its state."
 
@@ -30,10 +192,6 @@ class PPOStage(Stage):
     Its checkpoints are the trained users; it works in the run's own folder.
 
     Args:
-        config: of the run.
-        folder: of the run.
-        title: one sentence for people.
-        make_simulation: makes the users.
         begin: puts the weights to begin with into the policy, when the stage begins.
         stop: user steps after which the stage ends, rounded up to whole iterations.
     """
@@ -90,7 +248,7 @@ class PPOStage(Stage):
         """Go through the iterations that are left."""
         model, kept = self._learner, self._config.checkpoint
         if self.begun:
-            checkpoint.restore(self._run.latest_checkpoint(), model)
+            restore(self._run.latest_checkpoint(), model)
             self._run.drop_metrics_after(model.num_timesteps)
             start = model.num_timesteps
         else:
@@ -172,7 +330,6 @@ class CheckpointCallback(BaseCallback):
     """Remembers the moment between two iterations and writes it when it is due.
 
     Args:
-        folder: The run's folder.
         every_steps: User steps between two checkpoints.
         keep: How many of the newest checkpoints to keep; None keeps all.
         on_written: Called with the file and the step of every checkpoint.
@@ -192,7 +349,7 @@ class CheckpointCallback(BaseCallback):
         self._every_steps = every_steps
         self._keep = keep
         self._on_written = on_written
-        self._snapshot: checkpoint.Snapshot | None = None
+        self._snapshot: Snapshot | None = None
         self._written_step: int | None = None
 
     @property
@@ -213,7 +370,7 @@ class CheckpointCallback(BaseCallback):
             NotFinite: The last update has spoilt the learner; the snapshot before it is written.
         """
         self.require_finite()
-        self._snapshot = checkpoint.take(self.model)
+        self._snapshot = take(self.model)
         step = self._snapshot.step
         if self._written_step is None:  # The session starts: on disk already, or step 0.
             self._written_step = step
@@ -226,10 +383,13 @@ class CheckpointCallback(BaseCallback):
         Raises:
             NotFinite: A weight or a moment of the optimiser is NaN or infinite.
         """
+        policy = self.model.policy
+        learned = {"policy": policy.state_dict(), "optimizer": policy.optimizer.state_dict()}
+        where = f"after {self.model.num_timesteps:,} user steps"
         try:
-            checkpoint.require_finite_learner(self.model, None)
+            require_finite(learned, where, None)
         except NotFinite:
-            checkpoint.require_finite_learner(self.model, self.write())
+            require_finite(learned, where, self.write())
             raise
 
     def write(self) -> Path | None:
@@ -249,13 +409,7 @@ class CheckpointCallback(BaseCallback):
 
 
 class ProgressCallback(BaseCallback):
-    """Shows how far the learner is, during the update as well, and passes rows on.
-
-    Args:
-        callbacks: the stage's.
-        start: user steps taken before this session.
-        stop: where this session stops.
-    """
+    """Shows how far the learner is, during the update as well, and passes rows on."""
 
     model: PPO
 

@@ -7,11 +7,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from stable_baselines3.common.logger import KVWriter, Logger
 
 from sim2vr_harness.base.optional import needed
+from sim2vr_harness.client import GameFacts
 from sim2vr_harness.runs.config import TrainingConfig
-from sim2vr_harness.runs.run_folder import RunFolder, append_row
+from sim2vr_harness.runs.run_folder import RunFolder, append_row, metric_key
 
 
 def _numbers(values: Mapping[str, Any]) -> dict[str, float]:
@@ -105,13 +107,7 @@ def require_wandb() -> Any:
 
 
 def make_logger(config: TrainingConfig, folder: RunFolder, start_step: int) -> Logger:
-    """Return the logger of one session.
-
-    Args:
-        config: The run's configuration.
-        folder: The run's folder.
-        start_step: User steps taken before this session.
-    """
+    """Return the logger of one session."""
     writers: list[KVWriter] = [
         JsonLines(folder.metrics_file),
         TensorBoard(folder.tensorboard_dir, start_step),
@@ -124,3 +120,39 @@ def make_logger(config: TrainingConfig, folder: RunFolder, start_step: int) -> L
 def silent_logger() -> Logger:
     """Return a logger that writes nothing."""
     return Logger(folder=None, output_formats=[])
+
+
+def episode_means(episodes: list[dict[str, Any]], facts: GameFacts) -> dict[str, float]:
+    """Return the means of finished episodes' values, keyed as :func:`metric_key` says.
+
+    Args:
+        episodes: ``info["episode"]`` of ``SimulationVecEnv``.
+        facts: What the game publishes: its shares, such as a hit rate, are ratios of means.
+    """
+    if not episodes:
+        return {}
+    means = {
+        "ep_rew_mean": float(np.mean([episode["r"] for episode in episodes])),
+        "ep_len_mean": float(np.mean([episode["l"] for episode in episodes])),
+    }
+    for key in ("game_reward", "effort_cost", "max_fatigued"):
+        values = [episode[key] for episode in episodes if key in episode]
+        if values:
+            means[f"ep_{key}_mean"] = float(np.mean(values))
+    log: dict[str, float] = {}
+    for key in episodes[-1].get("log", {}):
+        values = [episode["log"][key] for episode in episodes if key in episode["log"]]
+        log[key] = means[f"ep_{key}_mean"] = float(np.mean(values))
+    for measure in facts.scalars:
+        if measure.only_if is not None and measure.rate_with is None and measure.log_key in log:
+            # Episodes without the number (no hit, no hit speed) are left out, as in evaluations.
+            own = [measure.value(episode.get("log", {})) for episode in episodes]
+            known = [value for value in own if value is not None]
+            del means[metric_key(measure)]
+            if known:
+                means[metric_key(measure)] = float(np.mean(known))
+    for measure in facts.scalars:
+        share = measure.value(log) if measure.rate_with is not None else None
+        if share is not None:
+            means[metric_key(measure)] = share
+    return means

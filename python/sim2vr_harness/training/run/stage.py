@@ -58,8 +58,6 @@ class Stage(ABC):
     ``state_dict`` is what a stopped stage goes on from. Subclasses say what they are called.
 
     Args:
-        config: of the run.
-        folder: of the stage.
         total: where it ends, in ``unit``.
     """
 
@@ -100,6 +98,11 @@ class Stage(ABC):
     def saved(self) -> str:
         """What the folder holds of it, for people: ``3 of 22 cycles``."""
         return f"{self._saved:,.0f} of {self.total:,.0f} {self.unit}" if self._saved else ""
+
+    @property
+    def work(self) -> float:
+        """Where the progress bar ends: ``total``, or what takes equally long per unit."""
+        return self.total
 
     @property
     @abstractmethod
@@ -231,9 +234,6 @@ class Callbacks:
     """What a stage calls while it runs.
 
     Args:
-        number: its place in the run, from 1.
-        stages: how many there are.
-        folder: of the run.
         display: shows how far it is.
         report: called with every row of the stage's log.
         stop: asked at every step; True ends the training.
@@ -329,12 +329,9 @@ def run_stages(
     """Run what is left of a run's stages, one after the other.
 
     Args:
-        stages: all of the run's.
         folder: of the run; every stage's wall time is noted in it.
         console: where to show how far it is.
         opened: the stage that was opened already.
-        report: see :class:`Callbacks`.
-        stop: see :class:`Callbacks`.
 
     Returns:
         How it ended. An error passes through, after the stage has saved.
@@ -349,7 +346,7 @@ def run_stages(
             if len(stages) > 1:
                 say_line(console, f"Stage {number} of {len(stages)}: {stage.title}")
             began = time.monotonic()
-            display = ProgressDisplay(stage.name, stage.total, console)
+            display = ProgressDisplay(stage.name, stage.work, console)
             callbacks = Callbacks(stage, number, len(stages), folder, display, report, stop)
             outcome.status = "failed"
             try:

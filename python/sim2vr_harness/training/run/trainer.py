@@ -33,11 +33,9 @@ from sim2vr_harness.runs.checkpoint import require_readable
 from sim2vr_harness.runs.config import TrainingConfig, first_difference
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.runs.trust import remember
-from sim2vr_harness.training.dagger.dagger import Expert
-from sim2vr_harness.training.dagger.expert import TeacherExpert
-from sim2vr_harness.training.dagger.stage import StudentStage
+from sim2vr_harness.training.dagger.dagger import StudentStage, TeacherExpert
 from sim2vr_harness.training.model_based.stage import ImaginedStage
-from sim2vr_harness.training.motor_control.stage import MotorStage, needs_motor_policy
+from sim2vr_harness.training.motor_control.goal_task import MotorStage, needs_motor_policy
 from sim2vr_harness.training.option_q_learning.stage import QLearningStage
 from sim2vr_harness.training.ppo.fine_tune import user_to_adapt
 from sim2vr_harness.training.ppo.rollout_buffer import buffer_bytes
@@ -87,10 +85,6 @@ def _from_pixels(
     return PPOStage(run.config, run.folder, title, run.make_simulation, begin, run.stop)
 
 
-def _ppo(run: Run) -> list[Stage]:
-    return [_from_pixels(run, "PPO from what the user senses.")]
-
-
 def _distill(run: Run) -> list[Stage]:
     """A teacher that knows, a student that sees, then PPO on what it senses itself.
 
@@ -99,7 +93,7 @@ def _distill(run: Run) -> list[Stage]:
     config, path = run.config, run.folder.path
     teacher = ImaginedStage(config, path / ImaginedStage.name)
 
-    def guide(simulation: Simulation) -> Expert:
+    def guide(simulation: Simulation) -> TeacherExpert:
         return TeacherExpert(teacher.folder / teacher.result, config.teacher, simulation)
 
     student = StudentStage(config, path / StudentStage.name, guide)
@@ -138,7 +132,7 @@ def _adapt(run: Run) -> list[Stage]:
 
 
 RECIPES: dict[str, Callable[[Run], list[Stage]]] = {
-    "ppo": _ppo,
+    "ppo": lambda run: [_from_pixels(run, "PPO from what the user senses.")],
     "distill": _distill,
     "skills": _skills,
     "adapt": _adapt,
@@ -187,14 +181,7 @@ def device_of(stage: str, config: TrainingConfig) -> str:
 
 
 def expected_seconds(stage: str, config: TrainingConfig, cores: float, slow: float) -> float | None:
-    """Return about how long a stage takes; None: it says so itself once it is known.
-
-    Args:
-        stage: its name.
-        config: of the run.
-        cores: that it gets.
-        slow: see :func:`slowness`.
-    """
+    """Return about how long a stage takes; None: it says so itself once it is known."""
     gpu = device_of(stage, config) == "cuda"
     sample_s = _SAMPLE_GPU_S if gpu else _SAMPLE_S * slow / cores
     seen_s = _SEEN_STEP_S * slow / cores
@@ -233,16 +220,13 @@ def plan_lines(stages: Sequence[Stage], config: TrainingConfig) -> list[str]:
         seconds = expected_seconds(stage.name, config, cores, slow)
         known.append(seconds)
         about = "" if seconds is None else f", about {duration(seconds)}"
-        parts.append(f"{stage.name} on {_named(device_of(stage.name, config))}{about}")
+        gpu = device_of(stage.name, config) == "cuda"
+        parts.append(f"{stage.name} on the {'GPU' if gpu else 'processor'}{about}")
     lines.append(f"Stages: {'; '.join(parts)}.")
     whole = [seconds for seconds in known if seconds is not None]
     if len(whole) == len(known) > 1:
         lines.append(f"Expected: about {duration(sum(whole))} on {cores:.0f} cores.")
     return lines
-
-
-def _named(device: str) -> str:
-    return "the GPU" if device == "cuda" else "the processor"
 
 
 USER_BYTES = 100_000
@@ -332,8 +316,6 @@ class TrainResult:
 
 def make_simulation(config: TrainingConfig) -> SimulationLike:
     """Make the users and apps of ``config``; the default :data:`MakeSimulation`."""
-    from sim2vr_harness.envs.simulation import Simulation
-
     return Simulation(config.env, config.ppo.n_envs)
 
 
@@ -354,11 +336,9 @@ def train(
 
     Args:
         config: The configuration; with ``resume`` it must agree with the run's own.
-        out: The run's folder.
         timesteps: Where this session stops, from the start of the run's last stage, rounded up to
             whole iterations; None: ``config.last_stage_steps``, over which schedules run anyway.
         resume: Continue the run in ``out``; one that has reached ``timesteps`` is left as it is.
-        overwrite: Delete the run in ``out`` first.
         set_aside: With ``resume``: rename files that cannot be used (to ``NAME.aside``) and
             continue from the newest ones that can.
         console: Where to print; None prints to the standard error stream.
@@ -439,16 +419,34 @@ class _Session:
                     outcome = self._run(stages, opened)
                     break
                 except UnusableFile as error:
+                    names = (f"{error.file.name}.aside{number or ''}" for number in count())
+                    places = (error.file.with_name(name) for name in names)
+                    aside = next(place for place in places if not place.exists())
                     if not set_aside:
-                        raise _with_offer(error, folder) from error
-                    aside = _aside(error.file)
+                        path = shlex.quote(str(folder.path))
+                        where = "from that one" if error.instead else "with what is left"
+                        error.args = (
+                            f"{error}; to go on {where} and keep this file as {aside.name}: "
+                            f"sim2vr-harness train --resume {path} --set-aside",
+                        )
+                        raise
                     error.file.rename(aside)
                     text = (
                         f"{error.file} cannot be used ({error.reason}); it is kept as {aside.name}."
                     )
                     self.console.print(text, highlight=False, markup=False, soft_wrap=True)
                     stages = self._stages(resumed=True)
-        return _result(folder, stages, outcome, began)
+        files, interrupted = folder.checkpoints(), outcome.status != "finished"
+        return TrainResult(
+            folder=folder,
+            checkpoint=files[-1] if files else None,
+            step=folder.step,
+            interrupted=interrupted,
+            lost_steps=getattr(stages[-1], "lost_steps", 0) if interrupted else 0,
+            seconds=time.monotonic() - began,
+            stage=outcome.stage,
+            saved=outcome.saved,
+        )
 
     def _stages(self, *, resumed: bool) -> list[Stage]:
         return stages_of(
@@ -495,36 +493,3 @@ class _Session:
         finally:
             if not folder.exists:  # the folder was removed meanwhile: no one else knows it
                 folder.store_config(self.config)
-
-
-def _with_offer(error: UnusableFile, folder: RunFolder) -> UnusableFile:
-    """Return the error with the command that goes on all the same."""
-    command = f"sim2vr-harness train --resume {shlex.quote(str(folder.path))} --set-aside"
-    where = "from that one" if error.instead else "with what is left"
-    offer = f"; to go on {where} and keep this file as {_aside(error.file).name}: {command}"
-    changed = UnusableFile(error.file, error.reason, error.expected, error.instead)
-    changed.args = (f"{changed}{offer}",)
-    return changed
-
-
-def _aside(file: Path) -> Path:
-    """Return a name that is free, and that no stage looks for."""
-    names = (f"{file.name}.aside{number or ''}" for number in count())
-    return next(place for name in names if not (place := file.with_name(name)).exists())
-
-
-def _result(
-    folder: RunFolder, stages: Sequence[Stage], outcome: StageOutcome, began: float
-) -> TrainResult:
-    files = folder.checkpoints()
-    interrupted = outcome.status != "finished"
-    return TrainResult(
-        folder=folder,
-        checkpoint=files[-1] if files else None,
-        step=folder.step,
-        interrupted=interrupted,
-        lost_steps=getattr(stages[-1], "lost_steps", 0) if interrupted else 0,
-        seconds=time.monotonic() - began,
-        stage=outcome.stage,
-        saved=outcome.saved,
-    )

@@ -78,11 +78,7 @@ def find_start_postures(
 
     Args:
         simulation: users to try with; their rounds are lost.
-        game: what the fast recipe knows of it.
-        conditions: of the game.
-        near_m: how near is near enough.
         per_cell: how many to find for each cell.
-        seed: of the search.
         most_rounds: resets of all users per condition after which the search gives up.
 
     Raises:
@@ -198,7 +194,6 @@ class TeacherSimulation(State):
 
     Args:
         env: the true environment; pictures are switched off here.
-        config: of the teacher.
         seed: of conditions, starts and episodes' lengths.
         n: number of users; None takes ``config.imagined.n_envs``.
 
@@ -353,9 +348,6 @@ def privileged_senses(
 
     Args:
         simulation: the users; watched from its next reset on where the senses are late.
-        config: of the teacher.
-        game: what the fast recipe knows of the game.
-        env: of the student, whose senses say how late the teacher knows.
     """
     lag = Lag.of(env, config.recognition_latency_steps)
     hidden = game.hidden_fields if config.hidden_fields is None else config.hidden_fields

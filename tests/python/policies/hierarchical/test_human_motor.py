@@ -13,9 +13,10 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import UserConfig, people_of
 from sim2vr_harness.envs.people_preset import as_population
 from sim2vr_harness.envs.resolved import ResolvedEnv
-from sim2vr_harness.policies.hierarchical.hand_policy import HandPolicy
-from sim2vr_harness.policies.hierarchical.human_goals import GoalPerception, HumanGoals
 from sim2vr_harness.policies.hierarchical.human_motor import (
+    GoalPerception,
+    HandPolicy,
+    HumanGoals,
     HumanHands,
     HumanMotorPolicy,
     InverseModel,

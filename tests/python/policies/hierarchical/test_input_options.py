@@ -2,6 +2,7 @@
 
 import copy
 from contextlib import closing
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,17 +16,19 @@ from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.evaluation.evaluate import _another_ray
 from sim2vr_harness.policies.hierarchical.action_selection import best_choices, choose
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
-from sim2vr_harness.policies.hierarchical.controller_inputs import (
-    ROLES,
-    ControllerInputs,
-    with_inputs_at_rest,
-)
 from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
-from sim2vr_harness.policies.hierarchical.motor_goals import WIDTH_M
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.motor_policy import WIDTH_M, MotorPolicy, reachable_poses
 from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy
-from sim2vr_harness.policies.hierarchical.options import MOVES, PLACED, PLAIN, option_set
+from sim2vr_harness.policies.hierarchical.options import (
+    MOVES,
+    PLACED,
+    PLAIN,
+    ROLES,
+    ControllerInputs,
+    option_set,
+    with_inputs_at_rest,
+)
 from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS, aim_of, off_ray, rays_of
 from sim2vr_harness.policies.hierarchical.primitives import (
     PERSONS,
@@ -33,7 +36,6 @@ from sim2vr_harness.policies.hierarchical.primitives import (
     PrimitiveController,
 )
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, _judged, straight_tool
-from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.users import UserBatch, load_body
 from sim2vr_harness.users.kinematics.posture_controller import DeviceRay
@@ -51,14 +53,19 @@ def layer() -> MotorPolicy:
     return motor_layer_for(load_body("mobl_arms_wrist"), STEP_S)
 
 
+@cache
+def poses(layer: MotorPolicy) -> torch.Tensor:
+    return reachable_poses(layer, 1)
+
+
 def controller(
     layer: MotorPolicy,
     *inputs: str,
     wanted: tuple[str, ...] | None = None,
     rays: torch.Tensor = AIM_RAYS,
 ):
-    options, poses = option_set(inputs, wanted), reachable_poses(layer, 1)
-    return PrimitiveController(layer, torch.zeros(1, 2, 3), poses, options, rays=rays)
+    options = option_set(inputs, wanted)
+    return PrimitiveController(layer, torch.zeros(1, 2, 3), poses(layer), options, rays=rays)
 
 
 def test_options_follow_from_the_inputs() -> None:
@@ -189,7 +196,7 @@ def test_hands_go_to_the_middle_of_a_thing_and_not_of_its_cell(layer: MotorPolic
 
 def test_hands_lift_off_or_go_straight(layer: MotorPolicy) -> None:
     """Of a place 40 cm ahead, from 20 cm beside it: to 5 cm before it, or 2.5 cm behind it."""
-    hands = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
+    hands = PrimitiveController(layer, torch.zeros(1, 2, 3), poses(layer))
     choice = OptionChoice(2, 1)
     choice.move[:] = MOVES.index("touch")
     choice.place[:] = choice.seen[:] = torch.tensor([0.4, 0.0, 0.0])
@@ -205,7 +212,7 @@ def test_hands_lift_off_or_go_straight(layer: MotorPolicy) -> None:
 def test_persons_push_with_the_hand(layer: MotorPolicy) -> None:
     """A tip 10 cm ahead is to pass 3 cm before a place 40 cm ahead: the hand itself at 27 cm."""
     tool = torch.tensor([0.1, 0.0, 0.0]).expand(1, 2, 3)
-    hands = PrimitiveController(layer, tool, reachable_poses(layer, 1), manner=PERSONS)
+    hands = PrimitiveController(layer, tool, poses(layer), manner=PERSONS)
     choice = OptionChoice(1, 1)
     choice.move[:] = MOVES.index("push")
     choice.place[:] = choice.seen[:] = torch.tensor([0.4, 0.0, 0.0])

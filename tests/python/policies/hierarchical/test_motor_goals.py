@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from sim2vr_harness.policies.hierarchical.goal_sampler import LEAD_STEPS, GoalSampler, off_goal
-from sim2vr_harness.policies.hierarchical.motor_goals import (
+from sim2vr_harness.policies.hierarchical.motor_policy import (
     GOAL_SIZE,
     MOMENT_S,
     MotorGoals,

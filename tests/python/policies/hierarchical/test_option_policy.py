@@ -3,7 +3,9 @@
 import copy
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -21,13 +23,14 @@ from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, require_senses
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import TrainingConfig, load_config
-from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS
+from sim2vr_harness.training.option_q_learning.q_learning import SETTINGS
 from sim2vr_harness.training.option_q_learning.stage import best_hold
 from sim2vr_harness.training.ppo.fine_tune import adapting
+from sim2vr_harness.training.run.stage import Callbacks
 from sim2vr_harness.training.run.trainer import train
 
 CONFIGS = Path(__file__).resolve().parents[4] / "configs"
-USERS, HELD = 3, DECIDE_STEPS
+USERS, HELD = 3, SETTINGS.decide_steps
 
 
 def config(*changes: str) -> TrainingConfig:
@@ -111,39 +114,18 @@ def test_a_user_goes_straight_to_what_it_touches_if_it_learned_so() -> None:
 class Obedient:
     """Earns the more, the longer a decision is seen through."""
 
-    class simulation:
-        class config:
-            action_frequency_hz = 20.0
-
-    step_count, n = 1000, 20
-
-    def earned(self, hold: int, steps: int, *, on_progress: Callable[[float], None]) -> float:
-        assert steps == 128  # 128 s of all 20 users at 20 Hz
-        for share in (0.0, 0.5):
-            on_progress(share)
+    def earned(self, hold: int, steps: int, *, on_step: Callable[[], None]) -> float:
+        on_step()
         return float(hold if hold < 5 else -1)
 
 
 def test_a_decision_is_seen_through_for_as_long_as_it_pays() -> None:
     said: list[str] = []
-
-    shown: list[tuple[str, bool]] = []
-
-    class Listener:
-        say = said.append
-
-        def doing(self, part: str) -> None:
-            assert part == "durations of decisions"
-
-        def show(self, view: Callable[[], View], *, force: bool = False) -> None:
-            shown.append((view().doing, force))
-
-    assert best_hold(Obedient(), Listener()) == 3  # type: ignore[arg-type]
+    shown: list[str] = []
+    callbacks = SimpleNamespace(say=said.append, doing=lambda part: None)
+    assert best_hold(Obedient(), 128, callbacks, shown.append) == 3  # type: ignore[arg-type]
     assert "1.00 for 1, 3.00 for 3, -1.00 for 5. The user's: 3." in said[0]
-    assert [what for what, _ in shown[::2]] == [
-        f"measuring 3 durations of decisions, {number} of 3" for number in (1, 2, 3)
-    ]
-    assert [force for _, force in shown] == [True, *[False] * 5], "one line at once"
+    assert shown == [f"measuring 3 durations of decisions, {number} of 3" for number in (1, 2, 3)]
 
 
 SMALL = (
@@ -155,14 +137,36 @@ SMALL = (
 )
 
 
+SHOWN: list[tuple[float, float]] = []
+"""Work that was done and that there is, at every update of the progress bar."""
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A whole run, very small."""
     folder = tmp_path_factory.mktemp("runs") / "decider"
-    result = train(config(*SMALL), folder)
+    show = Callbacks.show
+
+    def noted(self: Callbacks, view: Callable[[], View], *, force: bool = False) -> None:
+        SHOWN.append((view().done, self._stage.work))
+        show(self, view, force=force)
+
+    with patch.object(Callbacks, "show", noted):
+        result = train(config(*SMALL), folder)
     assert not result.interrupted
     assert result.step == 243
     return folder
+
+
+def test_the_progress_bar_counts_updates_and_comparisons(run: Path) -> None:
+    """27 decisions of 9 user steps, 17 with an update; 2 manners of 5 s, 3 durations of 10 s.
+
+    An update counts as 110 user steps, and there are 3 users at 20 Hz.
+    """
+    done, work = zip(*SHOWN, strict=True)
+    assert min(work) == max(work) == pytest.approx(243 + 17 * 110 + 2 * 300 + 3 * 600)
+    assert list(done) == sorted(done)
+    assert done[-1] == pytest.approx(work[0])
 
 
 def test_a_run_that_stops_on_the_way_goes_on_to_the_bit(run: Path, tmp_path: Path) -> None:

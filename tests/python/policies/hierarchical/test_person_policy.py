@@ -38,17 +38,21 @@ def policy() -> Following:
     return Following(_of_people(load_config("skills", [])))
 
 
+def seeing(policy: Following, height: float = 0.0) -> dict[str, np.ndarray]:
+    """Return what one person senses whose picture has this number everywhere."""
+    vision = policy._wanted["vision"]
+    return {
+        "vision": np.full((1, 2 * vision[0], *vision[1:]), height, dtype=np.float32),
+        "proprioception": np.zeros((1, len(Proprioception(policy.layer.body).names)), "f4"),
+        "person": np.zeros((1, len(FEATURES)), np.float32),
+    }
+
+
 def places(policy: Following, heights: list[float]) -> list[float]:
     """Return where it wants to be, 0.1 m, after pictures with these heights, one per user step."""
-    vision = policy._wanted["vision"]
     memory, found = policy.begin(1), []
     for height in heights:
-        observation = {
-            "vision": np.full((1, 2 * vision[0], *vision[1:]), height, dtype=np.float32),
-            "proprioception": np.zeros((1, len(Proprioception(policy.layer.body).names)), "f4"),
-            "person": np.zeros((1, len(FEATURES)), np.float32),
-        }
-        policy.act(observation, memory, [None])
+        policy.act(seeing(policy, height), memory, [None])
         found.append(round(10.0 * float(memory[0].choice.place[0, 0, 2]), 3))
     return found
 
@@ -81,13 +85,7 @@ def test_people_work_the_inputs_of_a_game(monkeypatch: pytest.MonkeyPatch) -> No
     assert counts == [None, 40]
     assert given[0].env.user.inputs == ("right.trigger",)
     policy = Following(given[0])
-    vision = policy._wanted["vision"]
-    observation = {
-        "vision": np.zeros((1, 2 * vision[0], *vision[1:]), np.float32),
-        "proprioception": np.zeros((1, len(Proprioception(policy.layer.body).names)), "f4"),
-        "person": np.zeros((1, len(FEATURES)), np.float32),
-    }
-    action = policy.act(observation, policy.begin(1), [None])[0]
+    action = policy.act(seeing(policy), policy.begin(1), [None])[0]
     assert len(action) == len(policy.layer.body.action_names) + 1
     assert action[-1] == -1.0
 
@@ -188,16 +186,3 @@ def test_persons_stay_before_a_thing_until_they_are_inside(
     hand[0, 0, :3, 3] = torch.tensor([0.42, beside_m, 0.0])
     goals = policy.primitives.goals(choice, head, hand, hand)
     assert goals.place[0, 0].tolist() == pytest.approx([0.4 + depth_m, 0.0, 0.0], abs=1e-4)
-
-
-def test_persons_work_controller_inputs() -> None:
-    policy = Following(_of_people(load_config("skills", ["env.user.inputs=[right.trigger]"])))
-    vision, memory = policy._wanted["vision"], policy.begin(1)
-    observation = {
-        "vision": np.full((1, 2 * vision[0], *vision[1:]), 5.0, dtype=np.float32),
-        "proprioception": np.zeros((1, len(Proprioception(policy.layer.body).names)), "f4"),
-        "person": np.zeros((1, len(FEATURES)), np.float32),
-    }
-    action = policy.act(observation, memory, [None])[0]
-    assert action.shape == (policy.layer.drives.count + 1,)
-    assert action[-1] == -1.0  # at rest: a touch pulls no trigger

@@ -7,10 +7,14 @@ import pytest
 import torch
 
 from sim2vr_harness.client.frames import AIM_DIRECTION
-from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
-from sim2vr_harness.policies.hierarchical.motor_goals import tips
+from sim2vr_harness.policies.hierarchical.human_motor import (
+    REFERENCE_M,
+    HumanGoals,
+    Turning,
+    far_off,
+)
+from sim2vr_harness.policies.hierarchical.motor_policy import tips
 from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS, apart, off_ray, turn_rays
-from sim2vr_harness.policies.hierarchical.ray_turning import REFERENCE_M, Turning, far_off
 
 
 def test_a_ray_s_way_is_its_angle_and_what_is_along_it_does_not_count() -> None:

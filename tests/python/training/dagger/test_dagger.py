@@ -1,5 +1,6 @@
 """A student who imitates: on a stand-in whose best action shows in the observation."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,6 @@ import pytest
 import tiny_distill
 import torch
 from fake_simulation import FakeSimulation
-from resuming import assert_goes_on
 
 from parts import needs
 from sim2vr_harness.base.errors import InputError
@@ -19,7 +19,6 @@ from sim2vr_harness.runs.checkpoint import read_tensors, write_tensors
 from sim2vr_harness.runs.config import PolicyConfig
 from sim2vr_harness.runs.dagger_config import StudentConfig
 from sim2vr_harness.training.dagger import dagger
-from sim2vr_harness.training.dagger import stage as student_stage
 from sim2vr_harness.training.dagger.dagger import Student
 
 CONFIG = StudentConfig(
@@ -34,9 +33,8 @@ ROLLOUT_STEPS = 8
 
 @pytest.fixture(autouse=True)
 def short_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dagger, "_ROLLOUT_STEPS", ROLLOUT_STEPS)
-    monkeypatch.setattr(dagger, "_TEACHER_ROUNDS", 1)
-    monkeypatch.setattr(dagger, "CHECKPOINT_ROUNDS", 1)
+    few = {"rollout_steps": ROLLOUT_STEPS, "teacher_rounds": 1, "checkpoint_rounds": 1}
+    monkeypatch.setattr(dagger, "SETTINGS", replace(dagger.SETTINGS, **few))
     monkeypatch.setattr(attention_crops, "_VISION_PIXELS", 8)
     monkeypatch.setattr(attention_crops, "_FEATURES", 8)
 
@@ -134,22 +132,6 @@ def test_what_the_teacher_knows_is_told_too(tmp_path: Path) -> None:
     # The mean is 0, so that this is what is left of the variance.
     assert rows[-1].numbers_error < 0.1 * rows[0].numbers_error
     assert rows[-1].imitation_error < 0.3 * rows[0].imitation_error
-
-
-@pytest.mark.parametrize(
-    ("kept", "crops"),
-    [(None, False), (2, False), (None, True)],
-    ids=["all frames", "the last rounds", "attention crops"],
-)
-def test_a_resumed_stage_is_the_same_to_the_bit(
-    tmp_path: Path, kept: int | None, crops: bool
-) -> None:
-    few = {"kept_frames": kept * CONFIG.n_envs * ROLLOUT_STEPS} if kept else {}
-    if crops:
-        few["numbers_weight"] = 0.5
-    config = CONFIG.model_copy(update=few)
-    gazes: Any = {"guide": GazingGuide(), "attention_crops": AttentionCropConfig(count=1)}
-    assert_goes_on(lambda folder: make(folder, config, **(gazes if crops else {})), tmp_path, 3, 3)
 
 
 def test_a_student_learns_where_to_look_and_what_is_there(tmp_path: Path) -> None:
@@ -253,9 +235,9 @@ def test_a_student_learns_on_the_device_that_is_asked_for(
         asked.append(name)
         return torch.device("cpu")
 
-    monkeypatch.setattr(student_stage, "get_device", get_device)
+    monkeypatch.setattr(dagger, "get_device", get_device)
     config = tiny_distill.config(f"device={device}", "policy.scale_proprioception=false")
-    stage = student_stage.StudentStage(config, tmp_path, lambda simulation: IdleGuide())
+    stage = dagger.StudentStage(config, tmp_path, lambda simulation: IdleGuide())
     stage.open()
     stage.close()
     assert asked == [device]

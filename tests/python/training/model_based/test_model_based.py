@@ -20,7 +20,7 @@ from sim2vr_harness.envs.config import NoiseConfig, UserConfig
 from sim2vr_harness.envs.privileged import OBSERVATION
 from sim2vr_harness.games.whacamole.game import FIELDS
 from sim2vr_harness.games.whacamole.settings import Relaxation
-from sim2vr_harness.training.model_based.stage import CycleReport, GameTrainer, describe
+from sim2vr_harness.training.model_based.stage import CycleReport, GameTrainer
 from sim2vr_harness.training.teacher import env as teacher_env
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
 from sim2vr_harness.world_models.body_dynamics import fit_body
@@ -283,7 +283,7 @@ def test_a_game_model_that_cannot_be_used_says_so() -> None:
 
 def test_a_condition_without_targets_has_no_rate() -> None:
     report = CycleReport(7, 64, 2, (float("nan"), 0.25), (0.5, 0.5), 0.1, 0.0098)
-    assert describe(report, 40) == (
+    assert report.in_words(40) == (
         "Cycle 7/40: success rates 0.50, 0.50 in imagined rollouts (worst cell 0.10), -, 0.25 in "
         "the app; body model error 9.8 mm in a step"
     )

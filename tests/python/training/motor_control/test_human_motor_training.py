@@ -1,17 +1,12 @@
 """The training of human motor policies, and its measures, against numbers worked out by hand."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
-from resuming import assert_goes_on
 
 from sim2vr_harness.envs.config import UserConfig
 from sim2vr_harness.envs.people_preset import as_population
-from sim2vr_harness.policies.hierarchical.hand_policy import HandPolicy
-from sim2vr_harness.policies.hierarchical.human_goals import HumanGoals
-from sim2vr_harness.policies.hierarchical.human_motor import HumanHands
+from sim2vr_harness.policies.hierarchical.human_motor import HandPolicy, HumanGoals, HumanHands
 from sim2vr_harness.policies.hierarchical.motor_store import human_policy_for
 from sim2vr_harness.runs.option_config import PeopleTraining
 from sim2vr_harness.training.motor_control import people_training
@@ -19,6 +14,7 @@ from sim2vr_harness.training.motor_control.people_training import (
     Bodies,
     Execution,
     PeopleTrainer,
+    ReachSettings,
     ending,
     train_hand_policy,
 )
@@ -74,15 +70,8 @@ def test_two_arms_learn_from_half_as_many_persons() -> None:
     assert [len(part) for part in two._seen] == [24 * 2, 12 * 2]
 
 
-def test_a_training_that_goes_on_ends_in_the_same_bits(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(people_training, "_HANDS", 16)
-    assert assert_goes_on(lambda folder: trainer(), tmp_path, 1, 1).finished
-
-
 def test_hands_learn_to_reach(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(people_training, "_HANDS", 64)
+    monkeypatch.setattr(people_training, "SETTINGS", ReachSettings(hands=64))
     torch.manual_seed(3)
     policy, config = HandPolicy(32), PeopleTraining()
     worth = [

@@ -2,7 +2,8 @@
 
 import copy
 from collections.abc import Iterator
-from dataclasses import asdict
+from contextlib import contextmanager
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,15 +12,13 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 import torch
-from resuming import assert_goes_on
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.train import _of_people
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, VisionConfig
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.policies.hierarchical import motor_store as shipped
-from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.motor_policy import MOMENT_S, MotorPolicy, reachable_poses
 from sim2vr_harness.policies.hierarchical.motor_store import (
     human_policy_for,
     load_motor_layer,
@@ -35,15 +34,13 @@ from sim2vr_harness.policies.hierarchical.primitives import (
     PrimitiveController,
 )
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools
-from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.runs.config import TrainingConfig, load_config
 from sim2vr_harness.runs.option_config import MotorTrainingConfig, QLearningConfig
 from sim2vr_harness.training.motor_control import goal_task
-from sim2vr_harness.training.motor_control.goal_task import motor_trainer
+from sim2vr_harness.training.motor_control.goal_task import MotorTrainer, motor_trainer
 from sim2vr_harness.training.option_q_learning import q_learning
 from sim2vr_harness.training.option_q_learning.q_learning import (
-    DECIDE_STEPS,
-    N_STEP,
+    SETTINGS,
     OptionQLearning,
 )
 from sim2vr_harness.training.option_q_learning.stage import choose_manner
@@ -55,6 +52,23 @@ STEP_S = 0.05
 @pytest.fixture(scope="module")
 def layer() -> MotorPolicy:
     return motor_layer_for(load_body("mobl_arms_wrist"), STEP_S)
+
+
+@pytest.fixture(scope="module")
+def poses(layer: MotorPolicy) -> torch.Tensor:
+    return reachable_poses(layer, 1)
+
+
+@pytest.fixture(scope="module")
+def primitives(layer: MotorPolicy, poses: torch.Tensor) -> PrimitiveController:
+    return PrimitiveController(layer, torch.zeros(1, 2, 3), poses)
+
+
+def doing(move: str, *place: float) -> OptionChoice:
+    """Return the choice of one hand that does something at a place."""
+    choice = OptionChoice(1, 1)
+    choice.move[:], choice.place[0, 0] = MOVES.index(move), torch.tensor(place)
+    return choice
 
 
 @pytest.mark.parametrize("body", list_bodies())
@@ -86,29 +100,26 @@ def test_a_shipped_layer_brings_hands_to_places_and_stops_there(body: str) -> No
     assert float(off.max()) < (0.04 if hands == 1 else 0.06), off
 
 
-def test_a_push_goes_through_its_place_away_from_the_head(layer: MotorPolicy) -> None:
-    primitives = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
-    choice = OptionChoice(1, 1)
-    choice.move[:] = MOVES.index("push")
-    choice.place[0, 0] = torch.tensor([0.5, 0.0, 1.2])
+def test_a_push_goes_through_its_place_away_from_the_head(
+    primitives: PrimitiveController,
+) -> None:
+    choice = doing("push", 0.5, 0.0, 1.2)
     place = torch.eye(4)[None, None].clone()
     place[0, 0, :3, 3] = torch.tensor([0.08, 0.0, 1.2])  # farther than a run-up
     head = torch.tensor([[0.0, 0.0, 1.2]])
     goals = primitives.goals(choice, head, place, place)
     assert goals.velocity[0, 0].tolist() == pytest.approx([2.5, 0.0, 0.0])
     assert goals.left_s[0, 0].item() == pytest.approx(0.42 / 1.2)
-    choice.move[:] = MOVES.index("up right")
-    choice.place[0, 0] = torch.tensor([0.2, -0.3, 1.5])  # 0.42 m to go, up to the right
+    choice = doing("up right", 0.2, -0.3, 1.5)  # 0.42 m to go, up to the right
     swung = primitives.goals(choice, head, place, place).velocity[0, 0]
     half = 2.0 * 0.5**0.5
     assert swung.tolist() == pytest.approx([0.0, -half, half])  # y is to the left
 
 
-def test_a_push_that_is_too_slow_begins_again_further_back(layer: MotorPolicy) -> None:
-    primitives = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
-    choice = OptionChoice(1, 1)
-    choice.move[:] = MOVES.index("push")
-    choice.place[0, 0] = torch.tensor([0.5, 0.0, 1.2])
+def test_a_push_that_is_too_slow_begins_again_further_back(
+    primitives: PrimitiveController,
+) -> None:
+    choice = doing("push", 0.5, 0.0, 1.2)
     head, near = torch.tensor([[0.0, 0.0, 1.2]]), torch.eye(4)[None, None].clone()
     near[0, 0, :3, 3] = torch.tensor([0.45, 0.0, 1.2])
     still = primitives.goals(choice, head, near, near)
@@ -121,8 +132,9 @@ def test_a_push_that_is_too_slow_begins_again_further_back(layer: MotorPolicy) -
     assert fast.velocity[0, 0, 0].item() == pytest.approx(2.5)
 
 
-def test_what_is_far_is_waited_for_at_its_height_and_side(layer: MotorPolicy) -> None:
-    primitives = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
+def test_what_is_far_is_waited_for_at_its_height_and_side(
+    primitives: PrimitiveController,
+) -> None:
     near, touches = torch.tensor([[0.4, -0.25, 1.1]]), torch.zeros(1, dtype=torch.bool)
     assert torch.equal(primitives.within_reach(0, near, touches), near)
     far = primitives.within_reach(0, torch.tensor([[3.0, -0.25, 1.1]]), touches)[0]
@@ -130,13 +142,15 @@ def test_what_is_far_is_waited_for_at_its_height_and_side(layer: MotorPolicy) ->
     assert far[1:].tolist() == pytest.approx([-0.25, 1.1], abs=0.12)
 
 
-def test_a_blade_swings_with_its_middle_and_touches_with_its_tip(layer: MotorPolicy) -> None:
+def test_a_blade_swings_with_its_middle_and_touches_with_its_tip(
+    layer: MotorPolicy, poses: torch.Tensor
+) -> None:
     """Visible from 0.1 to 1 m before the hand, three quarters' middle is at 0.625 m."""
     blade = Tool(np.outer(np.linspace(0.1, 1.0, 901), [1.0, 0.0, 0.0]))
     assert blade.middle == pytest.approx([0.625, 0.0, 0.0], abs=1e-3)
     assert blade.tip == pytest.approx([0.995, 0.0, 0.0], abs=1e-3)
     tool = torch.tensor(np.array([[blade.tip, blade.middle]]), dtype=torch.float32)
-    primitives = PrimitiveController(layer, tool, reachable_poses(layer, 1))
+    primitives = PrimitiveController(layer, tool, poses)
     choice, place = OptionChoice(2, 1), torch.eye(4).repeat(2, 1, 1, 1)
     choice.move[:, 0] = torch.tensor([MOVES.index("touch"), MOVES.index("up")])
     goals = primitives.goals(choice, torch.zeros(2, 3), place, place)
@@ -153,30 +167,32 @@ def env(game: str) -> EnvConfig:
     return EnvConfig(app=AppConfig(game=game), vision=VisionConfig(channels=channels), cores=1)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_the_hammer_is_found_in_the_hand(layer: MotorPolicy, seed: int) -> None:
-    """A tenth of the pictures show it. Places: shared facts, whacamole.md, 5."""
-    simulation = Simulation(env("whacamole"), 32)
-    (tool,) = find_tools(simulation, layer, reachable_poses(layer, 1), seed=seed)
+def held_in(game: str, layer: MotorPolicy, poses: torch.Tensor, seed: int) -> Tool:
+    """Return what is found in the hand of 32 users."""
+    simulation = Simulation(env(game), 32)
+    (tool,) = find_tools(simulation, layer, poses, seed=seed)
     simulation.close()
+    return tool
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_hammer_is_found_in_the_hand(
+    layer: MotorPolicy, poses: torch.Tensor, seed: int
+) -> None:
+    """A tenth of the pictures show it. Places: shared facts, whacamole.md, 5."""
+    tool = held_in("whacamole", layer, poses, seed)
     head, face = np.array([0.054, -0.009, 0.039]), np.array([0.083, -0.010, 0.002])
     assert np.linalg.norm(tool.tip - 0.5 * (head + face)) < 0.04
     assert len(tool.points) > 10
 
 
-def test_a_stylus_ends_in_its_point(layer: MotorPolicy) -> None:
+def test_a_stylus_ends_in_its_point_and_an_empty_hand_holds_nothing(
+    layer: MotorPolicy, poses: torch.Tensor
+) -> None:
     """Its tip is 10 cm ahead of the grip (docs/reference/games/pointing.md)."""
-    simulation = Simulation(env("pointing"), 32)
-    (tool,) = find_tools(simulation, layer, reachable_poses(layer, 1), seed=4)
-    simulation.close()
-    assert tool.tip == pytest.approx([0.1, 0.0, 0.0], abs=0.006)
-
-
-def test_an_empty_hand_holds_nothing(layer: MotorPolicy) -> None:
-    simulation = Simulation(env("sample"), 32)
-    (tool,) = find_tools(simulation, layer, reachable_poses(layer, 1), seed=1)
-    simulation.close()
-    assert not tool.tip.any()
+    stylus = held_in("pointing", layer, poses, 4)
+    assert stylus.tip == pytest.approx([0.1, 0.0, 0.0], abs=0.006)
+    assert not held_in("sample", layer, poses, 1).tip.any()
 
 
 SMALL = QLearningConfig(users=3, user_steps=240, try_steps=90, explore_steps=100)
@@ -184,7 +200,7 @@ SMALL = QLearningConfig(users=3, user_steps=240, try_steps=90, explore_steps=100
 
 @pytest.fixture(autouse=True)
 def small_minibatches(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(q_learning, "_BATCH_SIZE", 8)
+    monkeypatch.setattr(q_learning, "SETTINGS", replace(SETTINGS, batch_size=8))
 
 
 def skills(*changes: str) -> TrainingConfig:
@@ -198,11 +214,6 @@ def learner(folder: Path, cores: int = 1, for_persons: bool = False) -> OptionQL
     policy.layer.take(motor_layer_for(policy.layer.body, STEP_S).weights())
     file = folder / "pictures.bin"
     return OptionQLearning(SMALL, simulation, policy, file, seed=2, for_persons=for_persons)
-
-
-def test_q_learning_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
-    whole = assert_goes_on(learner, tmp_path, 15, 12)
-    assert whole.finished and whole.explore < 0.9
 
 
 def with_persons(folder: Path, steps: int, since: int = 5) -> OptionQLearning:
@@ -220,11 +231,6 @@ def with_persons(folder: Path, steps: int, since: int = 5) -> OptionQLearning:
     return one
 
 
-def test_persons_go_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
-    whole = assert_goes_on(lambda folder: with_persons(folder, 8), tmp_path, 0, 6)
-    assert whole.persons
-
-
 def test_hands_move_as_it_pays(tmp_path: Path) -> None:
     """Straight hands earn 5 more; vigour 6 earns most; nothing of it counts as learning."""
     one, said = with_persons(tmp_path / "own", 0), []
@@ -233,11 +239,11 @@ def test_hands_move_as_it_pays(tmp_path: Path) -> None:
     earned = {1.0: 10.0, 6.0: 20.0, 36.0: 5.0}
     callbacks = SimpleNamespace(say=said.append, doing=lambda part: None)
 
-    def of_now(*_: object) -> float:
+    def of_now(*_: object, **__: object) -> float:
         return earned[float(person.vigour)] - 5.0 * float(person.primitives.lifts)
 
     with patch.object(one, "earned", side_effect=of_now):
-        choose_manner(one, callbacks)  # type: ignore[arg-type]
+        choose_manner(one, 100, callbacks, print)  # type: ignore[arg-type]
     assert (float(person.vigour), float(person.lifts)) == (6.0, 0.0)
     assert said == [
         "Reward per minute, less effort: 15.00 if hands lift off before they touch, 20.00 if not; "
@@ -259,7 +265,7 @@ def test_effort_is_taken_off_the_reward_of_every_decision(who: str, tmp_path: Pa
 
     with patch.object(one.simulation, "step", noted):
         one.step()
-    assert len(played) == DECIDE_STEPS
+    assert len(played) == SETTINGS.decide_steps
     infos = [outcome.infos for outcome in played]
     points = np.sum([[info["game_reward"] for info in each] for each in infos], axis=0)
     effort = np.sum([[info["effort_cost"] for info in each] for each in infos], axis=0)
@@ -285,17 +291,17 @@ def test_persons_learn_by_their_own_decisions(tmp_path: Path) -> None:
     """Rows of the measured body are not drawn, and what it learned is where persons begin."""
     one = with_persons(tmp_path / "own", 0)
     begun = copy.deepcopy(one.net.state_dict())
-    with patch.object(one.learner, "_shares", side_effect=AssertionError):
-        for _ in range(N_STEP):
+    with patch.object(one.learner, "_gradients", side_effect=AssertionError):
+        for _ in range(SETTINGS.n_step):
             one.step()
     assert all(torch.equal(begun[name], values) for name, values in one.net.state_dict().items())
     drawn = []
 
-    def noted(rows: np.ndarray, *others: object) -> list[object]:
+    def noted(rows: np.ndarray, *others: object) -> object:
         drawn.extend(rows)
-        return [(0.0, tuple(torch.zeros_like(p) for p in one.net.parameters()))]
+        return 0.0, tuple(torch.zeros_like(p) for p in one.net.parameters())
 
-    with patch.object(one.learner, "_shares", side_effect=noted):
+    with patch.object(one.learner, "_gradients", side_effect=noted):
         for _ in range(30):
             one.step()
     assert min(drawn) == 5
@@ -304,32 +310,21 @@ def test_persons_learn_by_their_own_decisions(tmp_path: Path) -> None:
 
 def test_preferred_decisions_count_less_at_the_end(tmp_path: Path) -> None:
     """The exponent of the weights is 0 in the first half, then it grows to 1."""
-    one = learner(tmp_path / "weights")
-    used = []
-
-    def noted(rows: np.ndarray, users: np.ndarray, weights: np.ndarray, each: object) -> object:
-        used.append((one.step_count, weights))
-        return [(0.0, tuple(torch.zeros_like(p) for p in one.net.parameters()))]
-
-    odds = np.full(8, 0.25)
-    drawn = (np.zeros(8, np.int64), np.zeros(8, np.int64), odds)
-    with (
-        patch.object(one.learner, "_shares", side_effect=noted),
-        patch.object(q_learning, "draw_decisions", return_value=drawn),
-    ):
-        while not one.finished:
-            one.step()
-    found = {step: float(weights[0]) for step, weights in used}
-    assert found[117] == 1.0
-    assert found[180] == pytest.approx(0.25**0.5)
-    assert found[234] == pytest.approx(0.25**0.95)
+    one, exponents = learner(tmp_path / "weights"), {}
+    while not one.finished:
+        step = one.step_count
+        one.step()
+        exponents[step] = one.learner.corrected
+    assert exponents[117] == 0.0
+    assert exponents[180] == pytest.approx(0.5)
+    assert exponents[225] == pytest.approx(1.0 - 2.0 * 15 / 240)
     one.simulation.close()
 
 
 def test_tries_go_to_small_things_of_a_rare_colour(tmp_path: Path) -> None:
     """One red pixel beside a cell's middle makes it the most tried of 600 cells."""
     one = learner(tmp_path / "rare")
-    scene = one._scene(one._sense())
+    _, scene = one.scene()
     scene.pictures[:, :3] = 90
     scene.pictures[:, 3] = 12
     scene.pictures[:, 0, 41, 63] = 250
@@ -371,20 +366,20 @@ TINY_SIZES = {"_FIRST_PLAY_STEPS": 12, "_BODY_WIDTH": 16, "_USERS": 8, "_WINDOW_
 TINY_CYCLES = {"play_steps": 6, "first_fit_minibatches": 20, "fit_minibatches": 20, "updates": 3}
 
 
-@pytest.fixture
+@contextmanager
 def tiny_practice() -> Iterator[None]:
     with patch.multiple(goal_task, **TINY_SIZES), patch.multiple(goal_task._Cycles, **TINY_CYCLES):
         yield
 
 
-@pytest.mark.usefixtures("tiny_practice")
-def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
-    body = load_body("mobl_arms_wrist")
+def motor_training() -> MotorTrainer:
+    return motor_trainer(TINY, load_body("mobl_arms_wrist"), STEP_S, threads=1, seed=3)
 
-    def make(folder: Path) -> Any:
-        return motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
 
-    whole = assert_goes_on(make, tmp_path, 1, 1)
+@tiny_practice()
+def test_a_motor_layer_is_kept_in_a_file_for_its_body_and_step(tmp_path: Path) -> None:
+    whole, body = motor_training(), load_body("mobl_arms_wrist")
+    whole.step()
     save_motor_layer(tmp_path / "layer.pt", whole.task.policy, body=body.name)
     read = load_motor_layer(tmp_path / "layer.pt", body, STEP_S)
     for name, values in whole.task.policy.weights().items():
@@ -396,7 +391,7 @@ def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
         load_motor_layer(tmp_path / "layer.pt", other, STEP_S)
 
 
-@pytest.mark.usefixtures("tiny_practice")
+@tiny_practice()
 def test_practice_goes_on_from_a_layer(monkeypatch: pytest.MonkeyPatch) -> None:
     body = load_body("mobl_arms_wrist")
     first = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)

@@ -289,20 +289,3 @@ def test_a_critic_learns_at_a_rate_of_its_own() -> None:
     critic = {key for key in moved if "critic" in key or key.startswith("value_net")}
     assert 3e-3 < max(moved[key] for key in moved.keys() - critic) < 6.5e-3
     assert 15e-3 < max(moved[key] for key in critic) < 32e-3
-
-
-@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
-@pytest.mark.parametrize("factor", [1.0, 5.0])
-def test_resuming_is_exact_in_shards(
-    tmp_path: Path, two_threads: None, precision: str, factor: float
-) -> None:
-    policy = {"net_arch": [16], "vision_features": 8, "proprioception_features": 8}
-    config = tiny(
-        ppo=BIG | {"critic_learning_rate_factor": factor},
-        policy=policy | {"vision_precision": precision},
-    )
-    whole = run(tmp_path / "whole", 3 * 400, config)
-    run(tmp_path / "parts", 400, config)
-    parts = run(tmp_path / "parts", 3 * 400, config, resume=True)
-    assert_same_learner(whole.checkpoint, parts.checkpoint)
-    assert rows_without_times(tmp_path / "whole") == rows_without_times(tmp_path / "parts")

@@ -25,7 +25,7 @@ from sim2vr_harness.runs.config import LearningRateConfig, TrainingConfig, parse
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.training.ppo.ppo import LearningRate
 from sim2vr_harness.training.run import trainer
-from sim2vr_harness.training.run.episode_stats import episode_means
+from sim2vr_harness.training.run.loggers import episode_means
 
 QUIET = Console(file=io.StringIO())
 ITERATION = 60  # 3 users x 20 steps

@@ -1,0 +1,106 @@
+"""Everything that learns goes on from its state to the same bits, and its seed decides."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import pytest
+import test_dagger
+import test_delayed_teachers
+import test_human_motor_training
+import test_learner_numerics
+import test_trainer
+import test_training as skills
+import test_training_on_the_app
+from resuming import assert_goes_on, assert_same
+from short_cycles import short_cycles
+
+from sim2vr_harness.base.torch_threads import torch_threads
+from sim2vr_harness.policies import attention_crops
+from sim2vr_harness.runs.attention_config import AttentionCropConfig
+from sim2vr_harness.training.dagger import dagger
+from sim2vr_harness.training.motor_control import people_training
+from sim2vr_harness.training.motor_control.people_training import ReachSettings
+from sim2vr_harness.training.option_q_learning import q_learning
+
+pytest.importorskip("sim2vr_harness._app_runtime")
+
+ROUND = test_dagger.CONFIG.n_envs * test_dagger.ROLLOUT_STEPS
+
+
+@pytest.fixture(autouse=True)
+def small() -> Iterator[None]:
+    """Little of everything."""
+    rounds = {"rollout_steps": test_dagger.ROLLOUT_STEPS, "teacher_rounds": 1}
+    student = replace(dagger.SETTINGS, **rounds, checkpoint_rounds=1)
+    with ExitStack() as held:
+        held.enter_context(short_cycles())
+        held.enter_context(torch_threads(2))
+        for module, settings in (
+            (dagger, student),
+            (people_training, ReachSettings(hands=16)),
+            (q_learning, replace(q_learning.SETTINGS, batch_size=8)),
+        ):
+            held.enter_context(patch.object(module, "SETTINGS", settings))
+        held.enter_context(patch.multiple(attention_crops, _VISION_PIXELS=8, _FEATURES=8))
+        held.enter_context(skills.tiny_practice())
+        yield
+
+
+def student(folder: Path, crops: bool = False, **settings: object) -> Any:
+    config = test_dagger.CONFIG.model_copy(update=settings)
+    guide = test_dagger.GazingGuide() if crops else None
+    one = {"attention_crops": AttentionCropConfig(count=1)} if crops else {}
+    return test_dagger.make(folder, config, guide=guide, **one)
+
+
+LEARNERS: dict[str, tuple[Callable[[Path], Any], int, int]] = {
+    "Q-learning": (skills.learner, 15, 12),
+    "Q-learning of persons": (lambda folder: skills.with_persons(folder, 8), 0, 6),
+    "DAgger": (student, 3, 3),
+    "DAgger, last rounds kept": (lambda folder: student(folder, kept_frames=2 * ROUND), 3, 3),
+    "DAgger, crops": (lambda folder: student(folder, True, numbers_weight=0.5), 3, 3),
+    "imagined rollouts": (lambda _: test_delayed_teachers.rollouts(people={"seed": 1}), 1, 1),
+    "motor policy": (lambda _: skills.motor_training(), 1, 1),
+    "human motor policy": (lambda _: test_human_motor_training.trainer(), 1, 1),
+}
+
+
+@pytest.mark.parametrize(("make", "before", "after"), LEARNERS.values(), ids=LEARNERS)
+def test_a_learner_goes_on_from_its_state(
+    make: Callable[[Path], Any], before: int, after: int, tmp_path: Path
+) -> None:
+    assert_goes_on(make, tmp_path, before, after)
+
+
+def in_shards(folder: Path, stop: int, **how: Any) -> Any:
+    ppo = test_learner_numerics.BIG | {"critic_learning_rate_factor": 5.0}
+    network = {"net_arch": [16], "vision_features": 8, "proprioception_features": 8}
+    policy = network | {"vision_precision": "bfloat16"}
+    return test_trainer.run(folder, stop, test_trainer.tiny(ppo=ppo, policy=policy), **how)
+
+
+RUNS: dict[str, tuple[Callable[..., Any], int, int]] = {
+    "PPO": (test_trainer.run, 120, 300),
+    "PPO in shards": (in_shards, 400, 1200),
+    "PPO in the app, five frames a step": (
+        lambda folder, stop, **how: test_training_on_the_app.train(folder, stop, 5, **how),
+        120,
+        180,
+    ),
+}
+
+
+@pytest.mark.parametrize(("train", "before", "stop"), RUNS.values(), ids=RUNS)
+def test_a_run_goes_on_from_its_checkpoint(
+    train: Callable[..., Any], before: int, stop: int, tmp_path: Path
+) -> None:
+    whole = train(tmp_path / "whole", stop)
+    train(tmp_path / "parts", before)
+    parts = train(tmp_path / "parts", stop, resume=True)
+    test_trainer.assert_same_learner(whole.checkpoint, parts.checkpoint)
+    rows = [test_trainer.rows_without_times(tmp_path / name) for name in ("whole", "parts")]
+    assert_same(*rows)

@@ -29,8 +29,7 @@ from sim2vr_harness.studies.config import StudyConfig, parse_study
 from sim2vr_harness.studies.hashes import HASHES, changed_file, hashes_of, require_whole_cell
 from sim2vr_harness.studies.jobs import CELLS, TRAININGS, CellTask
 from sim2vr_harness.studies.plan import StudyPlan
-from sim2vr_harness.studies.search.searching import Found
-from sim2vr_harness.studies.search.table import trials_table
+from sim2vr_harness.studies.search import Found
 
 STUDY_FILE = "study.json"
 """The study and what is needed to read its tables: measures and units."""
@@ -60,7 +59,7 @@ def write_data(plan: StudyPlan, root: Path, found: Found | None = None) -> None:
     """
     tables: dict[str, pa.Table] = {"cells": _cells_table(plan)}
     if found is not None:
-        tables["trials"] = trials_table(found)
+        tables["trials"] = found.trials
     adapts = {task.key: task.adapts for task in plan.trainings}
     for name in ("episodes", "events"):
         parts = []

@@ -4,33 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from sim2vr_harness.envs.config import EnvConfig
+    from sim2vr_harness.studies.config import StopConfig
 
 CELLS, TRAININGS = "cells", "trainings"
 """Folders of a study, with a folder per task, named by its key."""
 
 
 @dataclass(frozen=True)
-class Limits:
-    """What a training must have reported at some steps; it is stopped where it has not.
+class Pruning:
+    """What a training is compared with, and stopped where it is behind.
 
     Attributes:
-        report: Which number.
-        better: Which way it is good.
-        limits: User steps of the last stage, and the worst number that may go on.
+        earlier: User step and report of trials that are complete, pairs each.
     """
 
-    report: str
-    better: Literal["higher", "lower"]
-    limits: tuple[tuple[int, float], ...]
-
-    @property
-    def at(self) -> tuple[int, ...]:
-        """The steps."""
-        return tuple(step for step, _ in self.limits)
+    stop: StopConfig
+    earlier: tuple[tuple[tuple[int, float], ...], ...]
 
 
 @dataclass(frozen=True)
@@ -41,7 +34,7 @@ class TrainingTask:
         key: Hash of its configuration; the name of the run's folder.
         config: The complete configuration, YAML.
         label: For people.
-        limits: When it is stopped early; None: never.
+        pruning: When it is stopped early; None: never.
         may_diverge: Whether one whose numbers become infinite is taken for stopped, as in a search
             that tries what no one would; otherwise it has failed.
         adapts: Name of the trained user that goes on; None: it begins with nothing.
@@ -50,7 +43,7 @@ class TrainingTask:
     key: str
     config: str
     label: str
-    limits: Limits | None = None
+    pruning: Pruning | None = None
     may_diverge: bool = False
     adapts: str | None = None
 

@@ -30,7 +30,7 @@ from sim2vr_harness.studies.hashes import HASHES
 from sim2vr_harness.studies.jobs import CELLS, Task
 from sim2vr_harness.studies.plan import StudyPlan, plan_of
 from sim2vr_harness.studies.pool import Here, Pool, Processes
-from sim2vr_harness.studies.search.searching import Found, search
+from sim2vr_harness.studies.search import Found, search
 from sim2vr_harness.studies.worker import clear_away
 
 __all__ = ["StudyProgress", "StudyResult", "run_study"]

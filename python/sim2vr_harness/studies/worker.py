@@ -28,7 +28,7 @@ from sim2vr_harness.studies.jobs import (
     folder_of,
     mark_of,
 )
-from sim2vr_harness.studies.search.stopping import Watch
+from sim2vr_harness.studies.search import Watch
 from sim2vr_harness.training.run import trainer
 
 
@@ -96,7 +96,7 @@ def _train(task: TrainingTask, root: Path, cores: int) -> None:
     cored = config.model_copy(update={"env": config.env.model_copy(update={"cores": cores})})
     console = Console(file=io.StringIO())
     folder = RunFolder(place)
-    watch = Watch(task.limits, folder.metrics()) if task.limits is not None else None
+    watch = Watch(task.pruning, folder.metrics()) if task.pruning is not None else None
     try:
         result = trainer.train(
             cored,

@@ -7,7 +7,7 @@ from typing import Any, Literal
 from sim2vr_harness.base.errors import counted
 from sim2vr_harness.client import Measure
 from sim2vr_harness.games.published import Published
-from sim2vr_harness.studies.comparisons.units import missing_notes
+from sim2vr_harness.studies.comparisons import missing_notes
 from sim2vr_harness.studies.report.numbers import MOST_GROUPS, in_words, some_of, summary_of
 from sim2vr_harness.studies.report.people import people_sentences
 from sim2vr_harness.studies.report.source import PROPORTION, ReportSource

@@ -14,14 +14,14 @@ from sim2vr_harness.base.files import file_name
 from sim2vr_harness.client import GameFacts, Measure, facts_of_outside
 from sim2vr_harness.evaluation.data import EvaluationData, read_data
 from sim2vr_harness.play.round import PLAYER_MEASURES
+from sim2vr_harness.studies.config import OptimiseConfig
 from sim2vr_harness.studies.data import (
     STUDY_FILE,
     factor_column,
     read_study,
     results_in,
 )
-from sim2vr_harness.studies.search.config import OptimiseConfig
-from sim2vr_harness.studies.search.table import parameter_column
+from sim2vr_harness.studies.search import parameter_column
 
 PROPORTION = "proportion"
 """Unit of numbers from 0 to 1."""

@@ -16,8 +16,7 @@ from sim2vr_harness.evaluation.expectations import Planned, study_group
 from sim2vr_harness.play.exertion import fatigue_names
 from sim2vr_harness.play.fatigue import fatigue_measures
 from sim2vr_harness.play.round import measures_of
-from sim2vr_harness.studies.cells import Cell, cells_of, content_hash
-from sim2vr_harness.studies.config import StudyConfig
+from sim2vr_harness.studies.config import Cell, StudyConfig, cells_of, content_hash
 from sim2vr_harness.studies.jobs import CellTask, Pruning, TrainingTask
 from sim2vr_harness.studies.policy_selection import FORMAT, SelectionSource, Users, player_of
 

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from sim2vr_harness.play.users import name_of
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import TrainingConfig, load_config, to_yaml
 from sim2vr_harness.runs.trust import named_app, require_trust
-from sim2vr_harness.studies.cells import Cell, content_hash
+from sim2vr_harness.studies.config import Cell, content_hash
 from sim2vr_harness.studies.jobs import Pruning, TrainingTask
 from sim2vr_harness.training.ppo.fine_tune import adapting
 
@@ -140,7 +140,7 @@ def _trained(
     config = config.model_copy(update={"name": study})
     # How often something is saved or measured changes no weight, nor does where a user lies.
     pruning = where.pruning
-    compared = None if pruning is None else [pruning.stop.model_dump(mode="json"), pruning.earlier]
+    compared = pruning and asdict(pruning) | {"stop": pruning.stop.model_dump(mode="json")}
     apart = {"name", "evaluation", "wandb", "from_user"}
     key = content_hash(
         config.model_dump(mode="json", exclude=apart)

@@ -28,7 +28,6 @@ from sim2vr_harness.evaluation.data.columns import column_name, row_table
 from sim2vr_harness.evaluation.data.folder import FOLDER, read_table
 from sim2vr_harness.runs.config import parse_config
 from sim2vr_harness.runs.run_folder import RunFolder
-from sim2vr_harness.studies.cells import content_hash
 from sim2vr_harness.studies.config import (
     FactorConfig,
     OptimiseConfig,
@@ -36,11 +35,12 @@ from sim2vr_harness.studies.config import (
     StopConfig,
     StudyConfig,
     Value,
+    content_hash,
 )
-from sim2vr_harness.studies.executor import Executor
 from sim2vr_harness.studies.jobs import CELLS, TRAININGS, CellTask, Pruning
 from sim2vr_harness.studies.plan import StudyPlan, plan_of
 from sim2vr_harness.studies.policy_selection import Users
+from sim2vr_harness.studies.pool import Executor
 
 TRIAL = "trial"
 """The factor of a search's tables: its levels are the numbers of the trials, from 1."""

@@ -18,14 +18,15 @@ from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.runs.config import parse_config
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.runs.trust import answered
-from sim2vr_harness.studies.hashes import HASHES, hashes_of
 from sim2vr_harness.studies.jobs import (
     CELLS,
+    HASHES,
     TRAININGS,
     CellTask,
     Task,
     TrainingTask,
     folder_of,
+    hashes_of,
     mark_of,
 )
 from sim2vr_harness.studies.search import Watch

@@ -120,7 +120,7 @@ def compare(request: CompareRequest) -> None:
         from sim2vr_harness.human_comparison.sources import read_folders
         from sim2vr_harness.studies import read_study, run_study
         from sim2vr_harness.studies.config import load_study
-        from sim2vr_harness.studies.players import players_of
+        from sim2vr_harness.studies.data import players_of
 
         path = Path(user)
         if path.is_dir():

@@ -24,13 +24,18 @@ from sim2vr_harness.evaluation.data.folder import (
     parquet_bytes,
     read_table,
 )
-from sim2vr_harness.studies.cells import content_hash
-from sim2vr_harness.studies.config import StudyConfig, parse_study
-from sim2vr_harness.studies.hashes import HASHES, changed_file, hashes_of, require_whole_cell
-from sim2vr_harness.studies.jobs import CELLS, TRAININGS, CellTask
+from sim2vr_harness.studies.config import StudyConfig, content_hash, parse_study
+from sim2vr_harness.studies.jobs import (
+    CELLS,
+    HASHES,
+    TRAININGS,
+    CellTask,
+    changed_file,
+    hashes_of,
+    require_whole_cell,
+)
 from sim2vr_harness.studies.plan import StudyPlan
-from sim2vr_harness.studies.search.searching import Found
-from sim2vr_harness.studies.search.table import trials_table
+from sim2vr_harness.studies.search import Found
 
 STUDY_FILE = "study.json"
 """The study and what is needed to read its tables: measures and units."""
@@ -60,7 +65,7 @@ def write_data(plan: StudyPlan, root: Path, found: Found | None = None) -> None:
     """
     tables: dict[str, pa.Table] = {"cells": _cells_table(plan)}
     if found is not None:
-        tables["trials"] = trials_table(found)
+        tables["trials"] = found.trials
     adapts = {task.key: task.adapts for task in plan.trainings}
     for name in ("episodes", "events"):
         parts = []
@@ -353,3 +358,18 @@ def open_study(folder: str | Path) -> StudyData:
     if not isinstance(about.get(HASHES, {}), dict):
         raise InputError(file_name(root / STUDY_FILE), f"no hashes as {HASHES!r}", _EXPECTED)
     return StudyData(root, parse_study(about.pop("study")), about)
+
+
+def players_of(data: StudyData) -> dict[str, list[Path]]:
+    """Name -> folders of a player's cells, in the order of the study.
+
+    A player is a combination of levels of all factors but those that set the game's condition;
+    named by these levels.
+    """
+    factors = data.study.factors
+    who = [name for name, factor in factors.items() if factor.keys != {"condition"}]
+    found: dict[str, list[Path]] = {}
+    for _, row in data.cells.iterrows():
+        levels = [str(row[factor_column(name)]) for name in who]
+        found.setdefault(", ".join(levels) or data.study.name, []).append(data.root / row["folder"])
+    return found

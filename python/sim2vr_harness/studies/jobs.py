@@ -2,35 +2,34 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.files import file_name, read_json
+from sim2vr_harness.base.notices import notice_once
 
 if TYPE_CHECKING:
     from sim2vr_harness.envs.config import EnvConfig
+    from sim2vr_harness.studies.config import StopConfig
 
 CELLS, TRAININGS = "cells", "trainings"
 """Folders of a study, with a folder per task, named by its key."""
 
 
 @dataclass(frozen=True)
-class Limits:
-    """What a training must have reported at some steps; it is stopped where it has not.
+class Pruning:
+    """What a training is compared with, and stopped where it is behind.
 
     Attributes:
-        report: Which number.
-        better: Which way it is good.
-        limits: User steps of the last stage, and the worst number that may go on.
+        earlier: User step and report of trials that are complete, pairs each.
     """
 
-    report: str
-    better: Literal["higher", "lower"]
-    limits: tuple[tuple[int, float], ...]
-
-    @property
-    def at(self) -> tuple[int, ...]:
-        """The steps."""
-        return tuple(step for step, _ in self.limits)
+    stop: StopConfig
+    earlier: tuple[tuple[tuple[int, float], ...], ...]
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ class TrainingTask:
         key: Hash of its configuration; the name of the run's folder.
         config: The complete configuration, YAML.
         label: For people.
-        limits: When it is stopped early; None: never.
+        pruning: When it is stopped early; None: never.
         may_diverge: Whether one whose numbers become infinite is taken for stopped, as in a search
             that tries what no one would; otherwise it has failed.
         adapts: Name of the trained user that goes on; None: it begins with nothing.
@@ -50,7 +49,7 @@ class TrainingTask:
     key: str
     config: str
     label: str
-    limits: Limits | None = None
+    pruning: Pruning | None = None
     may_diverge: bool = False
     adapts: str | None = None
 
@@ -105,3 +104,61 @@ def mark_of(task: Task) -> str:
 def is_done(task: Task, root: Path) -> bool:
     """Whether a task need not be done again."""
     return (folder_of(task, root) / mark_of(task)).is_file()
+
+
+HASHES = "sha256"
+"""Key of a JSON file: name -> hash of the files that it vouches for."""
+_MARK = "cell.json"
+_NO_HASHES = (
+    "note: this study has cells from before hashes were kept; their files are taken as they are"
+)
+
+
+def hashes_of(folder: Path) -> dict[str, str]:
+    """Return the SHA-256 of every file in a folder but locks, by its name relative to it."""
+    found = {}
+    files = (file for file in folder.rglob("*") if file.is_file() and file.name != ".lock")
+    for file in sorted(files):
+        with file.open("rb") as stream:
+            digest = hashlib.file_digest(stream, "sha256")
+        found[file.relative_to(folder).as_posix()] = digest.hexdigest()
+    return found
+
+
+def changed_file(folder: Path, hashes: Mapping[str, Any]) -> tuple[str, str] | None:
+    """Return the first file that is missing or has changed, and which; None: all are as written."""
+    there = hashes_of(folder)
+    for name, digest in hashes.items():
+        if there.get(name) != digest:
+            return name, "other content than the study wrote" if name in there else "no such file"
+    return None
+
+
+def require_whole_cell(cell: str, folder: Path) -> None:
+    """Refuse a finished cell with a file that is not what the study wrote.
+
+    Args:
+        cell: Its name.
+        folder: Where its files are.
+
+    Raises:
+        InputError: Names the cell, the file and what to do.
+    """
+    expected = (
+        "the file that the study wrote: put it back from a copy, or play the cell again with "
+        "sim2vr-harness study --replay-damaged"
+    )
+    try:
+        about = read_json(folder / _MARK, expected)
+    except InputError as error:
+        raise InputError(f"cell {cell}: {error.field}", error.got, expected) from error
+    hashes = about.get(HASHES, {})
+    if about.get("key") != folder.name or not isinstance(hashes, dict):
+        damage: tuple[str, str] | None = (_MARK, "other content than the study wrote")
+    elif HASHES not in about:
+        notice_once(_NO_HASHES)
+        return
+    else:
+        damage = changed_file(folder, hashes)
+    if damage is not None:
+        raise InputError(f"cell {cell}: {file_name(folder / damage[0])}", damage[1], expected)

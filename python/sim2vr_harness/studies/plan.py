@@ -16,9 +16,8 @@ from sim2vr_harness.evaluation.expectations import Planned, study_group
 from sim2vr_harness.play.exertion import fatigue_names
 from sim2vr_harness.play.fatigue import fatigue_measures
 from sim2vr_harness.play.round import measures_of
-from sim2vr_harness.studies.cells import Cell, cells_of, content_hash
-from sim2vr_harness.studies.config import StudyConfig
-from sim2vr_harness.studies.jobs import CellTask, Limits, TrainingTask
+from sim2vr_harness.studies.config import Cell, StudyConfig, cells_of, content_hash
+from sim2vr_harness.studies.jobs import CellTask, Pruning, TrainingTask
 from sim2vr_harness.studies.policy_selection import FORMAT, SelectionSource, Users, player_of
 
 
@@ -64,7 +63,7 @@ def plan_of(
     *,
     folder: Path | None = None,
     users: Users | None = None,
-    limits: Limits | None = None,
+    pruning: Pruning | None = None,
     may_diverge: bool = False,
     trust_app: bool = False,
 ) -> StudyPlan:
@@ -73,7 +72,7 @@ def plan_of(
     Args:
         folder: Where its file is; users and configurations are looked for there, too.
         users: Those that were looked up before.
-        limits: When its trainings are stopped early.
+        pruning: When its trainings are stopped early.
         may_diverge: Whether its trainings may, see :class:`.TrainingTask`.
         trust_app: Whether apps that its files name may be started, though this user never has.
 
@@ -83,7 +82,7 @@ def plan_of(
     """
     source = f"the study {study.name}" if folder is None else folder
     where = SelectionSource(
-        folder, users or Users(code=trust_app), limits, may_diverge, source, trust_app
+        folder, users or Users(code=trust_app), pruning, may_diverge, source, trust_app
     )
     found = [_Resolved.of(study, cell, where) for cell in cells_of(study)]
     facts = found[0].facts

@@ -19,8 +19,8 @@ from sim2vr_harness.play.users import name_of
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import TrainingConfig, load_config, to_yaml
 from sim2vr_harness.runs.trust import named_app, require_trust
-from sim2vr_harness.studies.cells import Cell, content_hash
-from sim2vr_harness.studies.jobs import Limits, TrainingTask
+from sim2vr_harness.studies.config import Cell, content_hash
+from sim2vr_harness.studies.jobs import Pruning, TrainingTask
 from sim2vr_harness.training.ppo.fine_tune import adapting
 
 FORMAT = 2
@@ -58,7 +58,7 @@ class SelectionSource:
 
     folder: Path | None
     users: Users
-    limits: Limits | None
+    pruning: Pruning | None
     may_diverge: bool
     source: str | Path
     trust_app: bool
@@ -139,16 +139,18 @@ def _trained(
     require_trust(config.env, named, trust=where.trust_app)
     config = config.model_copy(update={"name": study})
     # How often something is saved or measured changes no weight, nor does where a user lies.
+    pruning = where.pruning
+    compared = pruning and asdict(pruning) | {"stop": pruning.stop.model_dump(mode="json")}
     apart = {"name", "evaluation", "wandb", "from_user"}
     key = content_hash(
         config.model_dump(mode="json", exclude=apart)
         | {"format": FORMAT, "sim2vr_harness": __version__}
         | ({} if adapts is None else {"adapts": adapts[1]})
-        | ({} if where.limits is None else {"limits": asdict(where.limits)})
+        | ({} if compared is None else {"pruning": compared})
         | ({"may_diverge": True} if where.may_diverge else {})
     )
     name = None if adapts is None else adapts[0]
-    task = TrainingTask(key, to_yaml(config), cell.name, where.limits, where.may_diverge, name)
+    task = TrainingTask(key, to_yaml(config), cell.name, where.pruning, where.may_diverge, name)
     env = _env(config, cell, named, where)
     facts = ResolvedEnv(env).facts
     condition = _condition(facts, config, env, cell)

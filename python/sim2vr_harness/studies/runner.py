@@ -16,8 +16,7 @@ from sim2vr_harness.base.files import read_json, write_atomically
 from sim2vr_harness.base.notices import notice_once
 from sim2vr_harness.base.signals import sigterm_interrupts
 from sim2vr_harness.evaluation.expectations import Planned
-from sim2vr_harness.studies.cells import content_hash
-from sim2vr_harness.studies.config import StudyConfig, load_study, parse_study
+from sim2vr_harness.studies.config import StudyConfig, content_hash, load_study, parse_study
 from sim2vr_harness.studies.data import (
     STATISTICS_FILE,
     STUDY_FILE,
@@ -25,12 +24,10 @@ from sim2vr_harness.studies.data import (
     open_study,
     write_data,
 )
-from sim2vr_harness.studies.executor import Executor, StudyProgress
-from sim2vr_harness.studies.hashes import HASHES
-from sim2vr_harness.studies.jobs import CELLS, Task
+from sim2vr_harness.studies.jobs import CELLS, HASHES, Task
 from sim2vr_harness.studies.plan import StudyPlan, plan_of
-from sim2vr_harness.studies.pool import Here, Pool, Processes
-from sim2vr_harness.studies.search.searching import Found, search
+from sim2vr_harness.studies.pool import Executor, Here, Pool, Processes, StudyProgress
+from sim2vr_harness.studies.search import Found, search
 from sim2vr_harness.studies.worker import clear_away
 
 __all__ = ["StudyProgress", "StudyResult", "run_study"]

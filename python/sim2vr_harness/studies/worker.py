@@ -18,17 +18,18 @@ from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.runs.config import parse_config
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.runs.trust import answered
-from sim2vr_harness.studies.hashes import HASHES, hashes_of
 from sim2vr_harness.studies.jobs import (
     CELLS,
+    HASHES,
     TRAININGS,
     CellTask,
     Task,
     TrainingTask,
     folder_of,
+    hashes_of,
     mark_of,
 )
-from sim2vr_harness.studies.search.stopping import Watch
+from sim2vr_harness.studies.search import Watch
 from sim2vr_harness.training.run import trainer
 
 
@@ -96,7 +97,7 @@ def _train(task: TrainingTask, root: Path, cores: int) -> None:
     cored = config.model_copy(update={"env": config.env.model_copy(update={"cores": cores})})
     console = Console(file=io.StringIO())
     folder = RunFolder(place)
-    watch = Watch(task.limits, folder.metrics()) if task.limits is not None else None
+    watch = Watch(task.pruning, folder.metrics()) if task.pruning is not None else None
     try:
         result = trainer.train(
             cored,

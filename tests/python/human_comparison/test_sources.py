@@ -29,7 +29,7 @@ from sim2vr_harness.human_comparison.sources import (
 )
 from sim2vr_harness.studies.config import parse_study
 from sim2vr_harness.studies.data import StudyData
-from sim2vr_harness.studies.players import players_of
+from sim2vr_harness.studies.data import players_of
 
 WHACAMOLE = behaviour_of("whacamole")
 ROUND = Path(__file__).parents[2] / "data" / "whacamole_round"

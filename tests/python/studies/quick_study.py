@@ -1,10 +1,12 @@
 """A study of four cells, and what it leaves."""
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.studies import StudyConfig
 from sim2vr_harness.studies.config import parse_study
+from sim2vr_harness.studies.pool import Here, Pool
 
 
 def study(trained: Path, **changes: Any) -> StudyConfig:
@@ -25,9 +27,21 @@ def study(trained: Path, **changes: Any) -> StudyConfig:
 
 
 def content(folder: Path) -> dict[str, bytes]:
-    """Every file of a study by its name, the lock left out."""
+    """Every file of a study by its name; locks and Optuna's journal, with its times, left out."""
     return {
         str(file.relative_to(folder)): file.read_bytes()
         for file in sorted(folder.rglob("*"))
-        if file.is_file() and file.name != ".lock"
+        if file.is_file() and file.name not in (".lock", "search.journal")
     }
+
+
+def killed_after(count: int, played: Sequence[Any]) -> Callable[[Path, int], Pool]:
+    """Make pools that stop as if killed when so many have been played."""
+
+    class Killed(Here):
+        def next(self) -> Any:
+            if len(played) == count:
+                raise KeyboardInterrupt
+            return super().next()
+
+    return lambda root, tasks: Killed(root, 1)

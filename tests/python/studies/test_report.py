@@ -21,13 +21,12 @@ from sim2vr_harness.studies.plan import plan_of
 from sim2vr_harness.studies.report import write_report
 from sim2vr_harness.studies.report.body import load_of
 from sim2vr_harness.studies.report.methods import PlayedBy, methods_of, varied_in
-from sim2vr_harness.studies.report.numbers import summary_of
 from sim2vr_harness.studies.report.sentences import (
     dropout_sentences,
     n_sentence,
     sentences_of,
 )
-from sim2vr_harness.studies.report.source import ReportSource, read_source
+from sim2vr_harness.studies.report.source import ReportSource, read_source, summary_of
 from sim2vr_harness.studies.report.strategy import depth_of
 from sim2vr_harness.studies.report.tables import measure_table
 from sim2vr_harness.studies.report.tables import test_table as table_of_tests

@@ -4,6 +4,7 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,23 +12,21 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from fake_simulation import FakeSimulation
-from test_runner import content
 
+from python.studies.quick_study import content, killed_after
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import read_json
 from sim2vr_harness.base.finite import NotFinite
-from sim2vr_harness.evaluation.evaluate import evaluate
+from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.figures.figure import Line
-from sim2vr_harness.studies import StudyConfig, run_study
+from sim2vr_harness.studies import StudyConfig, read_study, run_study
 from sim2vr_harness.studies import worker as work
-from sim2vr_harness.studies.config import parse_study
-from sim2vr_harness.studies.pool import Here
+from sim2vr_harness.studies.config import StopConfig, parse_study
+from sim2vr_harness.studies.jobs import Pruning
 from sim2vr_harness.studies.report import write_report
 from sim2vr_harness.studies.report.search import figures_of_search, search_sentences, trial_table
 from sim2vr_harness.studies.report.source import read_source
-from sim2vr_harness.studies.search.config import StopConfig
-from sim2vr_harness.studies.search.stopping import limits_of, reports_of
-from sim2vr_harness.studies.search.trials import Trial
+from sim2vr_harness.studies.search import Watch, reports_of
 
 LIFE, MARGIN = "env.app.options.life_seconds", "env.app.options.hammer_margin_m"
 
@@ -44,25 +43,33 @@ def search(trained: Path, name: str = "found", **changes: Any) -> StudyConfig:
         **changes,
     }
     fixed = {"user": str(trained)}
-    return parse_study({"name": name, "fixed": fixed, "episodes": 1, "optimise": wanted})
+    return parse_study(
+        {"name": name, "fixed": fixed, "episodes": 1, "measures": ["hits"], "optimise": wanted}
+    )
 
 
-def options_of(request: Any) -> dict[str, float]:
-    pairs = (text.split("=") for text in request.overrides)
-    return {key.rpartition(".")[2]: float(value) for key, value in pairs}
+@pytest.fixture(scope="module")
+def rounds(trained: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """An evaluation of each condition with the stand-in."""
+    out = tmp_path_factory.mktemp("rounds")
+    for condition in ("easy", "hard"):
+        request = Request(conditions=[condition], episodes=1, seed=1, out=out / condition)
+        evaluate(str(trained), request, simulation=FakeSimulation)
+    return {condition: out / condition for condition in ("easy", "hard")}
 
 
 @pytest.fixture
-def formula(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, float]]:
+def formula(rounds: dict[str, Path], monkeypatch: pytest.MonkeyPatch) -> list[dict[str, float]]:
     """Plays with the stand-in, whose hits and fatigue are formulas of what is tried."""
     played: list[dict[str, float]] = []
 
-    def play(user: str, request: Any) -> Any:
-        result = evaluate(user, request, simulation=FakeSimulation)
-        options = options_of(request)
+    def play(user: str, request: Any) -> None:
+        pairs = (text.split("=") for text in request.overrides)
+        options = {key.rpartition(".")[2]: float(value) for key, value in pairs}
         played.append(options)
         hard = request.conditions[0] == "hard"
         life = options["life_seconds"]
+        shutil.copytree(rounds[request.conditions[0]], request.out)
         # Longer lives give more hits and tire more; hard is easier on the arm here.
         file = request.out / "data" / "episodes.parquet"
         table = pq.read_table(file)
@@ -71,7 +78,6 @@ def formula(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, float]]:
             values = pa.array([value] * len(table), table.schema.field(column).type)
             table = table.set_column(column, table.schema.field(column), values)
         pq.write_table(table, file)
-        return result
 
     monkeypatch.setattr(work, "evaluate", play)
     return played
@@ -102,53 +108,66 @@ def test_it_finds_the_best_that_keeps_the_limits(
     assert columns == trials.columns.tolist()
 
 
+@pytest.mark.parametrize("sampler", ["tpe", "gp", "nsga2"])
 def test_a_killed_search_goes_on_with_the_same_bytes(
-    trained: Path, formula: list[dict[str, float]], tmp_path: Path
+    sampler: str, trained: Path, formula: list[dict[str, float]], tmp_path: Path
 ) -> None:
-    wanted = search(trained, trials=14)
+    wanted = search(trained, trials=13, sampler=sampler)
     run_study(wanted, tmp_path / "whole", jobs=1)
     whole = list(formula)
     formula.clear()
-
-    class Killed(Here):
-        def next(self) -> Any:
-            if len(formula) == 9:
-                raise KeyboardInterrupt
-            return super().next()
-
     parted = tmp_path / "parted"
     with pytest.raises(KeyboardInterrupt):
-        run_study(wanted, parted, make_pool=lambda root, tasks: Killed(root, 1))
+        run_study(wanted, parted, make_pool=killed_after(len(whole) - 1, formula))
     found = run_study(wanted, parted, jobs=1)
     assert formula == whole, "none was played twice, and none that would not have been"
-    assert found.found == 9
+    assert found.found >= len(whole) - 1
     assert content(parted) == content(tmp_path / "whole")
-    # One that goes on for longer begins with the same trials.
-    more = run_study(search(trained, trials=18), parted, jobs=1)
+    if sampler != "tpe":
+        return
+    # One that goes on for longer is as if it had been longer from the beginning.
+    run_study(search(trained, trials=17, sampler=sampler), parted, jobs=1)
     assert formula[: len(whole)] == whole
-    assert len(more.data.trials) == 18 and len(formula) <= 18
+    run_study(search(trained, trials=17, sampler=sampler), tmp_path / "longer", jobs=1)
+    assert content(parted).items() >= content(tmp_path / "longer").items()
+    run_study(wanted, parted, jobs=1)
+    assert content(parted).items() >= content(tmp_path / "whole").items(), "and shorter again"
 
 
-def test_a_killed_search_by_gaussian_processes_has_the_same_bytes(
+def test_a_journal_may_end_anywhere(
     trained: Path, formula: list[dict[str, float]], tmp_path: Path
 ) -> None:
-    """As the one above; its sampler fits models whose sums must not depend on the session."""
-    wanted = search(trained, trials=14, sampler="gp")
-    run_study(wanted, tmp_path / "whole", jobs=1)
-    whole = list(formula)
-    formula.clear()
+    wanted = search(trained, trials=6, at_once=2, sampler="nsga2", begin=[{"difficulty": "hard"}])
+    run_study(wanted, tmp_path, jobs=1)
+    before, played = content(tmp_path), len(formula)
+    journal = tmp_path / "search.journal"
+    lines = journal.read_bytes().splitlines(keepends=True)
+    for kept in range(0, len(lines), 9):
+        journal.write_bytes(b"".join(lines[:kept]) + lines[kept][:20])
+        Path(f"{journal}.lock").symlink_to(journal)  # of whoever was killed
+        run_study(wanted, tmp_path, jobs=1)
+        assert content(tmp_path) == before and len(formula) == played
+    journal.write_bytes(b"".join(lines[:2]) + b"no JSON\n" + b"".join(lines[2:]))
+    with pytest.raises(InputError, match=r"search\.journal: got it damaged .* without the file"):
+        run_study(wanted, tmp_path, jobs=1)
+    journal.unlink()
+    run_study(wanted, tmp_path, jobs=1)
+    assert content(tmp_path) == before and len(formula) == played
 
-    class Killed(Here):
-        def next(self) -> Any:
-            if len(formula) == 13:
-                raise KeyboardInterrupt
-            return super().next()
 
-    parted = tmp_path / "parted"
-    with pytest.raises(KeyboardInterrupt):
-        run_study(wanted, parted, make_pool=lambda root, tasks: Killed(root, 1))
-    run_study(wanted, parted, jobs=1)
-    assert formula == whole and content(parted) == content(tmp_path / "whole")
+def test_another_search_in_the_folder_begins_anew(
+    trained: Path, formula: list[dict[str, float]], tmp_path: Path
+) -> None:
+    run_study(search(trained, trials=4), tmp_path / "both", jobs=1)
+    other = search(trained, trials=4, constraints={})
+    run_study(other, tmp_path / "both", jobs=1)
+    played = len(formula)
+    trials = run_study(other, tmp_path / "alone", jobs=1).data.trials
+    assert trials.equals(read_study(tmp_path / "both").trials)
+    assert trials["parameter_life"].tolist() == [one["life_seconds"] for one in formula[played:]]
+    seeds = [search(trained, trials=4).model_copy(update={"seed": seed}) for seed in (1, 2)]
+    one, two = (run_study(s, tmp_path / str(s.seed), jobs=1).data.trials for s in seeds)
+    assert one["parameter_life"].tolist() != two["parameter_life"].tolist()
 
 
 def test_several_objectives_have_a_front(
@@ -225,32 +244,6 @@ def test_a_limit_that_no_trial_keeps_chooses_none(
     trials = run_study(asked, tmp_path, jobs=1).data.trials
     assert not trials["chosen"].any() and not trials["keeps_limits"].any()
     assert set(trials["state"]) == {"measured"}
-
-
-@pytest.mark.parametrize("sampler", ["tpe", "nsga2", "random", "gp"])
-def test_samplers_repeat_themselves(sampler: str, trained: Path) -> None:
-    from sim2vr_harness.studies.search.searching import Optimiser
-    from sim2vr_harness.studies.search.trials import judged
-
-    wanted = search(trained, sampler=sampler, trials=16).optimise
-    assert wanted is not None
-
-    def asked(seed: int) -> list[Any]:
-        optimiser, found = Optimiser(wanted, seed), []
-        for batch in range(4):
-            values = optimiser.ask(4)
-            found += values
-            optimiser.tell(
-                [
-                    judged(wanted, 4 * batch + k, one, {"max_fatigued": one["life"], "hits": 9.0})
-                    for k, one in enumerate(values)
-                ]
-            )
-        return found
-
-    assert asked(1) == asked(1) != asked(2)
-    for value in (one["life"] for one in asked(1)):
-        assert 0.5 <= value <= 1.5 and round(value, 2) == value, "steps of a hundredth"
 
 
 def refused(change: Callable[[dict[str, Any]], None], trained: Path, tmp_path: Path) -> str:
@@ -361,11 +354,12 @@ def test_trainings_that_learn_little_are_stopped(
     trials = found.data.trials
     assert len(trainings) == 6
     stopped = trials[trials["state"] == "stopped"]
-    # Nobody to be compared with in the first batch, the better half of the earlier ones then.
+    # Nobody to be compared with in the first batch, the better half of the complete ones then.
     assert set(trials["state"][:2]) == {"measured"} and 0 < len(stopped) < 4
     reports = [json.loads(text)["60"] for text in trials["reported"]]
     for batch in (2, 4):
-        limit = np.median(reports[:batch])
+        complete = trials["state"][:batch] == "measured"
+        limit = np.median(np.array(reports[:batch])[complete])
         for row in (batch, batch + 1):
             assert (trials["state"][row] == "stopped") == (reports[row] > limit)
     assert stopped["design_cell"].isna().all() and stopped["return"].isna().all()
@@ -397,14 +391,36 @@ def test_reports_are_the_best_so_far_at_each_step() -> None:
     ]
     stop = StopConfig(report="r", at=(30, 60, 90, 110))
     assert reports_of(rows, stop) == {30: 3.0, 60: 3.0, 90: 3.0}
-    lower = StopConfig(report="r", at=(60,), better="lower")
-    assert reports_of(rows, lower) == {60: 1.0}
-    trials = [Trial(k, {}, {}, reports=((60, float(k)),)) for k in range(1, 5)]
-    assert limits_of(stop, trials[:3]) is None, "too few have come so far"
-    found = limits_of(stop, trials)
-    assert found is not None and found.limits == ((60, 2.5),)
-    kept = limits_of(lower.model_copy(update={"keep": 0.25}), trials)
-    assert kept is not None and kept.limits == ((60, 1.75),)
+    assert reports_of(rows, StopConfig(report="r", at=(60,), better="lower")) == {60: 1.0}
+
+
+@pytest.mark.parametrize(
+    ("own", "changes", "stopped_at"),
+    [
+        (2.4, {}, 60),  # the median of 1, 2, 3 and 4 is 2.5
+        (2.6, {}, None),
+        (2.4, {"better": "lower"}, None),
+        (2.6, {"better": "lower"}, 60),
+        (1.8, {"keep": 0.75}, None),  # a quarter of the way: 1.75
+        (1.7, {"keep": 0.75}, 60),
+        (0.0, {"earlier": 5}, None),  # too few have come so far
+    ],
+)
+def test_a_training_is_stopped_where_it_is_behind(
+    own: float, changes: dict[str, Any], stopped_at: int | None
+) -> None:
+    stop = StopConfig(report="r", at=(30, 60), **changes)
+    pruning = Pruning(stop, tuple(((60, float(k)),) for k in range(1, 5)))
+    watch = Watch(pruning, [{"step": 40, "r": own}])
+    assert not watch.stop(), "no one reported at 30"
+    report = SimpleNamespace(number=1, stages=2, done=60, values={"r": own})
+    watch.report(report)
+    assert not watch.stop(), "only the last stage counts"
+    report.number = 2
+    watch.report(report)
+    assert watch.stopped_at == stopped_at
+    again = Watch(pruning, [{"step": 40, "r": own}, {"step": 60, "r": own}])
+    assert again.stopped_at == stopped_at, "as a resumed one"
 
 
 def test_trainings_that_diverge_are_trials_without_a_number(
@@ -464,8 +480,9 @@ def test_a_real_training_is_tuned(tmp_path: Path) -> None:
     study = {"name": "tuned", "fixed": fixed, "episodes": 1, "optimise": optimise}
     trials = run_study(study, tmp_path, jobs=1).data.trials
     losses = [json.loads(text)["32"] for text in trials["reported"]]
-    limits = [np.inf, losses[0], np.median(losses[:2])]
-    expected = [loss > limit for loss, limit in zip(losses, limits, strict=True)]
+    second = losses[1] > losses[0]
+    third = losses[2] > (losses[0] if second else np.median(losses[:2]))
+    expected = [False, second, third]
     assert (trials["state"] == "stopped").tolist() == expected
     assert len(set(losses)) == 3 and trials["chosen"].sum() == 1
     assert trials["return"].notna().tolist() == [not stopped for stopped in expected]

@@ -8,8 +8,7 @@ import yaml
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.runs.config import apply_overrides
-from sim2vr_harness.studies.cells import cells_of
-from sim2vr_harness.studies.config import load_study, parse_study
+from sim2vr_harness.studies.config import cells_of, load_study, parse_study
 from sim2vr_harness.studies.plan import plan_of
 
 USER = "whacamole_constrained"

@@ -10,11 +10,10 @@ from markupsafe import Markup
 from sim2vr_harness.client import Measure
 from sim2vr_harness.figures.figure import GREY, Figure, Layer, Line, Panel, Points, colour_of
 from sim2vr_harness.figures.html import table
-from sim2vr_harness.studies.report.numbers import in_words
+from sim2vr_harness.studies.config import ParameterConfig
 from sim2vr_harness.studies.report.sentences import Sentence
-from sim2vr_harness.studies.report.source import ReportSource, Search
-from sim2vr_harness.studies.search.config import ParameterConfig
-from sim2vr_harness.studies.search.table import parameter_column
+from sim2vr_harness.studies.report.source import ReportSource, Search, in_words
+from sim2vr_harness.studies.search import parameter_column
 
 _KEEPS, _BEYOND, _BEST = colour_of(0), GREY, colour_of(1)
 _MOST_NAMED = 6

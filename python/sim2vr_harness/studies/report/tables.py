@@ -10,16 +10,15 @@ from sim2vr_harness.client import Measure
 from sim2vr_harness.figures.html import table
 from sim2vr_harness.games.published import Published
 from sim2vr_harness.studies.report.methods import PlayedBy
-from sim2vr_harness.studies.report.numbers import summary_of, with_spread
-from sim2vr_harness.studies.report.people import place_among
 from sim2vr_harness.studies.report.sentences import (
     counted_units,
     difference_words,
     number,
     p_words,
+    place_among,
     place_of,
 )
-from sim2vr_harness.studies.report.source import ReportSource
+from sim2vr_harness.studies.report.source import ReportSource, summary_of, with_spread
 
 
 def measure_table(source: ReportSource, published: Published) -> Markup:

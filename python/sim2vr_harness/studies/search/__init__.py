@@ -1,1 +1,0 @@
-"""Searches: studies whose cells an optimiser chooses, trial by trial."""

@@ -47,7 +47,6 @@ from sim2vr_harness.audit.targets import (
 )
 from sim2vr_harness.base.cores import available
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.play.environment import evaluation_env
@@ -220,7 +219,7 @@ def user_reach(request: AuditRequest, say: Say = lambda text: None) -> Measured:
         )
         for condition in request.condition or (None,)
     ]
-    body = ResolvedEnv(environments[0]).body
+    body = environments[0].body
     point = chosen_point(body, request.point)
     if request.tool is not None:
         with closing(Simulation(alike(environments[0]), 1)) as users:
@@ -228,7 +227,7 @@ def user_reach(request: AuditRequest, say: Say = lambda text: None) -> Measured:
             point = tool_point(users.apps[0].scene(), request.tool)
     listed = _listed(request, say)
 
-    def look(env: EnvConfig, person: int | None) -> list[Target]:
+    def look(env: ResolvedEnv, person: int | None) -> list[Target]:
         pattern, seconds = request.objects, request.seconds
         return seen_targets(env, pattern, seconds=seconds, person=person, still=person is None)
 
@@ -262,7 +261,7 @@ def posture_endurance(request: AuditRequest) -> list[list[Held]]:
     """
     assert request.user is not None and request.pose is not None
     env = environment_of(request.user, overrides=request.overrides, trust_app=request.trust_app)
-    persons = who_hold(env.user, request.people)
+    persons = who_hold(env.config.user, request.people)
     return [hold(who, request.pose, request.load, strength) for who, strength in persons]
 
 
@@ -270,7 +269,9 @@ def _listed(request: AuditRequest, say: Say) -> list[Target]:
     """Return the targets that are listed, recorded, or the page's things."""
     env = None
     if request.remote:
-        env = evaluation_env(TrainingConfig(), request.remote, request.overrides, source="--set")
+        env = evaluation_env(
+            TrainingConfig(), request.remote, request.overrides, source="--set"
+        ).config
     found = listed_targets(request.targets, env)
     if env is not None and not request.targets and request.remote.get("page"):
         say(f"things of {env.app.page} ...")
@@ -285,7 +286,7 @@ def _of_game(request: AuditRequest, condition: str | None, say: Say) -> list[Tar
     # The game before the options, which are its own.
     chosen = [f"env.app.game={request.game}", *request.overrides]
     env = environment_of(MODEL, condition=condition, overrides=chosen)
-    if "controller_left" in ResolvedEnv(env).facts.needs("right"):
+    if "controller_left" in env.facts.needs("right"):
         env = environment_of(_TWO_HANDED, condition=condition, overrides=chosen)
     say(f"targets of {request.game}{f', condition {condition}' if condition else ''} ...")
     how = cast("How", request.how)

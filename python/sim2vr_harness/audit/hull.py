@@ -21,7 +21,6 @@ from sim2vr_harness.base.files import naming
 from sim2vr_harness.base.optional import needed
 from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
-from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.people_preset import with_people
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.figures.html import heading, save_page, table
@@ -435,11 +434,11 @@ def _resting(body: Body) -> mujoco.MjData:
 
 
 def people_margins(
-    env: EnvConfig,
+    env: ResolvedEnv,
     point: Point,
     places: Sequence[Target],
     count: int,
-    look: Callable[[EnvConfig, int], Sequence[Target]],
+    look: Callable[[ResolvedEnv, int], Sequence[Target]],
     seed: int = 1,
 ) -> FloatArray:
     """Measure by how much persons reach places, each with their own body and targets.
@@ -459,15 +458,14 @@ def people_margins(
     Raises:
         InputError: ``count`` is not positive.
     """
-    several = with_people(alike(env), count, seed)
-    average = ResolvedEnv(several)
+    average = with_people(alike(env), count, seed)
     population = average.people
     assert population is not None
     margins = np.full((count, len(places)), np.nan)
     for person in range(count):
         body = average.body_for(population.physique(population.number(person)))
         reach = Reach(Linkage(body, point))
-        targets = look(several, person)
+        targets = look(average, person)
         found = [next((i for i, p in enumerate(places) if p.same_as(t)), None) for t in targets]
         kept = [(i, t) for i, t in zip(found, targets, strict=True) if i is not None]
         if kept:

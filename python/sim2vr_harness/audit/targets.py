@@ -24,7 +24,8 @@ from sim2vr_harness.client.runtime import frame_time_ns
 from sim2vr_harness.client.webxr.hands import PageHands
 from sim2vr_harness.envs.apps import app_factory, apps_wanted
 from sim2vr_harness.envs.config import EnvConfig, SenseConfig
-from sim2vr_harness.play.environment import make_simulation
+from sim2vr_harness.envs.resolved import ResolvedEnv
+from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.sessions import Controller, read_session
 from sim2vr_harness.sessions.state_log import read_lines
 from sim2vr_harness.users.kinematics.forward import Point
@@ -188,7 +189,7 @@ def _target(file: Path, number: int, tree: Any) -> TargetSettings:
 
 
 def found_targets(
-    env: EnvConfig,
+    env: ResolvedEnv,
     *,
     objects: str | None = None,
     seconds: float = 10.0,
@@ -218,19 +219,18 @@ def found_targets(
     return found
 
 
-def alike(env: EnvConfig) -> EnvConfig:
+def alike(env: ResolvedEnv) -> ResolvedEnv:
     """Return the environment with the average user and the cheapest sense."""
-    user = env.user.model_copy(update={"people": None})
-    return env.model_copy(update={"user": user, "senses": (SenseConfig(sense="time"),)})
+    user = env.config.user.model_copy(update={"people": None})
+    return env.changed(user=user, senses=(SenseConfig(sense="time"),))
 
 
-def _sized(env: EnvConfig, stature_m: float) -> EnvConfig:
+def _sized(env: ResolvedEnv, stature_m: float) -> ResolvedEnv:
     """The environment with a body of that stature."""
     plain = alike(env)
-    person = plain.user.person.model_copy(update={"stature_m": stature_m})
-    return plain.model_copy(
-        update={"user": plain.user.model_copy(update={"person": person, "torso": True})}
-    )
+    user = plain.config.user
+    person = user.person.model_copy(update={"stature_m": stature_m})
+    return plain.changed(user=user.model_copy(update={"person": person, "torso": True}))
 
 
 def given_target(text: str) -> Target:
@@ -299,7 +299,7 @@ def _same(a: FloatArray, b: FloatArray) -> bool:
 
 
 def seen_targets(
-    config: EnvConfig,
+    env: ResolvedEnv,
     pattern: str | None,
     *,
     seconds: float = 10.0,
@@ -307,7 +307,7 @@ def seen_targets(
     rounds: int = 3,
     person: int | None = None,
     still: bool = False,
-    simulation: Callable[..., Any] = make_simulation,
+    simulation: Callable[..., Any] = Simulation,
 ) -> list[Target]:
     """Let the user sit still in a game, and note where objects come up.
 
@@ -316,7 +316,7 @@ def seen_targets(
     one target.
 
     Args:
-        config: User and app.
+        env: User and app.
         pattern: Of objects' names, with ``*`` and ``?``; None takes those that come, go or move by
             themselves.
         seconds: How long to look at a round; ``still``: at the first one until nothing has come up
@@ -325,14 +325,14 @@ def seen_targets(
         rounds: How many rounds to look at.
         person: Number of the person, where users are people.
         still: Whether small things above the floor that stay count without a pattern, too.
-        simulation: How to make the user: (EnvConfig, n) -> simulation.
+        simulation: How to make the user: (ResolvedEnv, n) -> simulation.
 
     Raises:
         InputError: The app does not tell of its scene, or nothing fits the pattern.
     """
     seen: list[Target] = []
     paths: set[str] = set()
-    with closing(simulation(config, 1)) as users:
+    with closing(simulation(env, 1)) as users:
         app = users.apps[0]
         if "scene" not in app.capabilities:
             raise InputError("--game", "an app that tells nothing of its scene", "one that does")
@@ -347,7 +347,7 @@ def seen_targets(
                 if outcome.over[0]:
                     break
             if still and number == 0:
-                _watch_on(config, tracks, seconds, seed)
+                _watch_on(env.config, tracks, seconds, seed)
             paths |= tracks.paths
             for target in tracks.targets(still=still):
                 if not any(target.same_as(other) for other in seen):

@@ -123,20 +123,20 @@ class Simulation:
 
     def __init__(
         self,
-        config: EnvConfig,
+        config: EnvConfig | ResolvedEnv,
         n: int = 1,
         *,
         log_dir: Path | None = None,
         make_app: AppFactory | None = None,
     ) -> None:
         self.n, self._make_app, self._closed = n, make_app, False
-        self.resolved = ResolvedEnv(config)
+        self.resolved = ResolvedEnv.of(config)
         self.body: Body = self.resolved.body
         self._hand_option: str | None = None
         if make_app is None:
-            config = self.resolved.with_hand()
+            self.resolved = self.resolved.with_hand()
             self._hand_option = self.resolved.facts.hand_option
-        self.config = config
+        self.config = config = self.resolved.config
         substeps = checked_substeps(config, self.body.timestep)
         self.people = self.resolved.people
         """The population that users are drawn from; None: all are average."""
@@ -491,7 +491,7 @@ class Simulation:
         """For pickle and copy: how it was made, and where it is if its rounds have begun."""
         begun = not (self._over & (self._steps == 0)).any()
         return {
-            "config": self.config,
+            "config": self.resolved,
             "n": self.n,
             "make_app": self._make_app,
             "state": self.state_dict() if begun else None,

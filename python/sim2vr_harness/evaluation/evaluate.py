@@ -30,6 +30,7 @@ from sim2vr_harness.client import (
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.people_preset import with_people
 from sim2vr_harness.envs.resolved import ResolvedEnv
+from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.evaluation.conditions import (
     asked_conditions,
     chosen_conditions,
@@ -44,7 +45,6 @@ from sim2vr_harness.evaluation.data.items import events_of_episode, item_columns
 from sim2vr_harness.evaluation.data.steps import StepRecorder, pose_columns
 from sim2vr_harness.evaluation.expectations import Planned
 from sim2vr_harness.evaluation.training_distribution import met, unpractised
-from sim2vr_harness.play.environment import make_simulation
 from sim2vr_harness.play.exertion import ExertionRecorder, FatigueRecorder
 from sim2vr_harness.play.film import RoundFilmer
 from sim2vr_harness.play.player import Watcher, jobs_for, play
@@ -262,7 +262,7 @@ _USER_BYTES = 2_000_000
 """What a round needs beside others at least: body, app and its share of the renderers."""
 
 SimulationFactory = Callable[..., Any]
-"""(EnvConfig, n, log_dir=Path | None) -> simulation."""
+"""(ResolvedEnv, n, log_dir=Path | None) -> simulation."""
 
 
 @dataclass(frozen=True)
@@ -368,7 +368,7 @@ def evaluate(
     request: Request | None = None,
     *,
     on_progress: Callable[[float], None] = lambda share: None,
-    simulation: SimulationFactory = make_simulation,
+    simulation: SimulationFactory = Simulation,
     on_plan: Callable[[Planned], None] | None = None,
     on_note: Callable[[str], None] | None = None,
 ) -> Evaluation:
@@ -393,7 +393,7 @@ def evaluate(
         if on_plan is not None:
             on_plan(Planned.of_evaluation(plan.facts, plan.conditions, plan.env))
         trained = user.trained is not None
-        if trained and on_note is not None and (note := doing_nothing_pays(plan.env.config)):
+        if trained and on_note is not None and (note := doing_nothing_pays(plan.env)):
             on_note(note)
         kept = wanted.log or _logs_by_itself(plan.env.config)
         logs = RoundLogs(out / ("logs" if wanted.log else _PASSING_LOGS)) if kept else None
@@ -467,19 +467,17 @@ class _Plan:
         if request.people is not None:
             env = with_people(env, request.people, seed, request.overrides)
         if request.cores is not None:
-            env = env.model_copy(update={"cores": request.cores})
-        resolved = ResolvedEnv(env)
-        own = ResolvedEnv(config.env) if trained is None else trained.env
-        user.require_contract(resolved)
-        facts = user.facts(resolved.facts)
-        named = named_options(env, request.overrides, request.app)
+            env = env.changed(cores=request.cores)
+        user.require_contract(env)
+        facts = user.facts(env.facts)
+        named = named_options(env.config, request.overrides, request.app)
         typed = trained is None or bool(request.app.get("arguments"))
-        asked = asked_conditions(env.app, request.conditions, typed=typed)
-        played = usual.conditions or met(config, own)
-        if trained is None:
-            played = [facts.default_condition]
+        asked = asked_conditions(env.config.app, request.conditions, typed=typed)
+        played: Sequence[str] = [facts.default_condition]
+        if trained is not None:
+            played = usual.conditions or met(config, trained.env)
         conditions = chosen_conditions(facts, asked, played, named)
-        batch = batch_for(env, request.batch)
+        batch = batch_for(env.config, request.batch)
         rounds = episodes * (request.people or 1) * len(conditions)
         _check_numbers(episodes, seed, min(batch, rounds))
         kept = trained is not None or request.out is not None
@@ -501,11 +499,11 @@ class _Plan:
         }
         new: list[str] = []
         if trained is not None:
-            new = unpractised(config, own, resolved, [condition.name for condition in conditions])
+            new = unpractised(config, trained.env, env, [one.name for one in conditions])
         return cls(
             user,
             request,
-            resolved,
+            env,
             facts_of_chosen(facts, conditions),
             conditions,
             episodes,
@@ -571,10 +569,10 @@ def _play(
         return policy
 
     rounds: list[Round] = []
-    groups = condition_groups(plan.env.config, plan.conditions)
+    groups = condition_groups(plan.env, plan.conditions)
     for number, (env, conditions) in enumerate(groups):
 
-        def make(n: int, own: EnvConfig = env) -> Any:
+        def make(n: int, own: ResolvedEnv = env) -> Any:
             return simulation(own, n, log_dir=logs.folder() if logs is not None else None)
 
         rounds += play(

@@ -518,7 +518,7 @@ def _play(
             conditions = list(plays.conditions or _conditions(who.trained, behaviour))
     elif games and not app:
         app = {"game": games[0].app.name, "transport": "in_process"}
-    app_config = who.env(app, plays.overrides, trust_app=plays.trust_app).app
+    app_config = who.env(app, plays.overrides, trust_app=plays.trust_app).config.app
     played_in = {**app_config.model_dump(exclude={"task", "transport_options"})}
     settings_of_app = {} if app_config.transport == "in_process" else played_in
     if settings_of_app or app_config.task is not None:

@@ -139,13 +139,13 @@ def test_a_checkpoint_can_be_named(trained: Path) -> None:
 def test_the_curriculum_is_switched_off(trained: Path) -> None:
     config = RunFolder(trained).load_config()
     assert config.env.app.options["adaptive"] is True
-    assert evaluation_env(config).app.options == {"condition": "medium", "adaptive": False}
+    assert evaluation_env(config).config.app.options == {"condition": "medium", "adaptive": False}
 
 
 def test_the_environment_can_be_another_than_the_training_s(trained: Path) -> None:
     config = RunFolder(trained).load_config()
     overrides = ["env.user.noise.constant=white", "env.app.options.adaptive=true"]
-    changed = evaluation_env(config, overrides=overrides)
+    changed = evaluation_env(config, overrides=overrides).config
     assert changed.user.noise.constant == "white"
     assert changed.app.options == {"condition": "medium", "adaptive": True}
     kept = changed.model_copy(update={"app": config.env.app, "user": config.env.user})

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client.frames import pose_to_app
-from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.evaluation.data import read_data
 from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
@@ -253,7 +252,7 @@ def test_a_recording_can_be_too_short() -> None:
 
 
 def test_the_body_begins_with_its_hand_at_the_path() -> None:
-    body = ResolvedEnv(environment_of("mobl_arms_wrist")).body
+    body = environment_of("mobl_arms_wrist").body
     layer = StandIn(body, 0.05)
     place_m = np.array([[0.35, -0.2, 1.0]])
     angles = posture_at(layer, place_m, np.zeros((1, 3)), np.array([True]), seed=1)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.base.cores import budget
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.sessions.whacamole import is_recorded_round
@@ -167,7 +166,7 @@ class Tracked:
 
 def track(
     path: RecordedPath,
-    env: EnvConfig,
+    env: ResolvedEnv,
     layer_for: Callable[[Body, float], MotorPolicy],
     settings: TrackingSettings,
     *,
@@ -185,7 +184,7 @@ def track(
     Raises:
         InputError: no motor layer fits the body, or it has none of the recorded hands.
     """
-    own = env.user.person.stature_m
+    own = env.config.user.person.stature_m
     stature, cut_estimated = settings.stature_m, False
     if stature is None and own is None:
         stature = estimated_stature_m(path)
@@ -193,19 +192,20 @@ def track(
     changes = {"stature_m": stature, "mass_kg": settings.mass_kg}
     cut_known = {key: value for key, value in changes.items() if value is not None}
     if not cut_known:
-        env, stature_m, estimated = env, own, False
+        stature_m, estimated = own, False
     else:
-        person = env.user.person.model_validate({**env.user.person.model_dump(), **cut_known})
-        user = env.user.model_copy(update={"person": person})
-        env, stature_m, estimated = (
-            env.model_copy(update={"user": user}),
-            person.stature_m,
-            cut_estimated,
-        )
-    body = _body(env)
-    step_s = 1.0 / env.action_frequency_hz
+        user = env.config.user
+        person = user.person.model_validate({**user.person.model_dump(), **cut_known})
+        env = env.changed(user=user.model_copy(update={"person": person}))
+        stature_m, estimated = person.stature_m, cut_estimated
+    try:
+        body = env.body
+    except ValueError as error:
+        expected = "a body that can be cut to size"
+        raise InputError("--stature, --mass", str(error), expected) from error
+    step_s = 1.0 / env.config.action_frequency_hz
     layer = layer_for(body, step_s)
-    bodies = partial(_bodies, body, env, step_s)
+    bodies = partial(_bodies, env, step_s)
     users = bodies(1)
     placement = place(
         path,
@@ -239,23 +239,15 @@ def track(
     )
 
 
-def _body(env: EnvConfig) -> Body:
-    try:
-        return ResolvedEnv(env).body
-    except ValueError as error:
-        expected = "a body that can be cut to size"
-        raise InputError("--stature, --mass", str(error), expected) from error
-
-
-def _bodies(body: Body, env: EnvConfig, step_s: float, n: int) -> UserBatch:
+def _bodies(env: ResolvedEnv, step_s: float, n: int) -> UserBatch:
     """Return n of a body, without motor noise."""
     return UserBatch(
-        body,
+        env.body,
         n,
-        threads=1 if n == 1 else budget(env.cores),
-        effort=env.user.effort.model,
-        effort_params=env.user.effort.options(),
-        substeps=round(step_s / body.timestep),
+        threads=1 if n == 1 else budget(env.config.cores),
+        effort=env.config.user.effort.model,
+        effort_params=env.config.user.effort.options(),
+        substeps=round(step_s / env.body.timestep),
     )
 
 

@@ -159,7 +159,7 @@ def game_of(env: EnvConfig) -> ImaginedGame:
             f"a game in this process with a model ({', '.join(imagined_games())}), or recipe: ppo",
         )
     resolved = ResolvedEnv(env)
-    facts, playing = resolved.facts, resolved.with_hand().app.options
+    facts, playing = resolved.facts, resolved.with_hand().config.app.options
     hand = playing.get(facts.hand_option or "", "right")
     missing = [device for device in game.devices if device not in ("headset", *facts.needs(hand))]
     if facts.devices and missing:

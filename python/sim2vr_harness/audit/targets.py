@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -26,6 +27,8 @@ from sim2vr_harness.envs.apps import app_factory, apps_wanted
 from sim2vr_harness.envs.config import EnvConfig, SenseConfig
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.play.player import Job, Player
+from sim2vr_harness.policies.scripted import scripted_policy
 from sim2vr_harness.sessions import Controller, read_session
 from sim2vr_harness.sessions.state_log import read_lines
 from sim2vr_harness.users.kinematics.forward import Point
@@ -307,7 +310,6 @@ def seen_targets(
     rounds: int = 3,
     person: int | None = None,
     still: bool = False,
-    simulation: Callable[..., Any] = Simulation,
 ) -> list[Target]:
     """Let the user sit still in a game, and note where objects come up.
 
@@ -325,27 +327,24 @@ def seen_targets(
         rounds: How many rounds to look at.
         person: Number of the person, where users are people.
         still: Whether small things above the floor that stay count without a pattern, too.
-        simulation: How to make the user: (ResolvedEnv, n) -> simulation.
 
     Raises:
         InputError: The app does not tell of its scene, or nothing fits the pattern.
     """
     seen: list[Target] = []
     paths: set[str] = set()
-    with closing(simulation(env, 1)) as users:
+    with closing(Simulation(env, 1)) as users:
         app = users.apps[0]
         if "scene" not in app.capabilities:
             raise InputError("--game", "an app that tells nothing of its scene", "one that does")
         for number in range(rounds):
-            users.reset(seeds=[seed + number], persons=None if person is None else [person])
             # Sit still until the round ends, or so long.
+            player = Player(users, scripted_policy("still", users), env.facts)
+            player.begin([Job("", number, seed + number, person=person)])
             round_app = users.apps[0]
             tracks = _Tracks(round_app.scene(), pattern)
-            for _ in range(round(seconds * users.config.action_frequency_hz)):
-                outcome = users.step(users.resting_action[None])
+            for _ in islice(player.steps(), round(seconds * env.config.action_frequency_hz)):
                 tracks.add(round_app.scene())
-                if outcome.over[0]:
-                    break
             if still and number == 0:
                 _watch_on(env.config, tracks, seconds, seed)
             paths |= tracks.paths
@@ -363,11 +362,12 @@ def _watch_on(config: EnvConfig, tracks: _Tracks, seconds: float, seed: int) -> 
     """Play a round without a body, its devices at rest, for as long as things come up in it."""
     hz = config.action_frequency_hz
     with closing(app_factory(config, 1)(config, 0, None)) as app:
-        app.reset(seed, tracks.devices)
-        for step in range(1, round(_LONGEST_S * hz)):
-            reply = app.step(frame_time_ns(step, hz), tracks.devices)
-            tracks.add(app.scene())
-            if tracks.moments - tracks.last_came > seconds * hz or reply.finished:
+        steps = range(round(_LONGEST_S * hz))
+        frames = ((frame_time_ns(step, hz), tracks.devices) for step in steps)
+        for step, _ in enumerate(app.play(seed, frames)):
+            if step > 0:
+                tracks.add(app.scene())
+            if tracks.moments - tracks.last_came > seconds * hz:
                 break
 
 

@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from sim2vr_harness.base.requests import option
+from sim2vr_harness.base.requests import ChangedEnvironment, TrustedApp, option
 from sim2vr_harness.cli.app_options import PageOptions
 from sim2vr_harness.cli.options import (
-    ChangedEnvironment,
     CheckedRun,
     Expected,
     GameConditions,
-    TrustedApp,
     print_written,
 )
 from sim2vr_harness.cli.progress import say
@@ -98,7 +96,7 @@ def audit(options: AuditOptions) -> int:
     names = {each.name for each in fields(AuditRequest)} - {"overrides", "remote"}
     request = AuditRequest(
         **{name: getattr(options, name) for name in names},
-        overrides=options.set_,
+        overrides=options.overrides,
         remote=options.remote(),
     )
     if request.pose is None:

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 from rich.console import Console
 
-from sim2vr_harness.base.requests import argument, option
+from sim2vr_harness.base.requests import TrustedApp, argument, option
 from sim2vr_harness.cli.app_options import AppOptions
 from sim2vr_harness.cli.errors import INTERRUPTED
-from sim2vr_harness.cli.options import TrainedPeople, TrustedApp, known_configs
+from sim2vr_harness.cli.options import TrainedPeople, known_configs
 from sim2vr_harness.cli.progress import Share, say
 
 if TYPE_CHECKING:
@@ -112,7 +112,8 @@ def train(request: TrainRequest) -> int:
         set_aside=request.set_aside,
     )
     if not result.interrupted and settings.evaluation.episodes_after_training:
-        from sim2vr_harness.evaluation.evaluate import Request, evaluate
+        from sim2vr_harness.evaluation.evaluate import evaluate
+        from sim2vr_harness.evaluation.request import Request
         from sim2vr_harness.evaluation.tables import results_table
 
         assert result.checkpoint is not None

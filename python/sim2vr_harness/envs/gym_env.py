@@ -139,7 +139,7 @@ class Sim2VREnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """One user step; see :class:`~sim2vr_harness.envs.step_batch.StepBatch` for the info."""
+        """One user step; see :class:`~sim2vr_harness.envs.simulation.StepBatch` for the info."""
         batch = self.simulation.step(np.asarray(action)[None])
         self._show()
         return (

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.gym_env import RenderMode, Sim2VREnv
-from sim2vr_harness.evaluation.evaluate import Evaluation, Request
+from sim2vr_harness.evaluation.evaluate import Evaluation
 from sim2vr_harness.evaluation.evaluate import evaluate as measure
+from sim2vr_harness.evaluation.request import Request
 from sim2vr_harness.play.environment import evaluation_env
 from sim2vr_harness.policies.protocol import require_observation
 from sim2vr_harness.policies.registry import load_policy
@@ -129,7 +130,7 @@ def evaluate(run: str | Path, **what: Any) -> Evaluation:
 
     Args:
         run: As of :class:`UserPolicy`.
-        what: Fields of :class:`~sim2vr_harness.evaluation.evaluate.Request`, such as
+        what: Fields of :class:`~sim2vr_harness.evaluation.request.Request`, such as
             ``conditions``, ``episodes`` and ``out``.
 
     Raises:

@@ -65,8 +65,8 @@ def test_what_a_change_leaves_is_not_made_again(loads: list[str]) -> None:
     other = faster.with_game("whacamole")
     assert other.body is env.body and other.facts.name == "whacamole"
     assert loads == ["mobl_arms_wrist"]
-    still = faster.changed(user=UserConfig(model="mobl_arms_index"))
-    assert still.body.name == "mobl_arms_index" and still.facts is env.facts
+    still = faster.changed(user=UserConfig(model="mobl_arms_bimanual"))
+    assert still.body.name == "mobl_arms_bimanual" and still.facts is env.facts
 
 
 @pytest.mark.parametrize(("game", "inputs"), [("panel", ("right.trigger",)), ("sample", ())])

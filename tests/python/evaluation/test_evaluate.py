@@ -10,7 +10,7 @@ from rich.console import Console
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import Condition, GameFacts, describe_game, facts_of_outside
-from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.evaluation import evaluate as module
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
@@ -346,13 +346,21 @@ def test_a_user_of_skills_plays_what_it_has_met() -> None:
     assert met_by("ppo", condition="medium") == []
 
 
-def test_pages_and_strangers_programs_are_not_asked_for_logs() -> None:
-    for app, asked in (
-        (AppConfig(game="sample"), True),
-        (AppConfig(transport="webxr", page="page.html"), False),
-        (AppConfig(transport="protocol2", executable="app"), False),
-    ):
-        assert module._logs_by_itself(EnvConfig(app=app)) is asked
+@pytest.mark.parametrize(
+    ("app", "asked"), [({}, True), ({"transport": "protocol2", "executable": "app"}, False)]
+)
+def test_a_stranger_s_program_is_not_asked_for_logs(
+    trained: Path, tmp_path: Path, app: dict[str, str], asked: bool
+) -> None:
+    places: list[Path | None] = []
+
+    def simulation(env: Any, n: int, *, log_dir: Path | None = None) -> FakeSimulation:
+        places.append(log_dir)
+        return FakeSimulation(env, n, log_dir=log_dir)
+
+    request = Request(["easy"], episodes=1, app=app, trust_app=True, out=tmp_path)
+    evaluate(trained, request, simulation=simulation)
+    assert [place is not None for place in places] == [asked]
 
 
 def test_player_is_the_mean_plus_its_own_noise(trained: Path) -> None:

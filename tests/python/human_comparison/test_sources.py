@@ -75,8 +75,8 @@ def measured(folder: Path) -> Source:
     return measured_user(folder.name, read_user(folder), WHACAMOLE)
 
 
-def play(user: str, people: Path, out: Path, **how: Any) -> Sources:
-    return read_sources([user], [people], Plays(**{"out": out, "seed": 5, "episodes": 2, **how}))
+def play(user: str, recorded: Path, out: Path, **how: Any) -> Sources:
+    return read_sources([user], [recorded], Plays(**{"out": out, "seed": 5, "episodes": 2, **how}))
 
 
 def test_people_with_logs_of_ours_are_the_folders_above_the_rounds(people: Path) -> None:
@@ -122,7 +122,7 @@ def test_a_user_plays_once(tmp_path: Path, people: Path, monkeypatch: pytest.Mon
     assert len(played) == 1
     assert played[0].conditions == ["easy", "medium", "hard", "low", "high"]
     assert (played[0].episodes, played[0].seed, played[0].log) == (2, 5, True)
-    play("whacamole_constrained", people, tmp_path / "rounds", episodes=3, persons=4)
+    play("whacamole_constrained", people, tmp_path / "rounds", episodes=3, people=4)
     assert (played[-1].episodes, played[-1].people) == (3, 4)
 
 

@@ -18,13 +18,11 @@ from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
 from sim2vr_harness.sessions.logs import TargetEvent as Event
-from sim2vr_harness.tools.track.files import write
-from sim2vr_harness.tools.track.outcomes import outcome_of
+from sim2vr_harness.tools.track.files import facts_of, hand_rows, outcome_rows, write
 from sim2vr_harness.tools.track.paths import RecordedPath, first_of_play, read_paths
 from sim2vr_harness.tools.track.postures import REACHED_M, beyond_reach_m, posture_at
 from sim2vr_harness.tools.track.registration import estimated_stature_m, place
-from sim2vr_harness.tools.track.summary import facts_of, hand_rows, outcome_rows
-from sim2vr_harness.tools.track.tracking import Tracked, TrackingSettings, track
+from sim2vr_harness.tools.track.tracking import Tracked, TrackingSettings, outcome_of, track
 from sim2vr_harness.tools.track.tracking_controller import WARM_UP_S, Followed, wanted_of
 from sim2vr_harness.tools.users import environment_of
 from sim2vr_harness.users import Body, UserBatch

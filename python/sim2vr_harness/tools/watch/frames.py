@@ -24,7 +24,6 @@ from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.play.player import Job, Player
 from sim2vr_harness.play.users import SimulatedUser
 from sim2vr_harness.policies.protocol import Act, Policy
-from sim2vr_harness.sessions.replay import drive
 from sim2vr_harness.users import Body
 
 HEADSET_SIZE = (240, 160)
@@ -244,7 +243,7 @@ def person_show(env: ResolvedEnv, *, seed: int = 1) -> Playlist:
         counters = Counters(facts)
         times = ((frame_time_ns(frame, rate), hands.devices()) for frame in count())
         with InProcessApp(config.app.game, config.app.options) as app:
-            for frame, reply in enumerate(drive(app, seed, times)):
+            for frame, reply in enumerate(app.play(seed, times)):
                 if frame == 0:
                     continue
                 text, events = counters.told(reply.log, frame / rate)

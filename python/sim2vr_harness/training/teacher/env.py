@@ -12,8 +12,7 @@ from sim2vr_harness.base.state import State
 from sim2vr_harness.envs.config import EnvConfig, SenseConfig
 from sim2vr_harness.envs.privileged import OBSERVATION, Lag, PrivilegedSenses
 from sim2vr_harness.envs.resolved import ResolvedEnv
-from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.envs.step_batch import StepBatch
+from sim2vr_harness.envs.simulation import Simulation, StepBatch
 from sim2vr_harness.games import ImaginedCondition, ImaginedGame, imagined_game, imagined_games
 from sim2vr_harness.runs.teacher_config import TeacherConfig
 

@@ -7,6 +7,7 @@ once.
 
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
 Names = Literal["games", "users", "configs", "players"]
@@ -62,4 +63,21 @@ class ActionMode:
         "Take the policy's mean, or sample.",
         name="--deterministic/--stochastic",
         shown="the user's evaluation.deterministic",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Expected:
+    """``--expect`` and ``--junit``."""
+
+    expect: tuple[str, ...] = option(
+        "Exit with status 1 unless the results keep a bound: 'hit_rate >= 0.8', or "
+        "'CONDITION_OR_CELL:hit_rate >= 0.8' for one of them; may be repeated.",
+        (),
+        metavar="TEXT",
+    )
+    junit: Path | None = option(
+        "With --expect or --against: write the checks as JUnit XML.",
+        metavar="FILE.xml",
+        place="file to write",
     )

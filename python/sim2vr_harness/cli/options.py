@@ -24,7 +24,7 @@ import typer
 
 from sim2vr_harness.base import paths
 from sim2vr_harness.base.errors import InputError, unknown_name
-from sim2vr_harness.base.requests import option
+from sim2vr_harness.base.requests import Expected, option
 
 if TYPE_CHECKING:
     from sim2vr_harness.evaluation.expectations import Planned, Results
@@ -219,15 +219,6 @@ class TrainedPeople:
         return None if self.people == EVERYONE else self.people
 
 
-@dataclass(frozen=True, kw_only=True)
-class GameConditions:
-    """``--condition`` of commands that look at a game."""
-
-    condition: tuple[str, ...] = option(
-        "The game's condition; may be repeated.", (), metavar="NAME"
-    )
-
-
 def print_json(content: Any) -> None:
     """Print a JSON object or list."""
     sys.stdout.write(json.dumps(content, indent=2) + "\n")
@@ -260,23 +251,6 @@ def who_plays(run: str | None, user: str | None) -> tuple[str | None, str | None
     if trained or Path(user).exists():
         return user, None
     raise unknown_name("--user", user, ["still", "random", *FORMS, *names])
-
-
-@dataclass(frozen=True, kw_only=True)
-class Expected:
-    """``--expect`` and ``--junit``."""
-
-    expect: tuple[str, ...] = option(
-        "Exit with status 1 unless the results keep a bound: 'hit_rate >= 0.8', or "
-        "'CONDITION_OR_CELL:hit_rate >= 0.8' for one of them; may be repeated.",
-        (),
-        metavar="TEXT",
-    )
-    junit: Path | None = option(
-        "With --expect or --against: write the checks as JUnit XML.",
-        metavar="FILE.xml",
-        place="file to write",
-    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -127,7 +127,8 @@ def _opened(
 
 def _play(app: AppClient, protocol: int) -> AppTrial:
     frames = ((frame_time_ns(step, FREQUENCY_HZ), _poses(step)) for step in range(STEPS + 1))
-    images, reward, began = [], 0.0, 0.0
+    images: list[UInt8Array] = []
+    reward = began = 0.0
     for reply in app.play(1, frames):
         if not images:
             began = time.perf_counter()  # the reset may load a scene

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.audit.acting import Actor, act_out
-from sim2vr_harness.audit.auditing import AuditRequest, Parts, run
+from sim2vr_harness.audit.auditing import Parts, run
 from sim2vr_harness.audit.equilibrium import NEAR_M, Balancer
 from sim2vr_harness.audit.grip import can_grip, grip_share, grip_time
 from sim2vr_harness.audit.judging import Judged, hold, judge, places_of, seen
@@ -29,6 +29,7 @@ from sim2vr_harness.audit.report import (
     unanswered,
     write,
 )
+from sim2vr_harness.audit.request import AuditRequest
 from sim2vr_harness.audit.summary import cause, plain, proportion, shift_words
 from sim2vr_harness.audit.targets import (
     Target,
@@ -670,8 +671,8 @@ def test_bad_files_name_the_field(tmp_path: Path, text: str, message: str) -> No
     ("options", "message"),
     [
         ({}, "--game, --page, --targets or --session: got none"),
-        ({"game": "sample", "remote": {"page": "x"}}, "--page or --openxr: got it together"),
-        ({"remote": {"game": "x"}}, "--openxr: got a program without --targets"),
+        ({"game": "sample", "app": {"page": "x"}}, "--page or --openxr: got it together"),
+        ({"app": {"game": "x"}}, "--openxr: got a program without --targets"),
         ({"targets": ["0,1,0"], "overrides": ["a=1"]}, "--set: got it without an app"),
         ({"targets": ["0,1,0"], "objects": "a"}, "--condition or --objects: got it without"),
         ({"game": "sample", "how": "grab"}, "--how: got 'grab', expected touch or point"),

@@ -143,9 +143,19 @@ def replay(request: ReplayRequest) -> int:
         print_json(content)
     else:
         if agreeing:
-            _print_rounds(agreeing, closed_loop=request.closed)
+            # The events of each round and of all, then how well hits agree in time and speed.
+            how = "seed and poses only"
+            if not request.closed:
+                how = "spawns from the log, outcomes predicted"
+            console = Console()
+            console.print(_rounds_table(agreeing, f"Replay: {how}", _EVENTS, _event_cells))
+            console.print(
+                _rounds_table(agreeing, "When and how fast hits are", _TIMES, _time_cells)
+            )
         for each, done in others:
-            lines = [f"{_file_of(each)}: {_summary(done)}", *_lines(done)]
+            app, end = done.session.app, "ended" if done.finished else "had not ended"
+            what = f"{counted(done.frames, 'frame')} in {app.name or app.kind}; the round {end}"
+            lines = [f"{_file_of(each)}: {what}", *_lines(done)]
             typer.echo("\n".join(map(printable, lines)))
         for file in () if film is None else film.files:
             typer.echo(f"Written: {file}")
@@ -239,14 +249,6 @@ def _distinct_names(sessions: Sequence[Session]) -> list[str]:
     return names
 
 
-def _print_rounds(rounds: Sequence[tuple[str, Session, Agreement]], *, closed_loop: bool) -> None:
-    """Print the events of each round and of all, then how well hits agree in time and speed."""
-    console = Console()
-    how = "seed and poses only" if closed_loop else "spawns from the log, outcomes predicted"
-    console.print(_rounds_table(rounds, f"Replay: {how}", _EVENTS, _event_cells))
-    console.print(_rounds_table(rounds, "When and how fast hits are", _TIMES, _time_cells))
-
-
 def _rounds_table(
     rounds: Sequence[tuple[str, Session, Agreement]],
     title: str,
@@ -334,12 +336,6 @@ def _as_json(replayed: SessionReplay) -> dict[str, Any]:
         "kinds": {kind: vars(counts) for kind, counts in found.kinds.items()},
         "first_difference": None if found.first is None else vars(found.first),
     }
-
-
-def _summary(replayed: SessionReplay) -> str:
-    app = replayed.session.app
-    end = "the round ended" if replayed.finished else "the round had not ended"
-    return f"{counted(replayed.frames, 'frame')} in {app.name or app.kind}; {end}"
 
 
 def _values(replayed: SessionReplay) -> dict[str, float]:

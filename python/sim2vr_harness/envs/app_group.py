@@ -507,7 +507,11 @@ class MirroredGroup:
         moved = set(ids.tolist())
         for i, pulses in self._group.haptics.items():
             if i in moved:
-                self._haptics[i] = tuple(map(_felt, pulses)) if mirrored else pulses
+                self._haptics[i] = (
+                    tuple(replace(pulse, hand=_OTHER[pulse.hand]) for pulse in pulses)
+                    if mirrored
+                    else pulses
+                )
         for i, sounds in self._group.sounds.items():
             if i in moved:
                 self._sounds[i] = tuple(map(_heard, sounds)) if mirrored else sounds
@@ -527,10 +531,6 @@ def mirrored_poses(poses: DevicePoses) -> DevicePoses:
         right_inputs=turned.left_inputs,
         left_inputs=turned.right_inputs,
     )
-
-
-def _felt(pulse: HapticPulse) -> HapticPulse:
-    return replace(pulse, hand=_OTHER[pulse.hand])
 
 
 def _heard(sound: SoundEvent) -> SoundEvent:

@@ -256,20 +256,25 @@ class ResolvedEnv:
         """
         config, body, space = self.config, self.body, self.observation_space
         sight = config.sense("vision")
+        buffer_s = None if sight is None else sight.history_s
+        person = config.user.person.model_dump(exclude_defaults=True)
         return {
             "game": config.app.game,
             "user": body.name,
             "skull_rotation_deg": config.user.skull_rotation_deg,
             "muscles": list(body.muscles),
             **_beyond_muscles(body),
-            **_person(config),
+            **({"person": person} if person else {}),
             "action": "change of activation, -1 to 1",
             "action_frequency_hz": config.action_frequency_hz,
             "frames_per_step": config.frames_per_step,
             "image": list(config.vision.drawn),
             "channels": list(config.vision.channels),
-            "buffer_s": None if sight is None else _listed(sight.history_s),
-            "observation": {key: _box(box) for key, box in sorted(space.spaces.items())},
+            "buffer_s": list(buffer_s) if isinstance(buffer_s, tuple) else buffer_s,
+            "observation": {
+                key: [list(box.shape or ()), str(box.dtype)]
+                for key, box in sorted(space.spaces.items())
+            },
             **_beyond_the_default(config),
         }
 
@@ -290,11 +295,6 @@ def _body_wearing(devices: tuple[str, ...], usual: str) -> str:
     return min(able, key=able.__getitem__, default=usual)
 
 
-def _listed(times: float | tuple[float, ...] | None) -> float | list[float] | None:
-    """As JSON has it."""
-    return list(times) if isinstance(times, tuple) else times
-
-
 def _beyond_muscles(body: Body) -> dict[str, Any]:
     """What a body has besides muscles, a headset and a right controller."""
     terms: dict[str, Any] = {}
@@ -303,12 +303,6 @@ def _beyond_muscles(body: Body) -> dict[str, Any]:
     if sorted(body.devices) != ["controller_right", "headset"]:
         terms["devices"] = sorted(body.devices)
     return terms
-
-
-def _person(config: EnvConfig) -> dict[str, Any]:
-    """How the person differs, where it does."""
-    person = config.user.person.model_dump(exclude_defaults=True)
-    return {"person": person} if person else {}
 
 
 def _beyond_the_default(config: EnvConfig) -> dict[str, Any]:
@@ -329,10 +323,6 @@ def _beyond_the_default(config: EnvConfig) -> dict[str, Any]:
     if config.sense("person") is not None:
         terms["person_features"] = list(FEATURES)
     return terms
-
-
-def _box(box: spaces.Space[Any]) -> list[Any]:
-    return [list(box.shape or ()), str(box.dtype)]
 
 
 def contract_hash(terms: dict[str, Any]) -> str:

@@ -117,14 +117,15 @@ class DataRecorder:
     @property
     def watchers(self) -> list[Watcher]:
         """Who is to look on while rounds are played."""
-        return [StepRecorder(self._facts, self._write_steps)] if self._keep else []
+
+        def write(result: Round, table: Callable[[str], Any]) -> None:
+            self._folder.write_moments("steps", result.key, table(result.key))
+
+        return [StepRecorder(self._facts, write)] if self._keep else []
 
     def clear(self) -> None:
         """Remove the tables of earlier evaluations."""
         self._folder.clear()
-
-    def _write_steps(self, result: Round, table: Callable[[str], Any]) -> None:
-        self._folder.write_moments("steps", result.key, table(result.key))
 
     def take_logs(self, rounds: Sequence[Round]) -> None:
         """Read the app's logs of the rounds, before they go.
@@ -224,12 +225,16 @@ class EvaluationResults:
         for condition, summary in self._there.items():
             compared = (*_WHO, *_HOW, _PLAYERS) if condition in conditions else _WHO
             for key in compared:
-                there, new = summary.get(key), settings.get(key)
-                if there != new:
+                if (there := summary.get(key)) != (new := settings.get(key)):
+                    texts = [
+                        json.dumps(one) if isinstance(one, (list, dict)) else str(one)
+                        for one in (there, new)
+                    ]
+                    before, now = (t if len(t) <= 60 else f"...{t[-57:]}" for t in texts)
                     raise InputError(
                         "--out",
                         f"{str(self.file.parent)!r}, which has results of {condition} with "
-                        f"{_WORDS[key]} {_short(there)}, not {_short(new)}",
+                        f"{_WORDS[key]} {before}, not {now}",
                         "another folder, the same settings, or --overwrite to lose those results",
                     )
 
@@ -244,11 +249,6 @@ class EvaluationResults:
         content = {**kept, **summaries}
         write_atomically(self.file, (json.dumps(content, indent=2) + "\n").encode())
         return self.file
-
-
-def _short(value: Any) -> str:
-    text = str(value) if not isinstance(value, (list, dict)) else json.dumps(value)
-    return text if len(text) <= 60 else f"...{text[-57:]}"
 
 
 _LONGEST_NAME = 120

@@ -262,18 +262,15 @@ def _compared(
     found = [
         _not_worse(measure, group, results[measure.name], baseline[measure.name])
         for measure in measures
-        if measure.better != "none" and _has_value(measure.name, results, baseline)
+        if measure.better != "none"
+        and all(measure.name in one for one in (results, baseline))
+        and any(one[measure.name].n for one in (results, baseline))
     ]
     if all(one.skipped for one in found):
         why = found[0].skipped if found else "no measure in common"
         failure = f"{group}: nothing can be compared with the baseline ({why})"
         found.append(CheckResult(group, "comparison with the baseline", failure))
     return found
-
-
-def _has_value(name: str, *results: Mapping[str, Estimate]) -> bool:
-    """Whether all results have a measure, and some of them a value of it."""
-    return all(name in one for one in results) and any(one[name].n for one in results)
 
 
 def _not_worse(measure: Measure, group: str, now: Estimate, before: Estimate) -> CheckResult:

@@ -127,7 +127,11 @@ class Player:
         with torch_threads(1):
             self.begin(jobs)
             for _ in self.steps():
-                on_progress(self._share())
+                # Of a round the share of its time that has passed, which the user senses.
+                none = np.zeros((len(jobs), 1))
+                passed = self._observation.get("stateful_information", none)[:, 0]
+                over = [result is not None for result in self.rounds]
+                on_progress(float(np.where(over, 1.0, (passed + 1.0) / 2.0).mean()))
         return [result for result in self.rounds if result is not None]
 
     def begin(self, jobs: Sequence[Job], *, endless: bool = False) -> None:
@@ -207,14 +211,6 @@ class Player:
             notice_once(f"{which}{words}")
         for watcher in self._watchers:
             watcher.ended(i, result)
-
-    def _share(self) -> float:
-        feature = self._observation.get("stateful_information", np.zeros((len(self.rounds), 1)))
-        shares = [
-            1.0 if result is not None else float(feature[i, 0] + 1.0) / 2.0
-            for i, result in enumerate(self.rounds)
-        ]
-        return float(np.mean(shares))
 
 
 def reward_per_minute(

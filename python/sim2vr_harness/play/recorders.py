@@ -143,13 +143,18 @@ class SessionRecorder(Watcher):
         }
         times_ns = np.rint(np.arange(1, len(self._rows) + 1) * dt_s * 1e9).astype(np.int64)
         hands = {side: self._controller(poses, side) for side in _SIDES}
+        events: list[SessionEvent] = []
+        before: Mapping[str, float] = {}
+        for time_ns, logs in zip(times_ns.tolist(), self._logs, strict=True):
+            events += counted_events(time_ns, before, logs[index])
+            before = logs[index]
         self.sessions.append(
             Session(
                 time_ns=times_ns,
                 head=poses["headset"],
                 left=hands["left"],
                 right=hands["right"],
-                events=self._events(index, times_ns),
+                events=tuple(events),
                 app=replace(self._app, condition=result.condition),
                 seed=result.seed,
                 source="evaluation",
@@ -169,11 +174,3 @@ class SessionRecorder(Watcher):
                 )
                 inputs[:, one.column] = poses["inputs"][:, names.index(f"{side}.{one.name}")]
         return Controller(poses[_SIDES[side]], inputs=inputs)
-
-    def _events(self, index: int, times_ns: NDArray[np.int64]) -> tuple[SessionEvent, ...]:
-        events: list[SessionEvent] = []
-        before: Mapping[str, float] = {}
-        for time_ns, logs in zip(times_ns.tolist(), self._logs, strict=True):
-            events += counted_events(time_ns, before, logs[index])
-            before = logs[index]
-        return tuple(events)

@@ -220,7 +220,7 @@ def summarise(rounds: Sequence[Round], facts: GameFacts) -> dict[str, Any]:
         rounds: At least one round.
         facts: What the game publishes.
     """
-    facts = facts.with_log(_merged([result.log for result in rounds]))
+    facts = facts.with_log({key: value for result in rounds for key, value in result.log.items()})
     logs = [result.log for result in rounds if result.ended != "app_failed"]
     summary: dict[str, Any] = {"episodes": len(rounds)}
     persons = _by_person(rounds)
@@ -275,10 +275,6 @@ def _by_person(rounds: Sequence[Round]) -> list[list[Round]]:
 def _mean(values: Sequence[float | None]) -> float | None:
     known = [value for value in values if value is not None]
     return float(np.mean(known)) if known else None
-
-
-def _merged(logs: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    return {key: value for log in logs for key, value in log.items()}
 
 
 def _finite(value: float | None) -> float | None:

@@ -69,7 +69,7 @@ def agreement_of(recording: Session, replayed: Session) -> Agreement:
     """
     assert replayed.clock is not None
     recorded, predicted = target_events(recording), target_events(replayed)
-    spawned, spawned_again = _spawns(recorded), _spawns(predicted)
+    spawned, spawned_again = (_of_kind(each, "spawn") for each in (recorded, predicted))
     # In a closed loop, target 7 of the replay is the recorded one only if it is the same spawn.
     same = {
         target
@@ -78,9 +78,12 @@ def agreement_of(recording: Session, replayed: Session) -> Agreement:
         and again.cell == event.cell
         and _apart(again, event) <= _SAME_SPAWN_S
     }
-    ends, ends_again = _ends(recorded), _ends(predicted)
+    ends, ends_again = (
+        {target: event.kind for target, event in _of_kind(each, "hit", "miss").items()}
+        for each in (recorded, predicted)
+    )
     agreeing = sum(ends.get(target) == ends_again.get(target) for target in same)
-    hits, hits_again = _hits(recorded), _hits(predicted)
+    hits, hits_again = (_of_kind(each, "hit") for each in (recorded, predicted))
     apart = {
         target: _apart(hits_again[target], hits[target])
         for target in same & hits.keys() & hits_again.keys()
@@ -211,18 +214,6 @@ def _or_none(values: np.ndarray, statistic: Any) -> float | None:
     return float(statistic(values)) if len(values) else None
 
 
-def _spawns(events: Iterable[TargetEvent]) -> dict[int, TargetEvent]:
-    return {event.target: event for event in events if event.kind == "spawn"}
-
-
-def _hits(events: Iterable[TargetEvent]) -> dict[int, TargetEvent]:
-    return {event.target: event for event in events if event.kind == "hit"}
-
-
-def _ends(events: Iterable[TargetEvent]) -> dict[int, str]:
-    return {event.target: event.kind for event in events if event.kind in ("hit", "miss")}
-
-
 def _counts(events: Iterable[TargetEvent]) -> dict[str, int]:
     kinds = [event.kind for event in events]
     return {kind: kinds.count(kind) for kind in ("spawn", "hit", "contact", "miss")}
@@ -258,3 +249,7 @@ def _keyed(events: Iterable[TargetEvent]) -> dict[_Key, TargetEvent]:
             count += 1
         keyed[event.kind, event.target, event.cell, count] = event
     return keyed
+
+
+def _of_kind(events: Iterable[TargetEvent], *kinds: str) -> dict[int, TargetEvent]:
+    return {event.target: event for event in events if event.kind in kinds}

@@ -68,7 +68,8 @@ def environment_of(
             env = env.changed(app=app).with_game(game)
             env.facts  # noqa: B018  # refuses a game that there is not
     except ValueError as error:
-        raise _named("--game", error) from error
+        got, _, expected = str(error).partition("got ")[2].partition(", expected ")
+        raise InputError("--game", got or str(error), expected or "another one") from error
     if condition is None:
         return env
     named = named_options(env.config, overrides)
@@ -89,8 +90,3 @@ def require_own_game(who: str, env: ResolvedEnv) -> None:
     if env.config.app.game != trained:
         got = f"{env.config.app.game!r} for {who}, which was trained for {trained!r}"
         raise InputError("--game", got, f"{trained!r}, or a body instead of the user")
-
-
-def _named(option: str, error: ValueError) -> InputError:
-    got, _, expected = str(error).partition("got ")[2].partition(", expected ")
-    return InputError(option, got or str(error), expected or "another one")

@@ -231,7 +231,10 @@ def _steps(one: Tracked) -> Any:
     ]
     parts.append(joint_moments(model, followed.qpos, _forces(one)))
     counts = [
-        (Column("step", "integer", "", "User step, from 1; a key"), _count(followed.values)),
+        (
+            Column("step", "integer", "", "User step, from 1; a key"),
+            np.arange(1, len(followed.values) + 1),
+        ),
         (
             Column(
                 "time_s", "number", "s", "Since the recording's first moment, at the step's end"
@@ -252,10 +255,6 @@ def _forces(one: Tracked) -> NDArray[np.float64]:
         if name in names:
             forces[:, actuator] = one.followed.values[:, names.index(name)]
     return forces
-
-
-def _count(values: NDArray[np.float64]) -> NDArray[np.int64]:
-    return np.arange(1, len(values) + 1)
 
 
 def film(one: Tracked, file: Path) -> Path:
@@ -306,7 +305,7 @@ def facts_of(one: Tracked) -> list[str]:
     )
     lines.append(
         f"  effort {summary['effort']:.2f} ({summary['effort_per_s']:.3f} per s), mean activation "
-        f"{_mean(one.followed.activations):.3f}{fatigue}"
+        f"{one.followed.activations.mean() if one.muscles else 0.0:.3f}{fatigue}"
     )
     # Hands whose fastest strokes the body does not follow (docs/reference/tools.md, "Track").
     helps = []
@@ -323,10 +322,6 @@ def facts_of(one: Tracked) -> list[str]:
         if hand.reachable_most_m is not None and hand.reachable_most_m > _CUT_SHORT_M
     ]
     return lines + [f"  {note}" for note in cut_short]
-
-
-def _mean(values: np.ndarray) -> float:
-    return float(values.mean()) if values.size else 0.0
 
 
 def _size(one: Tracked) -> str:

@@ -158,7 +158,13 @@ def user_show(
 
     def moments() -> Iterator[ViewerFrame]:
         with closing(waiting.pop() if waiting else simulation(env, 1)) as users:
-            policy: Policy | Act = _gentle(users.action_space.shape[0])
+            size = users.action_space.shape[0]
+
+            def gently(_: Any, rng: np.random.Generator | None) -> Any:
+                drawn = (rng or np.random.default_rng()).standard_normal(size)
+                return 0.2 * drawn.clip(-1.0, 1.0)
+
+            policy: Policy | Act = gently
             if user is not None:
                 policy, _ = user.policy(users, facts)
             player = Player(users, policy, facts, deterministic=mean and user is not None)
@@ -211,13 +217,6 @@ def _frame(
         bars,
         {"reward": float(reward), "effort": info["effort_cost"], **log},
     )
-
-
-def _gentle(actions: int) -> Act:
-    def act(_observation: Any, rng: np.random.Generator | None) -> Any:
-        return 0.2 * (rng or np.random.default_rng()).standard_normal(actions).clip(-1.0, 1.0)
-
-    return act
 
 
 def person_show(env: ResolvedEnv, *, seed: int = 1) -> Playlist:

@@ -143,15 +143,7 @@ def replay(request: ReplayRequest) -> int:
         print_json(content)
     else:
         if agreeing:
-            # The events of each round and of all, then how well hits agree in time and speed.
-            how = "seed and poses only"
-            if not request.closed:
-                how = "spawns from the log, outcomes predicted"
-            console = Console()
-            console.print(_rounds_table(agreeing, f"Replay: {how}", _EVENTS, _event_cells))
-            console.print(
-                _rounds_table(agreeing, "When and how fast hits are", _TIMES, _time_cells)
-            )
+            _print_rounds(agreeing, closed_loop=request.closed)
         for each, done in others:
             app, end = done.session.app, "ended" if done.finished else "had not ended"
             what = f"{counted(done.frames, 'frame')} in {app.name or app.kind}; the round {end}"
@@ -247,6 +239,14 @@ def _distinct_names(sessions: Sequence[Session]) -> list[str]:
             for own, each in zip(parts, sessions, strict=True)
         ]
     return names
+
+
+def _print_rounds(rounds: Sequence[tuple[str, Session, Agreement]], *, closed_loop: bool) -> None:
+    """Print the events of each round and of all, then how well hits agree in time and speed."""
+    console = Console()
+    how = "seed and poses only" if closed_loop else "spawns from the log, outcomes predicted"
+    console.print(_rounds_table(rounds, f"Replay: {how}", _EVENTS, _event_cells))
+    console.print(_rounds_table(rounds, "When and how fast hits are", _TIMES, _time_cells))
 
 
 def _rounds_table(

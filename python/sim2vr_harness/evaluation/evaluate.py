@@ -360,39 +360,7 @@ def evaluate(
         if wanted.record:
             watchers.append(stack.enter_context(closing(filmer)))
         watchers += [logs] if logs is not None else []
-        judges: list[TaskedApp] = []
-
-        def make_policy(users: Any) -> Policy:
-            policy, plan.settings["trained_steps"] = user.policy(users, plan.facts)
-            if isinstance(policy, HierarchicalPolicy) and (note := _another_ray(policy, users)):
-                plan.unpractised[:] = [*dict.fromkeys([*plan.unpractised, note])]
-            if not trained and not judges and isinstance(users.apps[0], TaskedApp):
-                judges.append(users.apps[0])
-                judges[0].record()
-            if wanted.overwrite:
-                recorder.clear()
-            else:
-                plan.results.require_room([one.name for one in plan.conditions], plan.settings)
-            return policy
-
-        # Conditions that the same apps can play, together.
-        rounds: list[Round] = []
-        groups = condition_groups(plan.env, plan.conditions)
-        for number, (env, conditions) in enumerate(groups):
-
-            def make(n: int, env: ResolvedEnv = env) -> Any:
-                return simulation(env, n, log_dir=logs.folder() if logs is not None else None)
-
-            rounds += play(
-                make,
-                make_policy,
-                jobs_for(conditions, plan.episodes, plan.seed, wanted.people),
-                plan.facts,
-                deterministic=plan.deterministic,
-                batch=plan.batch,
-                watchers=watchers,
-                on_progress=progress_of_part(on_progress, number, len(groups)),
-            )
+        rounds, judges = _play(plan, recorder, logs, watchers, simulation, on_progress)
         if logs is not None:
             settled = logs.settle(rounds, out)
             rounds = settled if wanted.log else rounds
@@ -493,6 +461,51 @@ class _Plan:
                 "rounds": [result.as_dict() for result in own],
             }
         return found
+
+
+def _play(
+    plan: _Plan,
+    recorder: DataRecorder,
+    logs: RoundLogs | None,
+    watchers: Sequence[Watcher],
+    simulation: SimulationFactory,
+    on_progress: Callable[[float], None],
+) -> tuple[list[Round], list[TaskedApp]]:
+    """Return the rounds, and the app of the first one if a task judges a user without training."""
+    judges: list[TaskedApp] = []
+
+    def make_policy(users: Any) -> Policy:
+        policy, plan.settings["trained_steps"] = plan.user.policy(users, plan.facts)
+        if isinstance(policy, HierarchicalPolicy) and (note := _another_ray(policy, users)):
+            plan.unpractised[:] = [*dict.fromkeys([*plan.unpractised, note])]
+        if plan.user.trained is None and not judges and isinstance(users.apps[0], TaskedApp):
+            judges.append(users.apps[0])
+            judges[0].record()
+        if plan.request.overwrite:
+            recorder.clear()
+        else:
+            plan.results.require_room([one.name for one in plan.conditions], plan.settings)
+        return policy
+
+    # Conditions that the same apps can play, together.
+    rounds: list[Round] = []
+    groups = condition_groups(plan.env, plan.conditions)
+    for number, (env, conditions) in enumerate(groups):
+
+        def make(n: int, env: ResolvedEnv = env) -> Any:
+            return simulation(env, n, log_dir=logs.folder() if logs is not None else None)
+
+        rounds += play(
+            make,
+            make_policy,
+            jobs_for(conditions, plan.episodes, plan.seed, plan.request.people),
+            plan.facts,
+            deterministic=plan.deterministic,
+            batch=plan.batch,
+            watchers=watchers,
+            on_progress=progress_of_part(on_progress, number, len(groups)),
+        )
+    return rounds, judges
 
 
 def _problems(plan: _Plan, rounds: Sequence[Round], judges: Sequence[TaskedApp]) -> list[str]:

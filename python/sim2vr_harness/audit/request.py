@@ -19,10 +19,10 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
         app: Settings of ``env.app`` that the options of pages and programs mean.
     """
 
-    condition: Sequence[str] = option("The game's condition; may be repeated.", (), metavar="NAME")
     game: str | None = option(
         "Targets of a game, found by running it.", metavar="NAME", names="games"
     )
+    condition: Sequence[str] = option("The game's condition; may be repeated.", (), metavar="NAME")
     objects: str | None = option(
         "Which of the game's objects are targets, with * and ?, by their names.",
         metavar="NAME",
@@ -71,6 +71,7 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
     pace: float = option("Uses of a target in a minute.", 20.0, metavar="N")
     operate: int = option("How many persons act it out.", 0, metavar="N")
     seed: int = option("Other persons for another seed.", 1)
+    out: Path = option("Folder for the files.", Path("audit"), place="folder to write")
     app: Mapping[str, Any] = field(default_factory=dict)
 
     def check(self) -> None:

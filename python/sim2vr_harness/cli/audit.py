@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from sim2vr_harness.audit.request import AuditRequest
-from sim2vr_harness.base.requests import option
 from sim2vr_harness.cli.app_options import PageOptions
 from sim2vr_harness.cli.options import (
     CheckedRun,
@@ -24,9 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class AuditOptions(AuditRequest, PageOptions):
-    """The request, the app, and where files go."""
-
-    out: Path = option("Folder for the files.", Path("audit"), place="folder to write")
+    """The request, and the app."""
 
 
 def audit(options: AuditOptions) -> int:

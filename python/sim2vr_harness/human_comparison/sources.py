@@ -16,8 +16,7 @@ from typing import Any, Literal
 from sim2vr_harness.base.errors import InputError, shown, unknown_name
 from sim2vr_harness.base.files import file_name, read_bytes, read_json, write_atomically
 from sim2vr_harness.base.progress import progress_of_part
-from sim2vr_harness.envs.config import AppConfig, EnvConfig
-from sim2vr_harness.envs.resolved import ResolvedEnv
+from sim2vr_harness.client import describe_game
 from sim2vr_harness.evaluation.evaluate import evaluate
 from sim2vr_harness.evaluation.request import Plays, Request
 from sim2vr_harness.games.behaviour import Behaviour
@@ -261,8 +260,7 @@ def _require_common(who: str, played: Iterable[str], people: Iterable[str]) -> N
 
 
 def _condition_names(game: str) -> list[str]:
-    facts = ResolvedEnv(EnvConfig(app=AppConfig(game=game))).facts
-    return [each.name for each in facts.conditions]
+    return [each.name for each in describe_game(game).conditions]
 
 
 def _with_condition(each: Recorded, conditions: Sequence[str]) -> Recorded:

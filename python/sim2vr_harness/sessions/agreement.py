@@ -1,6 +1,7 @@
 """Agreement of a replayed round of Whac-A-Mole with its recording, per target and per hit."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,8 +33,7 @@ class Agreement:
         agreeing: Targets with the same outcome (hit, miss, or alive at the end).
         recorded: Events per kind in the recording.
         predicted: Events per kind in the replay.
-        recalled: Recorded hits found again within 50 and 100 ms.
-        confirmed: Predicted hits that were recorded, within 50 and 100 ms.
+        matched: Recorded hits that were predicted within 50 and 100 ms.
         dt_s: Predicted minus recorded time of the hits found within 50 ms, both as printed.
         dv_mps: Length of the difference of their velocities.
         same_step: Of them, those in the same fixed step.
@@ -45,10 +45,9 @@ class Agreement:
     identical_rounds: int
     targets: int
     agreeing: int
-    recorded: Mapping[str, int]
-    predicted: Mapping[str, int]
-    recalled: tuple[int, int]
-    confirmed: tuple[int, int]
+    recorded: Counter[str]
+    predicted: Counter[str]
+    matched: tuple[int, int]
     dt_s: np.ndarray
     dv_mps: np.ndarray
     same_step: int
@@ -106,10 +105,9 @@ def agreement_of(recording: Session, replayed: Session) -> Agreement:
         identical_rounds=int(divergence is None),
         targets=len(spawned),
         agreeing=agreeing,
-        recorded=_counts(recorded),
-        predicted=_counts(predicted),
-        recalled=(within[0], within[1]),
-        confirmed=(within[0], within[1]),
+        recorded=Counter(event.kind for event in recorded),
+        predicted=Counter(event.kind for event in predicted),
+        matched=(within[0], within[1]),
         dt_s=np.array(dt),
         dv_mps=np.array([_velocity_difference(hits_again[t], hits[t]) for t in pairs]),
         same_step=int(sum(abs(d) < half_step_s for d in dt)),
@@ -130,10 +128,9 @@ def pooled(parts: Sequence[Agreement]) -> Agreement:
         identical_rounds=sum(part.identical_rounds for part in parts),
         targets=sum(part.targets for part in parts),
         agreeing=sum(part.agreeing for part in parts),
-        recorded=_sums(part.recorded for part in parts),
-        predicted=_sums(part.predicted for part in parts),
-        recalled=(sum(p.recalled[0] for p in parts), sum(p.recalled[1] for p in parts)),
-        confirmed=(sum(p.confirmed[0] for p in parts), sum(p.confirmed[1] for p in parts)),
+        recorded=sum((part.recorded for part in parts), Counter()),
+        predicted=sum((part.predicted for part in parts), Counter()),
+        matched=(sum(p.matched[0] for p in parts), sum(p.matched[1] for p in parts)),
         dt_s=np.concatenate([part.dt_s for part in parts]),
         dv_mps=np.concatenate([part.dv_mps for part in parts]),
         same_step=sum(part.same_step for part in parts),
@@ -146,10 +143,10 @@ def as_json(part: Agreement) -> dict[str, Any]:
     return {
         "targets": part.targets,
         "outcome_agreement": _share(part.agreeing, part.targets),
-        "hit_recall_50ms": _share(part.recalled[0], hits),
-        "hit_precision_50ms": _share(part.confirmed[0], hits_again),
-        "hit_recall_100ms": _share(part.recalled[1], hits),
-        "hit_precision_100ms": _share(part.confirmed[1], hits_again),
+        "hit_recall_50ms": _share(part.matched[0], hits),
+        "hit_precision_50ms": _share(part.matched[0], hits_again),
+        "hit_recall_100ms": _share(part.matched[1], hits),
+        "hit_precision_100ms": _share(part.matched[1], hits_again),
         "same_step": _share(part.same_step, len(part.dt_s)),
         "mean_abs_dt_s": _or_none(np.abs(part.dt_s), np.mean),
         "dv_median": _or_none(part.dv_mps, np.median),
@@ -212,19 +209,6 @@ def _share(part: int, whole: int) -> float | None:
 
 def _or_none(values: np.ndarray, statistic: Any) -> float | None:
     return float(statistic(values)) if len(values) else None
-
-
-def _counts(events: Iterable[TargetEvent]) -> dict[str, int]:
-    kinds = [event.kind for event in events]
-    return {kind: kinds.count(kind) for kind in ("spawn", "hit", "contact", "miss")}
-
-
-def _sums(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
-    total = {"spawn": 0, "hit": 0, "contact": 0, "miss": 0}
-    for count in counts:
-        for kind in total:
-            total[kind] += count[kind]
-    return total
 
 
 def _apart(a: TargetEvent, b: TargetEvent) -> float:

@@ -24,7 +24,6 @@ class Actions(RowState):
     are its direction. Rounds begin with inputs at rest and the gaze straight ahead.
 
     Args:
-        n: number of users N.
         body: names of the body's actions.
         inputs: names of the inputs that the fingers work (client.INPUT_NAMES).
         gaze_range_deg: how far the gaze moves; 0: it does not.

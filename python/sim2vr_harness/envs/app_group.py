@@ -173,8 +173,6 @@ def app_group(
     """The apps that ``config.app`` asks for.
 
     Args:
-        config: of the users.
-        n: number of users N.
         log_dir: root of the apps' episode logs, or None.
         make_app: how to get the app of each user; None goes by ``config.app.transport``.
         ipd_m: distance of the users' pupils.
@@ -216,8 +214,6 @@ class ClientGroup:
 
     Args:
         make_app: of each user.
-        config: of the users.
-        n: number of users N.
         log_dir: root of the apps' episode logs, or None.
     """
 
@@ -383,8 +379,6 @@ class MirroredGroup:
     """Apps of users of which some are mirror images; see :class:`~.app_group.AppGroup`.
 
     Args:
-        group: the apps.
-        n: number of users N.
         option: the game's option for the hand that plays.
         hand: with which the users' body plays.
         eyes: 1 or 2.

@@ -175,7 +175,6 @@ class Simulation:
 
     Args:
         config: user, app and perception.
-        n: number of users N.
         log_dir: root of the apps' episode logs, or None.
         make_app: how to get the app of each user; None goes by ``config.app.transport``.
 
@@ -589,9 +588,6 @@ class AppSteps:
     same to the bit.
 
     Args:
-        config: of the users.
-        users: the bodies.
-        group: the apps.
         actions: what fingers do.
         max_steps: user steps of an episode.
     """

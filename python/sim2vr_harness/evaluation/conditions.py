@@ -71,7 +71,6 @@ def chosen_conditions(
     where none agrees, all of them, each once.
 
     Args:
-        facts: What the game publishes.
         names: Conditions that the user names.
         usual: Conditions without any.
         named: Options that the user names, see :func:`named_options`.

@@ -28,7 +28,6 @@ from sim2vr_harness.client import (
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.people_preset import with_people
 from sim2vr_harness.envs.resolved import ResolvedEnv
-from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.evaluation.conditions import (
     asked_conditions,
     chosen_conditions,
@@ -44,6 +43,7 @@ from sim2vr_harness.evaluation.data.steps import StepRecorder, pose_columns
 from sim2vr_harness.evaluation.expectations import Planned
 from sim2vr_harness.evaluation.request import Request
 from sim2vr_harness.evaluation.training_distribution import met, unpractised
+from sim2vr_harness.play.environment import make_simulation
 from sim2vr_harness.play.exertion import ExertionRecorder, FatigueRecorder
 from sim2vr_harness.play.film import RoundFilmer
 from sim2vr_harness.play.player import Watcher, jobs_for, play
@@ -65,7 +65,6 @@ def frame_table(episode: str, folder: Path, step_s: float) -> Any:
     """Return the poses that the app logged of a round, tool included; None without a log.
 
     Args:
-        episode: The key of the episode.
         folder: With the round's ``states.csv``.
         step_s: Length of a user step.
 
@@ -101,7 +100,6 @@ class DataRecorder:
 
     Args:
         out: Folder of the evaluation.
-        facts: What the game publishes.
         env: What is played in.
         moments: Whether to write steps and frames, too.
     """
@@ -319,7 +317,7 @@ def evaluate(
     request: Request | None = None,
     *,
     on_progress: Callable[[float], None] = lambda share: None,
-    simulation: SimulationFactory = Simulation,
+    simulation: SimulationFactory = make_simulation,
     on_plan: Callable[[Planned], None] | None = None,
     on_note: Callable[[str], None] | None = None,
 ) -> Evaluation:
@@ -329,7 +327,6 @@ def evaluate(
         run: A run's folder, one of its checkpoints, ``pretrained:NAME``, ``still``, ``random`` or a
             script.
         request: What to play.
-        on_progress: Called with the share of the work done, from 0 to 1.
         simulation: How to make the users.
         on_plan: Called with conditions and measures before anything is played.
         on_note: Called with a sentence if doing nothing pays, before a trained user plays; None:

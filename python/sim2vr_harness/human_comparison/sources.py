@@ -400,9 +400,7 @@ def read_folders(name: str, folders: Sequence[Path], behaviour: Behaviour) -> So
     """Measure a user whose rounds are in several folders, such as the cells of a study.
 
     Args:
-        name: Of the user.
         folders: Of logs, each of other conditions.
-        behaviour: Of the game.
 
     Raises:
         InputError: A folder has no rounds of the game, or two have the same condition.

@@ -11,6 +11,13 @@ from sim2vr_harness.runs.config import TrainingConfig, apply_overrides, parse_co
 from sim2vr_harness.runs.trust import named_app, require_trust
 
 
+def make_simulation(env: ResolvedEnv, n: int, *, log_dir: Path | None = None) -> Any:
+    """Return n users in their apps; the default of everything that plays."""
+    from sim2vr_harness.envs.simulation import Simulation
+
+    return Simulation(env, n, log_dir=log_dir)
+
+
 def evaluation_env(
     config: TrainingConfig,
     app: Mapping[str, Any] | None = None,

@@ -77,9 +77,6 @@ class Player:
         simulation: N users.
         policy: Acts for them, and looks on if it is a watcher; or a function of one user's
             observation and random numbers.
-        facts: What the game publishes.
-        deterministic: Whether actions are the policy's mean instead of samples.
-        watchers: Look on.
 
     Attributes:
         rounds: N, None for those that are not over.
@@ -122,7 +119,6 @@ class Player:
 
         Args:
             jobs: N.
-            on_progress: Called with the share of the work done, from 0 to 1.
         """
         with torch_threads(1):
             self.begin(jobs)
@@ -229,7 +225,6 @@ def reward_per_minute(
         policy: Acts for them.
         seeds: N, of the first rounds.
         steps: User steps to play, of each user.
-        deterministic: Whether actions are the policy's mean instead of samples.
         on_progress: Called with the share of the steps done, before each of them.
 
     Returns:
@@ -260,11 +255,7 @@ def play(
         make_simulation: Number of users -> a new simulation of them.
         make_policy: Simulation -> the policy, or a function of observation and random numbers.
         jobs: The rounds.
-        facts: What the game publishes.
-        deterministic: Whether actions are the policy's mean instead of samples.
         batch: How many rounds are played in parallel at most.
-        watchers: Look on.
-        on_progress: Called with the share of the work done, from 0 to 1.
 
     Returns:
         One round per job, in their order.

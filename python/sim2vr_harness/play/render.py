@@ -13,7 +13,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import naming
 from sim2vr_harness.client import AppDied
 from sim2vr_harness.envs.config import VisionConfig
-from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.play.environment import make_simulation
 from sim2vr_harness.play.film import BodyPainter, Film, Painter, Picture, compose, score_text
 from sim2vr_harness.play.player import Job, Player
 from sim2vr_harness.play.users import SimulatedUser
@@ -50,7 +50,7 @@ def snapshot(
     app: Mapping[str, Any] | None = None,
     overrides: Sequence[str] = (),
     trust_app: bool = False,
-    simulation: Callable[..., Any] = Simulation,
+    simulation: Callable[..., Any] = make_simulation,
 ) -> list[Path]:
     """Play a little and write what it looks like.
 
@@ -191,7 +191,7 @@ def film_comparison(
     seed: int = 1,
     seconds: float = 60.0,
     trust_app: bool = False,
-    simulation: Callable[..., Any] = Simulation,
+    simulation: Callable[..., Any] = make_simulation,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> Path:
     """Let users play a round of the same condition and seed, and film them in one video.

@@ -175,7 +175,6 @@ def round_result(
     Other arguments are fields of :class:`Round`.
 
     Args:
-        facts: What the game publishes.
         game_return: Sum of the game's rewards.
         effort: Sum of the costs of effort.
         action_change: Mean absolute difference of successive actions, if known.
@@ -218,7 +217,6 @@ def summarise(rounds: Sequence[Round], facts: GameFacts) -> dict[str, Any]:
 
     Args:
         rounds: At least one round.
-        facts: What the game publishes.
     """
     facts = facts.with_log({key: value for result in rounds for key, value in result.log.items()})
     logs = [result.log for result in rounds if result.ended != "app_failed"]

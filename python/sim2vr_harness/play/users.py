@@ -119,7 +119,6 @@ class SimulatedUser:
 
         Args:
             simulation: In its environment.
-            facts: What the game publishes.
         """
         if self.trained is not None:
             spaces = simulation.observation_space, simulation.action_space

@@ -70,7 +70,6 @@ def replay_session(
     """Replay a session.
 
     Args:
-        session: the recording.
         game: name of a game of this runtime; None: ``app``, or the session's own game.
         app: settings of ``env.app`` for a page or another app, and its ``task``.
         options: of the app, over the session's.

@@ -52,7 +52,6 @@ def environment_of(
     """Return the environment of a user; see :func:`settings_of`.
 
     Args:
-        who: The user.
         game: Another game than the user's.
         condition: Of the game.
         overrides: ``env.key=value``.

@@ -15,7 +15,6 @@ from fake_simulation import FakeSimulation
 from python.cli.calls import call
 from sim2vr_harness import __version__
 from sim2vr_harness.cli.main import main
-from sim2vr_harness.evaluation.evaluate import evaluate
 from sim2vr_harness.training.model_based.trainer import ModelBasedTrainer
 
 TINY = [
@@ -37,7 +36,6 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> None:
     import sim2vr_harness.envs.simulation as module
 
     monkeypatch.setattr(module, "Simulation", FakeSimulation)
-    monkeypatch.setitem(evaluate.__kwdefaults__, "simulation", FakeSimulation)
     monkeypatch.setattr("sim2vr_harness.play.users.doing_nothing_pays", lambda env: None)
     monkeypatch.setattr("sim2vr_harness.evaluation.evaluate.doing_nothing_pays", lambda env: None)
 
@@ -248,7 +246,7 @@ def test_failures_are_status_1_and_tracebacks_are_for_debugging(
     def broken(*arguments: Any, **settings: Any) -> None:
         raise RuntimeError("no renderer\nworks")
 
-    monkeypatch.setitem(evaluate.__kwdefaults__, "simulation", broken)
+    monkeypatch.setattr("sim2vr_harness.envs.simulation.Simulation", broken)
     assert call(capsys, "evaluate", str(trained)) == (1, "", "error: no renderer works\n")
     with pytest.raises(RuntimeError, match="no renderer"):
         main(["--debug", "evaluate", str(trained)])

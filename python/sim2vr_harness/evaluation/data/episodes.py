@@ -45,7 +45,6 @@ def episode_rows(
     Args:
         results: The episodes.
         settings: Of the evaluation, as its results have them.
-        facts: What the game publishes.
         env: What was played in.
         effort_weight: Factor on the cost of effort.
     """
@@ -99,7 +98,6 @@ def episode_columns(rows: Sequence[Mapping[str, Any]], facts: GameFacts) -> list
 
     Args:
         rows: Of :func:`episode_rows`.
-        facts: What the game publishes.
     """
     facts = facts.with_log({key: 0.0 for row in rows for key in row})
     told = {

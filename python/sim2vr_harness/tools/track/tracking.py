@@ -201,11 +201,8 @@ def track(
     """Let a body follow a recording, without motor noise.
 
     Args:
-        path: the recording.
         env: the user's: body, person, effort.
         layer_for: motor layer of a body, for user steps of this many seconds.
-        settings: how.
-        on_progress: told the share that is done.
 
     Raises:
         InputError: no motor layer fits the body, or it has none of the recorded hands.
@@ -323,9 +320,7 @@ def outcomes(
     Targets appear as recorded: at the same times, in the same cells.
 
     Args:
-        recording: the round.
         placement: of its world in the body's.
-        followed: what the body did.
     """
     found = {"person": outcome_of(target_events(recording))}
     for name, turned in (("tracked", False), ("tracked pose", True)):
@@ -349,9 +344,7 @@ def played_by_body(
     Frames before and after what was followed stay as they were.
 
     Args:
-        recording: the round.
         placement: of its world in the body's.
-        followed: what the body did.
         turned: whether rotations are the body's, too.
     """
     side: Literal["left", "right"] = "right" if recording.left is None else "left"

@@ -20,7 +20,7 @@ from sim2vr_harness.client import (
     frame_time_ns,
 )
 from sim2vr_harness.envs.resolved import ResolvedEnv
-from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.play.environment import make_simulation
 from sim2vr_harness.play.player import Job, Player
 from sim2vr_harness.play.users import SimulatedUser
 from sim2vr_harness.policies.protocol import Act, Policy
@@ -96,11 +96,7 @@ class Hands:
 
 
 class Counters:
-    """Words for the game's numbers, and for what changed in them.
-
-    Args:
-        facts: of the game.
-    """
+    """Words for the game's numbers, and for what changed in them."""
 
     def __init__(self, facts: GameFacts) -> None:
         self._facts = facts
@@ -138,7 +134,7 @@ def user_show(
     *,
     seed: int = 1,
     deterministic: bool | None = None,
-    simulation: Callable[..., Any] = Simulation,
+    simulation: Callable[..., Any] = make_simulation,
 ) -> Playlist:
     """Return a round of a user.
 

@@ -49,8 +49,25 @@ class Plays(ChangedEnvironment, TrustedApp):
     app: Mapping[str, Any] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, kw_only=True)
+class KeptFiles:
+    """What an evaluation keeps, and in the place of what.
+
+    Attributes:
+        film_seconds: The longest film, game time; None: whole rounds.
+    """
+
+    record: bool = option("Film the first round of every condition (MP4).", False)
+    film_seconds: float | None = None
+    log: bool = option("Keep the game's CSV logs, a folder per round.", False)
+    steps: bool = option(
+        "Write tables of every user step and app frame beside those of episodes and events.", True
+    )
+    overwrite: bool = option("Begin with new results where there are others.", False)
+
+
 @dataclass(frozen=True)
-class Request(Plays, ActionMode):
+class Request(Plays, KeptFiles, ActionMode):
     """What to evaluate.
 
     Files go to ``out``; None takes the run's ``evaluation/step_<N>``, and in it a folder named
@@ -58,17 +75,9 @@ class Request(Plays, ActionMode):
     nothing is written then.
 
     Attributes:
-        film_seconds: The longest film, game time; None: whole rounds.
         cores: How many to use, whatever the run says; changes no number.
         watchers: Further ones that look on.
     """
 
-    record: bool = option("Film the first round of every condition (MP4).", False)
-    log: bool = option("Keep the game's CSV logs, a folder per round.", False)
-    steps: bool = option(
-        "Write tables of every user step and app frame beside those of episodes and events.", True
-    )
-    overwrite: bool = option("Begin with new results where there are others.", False)
-    film_seconds: float | None = None
     cores: int | None = None
     watchers: Sequence[Any] = ()

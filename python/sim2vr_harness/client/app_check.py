@@ -126,15 +126,16 @@ def _opened(
 
 
 def _play(app: AppClient, protocol: int) -> AppTrial:
-    frames = ((frame_time_ns(step, FREQUENCY_HZ), _poses(step)) for step in range(STEPS + 1))
-    images: list[UInt8Array] = []
-    reward = began = 0.0
-    for reply in app.play(1, frames):
-        if not images:
-            began = time.perf_counter()  # the reset may load a scene
-        else:
-            reward += reply.reward
+    app.reset(1, _poses(0))
+    images = [app.image.copy()]
+    reward = 0.0
+    began = time.perf_counter()
+    for step in range(1, STEPS + 1):
+        reply = app.step(frame_time_ns(step, FREQUENCY_HZ), _poses(step))
+        reward += reply.reward
         images.append(app.image.copy())
+        if reply.finished:
+            break
     elapsed_s = time.perf_counter() - began
     announces = isinstance(app, Protocol1App) and app.server is not None
     steps = len(images) - 1

@@ -1,6 +1,5 @@
 """A look at a page before anything else: what it asks for, what it is made of, whether it plays."""
 
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -89,9 +88,9 @@ def check_page(
     failure, report = None, PageReport()
     with WebXRApp(AppsWanted(n=1, game="page", place=place)) as app:
         try:
-            steps = range(round(seconds * FREQUENCY_HZ))
-            times = ((frame_time_ns(step, FREQUENCY_HZ), poses) for step in steps)
-            deque(app.play(1, times, options), maxlen=0)
+            app.reset(1, poses, options)
+            for step in range(1, round(seconds * FREQUENCY_HZ)):
+                app.step(frame_time_ns(step, FREQUENCY_HZ), poses)
         except (AppError, AppRefused) as error:
             failure = str(error)
         if app.usable:

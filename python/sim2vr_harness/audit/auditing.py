@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any, TypeVar, cast, get_args
+from dataclasses import replace
+from typing import TypeVar, cast
 
 import numpy as np
 
@@ -33,6 +32,7 @@ from sim2vr_harness.audit.population import (
 from sim2vr_harness.audit.postures import Held, hold, who_hold
 from sim2vr_harness.audit.reaching import Crowd
 from sim2vr_harness.audit.remedies import GOAL, remedy
+from sim2vr_harness.audit.request import AuditRequest
 from sim2vr_harness.audit.summary import Audit, AuditPath
 from sim2vr_harness.audit.targets import (
     How,
@@ -46,7 +46,6 @@ from sim2vr_harness.audit.targets import (
 )
 from sim2vr_harness.base.cores import available
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.play.environment import evaluation_env
@@ -56,120 +55,12 @@ from sim2vr_harness.tools.users import environment_of
 T = TypeVar("T")
 Say = Callable[[str], None]
 
-PACE = 20.0
-"""Uses of a target in a minute."""
 _PARTS = 4
 """In which everyone's targets are judged."""
 _PART = 10
 """One in so many persons is judged with each limitation, at least :data:`FEWEST`."""
-_MOST_PEOPLE = 10_000
 _TWO_HANDED = "mobl_arms_bimanual"
 """Looks at games that are played with both hands."""
-
-
-@dataclass(frozen=True)
-class AuditRequest:
-    """What ``sim2vr-harness audit`` is asked: a field per option.
-
-    Attributes:
-        remote: Settings of ``env.app`` that the options of pages and programs mean.
-        people: Persons; None: 500, or with ``user`` that user alone.
-        user, point, tool, cell: Measure what this user brings to targets instead, and the hull.
-        pose, load: Say instead how long that user holds a posture.
-    """
-
-    game: str | None = None
-    condition: Sequence[str] = ()
-    objects: str | None = None
-    targets: Sequence[str] = ()
-    session: Path | None = None
-    how: str = "touch"
-    seconds: float = 10.0
-    user: str | None = None
-    point: str | None = None
-    tool: str | None = None
-    cell: float = 0.05
-    pose: str | None = None
-    load: float = 0.0
-    people: int | None = None
-    stance: str = "seated"
-    pace: float = PACE
-    operate: int = 0
-    seed: int = 1
-    expect: Sequence[str] = ()
-    overrides: Sequence[str] = ()
-    trust_app: bool = False
-    remote: Mapping[str, Any] = field(default_factory=dict)
-
-    def check(self) -> None:
-        """Refuse options that are out of range or do not go together.
-
-        Raises:
-            InputError: Names the option.
-        """
-        self._check_together()
-        for option, got, known in (
-            ("--how", self.how, get_args(How)[:2]),
-            ("--stance", self.stance, get_args(Stance)),
-        ):
-            if got not in known:
-                raise InputError(option, repr(got), " or ".join(known))
-        people = 500 if self.people is None else self.people
-        for option, number, low, high, expected in (
-            ("--people", people, 1, _MOST_PEOPLE, f"1 to {_MOST_PEOPLE:,}"),
-            ("--seed", self.seed, 0, 2**31 - 1, f"0 to {2**31 - 1}"),
-            ("--pace", self.pace, 0.1, 120.0, "0.1 to 120 uses in a minute"),
-            ("--operate", self.operate, 0, people, f"0 to the {people} persons of --people"),
-            ("--cell", self.cell, 0.01, 0.2, "0.01 to 0.2 m"),
-            ("--seconds", self.seconds, 1e-9, 600.0, "more than 0, at most 600"),
-        ):
-            if not low <= number <= high:
-                raise InputError(option, f"{number:g}", expected)
-
-    def _check_together(self) -> None:
-        page, alone = self.remote.get("page"), AuditRequest()
-        listed = bool(self.targets) or self.session is not None
-        if self.user is None:
-            for option in ("point", "tool", "cell", "pose", "load"):
-                if getattr(self, option) != getattr(alone, option):
-                    raise InputError(f"--{option}", "it without --user", "it with --user")
-            if self.game is None and page is None and not listed:
-                if self.remote:
-                    expected = (
-                        "it with --targets FILE.yaml or --session, since a program lists no objects"
-                    )
-                    raise InputError("--openxr", "a program without --targets", expected)
-                raise InputError("--game, --page, --targets or --session", "none", "one of them")
-            if self.overrides and self.game is None and not self.remote:
-                raise InputError("--set", "it without an app", "it with --game or --page")
-        for option in ("stance", "pace", "operate", "how", "expect") if self.user else ():
-            if getattr(self, option) != getattr(alone, option):
-                expected = "it without --user: it is about a population"
-                raise InputError(f"--{option}", "it together with --user", expected)
-        if self.pose is not None:
-            for option in ("game", "targets", "session", "point", "tool", "remote", "cell"):
-                if getattr(self, option) != getattr(alone, option):
-                    name = "page or --openxr" if option == "remote" else option
-                    raise InputError(f"--{name}", "it together with --pose", "one of them")
-        elif self.load:
-            raise InputError("--load", "it without --pose", "it with --pose")
-        if self.game is not None and self.remote:
-            raise InputError("--page or --openxr", "it together with --game", "one of them")
-        if self.game is None and (self.condition or self.objects is not None):
-            raise InputError("--condition or --objects", "it without --game", "it with --game")
-        if self.tool is not None and (self.point is not None or self.game is None):
-            wrong = "it together with --point" if self.point is not None else "it without --game"
-            raise InputError("--tool", wrong, "it with --game and without --point")
-
-    @property
-    def title(self) -> str:
-        """What the audited app or list is called."""
-        if page := self.remote.get("page"):
-            file = Path(page).resolve()
-            return file.parent.name if file.name == "index.html" else file.name
-        source = Path(self.targets[0]) if self.targets else self.session
-        listed = source.stem if source is not None and source.exists() else "the listed targets"
-        return self.game or self.remote.get("game") or listed
 
 
 def population_audit(request: AuditRequest, say: Say = lambda text: None) -> Audit:
@@ -219,7 +110,7 @@ def user_reach(request: AuditRequest, say: Say = lambda text: None) -> Measured:
         )
         for condition in request.condition or (None,)
     ]
-    body = ResolvedEnv(environments[0]).body
+    body = environments[0].body
     point = chosen_point(body, request.point)
     if request.tool is not None:
         with closing(Simulation(alike(environments[0]), 1)) as users:
@@ -227,7 +118,7 @@ def user_reach(request: AuditRequest, say: Say = lambda text: None) -> Measured:
             point = tool_point(users.apps[0].scene(), request.tool)
     listed = _listed(request, say)
 
-    def look(env: EnvConfig, person: int | None) -> list[Target]:
+    def look(env: ResolvedEnv, person: int | None) -> list[Target]:
         pattern, seconds = request.objects, request.seconds
         return seen_targets(env, pattern, seconds=seconds, person=person, still=person is None)
 
@@ -261,17 +152,19 @@ def posture_endurance(request: AuditRequest) -> list[list[Held]]:
     """
     assert request.user is not None and request.pose is not None
     env = environment_of(request.user, overrides=request.overrides, trust_app=request.trust_app)
-    persons = who_hold(env.user, request.people)
+    persons = who_hold(env.config.user, request.people)
     return [hold(who, request.pose, request.load, strength) for who, strength in persons]
 
 
 def _listed(request: AuditRequest, say: Say) -> list[Target]:
     """Return the targets that are listed, recorded, or the page's things."""
     env = None
-    if request.remote:
-        env = evaluation_env(TrainingConfig(), request.remote, request.overrides, source="--set")
+    if request.app:
+        env = evaluation_env(
+            TrainingConfig(), request.app, request.overrides, source="--set"
+        ).config
     found = listed_targets(request.targets, env)
-    if env is not None and not request.targets and request.remote.get("page"):
+    if env is not None and not request.targets and request.app.get("page"):
         say(f"things of {env.app.page} ...")
         found = things_as_targets(find_things(env, request.seconds, say=say))
         if not found:
@@ -284,7 +177,7 @@ def _of_game(request: AuditRequest, condition: str | None, say: Say) -> list[Tar
     # The game before the options, which are its own.
     chosen = [f"env.app.game={request.game}", *request.overrides]
     env = environment_of(MODEL, condition=condition, overrides=chosen)
-    if "controller_left" in ResolvedEnv(env).facts.needs("right"):
+    if "controller_left" in env.facts.needs("right"):
         env = environment_of(_TWO_HANDED, condition=condition, overrides=chosen)
     say(f"targets of {request.game}{f', condition {condition}' if condition else ''} ...")
     how = cast("How", request.how)
@@ -309,7 +202,7 @@ def run(
     people: int = 500,
     seed: int = 1,
     stance: Stance = "seated",
-    pace: float = PACE,
+    pace: float = 20.0,
     operate: int = 0,
     processes: int = 0,
     say: Say = lambda text: None,

@@ -20,7 +20,6 @@ from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.base.files import naming
 from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
-from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.people_preset import with_people
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.figures.html import heading, save_page, table
@@ -414,11 +413,11 @@ def _resting(body: Body) -> mujoco.MjData:
 
 
 def people_margins(
-    env: EnvConfig,
+    env: ResolvedEnv,
     point: Point,
     places: Sequence[Target],
     people: int,
-    look: Callable[[EnvConfig, int], Sequence[Target]],
+    look: Callable[[ResolvedEnv, int], Sequence[Target]],
     seed: int = 1,
 ) -> FloatArray:
     """Measure by how much persons reach places, each with their own body and targets.
@@ -438,15 +437,14 @@ def people_margins(
     Raises:
         InputError: ``people`` is not positive.
     """
-    several = with_people(alike(env), people, seed)
-    average = ResolvedEnv(several)
+    average = with_people(alike(env), people, seed)
     population = average.people
     assert population is not None
     margins = np.full((people, len(places)), np.nan)
     for person in range(people):
         body = average.body_for(population.physique(population.number(person)))
         reach = Reach(Linkage(body, point))
-        targets = look(several, person)
+        targets = look(average, person)
         found = [next((i for i, p in enumerate(places) if p.same_as(t)), None) for t in targets]
         kept = [(i, t) for i, t in zip(found, targets, strict=True) if i is not None]
         if kept:

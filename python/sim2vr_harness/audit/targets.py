@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -24,7 +25,10 @@ from sim2vr_harness.client.runtime import frame_time_ns
 from sim2vr_harness.client.webxr.hands import PageHands
 from sim2vr_harness.envs.apps import app_factory, apps_wanted
 from sim2vr_harness.envs.config import EnvConfig, SenseConfig
-from sim2vr_harness.play.environment import make_simulation
+from sim2vr_harness.envs.resolved import ResolvedEnv
+from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.play.player import Job, Player
+from sim2vr_harness.policies.scripted import scripted_policy
 from sim2vr_harness.sessions import read_session
 from sim2vr_harness.sessions.state_log import read_lines
 from sim2vr_harness.users.kinematics.forward import Point
@@ -187,7 +191,7 @@ def read_targets(file: Path) -> list[TargetSettings]:
 
 
 def found_targets(
-    env: EnvConfig,
+    env: ResolvedEnv,
     *,
     objects: str | None = None,
     seconds: float = 10.0,
@@ -206,9 +210,9 @@ def found_targets(
     plain = alike(env)
     seen = []
     for stature in _STATURES_M:
-        person = plain.user.person.model_copy(update={"stature_m": stature})
-        user = plain.user.model_copy(update={"person": person, "torso": True})
-        sized = plain.model_copy(update={"user": user})
+        person = plain.config.user.person.model_copy(update={"stature_m": stature})
+        user = plain.config.user.model_copy(update={"person": person, "torso": True})
+        sized = plain.changed(user=user)
         seen.append(seen_targets(sized, objects, seconds=seconds, still=True))
     (short, tall), found = seen, []
     for target in short:
@@ -220,10 +224,10 @@ def found_targets(
     return found
 
 
-def alike(env: EnvConfig) -> EnvConfig:
+def alike(env: ResolvedEnv) -> ResolvedEnv:
     """Return the environment with the average user and the cheapest sense."""
-    user = env.user.model_copy(update={"people": None})
-    return env.model_copy(update={"user": user, "senses": (SenseConfig(sense="time"),)})
+    user = env.config.user.model_copy(update={"people": None})
+    return env.changed(user=user, senses=(SenseConfig(sense="time"),))
 
 
 def given_target(text: str) -> Target:
@@ -292,7 +296,7 @@ def _same(a: FloatArray, b: FloatArray) -> bool:
 
 
 def seen_targets(
-    config: EnvConfig,
+    env: ResolvedEnv,
     pattern: str | None,
     *,
     seconds: float = 10.0,
@@ -308,7 +312,7 @@ def seen_targets(
     one target.
 
     Args:
-        config: User and app.
+        env: User and app.
         pattern: Of objects' names, with ``*`` and ``?``; None takes those that come, go or move by
             themselves.
         seconds: How long to look at a round; ``still``: at the first one until nothing has come up
@@ -323,22 +327,20 @@ def seen_targets(
     """
     seen: list[Target] = []
     paths: set[str] = set()
-    with closing(make_simulation(config, 1)) as users:
+    with closing(Simulation(env, 1)) as users:
         app = users.apps[0]
         if "scene" not in app.capabilities:
             raise InputError("--game", "an app that tells nothing of its scene", "one that does")
         for number in range(rounds):
-            users.reset(seeds=[seed + number], persons=None if person is None else [person])
             # Sit still until the round ends, or so long.
+            player = Player(users, scripted_policy("still", users), env.facts)
+            player.begin([Job("", number, seed + number, person=person)])
             round_app = users.apps[0]
             tracks = _Tracks(round_app.scene(), pattern)
-            for _ in range(round(seconds * users.config.action_frequency_hz)):
-                outcome = users.step(users.resting_action[None])
+            for _ in islice(player.steps(), round(seconds * env.config.action_frequency_hz)):
                 tracks.add(round_app.scene())
-                if outcome.over[0]:
-                    break
             if still and number == 0:
-                _watch_on(config, tracks, seconds, seed)
+                _watch_on(env.config, tracks, seconds, seed)
             paths |= tracks.paths
             for target in tracks.targets(still=still):
                 if not any(target.same_as(other) for other in seen):
@@ -360,11 +362,12 @@ def _watch_on(config: EnvConfig, tracks: _Tracks, seconds: float, seed: int) -> 
     """Play a round without a body, its devices at rest, for as long as things come up in it."""
     hz = config.action_frequency_hz
     with closing(app_factory(config, 1)(config, 0, None)) as app:
-        app.reset(seed, tracks.devices)
-        for step in range(1, round(_LONGEST_S * hz)):
-            reply = app.step(frame_time_ns(step, hz), tracks.devices)
-            tracks.add(app.scene())
-            if tracks.moments - tracks.last_came > seconds * hz or reply.finished:
+        steps = range(round(_LONGEST_S * hz))
+        frames = ((frame_time_ns(step, hz), tracks.devices) for step in steps)
+        for step, _ in enumerate(app.play(seed, frames)):
+            if step > 0:
+                tracks.add(app.scene())
+            if tracks.moments - tracks.last_came > seconds * hz:
                 break
 
 

@@ -1,10 +1,13 @@
 """Fields of requests: what a command does for one call.
 
 A request is a frozen dataclass with keywords only. The command line makes an option of every field
-(``cli.options``), so that its name, type, default and help are written once.
+(``cli.options``) that has a help sentence, so that its name, type, default and help are written
+once.
 """
 
-from dataclasses import MISSING, field
+from collections.abc import Sequence
+from dataclasses import MISSING, dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
 Names = Literal["games", "users", "configs", "players"]
@@ -28,3 +31,53 @@ def option(help: str, default: Any = None, **about: Any) -> Any:
 def argument(metavar: str, help: str, default: Any = MISSING, **about: Any) -> Any:
     """Return a field that is given by its place; ``about`` as for an option."""
     return field(default=default, metadata={"help": help, "metavar": metavar, "at": True, **about})
+
+
+# --- groups of options that requests of several rooms inherit ---
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrustedApp:
+    """``--trust-app``."""
+
+    trust_app: bool = option("Run the program or Python code that a file names; remembered.", False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChangedEnvironment:
+    """``--set`` of commands that play."""
+
+    overrides: Sequence[str] = option(
+        "Change the environment: --set env.user.noise.constant=white; may be repeated.",
+        (),
+        name="--set",
+        metavar="KEY=VALUE",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActionMode:
+    """``--deterministic`` and ``--stochastic``."""
+
+    deterministic: bool | None = option(
+        "Take the policy's mean, or sample.",
+        name="--deterministic/--stochastic",
+        shown="the user's evaluation.deterministic",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Expected:
+    """``--expect`` and ``--junit``."""
+
+    expect: tuple[str, ...] = option(
+        "Exit with status 1 unless the results keep a bound: 'hit_rate >= 0.8', or "
+        "'CONDITION_OR_CELL:hit_rate >= 0.8' for one of them; may be repeated.",
+        (),
+        metavar="TEXT",
+    )
+    junit: Path | None = option(
+        "With --expect or --against: write the checks as JUnit XML.",
+        metavar="FILE.xml",
+        place="file to write",
+    )

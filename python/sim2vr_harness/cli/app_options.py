@@ -74,7 +74,7 @@ class PageOptions(PageFiles, GameLibrary):
 
     def _settings(self, other: AppOptions) -> dict[str, Any]:
         """Return the settings of these options, and of ``other`` without a page or program."""
-        page, openxr, app = self.page, self.openxr, other.app
+        page, openxr, app = self.page, self.openxr, other.app_
         if other.protocol not in (None, 1, 2):
             raise InputError("--protocol", str(other.protocol), "1 or 2")
         one = (("--app", app), ("--connect", other.connect), ("--page", page), ("--openxr", openxr))
@@ -148,7 +148,7 @@ class PageOptions(PageFiles, GameLibrary):
 class AppOptions(PageOptions):
     """An app of any transport."""
 
-    app: str | None = option(
+    app_: str | None = option(
         "Play in this executable, such as a Unity build with SIM2VR.", metavar="PATH"
     )
     app_arg: tuple[str, ...] = option("An argument for --app; may be repeated.", (), metavar="ARG")

@@ -68,13 +68,11 @@ class Group(_WithExamples, TyperGroup):
             text = each.get_short_help_str(formatter.width - width - 4)
             rows = groups.setdefault(heading if isinstance(heading, str) else "Commands", [])
             rows.append((name.ljust(width), text))
-        for heading, rows in sorted(groups.items(), key=lambda group: _place(group[0])):
+        for heading, rows in sorted(
+            groups.items(), key=lambda group: (*HEADINGS, group[0]).index(group[0])
+        ):
             with formatter.section(heading):
                 formatter.write_dl(rows)
-
-
-def _place(heading: str) -> int:
-    return HEADINGS.index(heading) if heading in HEADINGS else len(HEADINGS)
 
 
 class CommandGroup(typer.Typer):

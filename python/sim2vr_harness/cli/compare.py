@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 
@@ -13,20 +12,16 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.requests import argument, option
 from sim2vr_harness.cli.app_options import AppOptions
 from sim2vr_harness.cli.options import (
-    ChangedEnvironment,
     JsonOutput,
-    TrustedApp,
     print_json,
     print_written,
 )
 from sim2vr_harness.cli.progress import Share
-
-if TYPE_CHECKING:
-    pass
+from sim2vr_harness.evaluation.request import Plays
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompareRequest(ChangedEnvironment, TrustedApp, JsonOutput, AppOptions):
+class CompareRequest(Plays, JsonOutput, AppOptions):
     """Users, recorded people, and what is played to compare them."""
 
     users: tuple[str, ...] = argument(
@@ -47,9 +42,10 @@ class CompareRequest(ChangedEnvironment, TrustedApp, JsonOutput, AppOptions):
     game: str | None = option(
         "The game.", metavar="NAME", shown="that of the first user", names="games"
     )
-    condition: tuple[str, ...] = option(
+    conditions: Sequence[str] = option(
         "A condition to play; may be repeated.",
         (),
+        name="--condition",
         metavar="NAME",
         shown="all compared, by the rules of the user's training",
     )
@@ -62,11 +58,7 @@ class CompareRequest(ChangedEnvironment, TrustedApp, JsonOutput, AppOptions):
     episodes: int | None = option(
         "Rounds per condition.", metavar="N", shown="6; beside sessions 2", least=1
     )
-    seed: int = option("Seed of the first round.", 77, metavar="N")
-    people: int | None = option(
-        "Let N people play who differ, --episodes rounds each, as in evaluate --people.",
-        metavar="N",
-    )
+    seed: int | None = option("Seed of the first round.", 77, metavar="N")
     out: Path = option(
         "Folder for played rounds, JSON, CSV and figures; rounds that are there are used again.",
         Path("comparison"),
@@ -75,7 +67,6 @@ class CompareRequest(ChangedEnvironment, TrustedApp, JsonOutput, AppOptions):
     unconstrained: bool = option("Every touch was a hit for people, though logs do not say.", False)
     figures: bool = option("Draw the figures.", True)
     every: bool = option("Print every measure.", False)
-    batch: int = option("Rounds played in parallel at most.", 10)
 
 
 def compare(request: CompareRequest) -> None:
@@ -88,21 +79,11 @@ def compare(request: CompareRequest) -> None:
     from sim2vr_harness.human_comparison.figures import draw
     from sim2vr_harness.human_comparison.files import as_json, write_csv, write_json, write_page
     from sim2vr_harness.human_comparison.report import ComparisonReport
-    from sim2vr_harness.human_comparison.sources import Plays, read_sources
+    from sim2vr_harness.human_comparison.sources import read_sources
     from sim2vr_harness.human_comparison.tables import SETTLING, missing_values, report_tables
 
     users, told = _told_names(request.users)
-    plays = Plays(
-        out=request.out / "rounds",
-        episodes=request.episodes,
-        seed=request.seed,
-        overrides=request.set_,
-        conditions=request.condition or None,
-        batch=request.batch,
-        persons=request.people,
-        trust_app=request.trust_app,
-        remote=request.remote(),
-    )
+    plays = replace(request, out=request.out / "rounds", app=request.remote())
     with Share("Comparing") as share:
         found = read_sources(
             [user for user in users if not _is_study(user)],

@@ -2,37 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import typer
 from rich.console import Console
 
-from sim2vr_harness.base.requests import argument, option
+from sim2vr_harness.base.requests import argument
 from sim2vr_harness.cli.app_options import AppOptions
 from sim2vr_harness.cli.options import (
-    ActionMode,
     AnyUser,
-    ChangedEnvironment,
     Checked,
     CheckedRun,
     JsonOutput,
-    TrustedApp,
     print_json,
     print_written,
     who_plays,
 )
 from sim2vr_harness.cli.progress import Share, say
+from sim2vr_harness.evaluation.request import Request
 
 if TYPE_CHECKING:
-    from sim2vr_harness.evaluation.evaluate import Evaluation, Request
+    from sim2vr_harness.evaluation.evaluate import Evaluation
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvaluateRequest(
-    ActionMode, AnyUser, ChangedEnvironment, TrustedApp, JsonOutput, Checked, AppOptions
-):
+class EvaluateRequest(Request, AnyUser, JsonOutput, Checked, AppOptions):
     """Who plays, what, and what is kept of it."""
 
     run: str | None = argument(
@@ -41,39 +36,6 @@ class EvaluateRequest(
         None,
         names="users",
     )
-    condition: tuple[str, ...] = option(
-        "A condition of the game; may be repeated.",
-        (),
-        metavar="NAME",
-        shown="the run's evaluation.conditions, or those below",
-    )
-    episodes: int | None = option(
-        "Rounds per condition, and person.",
-        metavar="N",
-        shown="the run's evaluation.episodes: 10 unless set",
-    )
-    people: int | None = option(
-        "Let N people play who differ in size, strength, delays, noise and effort; means and "
-        "deviations are then over people (docs/concepts/people.md).",
-        metavar="N",
-    )
-    seed: int | None = option(
-        "Seed of the people and of the first round, one more for each that follows.",
-        metavar="N",
-        shown="the run's evaluation.seed: 1 unless set",
-    )
-    record: bool = option("Film the first round of every condition (MP4).", False)
-    log: bool = option("Keep the game's CSV logs, a folder per round.", False)
-    steps: bool = option(
-        "Write tables of every user step and app frame beside those of episodes and events.", True
-    )
-    out: Path | None = option(
-        "Folder for files. Results are added to those that are there.",
-        shown="RUN/evaluation/step_N",
-        place="folder to write",
-    )
-    overwrite: bool = option("Begin with new results where there are others.", False)
-    batch: int = option("Rounds played in parallel at most.", 10)
 
 
 def evaluate(request: EvaluateRequest) -> int:
@@ -91,22 +53,7 @@ def evaluate(request: EvaluateRequest) -> int:
     run, baseline = who_plays(request.run, request.user)
     if run is None and baseline is None:
         raise InputError("RUN", "nothing", "a run's folder, or --user still or random")
-    asked = evaluation.Request(
-        conditions=request.condition or None,
-        episodes=request.episodes,
-        seed=request.seed,
-        people=request.people,
-        deterministic=request.deterministic,
-        record=request.record,
-        log=request.log,
-        steps=request.steps,
-        out=request.out,
-        batch=request.batch,
-        overwrite=request.overwrite,
-        app=remote,
-        overrides=request.set_,
-        trust_app=request.trust_app,
-    )
+    asked = replace(request, app=remote)
     with Share("Playing") as share:
         found = evaluation.evaluate(
             run or str(baseline),

@@ -23,22 +23,20 @@ from sim2vr_harness.base.notices import set_notice
 from sim2vr_harness.cli import (
     audit,
     compare,
-    curves,
     doctor,
     evaluate,
     export,
-    film,
     games,
     page,
     replay,
     session,
-    snapshot,
     study,
     track,
     train,
     users,
     watch,
 )
+from sim2vr_harness.cli import render as pictures
 from sim2vr_harness.cli import report as report_command
 from sim2vr_harness.cli.command import ANALYSE, KNOW, LOOK, PLAY, STUDY, CommandGroup
 from sim2vr_harness.cli.errors import INTERRUPTED, report
@@ -105,10 +103,10 @@ app.add("compare", compare.compare, STUDY)
 app.add("track", track.track, ANALYSE)
 app.add("audit", audit.audit, ANALYSE)
 app.add("export", export.export, ANALYSE)
-plot.add("curves", curves.curves)
+plot.add("curves", pictures.curves)
 app.add_typer(plot, name="plot", rich_help_panel=LOOK)
-render.add("snapshot", snapshot.snapshot)
-render.add("film", film.film)
+render.add("snapshot", pictures.snapshot)
+render.add("film", pictures.film)
 app.add_typer(render, name="render", rich_help_panel=LOOK)
 app.add("games", games.games, KNOW)
 app.add_typer(page.app, name="page", rich_help_panel=KNOW)

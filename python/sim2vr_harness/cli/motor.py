@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.base.requests import argument, option
+from sim2vr_harness.base.requests import TrustedApp, argument, option
 from sim2vr_harness.cli.command import CommandGroup
-from sim2vr_harness.cli.options import JsonOutput, TrainedPeople, TrustedApp, print_json
+from sim2vr_harness.cli.options import JsonOutput, TrainedPeople, print_json
 
 if TYPE_CHECKING:
     from sim2vr_harness.policies.hierarchical.human_motor import HumanMotorPolicy

@@ -15,7 +15,7 @@ import re
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import MISSING, Field, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
@@ -24,7 +24,7 @@ import typer
 
 from sim2vr_harness.base import paths
 from sim2vr_harness.base.errors import InputError, unknown_name
-from sim2vr_harness.base.requests import option
+from sim2vr_harness.base.requests import Expected, option
 
 if TYPE_CHECKING:
     from sim2vr_harness.evaluation.expectations import Planned, Results
@@ -110,11 +110,15 @@ _COMPLETIONS: dict[str | None, Any] = {
 }
 
 
+_REPEATED = (tuple, Sequence)
+"""Types of options that may be repeated."""
+
+
 def _of_a_field(name: str, field: Field[Any], type_: Any) -> inspect.Parameter:
     """Return the parameter, as Typer reads it, that a field of a request is."""
     about = field.metadata
     default = inspect.Parameter.empty if field.default is MISSING else field.default
-    if get_origin(type_) is tuple:
+    if get_origin(type_) in _REPEATED:
         type_ = list[get_args(type_)[0]]  # type: ignore[misc]
         default = default or None
     settings: dict[str, Any] = {
@@ -143,15 +147,16 @@ def _of_a_field(name: str, field: Field[Any], type_: Any) -> inspect.Parameter:
 def with_options(function: Callable[[Any], Any]) -> Callable[..., Any]:
     """Return a command that has an option for every field of the request which ``function`` takes.
 
-    Its own options come first, then those of the groups that it inherits.
+    Its own options come first, then those of the groups that it inherits. Fields without a help
+    sentence are for programs only.
     """
     (taken,) = inspect.signature(function, eval_str=True).parameters.values()
     request = taken.annotation
     types = get_type_hints(request)
-    fields = {each.name: each for each in dataclasses.fields(request)}
-    own_first = [n for each in request.__mro__ for n in inspect.get_annotations(each)]
+    fields = {each.name: each for each in dataclasses.fields(request) if "help" in each.metadata}
+    own_first = [n for c in request.__mro__ for n in inspect.get_annotations(c) if n in fields]
     arguments = [name for name, each in fields.items() if "at" in each.metadata]
-    repeated = {name for name in fields if get_origin(types[name]) is tuple}
+    repeated = {name for name in fields if get_origin(types[name]) in _REPEATED}
 
     @functools.wraps(function)
     def run(**given: Any) -> Any:
@@ -187,24 +192,6 @@ class JsonOutput:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrustedApp:
-    """``--trust-app``."""
-
-    trust_app: bool = option("Run the program or Python code that a file names; remembered.", False)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ChangedEnvironment:
-    """``--set`` of commands that play."""
-
-    set_: tuple[str, ...] = option(
-        "Change the environment: --set env.user.noise.constant=white; may be repeated.",
-        (),
-        metavar="KEY=VALUE",
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
 class AnyUser:
     """``--user``."""
 
@@ -231,26 +218,6 @@ class TrainedPeople:
     def count(self) -> int | None:
         """Return how many persons there are; None: a population without end."""
         return None if self.people == EVERYONE else self.people
-
-
-@dataclass(frozen=True, kw_only=True)
-class ActionMode:
-    """``--deterministic`` and ``--stochastic``."""
-
-    deterministic: bool | None = option(
-        "Take the policy's mean, or sample.",
-        name="--deterministic/--stochastic",
-        shown="the user's evaluation.deterministic",
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class GameConditions:
-    """``--condition`` of commands that look at a game."""
-
-    condition: tuple[str, ...] = option(
-        "The game's condition; may be repeated.", (), metavar="NAME"
-    )
 
 
 def print_json(content: Any) -> None:
@@ -285,23 +252,6 @@ def who_plays(run: str | None, user: str | None) -> tuple[str | None, str | None
     if trained or Path(user).exists():
         return user, None
     raise unknown_name("--user", user, ["still", "random", *FORMS, *names])
-
-
-@dataclass(frozen=True, kw_only=True)
-class Expected:
-    """``--expect`` and ``--junit``."""
-
-    expect: tuple[str, ...] = option(
-        "Exit with status 1 unless the results keep a bound: 'hit_rate >= 0.8', or "
-        "'CONDITION_OR_CELL:hit_rate >= 0.8' for one of them; may be repeated.",
-        (),
-        metavar="TEXT",
-    )
-    junit: Path | None = option(
-        "With --expect or --against: write the checks as JUnit XML.",
-        metavar="FILE.xml",
-        place="file to write",
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -344,7 +294,7 @@ class CheckedRun:
         """Print a sentence per failed check, write the file, and return the exit status."""
         if not self.asked:
             return 0
-        from sim2vr_harness.evaluation.junit import write_junit
+        from sim2vr_harness.evaluation.expectations import write_junit
 
         found = self._checks.run(results())
         for one in found:

@@ -145,7 +145,9 @@ def replay(request: ReplayRequest) -> int:
         if agreeing:
             _print_rounds(agreeing, closed_loop=request.closed)
         for each, done in others:
-            lines = [f"{_file_of(each)}: {_summary(done)}", *_lines(done)]
+            app, end = done.session.app, "ended" if done.finished else "had not ended"
+            what = f"{counted(done.frames, 'frame')} in {app.name or app.kind}; the round {end}"
+            lines = [f"{_file_of(each)}: {what}", *_lines(done)]
             typer.echo("\n".join(map(printable, lines)))
         for file in () if film is None else film.files:
             typer.echo(f"Written: {file}")
@@ -334,12 +336,6 @@ def _as_json(replayed: SessionReplay) -> dict[str, Any]:
         "kinds": {kind: vars(counts) for kind, counts in found.kinds.items()},
         "first_difference": None if found.first is None else vars(found.first),
     }
-
-
-def _summary(replayed: SessionReplay) -> str:
-    app = replayed.session.app
-    end = "the round ended" if replayed.finished else "the round had not ended"
-    return f"{counted(replayed.frames, 'frame')} in {app.name or app.kind}; {end}"
 
 
 def _values(replayed: SessionReplay) -> dict[str, float]:

@@ -118,7 +118,9 @@ def show(request: ShowRequest) -> None:
         return
     width = max(map(len, content))
     for name, value in content.items():
-        lines = value if isinstance(value, list) else [_plain(value)]
+        if isinstance(value, dict):
+            value = ", ".join(f"{key} {each}" for key, each in value.items()) or "none"
+        lines = value if isinstance(value, list) else ["not known" if value is None else value]
         for i, line in enumerate(lines or ["none"]):
             typer.echo(f"{(name.replace('_', ' ') if i == 0 else ''):{width}}  {line}")
 
@@ -171,12 +173,6 @@ def _devices(session: Session) -> list[str]:
         parts = [name for name, rows in vars(one).items() if rows is not None]
         found.append(f"{side} controller: {', '.join(parts)}")
     return found
-
-
-def _plain(value: Any) -> str:
-    if isinstance(value, dict):
-        return ", ".join(f"{name} {each}" for name, each in value.items()) or "none"
-    return "not known" if value is None else str(value)
 
 
 app.add("record", record.record)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from sim2vr_harness.base.errors import InputError, counted, shown
-from sim2vr_harness.base.requests import argument, option
-from sim2vr_harness.cli.options import Checked, CheckedRun, TrustedApp
+from sim2vr_harness.base.requests import TrustedApp, argument, option
+from sim2vr_harness.cli.options import Checked, CheckedRun
 
 if TYPE_CHECKING:
     from sim2vr_harness.studies.data import StudyData

@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from sim2vr_harness.base.requests import argument, option
-from sim2vr_harness.cli.options import ChangedEnvironment, TrustedApp, print_written
+from sim2vr_harness.base.requests import ChangedEnvironment, TrustedApp, argument, option
+from sim2vr_harness.cli.options import print_written
 
 if TYPE_CHECKING:
     from sim2vr_harness.tools.track.paths import Frame, RecordedPath
@@ -89,7 +89,7 @@ def track(request: TrackRequest) -> None:
         seed=request.seed,
         play=request.play,
     )
-    env = environment_of(request.user, overrides=request.set_, trust_app=request.trust_app)
+    env = environment_of(request.user, overrides=request.overrides, trust_app=request.trust_app)
     # Everything to be followed, by distinct names.
     from dataclasses import replace
 
@@ -173,7 +173,7 @@ def _tell(one: Tracked) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from sim2vr_harness.tools.track.summary import facts_of, hand_rows, muscle_rows, outcome_rows
+    from sim2vr_harness.tools.track.files import facts_of, hand_rows, muscle_rows, outcome_rows
 
     console = Console()
     for line in facts_of(one):

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 from rich.console import Console
 
-from sim2vr_harness.base.requests import argument, option
+from sim2vr_harness.base.requests import TrustedApp, argument, option
 from sim2vr_harness.cli.app_options import AppOptions
 from sim2vr_harness.cli.errors import INTERRUPTED
-from sim2vr_harness.cli.options import TrainedPeople, TrustedApp, known_configs
+from sim2vr_harness.cli.options import TrainedPeople, known_configs
 from sim2vr_harness.cli.progress import Share, say
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def train(request: TrainRequest) -> int:
         sim2vr-harness train sample --people
         sim2vr-harness train --resume runs/sample
     """
-    from sim2vr_harness.envs.games import with_task
+    from sim2vr_harness.envs.resolved import ResolvedEnv
     from sim2vr_harness.play.environment import as_overrides
     from sim2vr_harness.play.users import doing_nothing_pays
     from sim2vr_harness.runs.trust import named_app, require_trust
@@ -97,11 +97,11 @@ def train(request: TrainRequest) -> int:
     source = Path(request.from_ or config or folder)
     require_trust(settings.env, source, named=named_app(overrides), trust=request.trust_app)
     if not resume:
-        settings = settings.model_copy(update={"env": with_task(settings.env)})
+        env = ResolvedEnv(settings.env).with_task()
+        settings = settings.model_copy(update={"env": env.config})
     settings = _of_people(settings, request.count()) if people else settings
     # The recipe skills plays these users itself.
-    judged = settings.recipe != "skills" and not resume
-    if judged and (note := doing_nothing_pays(settings.env)):
+    if not resume and settings.recipe != "skills" and (note := doing_nothing_pays(env)):
         say(f"note: {note}")
     result = trainer.train(
         settings,
@@ -112,7 +112,8 @@ def train(request: TrainRequest) -> int:
         set_aside=request.set_aside,
     )
     if not result.interrupted and settings.evaluation.episodes_after_training:
-        from sim2vr_harness.evaluation.evaluate import Request, evaluate
+        from sim2vr_harness.evaluation.evaluate import evaluate
+        from sim2vr_harness.evaluation.request import Request
         from sim2vr_harness.evaluation.tables import results_table
 
         assert result.checkpoint is not None

@@ -16,10 +16,10 @@ from rich.console import Console
 from rich.table import Table
 
 from sim2vr_harness.base.files import read_json
-from sim2vr_harness.base.requests import argument, option
+from sim2vr_harness.base.requests import TrustedApp, argument, option
 from sim2vr_harness.cli import motor
 from sim2vr_harness.cli.command import CommandGroup
-from sim2vr_harness.cli.options import JsonOutput, TrustedApp, print_json, print_written
+from sim2vr_harness.cli.options import JsonOutput, print_json, print_written
 from sim2vr_harness.cli.progress import Share
 from sim2vr_harness.client import Measure
 from sim2vr_harness.evaluation.tables import cell

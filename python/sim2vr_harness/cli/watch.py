@@ -9,13 +9,16 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.base.requests import argument, option
-from sim2vr_harness.cli.app_options import PageOptions
-from sim2vr_harness.cli.options import (
+from sim2vr_harness.base.requests import (
     ActionMode,
-    AnyUser,
     ChangedEnvironment,
     TrustedApp,
+    argument,
+    option,
+)
+from sim2vr_harness.cli.app_options import PageOptions
+from sim2vr_harness.cli.options import (
+    AnyUser,
     who_plays,
 )
 
@@ -117,7 +120,7 @@ def _chosen(
         deterministic=request.deterministic,
         trust_app=request.trust_app,
         untrained=baseline,
-        overrides=request.set_,
+        overrides=request.overrides,
     )
     if shown is None or beside is None:
         return show

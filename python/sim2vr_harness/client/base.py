@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Self
 
@@ -161,6 +161,31 @@ class AppClient(ABC):
         Raises:
             ValueError: names the option or pose that cannot be used, got and expected.
         """
+
+    def play(
+        self,
+        seed: int,
+        frames: Iterable[tuple[int, DevicePoses]],
+        options: Mapping[str, OptionValue] | None = None,
+    ) -> Iterator[AppReply]:
+        """Play a round without a body: start it, and run frames until their end or the round's.
+
+        Args:
+            seed: of the round.
+            frames: game time, ns, and devices of each frame; taken as they are needed.
+            options: as of :meth:`reset`.
+
+        Yields:
+            The app's reply to every frame.
+        """
+        for number, (time_ns, poses) in enumerate(frames):
+            if number == 0:
+                reply = self.reset(seed, poses, options, time_ns=time_ns)
+            else:
+                reply = self.step(time_ns, poses)
+            yield reply
+            if reply.finished:
+                return
 
     def step(self, time_ns: int, poses: DevicePoses) -> AppReply:
         """Runs one frame at game time ``time_ns`` and renders it.

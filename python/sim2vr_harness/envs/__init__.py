@@ -14,8 +14,7 @@ from sim2vr_harness.envs.config import (
     VisionConfig,
 )
 from sim2vr_harness.envs.gym_env import Sim2VREnv
-from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.envs.step_batch import StepBatch
+from sim2vr_harness.envs.simulation import Simulation, StepBatch
 from sim2vr_harness.envs.vector_env import Sim2VRVectorEnv
 
 __all__ = [

@@ -24,7 +24,6 @@ class Actions(RowState):
     are its direction. Rounds begin with inputs at rest and the gaze straight ahead.
 
     Args:
-        n: number of users N.
         body: names of the body's actions.
         inputs: names of the inputs that the fingers work (client.INPUT_NAMES).
         gaze_range_deg: how far the gaze moves; 0: it does not.
@@ -76,18 +75,16 @@ class Actions(RowState):
                 "in [-1, 1]"
             )
         extra = np.clip(given[:, self._body :], -1.0, 1.0)
-        self._press(extra[:, : len(self._inputs)])
+        pressing = extra[:, : len(self._inputs)]
+        analogue = self._low + (pressing + 1.0) / 2.0 * (1.0 - self._low)
+        pressed = (pressing > PRESS) | ((self.input_values > 0.0) & (pressing >= RELEASE))
+        self.input_values[...] = np.where(self._digital, pressed, analogue)
         self.gaze_deg[...] = extra[:, len(self._inputs) :] * self._gaze_range_deg
         return given[:, : self._body]
 
     def remember(self, actions: ArrayLike) -> None:
         """Note what was done in a user step, (N, A)."""
         np.clip(actions, -1.0, 1.0, out=self.last)
-
-    def _press(self, actions: FloatArray) -> None:
-        analogue = self._low + (actions + 1.0) / 2.0 * (1.0 - self._low)
-        pressed = (actions > PRESS) | ((self.input_values > 0.0) & (actions >= RELEASE))
-        self.input_values[...] = np.where(self._digital, pressed, analogue)
 
     def reset(self, ids: NDArray[np.int64]) -> None:
         """Lets go of all inputs, looks straight ahead and has done nothing, for these users."""

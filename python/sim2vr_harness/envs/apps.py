@@ -32,8 +32,6 @@ def apps_wanted(
     """Return the request to the transport.
 
     Args:
-        config: of the users.
-        n: how many users there will be.
         ipd_m: distance of their pupils.
         task: what judges the apps, if anything does.
     """
@@ -76,8 +74,6 @@ def app_factory(config: EnvConfig, n: int, ipd_m: float = IPD_M) -> AppFactory:
     """Return the factory for ``config.app.transport``.
 
     Args:
-        config: of the users.
-        n: how many users there will be.
         ipd_m: distance of their pupils.
 
     Raises:

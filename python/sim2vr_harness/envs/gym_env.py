@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.client import OptionValue
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.games import with_game
 from sim2vr_harness.envs.pictures import RENDER_MODES, Views
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Observation, Simulation
 from sim2vr_harness.registration import require_known
 
@@ -105,7 +105,7 @@ class Sim2VREnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def __init__(
         self,
         condition: str | None = None,
-        config: EnvConfig | None = None,
+        config: EnvConfig | ResolvedEnv | None = None,
         render_mode: RenderMode | None = None,
         log_dir: str | Path | None = None,
         game: str | None = None,
@@ -117,12 +117,12 @@ class Sim2VREnv(gymnasium.Env[Observation, NDArray[np.float32]]):
                 f"render_mode: got {render_mode!r}, expected one of "
                 f"{self.metadata['render_modes']} or None"
             )
-        config = with_game(EnvConfig() if config is None else config, game, condition)
+        env = ResolvedEnv.of(config).with_game(game).with_condition(condition)
         self.render_mode = render_mode
-        fps = config.action_frequency_hz
+        fps = env.config.action_frequency_hz
         self.metadata = {**self.metadata, "render_fps": fps}
         self._window = Window("sim2vr", fps) if render_mode == "human" else None
-        self.simulation = Simulation(config, 1, log_dir=None if log_dir is None else Path(log_dir))
+        self.simulation = Simulation(env, 1, log_dir=None if log_dir is None else Path(log_dir))
         self.observation_space = self.simulation.observation_space  # type: ignore[assignment]
         self.action_space = self.simulation.action_space
         self._views = Views(self.simulation)
@@ -139,7 +139,7 @@ class Sim2VREnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """One user step; see :class:`~sim2vr_harness.envs.step_batch.StepBatch` for the info."""
+        """One user step; see :class:`~sim2vr_harness.envs.simulation.StepBatch` for the info."""
         batch = self.simulation.step(np.asarray(action)[None])
         self._show()
         return (

@@ -41,12 +41,7 @@ def app_options(options: Mapping[str, OptionValue]) -> dict[str, OptionValue]:
 
 
 class LateHands(RowState):
-    """Delays the controllers' poses of N users; a ``Sense``, so that saved states hold them.
-
-    Args:
-        config: of the users.
-        n: number of users N.
-    """
+    """Delays the controllers' poses of N users; a ``Sense``, so that saved states hold them."""
 
     _state = ("_ring",)
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import EnvConfig, NoiseConfig, UserConfig
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.users import PeopleSettings, Physique, load_body
 from sim2vr_harness.users.bodies.options import JointOptions
 
@@ -46,7 +47,9 @@ def as_population(user: UserConfig, count: int | None = None) -> UserConfig:
     return user.model_copy(update=update)
 
 
-def with_people(env: EnvConfig, count: int, seed: int, overrides: Sequence[str] = ()) -> EnvConfig:
+def with_people(
+    env: ResolvedEnv, count: int, seed: int, overrides: Sequence[str] = ()
+) -> ResolvedEnv:
     """Return an environment with so many persons of a seed.
 
     Users that were trained with persons meet others of their own population. All others meet that
@@ -58,14 +61,15 @@ def with_people(env: EnvConfig, count: int, seed: int, overrides: Sequence[str] 
     """
     if count < 1:
         raise InputError("--people", str(count), "at least 1")
-    user = env.user.model_dump()
-    if env.user.people is None:
+    given = env.config.user
+    user = given.model_dump()
+    if given.people is None:
         user["people"] = PeopleSettings(strength=STRENGTH).model_dump()
         named = any(override.strip().startswith("env.user.noise") for override in overrides)
-        if env.user.noise == NoiseConfig() and not named:
+        if given.noise == NoiseConfig() and not named:
             user["noise"] = _NOISE
     user["people"] |= {"seed": seed, "count": count}
-    return env.model_copy(update={"user": UserConfig(**user)})
+    return env.changed(user=UserConfig(**user))
 
 
 def with_measured_body(env: EnvConfig) -> EnvConfig:

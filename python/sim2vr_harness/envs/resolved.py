@@ -2,14 +2,21 @@
 
 import hashlib
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
-from sim2vr_harness.client import GameFacts, describe_game, facts_of_outside, list_games
+from sim2vr_harness.client import (
+    GameFacts,
+    OptionValue,
+    describe_game,
+    facts_of_outside,
+    list_games,
+)
 from sim2vr_harness.client.games import require_game_library
 from sim2vr_harness.client.tasks import load_task, names_code, task_facts
 from sim2vr_harness.envs.apps import facts_told, judged, knows_options
@@ -17,7 +24,17 @@ from sim2vr_harness.envs.checks import checked_substeps
 from sim2vr_harness.envs.config import EnvConfig, UserConfig, people_of, with_options
 from sim2vr_harness.envs.senses import make_actions, make_perception
 from sim2vr_harness.perception import SENSES, Proprioception
-from sim2vr_harness.users import FEATURES, Body, Physique, Population, load_body
+from sim2vr_harness.users import (
+    FEATURES,
+    Body,
+    Physique,
+    Population,
+    installed_bodies,
+    load_body,
+)
+
+_OF_THE_BODY = ("skull_rotation_deg", "devices", "timestep_s", "torso", "reset")
+"""Settings of ``user`` that its body has, beside ``model`` and ``person``."""
 
 
 @dataclass(frozen=True)
@@ -25,18 +42,46 @@ class ResolvedEnv:
     """A configuration with its body, game facts, people, spaces and contract.
 
     Each of them is made once, when it is first read; code that needs one is given this object in
-    place of the configuration. Pickled, it is the configuration alone.
+    place of the configuration, and the methods that return another one share with it what their
+    change leaves as it is. Pickled, it is the configuration alone.
     """
 
     config: EnvConfig
 
     def __reduce__(self) -> Any:
-        return ResolvedEnv, (self.config,)
+        return type(self), (self.config,)
+
+    @classmethod
+    def of(cls, env: "EnvConfig | ResolvedEnv | None") -> "ResolvedEnv":
+        """Return that of a configuration that may be resolved already; None: of the defaults."""
+        if isinstance(env, ResolvedEnv):
+            return env
+        return cls(EnvConfig() if env is None else env)
 
     @classmethod
     def of_user(cls, user: UserConfig) -> "ResolvedEnv":
         """Return that of a user alone, whatever it plays."""
         return cls(EnvConfig(user=user))
+
+    def sharing(self, config: EnvConfig) -> "ResolvedEnv":
+        """Return that of another configuration; it shares what both have of body and game."""
+        if config is self.config:
+            return self
+        other, own = type(self)(config), self.config
+        shared: list[str] = []
+        if all(
+            getattr(config.user, name) == getattr(own.user, name)
+            for name in ("model", "person", *_OF_THE_BODY)
+        ):
+            shared = ["body"]
+        if config.app.model_copy(update={"options": own.app.options}) == own.app:
+            shared += ["facts", "facts_unasked"]
+        vars(other).update({name: vars(self)[name] for name in shared if name in vars(self)})
+        return other
+
+    def changed(self, **settings: Any) -> "ResolvedEnv":
+        """Return that of the configuration with other settings of it."""
+        return self.sharing(self.config.model_copy(update=settings))
 
     @cached_property
     def body(self) -> Body:
@@ -50,15 +95,8 @@ class ResolvedEnv:
     def body_for(self, physique: Physique) -> Body:
         """Return the users' body, cut to someone."""
         user = self.config.user
-        return load_body(
-            user.model,
-            skull_rotation_deg=user.skull_rotation_deg,
-            devices=user.devices,
-            person=physique,
-            timestep_s=user.timestep_s,
-            torso=user.torso,
-            reset=user.reset,
-        )
+        settings: dict[str, Any] = {name: getattr(user, name) for name in _OF_THE_BODY}
+        return load_body(user.model, person=physique, **settings)
 
     @cached_property
     def people(self) -> Population | None:
@@ -113,18 +151,68 @@ class ResolvedEnv:
         """Box(-1, 1, (A,)) of the body's own actions."""
         return spaces.Box(-1.0, 1.0, (self.body.action_size,), np.float32)
 
-    def with_condition(self, condition: str | None) -> EnvConfig:
-        """Return the configuration with the options of a condition of its game; None leaves it.
+    def with_options(self, options: Mapping[str, OptionValue]) -> "ResolvedEnv":
+        """Return the environment with other options of its game, beside those that it has."""
+        return self.sharing(with_options(self.config, options))
+
+    def with_condition(self, condition: str | None) -> "ResolvedEnv":
+        """Return the environment with the options of a condition of its game; None leaves it.
 
         Raises:
             ValueError: The game has no such condition; names the nearest.
         """
         if condition is None:
-            return self.config
-        return with_options(self.config, self.facts.condition(condition).options)
+            return self
+        return self.with_options(self.facts.condition(condition).options)
 
-    def with_hand(self) -> EnvConfig:
-        """Return the configuration in which the game is played with the user's own hand.
+    def with_game(self, game: str | None) -> "ResolvedEnv":
+        """Return the environment with another game; None leaves it.
+
+        A configuration that names no body gets one that wears what the game is played with, and
+        one that names no inputs those that the game reads.
+        """
+        if game is None or game == self.config.app.game:
+            return self
+        other = self.changed(app=self.config.app.model_copy(update={"game": game}))
+        facts = other.facts_unasked
+        return other._fitted(facts.needs("right"), facts.inputs)
+
+    def with_task(self) -> "ResolvedEnv":
+        """Return the environment with the inputs that the app reads, and a body for its task.
+
+        As far as the configuration does not say which itself.
+
+        Raises:
+            InputError: the task cannot be used.
+        """
+        if not judged(self.config.app):
+            return self._fitted((), self.facts_unasked.inputs)
+        task = load_task(self.config.app.task)
+        return self._fitted(tuple(task.devices), tuple(task.inputs))
+
+    def _fitted(self, devices: tuple[str, ...], inputs: tuple[str, ...]) -> "ResolvedEnv":
+        """The environment with a body that wears devices, and with inputs, unless it names them."""
+        user, changes = self.config.user, dict[str, Any]()
+        if inputs and "inputs" not in user.model_fields_set:
+            changes["inputs"] = inputs
+        if devices and "model" not in user.model_fields_set:
+            changes["model"] = _body_wearing(devices, user.model)
+        return self.changed(user=user.model_copy(update=changes)) if changes else self
+
+    def without_training(self, overrides: Sequence[str] = ()) -> "ResolvedEnv":
+        """:meth:`with_task` for a user who needs no depth, which few OpenXR programs submit.
+
+        Args:
+            overrides: ``KEY=VALUE`` that were given; channels among them stay.
+        """
+        vision, given = self.config.vision, any("vision.channels" in one for one in overrides)
+        if self.config.app.transport != "openxr" or given:
+            return self.with_task()
+        colours = tuple(name for name in vision.channels if name != "depth")
+        return self.changed(vision=vision.model_copy(update={"channels": colours})).with_task()
+
+    def with_hand(self) -> "ResolvedEnv":
+        """Return the environment in which the game is played with the user's own hand.
 
         That is the person's `handedness`, as far as they wear a controller there, or the only hand
         with a controller. A hand among the game's options stays.
@@ -132,17 +220,16 @@ class ResolvedEnv:
         Raises:
             ValueError: the user does not wear the controllers that the game is played with.
         """
-        config, facts, body = self.config, self.facts, self.body
-        option = facts.hand_option
-        if option is not None and option not in config.app.options:
+        env, option, body = self, self.facts.hand_option, self.body
+        if option is not None and option not in self.config.app.options:
             worn = [hand for hand in ("right", "left") if f"controller_{hand}" in body.devices]
-            own = config.user.person.handedness
+            own = self.config.user.person.handedness
             hand = own if own in worn else next(iter(worn), "right")
             if hand == "left":
-                config = with_options(config, {option: hand})
-        hand_played = config.app.options.get(option, "right") if option else "right"
-        self.require_worn(str(hand_played))
-        return config
+                env = self.with_options({option: hand})
+        hand_played = env.config.app.options.get(option, "right") if option else "right"
+        env.require_worn(str(hand_played))
+        return env
 
     def require_worn(self, hand: str) -> None:
         """Check that the body wears what its game is played with, with this hand.
@@ -169,27 +256,43 @@ class ResolvedEnv:
         """
         config, body, space = self.config, self.body, self.observation_space
         sight = config.sense("vision")
+        buffer_s = None if sight is None else sight.history_s
+        person = config.user.person.model_dump(exclude_defaults=True)
         return {
             "game": config.app.game,
             "user": body.name,
             "skull_rotation_deg": config.user.skull_rotation_deg,
             "muscles": list(body.muscles),
             **_beyond_muscles(body),
-            **_person(config),
+            **({"person": person} if person else {}),
             "action": "change of activation, -1 to 1",
             "action_frequency_hz": config.action_frequency_hz,
             "frames_per_step": config.frames_per_step,
             "image": list(config.vision.drawn),
             "channels": list(config.vision.channels),
-            "buffer_s": None if sight is None else _listed(sight.history_s),
-            "observation": {key: _box(box) for key, box in sorted(space.spaces.items())},
+            "buffer_s": list(buffer_s) if isinstance(buffer_s, tuple) else buffer_s,
+            "observation": {
+                key: [list(box.shape or ()), str(box.dtype)]
+                for key, box in sorted(space.spaces.items())
+            },
             **_beyond_the_default(config),
         }
 
 
-def _listed(times: float | tuple[float, ...] | None) -> float | list[float] | None:
-    """As JSON has it."""
-    return list(times) if isinstance(times, tuple) else times
+@cache
+def _body_wearing(devices: tuple[str, ...], usual: str) -> str:
+    """The usual body; where it cannot wear the devices, the one with the fewest muscles that can.
+
+    The usual one, too, when no one can. Without muscles the usual effort has nothing to go by.
+    """
+    if set(devices) <= set(load_body(usual).devices):
+        return usual
+    able = {}
+    for name in installed_bodies():
+        body = load_body(name)
+        if body.muscles and set(devices) <= set(body.devices):
+            able[name] = len(body.muscles)
+    return min(able, key=able.__getitem__, default=usual)
 
 
 def _beyond_muscles(body: Body) -> dict[str, Any]:
@@ -200,12 +303,6 @@ def _beyond_muscles(body: Body) -> dict[str, Any]:
     if sorted(body.devices) != ["controller_right", "headset"]:
         terms["devices"] = sorted(body.devices)
     return terms
-
-
-def _person(config: EnvConfig) -> dict[str, Any]:
-    """How the person differs, where it does."""
-    person = config.user.person.model_dump(exclude_defaults=True)
-    return {"person": person} if person else {}
 
 
 def _beyond_the_default(config: EnvConfig) -> dict[str, Any]:
@@ -226,10 +323,6 @@ def _beyond_the_default(config: EnvConfig) -> dict[str, Any]:
     if config.sense("person") is not None:
         terms["person_features"] = list(FEATURES)
     return terms
-
-
-def _box(box: spaces.Space[Any]) -> list[Any]:
-    return [list(box.shape or ()), str(box.dtype)]
 
 
 def contract_hash(terms: dict[str, Any]) -> str:

@@ -58,7 +58,6 @@ def make_perception(
 
     Args:
         config: what they are.
-        n: number of users N.
         proprioception: of their bodies.
         substeps: physics steps per user step.
         actions: how many each of them has.
@@ -117,8 +116,6 @@ class Senses:
 
     Args:
         perception: the senses.
-        users: the bodies.
-        group: the apps.
         actions: where fingers and eyes are.
 
     Raises:

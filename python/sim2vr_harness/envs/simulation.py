@@ -1,9 +1,15 @@
 """N simulated users in N apps, in lockstep: the one code path behind every environment."""
 
+from __future__ import annotations
+
 import copy
 import io
 import pickle
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +20,14 @@ from sim2vr_harness.base.cores import budget
 from sim2vr_harness.base.errors import reason
 from sim2vr_harness.client import (
     AppClient,
+    DevicePoses,
     OptionValue,
+    frame_times_ns,
 )
 from sim2vr_harness.client.devices import input_named
-from sim2vr_harness.envs.app_group import AppFailure, AppGroup, Logs, app_group
-from sim2vr_harness.envs.app_steps import AppSteps
+from sim2vr_harness.client.frames import pose_to_app
+from sim2vr_harness.envs.actions import Actions
+from sim2vr_harness.envs.app_group import AppFailure, AppGroup, Logs, MirroredGroup, app_group
 from sim2vr_harness.envs.apps import AppFactory
 from sim2vr_harness.envs.checks import (
     checked_options,
@@ -31,14 +40,13 @@ from sim2vr_harness.envs.config import (
     EnvConfig,
     motor_noise,
 )
-from sim2vr_harness.envs.late_hands import app_options
-from sim2vr_harness.envs.mirrored import MirroredGroup
+from sim2vr_harness.envs.late_hands import LateHands, app_options
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.senses import Senses, make_actions, make_perception
-from sim2vr_harness.envs.step_batch import StepBatch
 from sim2vr_harness.perception import Delayed, Proprioception, Sense
 from sim2vr_harness.users import Body
 from sim2vr_harness.users.batch import UserBatch
+from sim2vr_harness.users.bodies import DEVICES
 
 _FORMAT = "sim2vr simulation state 4"
 
@@ -90,6 +98,61 @@ class _PlainUnpickler(pickle.Unpickler):
         return super().find_class(module, name)
 
 
+@dataclass
+class StepBatch:
+    """What one user step did to each of N users.
+
+    Attributes:
+        reward: (N,) float64, the game's reward minus the effort cost.
+        terminated: (N,) bool, the game is over or the simulation diverged.
+        truncated: (N,) bool, ``max_episode_seconds`` are over, or the app failed.
+        game_reward: (N,) float64, 0 where the app was not asked or did not answer.
+        effort_cost: (N,) float64.
+        answered: (N,) bool, whose app played the step: not that of a user whose simulation
+            diverged, nor one that failed.
+        logs: the games' named numbers, ``logs[i]`` of user i.
+        ends: users whose episode ended here -> ``termination`` (``finished``, ``diverged``,
+            ``max_steps_reached``, ``app_left`` or ``app_failed``) and ``max_fatigued``; after
+            ``app_left`` also ``app_left``, how the app ended its session by itself; after
+            ``app_failed`` also ``app_error``, what happened; where MuJoCo warned in the episode,
+            ``warnings``, how often by kind (see :attr:`UserBatch.warnings`).
+    """
+
+    reward: NDArray[np.float64]
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+    game_reward: NDArray[np.float64]
+    effort_cost: NDArray[np.float64]
+    answered: NDArray[np.bool_]
+    logs: Logs
+    ends: dict[int, dict[str, Any]] = field(default_factory=dict)
+
+    @property
+    def over(self) -> NDArray[np.bool_]:
+        """(N,) whose episode ended here, for whatever reason."""
+        return self.terminated | self.truncated
+
+    def info(self, i: int) -> dict[str, Any]:
+        """User i's part of the step as a dictionary.
+
+        Returns:
+            ``game_reward``, ``effort_cost``, ``log`` if the app answered, and the user's entries of
+            :attr:`ends`.
+        """
+        info: dict[str, Any] = {
+            "game_reward": float(self.game_reward[i]),
+            "effort_cost": float(self.effort_cost[i]),
+        }
+        if self.answered[i]:
+            info["log"] = self.logs[i]
+        return info | self.ends.get(i, {})
+
+    @cached_property
+    def infos(self) -> list[dict[str, Any]]:
+        """:meth:`info` of all users; made when first requested."""
+        return [self.info(i) for i in range(len(self.reward))]
+
+
 Observation = dict[str, NDArray[Any]]
 IntArray = NDArray[np.int64]
 
@@ -112,7 +175,6 @@ class Simulation:
 
     Args:
         config: user, app and perception.
-        n: number of users N.
         log_dir: root of the apps' episode logs, or None.
         make_app: how to get the app of each user; None goes by ``config.app.transport``.
 
@@ -123,20 +185,20 @@ class Simulation:
 
     def __init__(
         self,
-        config: EnvConfig,
+        config: EnvConfig | ResolvedEnv,
         n: int = 1,
         *,
         log_dir: Path | None = None,
         make_app: AppFactory | None = None,
     ) -> None:
         self.n, self._make_app, self._closed = n, make_app, False
-        self.resolved = ResolvedEnv(config)
+        self.resolved = ResolvedEnv.of(config)
         self.body: Body = self.resolved.body
         self._hand_option: str | None = None
         if make_app is None:
-            config = self.resolved.with_hand()
+            self.resolved = self.resolved.with_hand()
             self._hand_option = self.resolved.facts.hand_option
-        self.config = config
+        self.config = config = self.resolved.config
         substeps = checked_substeps(config, self.body.timestep)
         self.people = self.resolved.people
         """The population that users are drawn from; None: all are average."""
@@ -491,7 +553,7 @@ class Simulation:
         """For pickle and copy: how it was made, and where it is if its rounds have begun."""
         begun = not (self._over & (self._steps == 0)).any()
         return {
-            "config": self.config,
+            "config": self.resolved,
             "n": self.n,
             "make_app": self._make_app,
             "state": self.state_dict() if begun else None,
@@ -512,3 +574,134 @@ class Simulation:
     def _require_open(self) -> None:
         if self._closed:
             raise RuntimeError("the simulation is closed; make a new one")
+
+
+_SHARES = (0.5, 0.25, 0.25)
+"""Parts of the users whose bodies move one after the other, beside a GPU that draws for the part
+before: a picture takes it six tenths of the time that sixteen cores take for a body."""
+
+
+class AppSteps:
+    """Takes users' devices to their apps, and lets those play.
+
+    A GPU draws while the processor moves the bodies of other users. What users and apps do is the
+    same to the bit.
+
+    Args:
+        actions: what fingers do.
+        max_steps: user steps of an episode.
+    """
+
+    def __init__(
+        self, config: EnvConfig, users: UserBatch, group: AppGroup, actions: Actions, max_steps: int
+    ) -> None:
+        self._config, self._users, self._group = config, users, group
+        self._actions, self._max_steps = actions, max_steps
+        self.late_hands = LateHands(config, users.n)
+        """To be watched by who saves states, where it has frames."""
+        self.shares = _SHARES if group.drawn_by_gpu else (1.0,)
+        """Parts of the users to move one after the other."""
+        self._beside: ThreadPoolExecutor | None = None
+
+    @contextmanager
+    def step(
+        self, active: NDArray[np.bool_], steps: IntArray, drawn: int | IntArray, *, whole: bool
+    ) -> Iterator[_Step]:
+        """Take a user step; when it is left, no app is moving any more.
+
+        Args:
+            active: (N,) users who take it.
+            steps: (N,) which user step of the round this is.
+            drawn: which frame is drawn, -1 the last; (N,) where users differ.
+            whole: all bodies have to move before the first app does.
+        """
+        one = _Step(self, active, steps, drawn, (1.0,) if whole else self.shares)
+        try:
+            yield one
+        finally:
+            wait(one.running)
+
+    def beside(self) -> ThreadPoolExecutor:
+        """Return the thread that apps play in while bodies move."""
+        if self._beside is None:
+            self._beside = ThreadPoolExecutor(1, "apps")
+        return self._beside
+
+    def close(self) -> None:
+        """End the thread."""
+        if self._beside is not None:
+            self._beside.shutdown()
+
+    def play(self, ids: IntArray, steps: IntArray, drawn: int | IntArray) -> IntArray:
+        """Step the apps of these users; return those whose apps have answered."""
+        frames = self._config.frames_per_step
+        # From the step count, so that rounding never accumulates.
+        numbers = ((steps - 1) * frames + 1)[:, None] + np.arange(frames)
+        times_ns = frame_times_ns(numbers, self._config.action_frequency_hz * frames)
+        poses = self.step_poses(ids)
+        return self._group.step(ids, times_ns, poses, steps, self._max_steps, drawn=drawn)
+
+    def poses(self, ids: IntArray, sample: int) -> DevicePoses:
+        """Where these users' devices are, (K, 7); see :meth:`UserBatch.device_poses`."""
+        head, right, left = (
+            pose_to_app(*(part[ids] for part in self._users.device_poses(name, sample)))
+            if name in self._users.body.devices
+            else None
+            for name in DEVICES
+        )
+        assert head is not None  # every body wears a headset
+        return DevicePoses(head, right, left)
+
+    def step_poses(self, ids: IntArray) -> DevicePoses:
+        """Where these users' devices were in the F frames of the last step, (K, F, 7)."""
+        frames = self._config.frames_per_step
+        samples = [self.poses(ids, k) for k in range(frames)]
+        parts = ("head", "right_controller", "left_controller")
+        stacked = {
+            name: np.stack([getattr(poses, name) for poses in samples], axis=1)
+            for name in parts
+            if getattr(samples[0], name) is not None
+        }
+        poses = DevicePoses(**stacked, **self._actions.input_rows(ids, frames))
+        return self.late_hands.late(poses, ids)
+
+
+class _Step:
+    """A user step that is being taken.
+
+    Attributes:
+        shares: parts of the users whose bodies are to move one after the other.
+        running: steps of apps beside.
+    """
+
+    def __init__(
+        self,
+        apps: AppSteps,
+        active: NDArray[np.bool_],
+        steps: IntArray,
+        drawn: int | IntArray,
+        shares: tuple[float, ...],
+    ) -> None:
+        self._apps, self._active = apps, active
+        self._steps, self._drawn, self.shares = steps, drawn, shares
+        self._ids = np.zeros(0, dtype=np.int64)
+        self.running: list[Future[IntArray]] = []
+
+    def moved(self, ids: IntArray) -> None:
+        """Let the apps of users play whose bodies have moved; in one part, only when wanted."""
+        ids = ids[self._active[ids]]
+        if len(self.shares) == 1:
+            self._ids = ids
+        elif len(ids):
+            self.running.append(self._apps.beside().submit(self._play, ids))
+
+    def answered(self) -> IntArray:
+        """Return the users whose apps have answered."""
+        if len(self.shares) == 1:
+            return self._play(self._ids)
+        wait(self.running)
+        return np.concatenate([self._ids, *(each.result() for each in self.running)])
+
+    def _play(self, ids: IntArray) -> IntArray:
+        drawn = self._drawn if isinstance(self._drawn, int) else self._drawn[ids]
+        return self._apps.play(ids, self._steps[ids], drawn)

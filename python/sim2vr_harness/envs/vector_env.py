@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from sim2vr_harness.client import OptionValue
 from sim2vr_harness.envs.checks import checked_options, checked_seeds
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.games import with_game
 from sim2vr_harness.envs.pictures import RENDER_MODES, Views
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Observation, Simulation
 from sim2vr_harness.registration import require_known
 
@@ -57,7 +57,7 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         self,
         num_envs: int = 1,
         condition: str | None = None,
-        config: EnvConfig | None = None,
+        config: EnvConfig | ResolvedEnv | None = None,
         render_mode: str | None = None,
         log_dir: str | Path | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
@@ -73,16 +73,16 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         modes = [mode.value for mode in AutoresetMode]
         if autoreset_mode not in (*AutoresetMode, *modes):
             raise ValueError(f"autoreset_mode: got {autoreset_mode!r}, expected one of {modes}")
-        config = with_game(EnvConfig() if config is None else config, game, condition)
+        env = ResolvedEnv.of(config).with_game(game).with_condition(condition)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.render_mode = render_mode
         self.metadata = {
             **self.metadata,
             "autoreset_mode": self.autoreset_mode,
-            "render_fps": config.action_frequency_hz,
+            "render_fps": env.config.action_frequency_hz,
         }
         self.simulation = Simulation(
-            config, num_envs, log_dir=None if log_dir is None else Path(log_dir)
+            env, num_envs, log_dir=None if log_dir is None else Path(log_dir)
         )
         self.num_envs = num_envs
         self.single_observation_space = self.simulation.observation_space

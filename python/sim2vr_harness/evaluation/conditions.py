@@ -9,7 +9,8 @@ from sim2vr_harness.client import Condition, GameFacts
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.client.launch import named_condition
 from sim2vr_harness.envs.apps import knows_options
-from sim2vr_harness.envs.config import AppConfig, EnvConfig, with_options
+from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.runs.config import apply_overrides
 
 _ARGUMENT = "condition"
@@ -70,7 +71,6 @@ def chosen_conditions(
     where none agrees, all of them, each once.
 
     Args:
-        facts: What the game publishes.
         names: Conditions that the user names.
         usual: Conditions without any.
         named: Options that the user names, see :func:`named_options`.
@@ -141,12 +141,12 @@ def facts_of_chosen(facts: GameFacts, chosen: Sequence[Condition]) -> GameFacts:
 
 
 def condition_groups(
-    env: EnvConfig, conditions: Sequence[Condition]
-) -> list[tuple[EnvConfig, Sequence[Condition]]]:
+    env: ResolvedEnv, conditions: Sequence[Condition]
+) -> list[tuple[ResolvedEnv, Sequence[Condition]]]:
     """Return the conditions that can be played by the same apps, and these apps' settings.
 
     An app that takes its options at its start only is started anew for every condition.
     """
-    if knows_options(env.app):
+    if knows_options(env.config.app):
         return [(env, conditions)]
-    return [(with_options(env, condition.options), [condition]) for condition in conditions]
+    return [(env.with_options(condition.options), [condition]) for condition in conditions]

@@ -9,7 +9,7 @@ import re
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -20,10 +20,8 @@ from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name, read_json, write_atomically
 from sim2vr_harness.base.progress import progress_of_part
 from sim2vr_harness.client import (
-    Condition,
     GameFacts,
     TaskedApp,
-    TaskMoment,
     check_task,
     load_task,
 )
@@ -43,13 +41,14 @@ from sim2vr_harness.evaluation.data.folder import FOLDER, DataFolder, Evaluation
 from sim2vr_harness.evaluation.data.items import events_of_episode, item_columns
 from sim2vr_harness.evaluation.data.steps import StepRecorder, pose_columns
 from sim2vr_harness.evaluation.expectations import Planned
+from sim2vr_harness.evaluation.request import Request
 from sim2vr_harness.evaluation.training_distribution import met, unpractised
 from sim2vr_harness.play.environment import make_simulation
 from sim2vr_harness.play.exertion import ExertionRecorder, FatigueRecorder
 from sim2vr_harness.play.film import RoundFilmer
 from sim2vr_harness.play.player import Watcher, jobs_for, play
+from sim2vr_harness.play.recorders import RoundLogs
 from sim2vr_harness.play.round import Round, summarise
-from sim2vr_harness.play.round_logs import RoundLogs
 from sim2vr_harness.play.users import SimulatedUser, doing_nothing_pays
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy
 from sim2vr_harness.policies.hierarchical.pointing import apart, rays_of
@@ -66,7 +65,6 @@ def frame_table(episode: str, folder: Path, step_s: float) -> Any:
     """Return the poses that the app logged of a round, tool included; None without a log.
 
     Args:
-        episode: The key of the episode.
         folder: With the round's ``states.csv``.
         step_s: Length of a user step.
 
@@ -102,7 +100,6 @@ class DataRecorder:
 
     Args:
         out: Folder of the evaluation.
-        facts: What the game publishes.
         env: What is played in.
         moments: Whether to write steps and frames, too.
     """
@@ -118,14 +115,15 @@ class DataRecorder:
     @property
     def watchers(self) -> list[Watcher]:
         """Who is to look on while rounds are played."""
-        return [StepRecorder(self._facts, self._write_steps)] if self._keep else []
+
+        def write(result: Round, table: Callable[[str], Any]) -> None:
+            self._folder.write_moments("steps", result.key, table(result.key))
+
+        return [StepRecorder(self._facts, write)] if self._keep else []
 
     def clear(self) -> None:
         """Remove the tables of earlier evaluations."""
         self._folder.clear()
-
-    def _write_steps(self, result: Round, table: Callable[[str], Any]) -> None:
-        self._folder.write_moments("steps", result.key, table(result.key))
 
     def take_logs(self, rounds: Sequence[Round]) -> None:
         """Read the app's logs of the rounds, before they go.
@@ -225,12 +223,16 @@ class EvaluationResults:
         for condition, summary in self._there.items():
             compared = (*_WHO, *_HOW, _PLAYERS) if condition in conditions else _WHO
             for key in compared:
-                there, new = summary.get(key), settings.get(key)
-                if there != new:
+                if (there := summary.get(key)) != (new := settings.get(key)):
+                    texts = [
+                        json.dumps(one) if isinstance(one, (list, dict)) else str(one)
+                        for one in (there, new)
+                    ]
+                    before, now = (t if len(t) <= 60 else f"...{t[-57:]}" for t in texts)
                     raise InputError(
                         "--out",
                         f"{str(self.file.parent)!r}, which has results of {condition} with "
-                        f"{_WORDS[key]} {_short(there)}, not {_short(new)}",
+                        f"{_WORDS[key]} {before}, not {now}",
                         "another folder, the same settings, or --overwrite to lose those results",
                     )
 
@@ -247,11 +249,6 @@ class EvaluationResults:
         return self.file
 
 
-def _short(value: Any) -> str:
-    text = str(value) if not isinstance(value, (list, dict)) else json.dumps(value)
-    return text if len(text) <= 60 else f"...{text[-57:]}"
-
-
 _LONGEST_NAME = 120
 """Of a folder, in characters."""
 
@@ -262,55 +259,7 @@ _USER_BYTES = 2_000_000
 """What a round needs beside others at least: body, app and its share of the renderers."""
 
 SimulationFactory = Callable[..., Any]
-"""(EnvConfig, n, log_dir=Path | None) -> simulation."""
-
-
-@dataclass(frozen=True)
-class Request:
-    """What to evaluate; None takes the value of the run's configuration.
-
-    Attributes:
-        conditions: The game's conditions; without any in the configuration, those that the game
-            names.
-        episodes: Rounds per condition.
-        seed: Seed of the first round, and of the people.
-        people: How many persons (``env.user.people``, docs/concepts/people.md) play
-            ``episodes`` rounds per condition each; None: as in the training.
-        deterministic: Whether actions are the policy's mean.
-        record: Whether to film the first round of every condition.
-        film_seconds: The longest film, game time; None: whole rounds.
-        log: Whether to keep the game's CSV logs.
-        steps: Whether to write tables of every user step and app frame, too.
-        out: Where files go; None takes the run's ``evaluation/step_<N>``, and in it a folder named
-            after what is different from the run's own settings, if anything is; of a user without
-            training nothing is written then. Results are added to those that are there.
-        overwrite: Whether to begin with new results where there are others.
-        batch: Rounds played in parallel at most.
-        app: Settings that replace those of ``env.app``, for example another executable.
-        overrides: ``env.key=value``, what else is different from the training's environment.
-        trust_app: Whether the program that the run names as its app may be started, though this
-            user has never done so (docs/reference/apps.md).
-        cores: How many to use, whatever the run says; changes no number.
-        watchers: Further ones that look on.
-    """
-
-    conditions: Sequence[str] | None = None
-    episodes: int | None = None
-    seed: int | None = None
-    people: int | None = None
-    deterministic: bool | None = None
-    record: bool = False
-    film_seconds: float | None = None
-    log: bool = False
-    steps: bool = True
-    out: str | Path | None = None
-    overwrite: bool = False
-    batch: int = 10
-    app: Mapping[str, Any] = field(default_factory=dict)
-    overrides: Sequence[str] = ()
-    trust_app: bool = False
-    cores: int | None = None
-    watchers: Sequence[Watcher] = ()
+"""(ResolvedEnv, n, log_dir=Path | None) -> simulation."""
 
 
 @dataclass(frozen=True)
@@ -378,7 +327,6 @@ def evaluate(
         run: A run's folder, one of its checkpoints, ``pretrained:NAME``, ``still``, ``random`` or a
             script.
         request: What to play.
-        on_progress: Called with the share of the work done, from 0 to 1.
         simulation: How to make the users.
         on_plan: Called with conditions and measures before anything is played.
         on_note: Called with a sentence if doing nothing pays, before a trained user plays; None:
@@ -388,15 +336,19 @@ def evaluate(
         InputError: The run, a number, a condition or the place for the results cannot be used.
     """
     with ExitStack() as stack:
-        plan = _Plan.of(run, request or Request(), stack)
+        plan = _Plan(run, request or Request(), stack)
         wanted, user, out = plan.request, plan.user, plan.out
         if on_plan is not None:
             on_plan(Planned.of_evaluation(plan.facts, plan.conditions, plan.env))
         trained = user.trained is not None
-        if trained and on_note is not None and (note := doing_nothing_pays(plan.env.config)):
+        if trained and on_note is not None and (note := doing_nothing_pays(plan.env)):
             on_note(note)
-        kept = wanted.log or _logs_by_itself(plan.env.config)
-        logs = RoundLogs(out / ("logs" if wanted.log else _PASSING_LOGS)) if kept else None
+        # An app that is ours and started here logs by itself; it costs no one an argument.
+        app = plan.env.config.app
+        own = app.connect is None and app.executable is None and app.page is None
+        logs = None
+        if wanted.log or own:
+            logs = RoundLogs(out / ("logs" if wanted.log else _PASSING_LOGS))
         stack.callback(shutil.rmtree, out / _PASSING_LOGS, ignore_errors=True)
         steps = wanted.steps and plan.kept
         recorder = DataRecorder(out, plan.facts, plan.env.config, moments=steps)
@@ -405,7 +357,7 @@ def evaluate(
         if wanted.record:
             watchers.append(stack.enter_context(closing(filmer)))
         watchers += [logs] if logs is not None else []
-        rounds, moments = _play(plan, recorder, logs, watchers, simulation, on_progress)
+        rounds, judges = _play(plan, recorder, logs, watchers, simulation, on_progress)
         if logs is not None:
             settled = logs.settle(rounds, out)
             rounds = settled if wanted.log else rounds
@@ -423,101 +375,68 @@ def evaluate(
             files if plan.kept else [],
             rounds,
             plan.unpractised,
-            [] if trained else _problems(plan, rounds, moments),
+            [] if trained else _problems(plan, rounds, judges),
             EvaluationData(recorder.root),
             recorder.unread,
         )
 
 
-@dataclass(frozen=True)
 class _Plan:
-    """What is played: a request with every value filled in.
+    """What is played: a request, checked, with every value filled in by the run's configuration.
 
     Attributes:
         kept: Whether what is written stays.
         settings: of the results; gets ``trained_steps`` once the policy is loaded.
     """
 
-    user: SimulatedUser
-    request: Request
-    env: ResolvedEnv
-    facts: GameFacts
-    conditions: list[Condition]
-    episodes: int
-    seed: int
-    deterministic: bool
-    batch: int
-    out: Path
-    kept: bool
-    results: EvaluationResults
-    settings: dict[str, Any]
-    unpractised: list[str]
-
-    @classmethod
-    def of(cls, run: str | Path, request: Request, stack: ExitStack) -> _Plan:
-        """Fill in what a request leaves to the run's configuration, and check it."""
-        user = SimulatedUser.find(run)
-        config, usual, trained = user.config, user.config.evaluation, user.trained
-        episodes = usual.episodes if request.episodes is None else request.episodes
-        seed = usual.seed if request.seed is None else request.seed
-        deterministic = request.deterministic
-        if deterministic is None:
-            deterministic = usual.deterministic
+    def __init__(self, run: str | Path, request: Request, stack: ExitStack) -> None:
+        self.user = user = SimulatedUser.find(run)
+        self.request, trained, usual = request, user.trained, user.config.evaluation
+        self.episodes, self.seed, self.deterministic = (
+            getattr(usual, key) if (given := getattr(request, key)) is None else given
+            for key in ("episodes", "seed", "deterministic")
+        )
         env = user.env(request.app, request.overrides, trust_app=request.trust_app)
         if request.people is not None:
-            env = with_people(env, request.people, seed, request.overrides)
+            env = with_people(env, request.people, self.seed, request.overrides)
         if request.cores is not None:
-            env = env.model_copy(update={"cores": request.cores})
-        resolved = ResolvedEnv(env)
-        own = ResolvedEnv(config.env) if trained is None else trained.env
-        user.require_contract(resolved)
-        facts = user.facts(resolved.facts)
-        named = named_options(env, request.overrides, request.app)
+            env = env.changed(cores=request.cores)
+        user.require_contract(env)
+        self.env, app = env, env.config.app
+        facts = user.facts(env.facts)
+        named = named_options(env.config, request.overrides, request.app)
         typed = trained is None or bool(request.app.get("arguments"))
-        asked = asked_conditions(env.app, request.conditions, typed=typed)
-        played = usual.conditions or met(config, own)
-        if trained is None:
-            played = [facts.default_condition]
-        conditions = chosen_conditions(facts, asked, played, named)
-        batch = batch_for(env, request.batch)
-        rounds = episodes * (request.people or 1) * len(conditions)
-        _check_numbers(episodes, seed, min(batch, rounds))
-        kept = trained is not None or request.out is not None
-        for option in ("record", "log"):
-            if getattr(request, option) and not kept:
-                raise InputError(f"--{option}", "it without --out", "a folder, --out FOLDER")
+        asked = asked_conditions(app, request.conditions, typed=typed)
+        played: Sequence[str] = [facts.default_condition]
         if trained is not None:
-            out = Path(request.out or trained.evaluation_dir / _folder_of(config, request))
+            played = usual.conditions or met(user.config, trained.env)
+        self.conditions = chosen_conditions(facts, asked, played, named)
+        self.facts = facts_of_chosen(facts, self.conditions)
+        self.batch = 1 if app.connect is not None else request.batch  # one that runs already
+        rounds = self.episodes * (request.people or 1) * len(self.conditions)
+        _check_numbers(self.episodes, self.seed, min(self.batch, rounds))
+        self.kept = trained is not None or request.out is not None
+        for option in ("record", "log"):
+            if getattr(request, option) and not self.kept:
+                raise InputError(f"--{option}", "it without --out", "a folder, --out FOLDER")
+        self.unpractised: list[str] = []
+        if trained is None:
+            self.out = Path(request.out or stack.enter_context(TemporaryDirectory()))
         else:
-            out = Path(request.out or stack.enter_context(TemporaryDirectory()))
-        settings: dict[str, Any] = {
+            folder = trained.evaluation_dir / _folder_of(user.config, request)
+            self.out = Path(request.out or folder)
+            names = [condition.name for condition in self.conditions]
+            self.unpractised = unpractised(user.config, trained.env, env, names)
+        self.results = EvaluationResults(self.out)
+        self.settings: dict[str, Any] = {
             "user": user.name,
-            "episodes": episodes,
-            "seed": seed,
-            "deterministic": deterministic,
+            "episodes": self.episodes,
+            "seed": self.seed,
+            "deterministic": self.deterministic,
             "overrides": list(request.overrides),
             "app": dict(request.app),
             **({} if request.people is None else {"people": request.people}),
         }
-        new: list[str] = []
-        if trained is not None:
-            new = unpractised(config, own, resolved, [condition.name for condition in conditions])
-        return cls(
-            user,
-            request,
-            resolved,
-            facts_of_chosen(facts, conditions),
-            conditions,
-            episodes,
-            seed,
-            deterministic,
-            batch,
-            out,
-            kept,
-            EvaluationResults(out),
-            settings,
-            new,
-        )
 
     @property
     def effort_weight(self) -> float:
@@ -548,12 +467,8 @@ def _play(
     watchers: Sequence[Watcher],
     simulation: SimulationFactory,
     on_progress: Callable[[float], None],
-) -> tuple[list[Round], list[TaskMoment]]:
-    """Play all rounds, conditions that the same apps can play together.
-
-    Returns:
-        The rounds, and what the task of a user without training was shown in the first one.
-    """
+) -> tuple[list[Round], list[TaskedApp]]:
+    """Return the rounds, and the app of the first one if a task judges a user without training."""
     judges: list[TaskedApp] = []
 
     def make_policy(users: Any) -> Policy:
@@ -566,16 +481,16 @@ def _play(
         if plan.request.overwrite:
             recorder.clear()
         else:
-            names = [condition.name for condition in plan.conditions]
-            plan.results.require_room(names, plan.settings)
+            plan.results.require_room([one.name for one in plan.conditions], plan.settings)
         return policy
 
+    # Conditions that the same apps can play, together.
     rounds: list[Round] = []
-    groups = condition_groups(plan.env.config, plan.conditions)
+    groups = condition_groups(plan.env, plan.conditions)
     for number, (env, conditions) in enumerate(groups):
 
-        def make(n: int, own: EnvConfig = env) -> Any:
-            return simulation(own, n, log_dir=logs.folder() if logs is not None else None)
+        def make(n: int, env: ResolvedEnv = env) -> Any:
+            return simulation(env, n, log_dir=logs.folder() if logs is not None else None)
 
         rounds += play(
             make,
@@ -587,15 +502,22 @@ def _play(
             watchers=watchers,
             on_progress=progress_of_part(on_progress, number, len(groups)),
         )
+    return rounds, judges
+
+
+def _problems(plan: _Plan, rounds: Sequence[Round], judges: Sequence[TaskedApp]) -> list[str]:
+    """Return what is wrong with the app or its task, a sentence each.
+
+    Args:
+        plan: What was played.
+        rounds: What came of it.
+        judges: The app of the first round, which has recorded what its task was shown, if any.
+    """
+    found, task = [], plan.env.config.app.task
     moments = (judges[0].moments or []) if judges else []
     starts = [k for k, moment in enumerate(moments) if moment.step_s == 0.0]
-    return rounds, moments[: starts[1]] if len(starts) > 1 else moments
-
-
-def _problems(plan: _Plan, rounds: Sequence[Round], moments: Sequence[TaskMoment]) -> list[str]:
-    """Return what is wrong with the app or its task, a sentence each."""
-    found, task = [], plan.env.config.app.task
     if moments and task is not None:
+        moments = moments[: starts[1]] if len(starts) > 1 else moments  # of the first round
         found = [f"the task: {one}" for one in check_task(load_task(task), moments)]
     score = plan.facts.score
     arrived = any(step.arrived_s is not None for result in rounds for step in result.script)
@@ -616,12 +538,6 @@ def _another_ray(policy: HierarchicalPolicy, users: Any) -> str:
     return off and f"pointing with the page's ray of today, {off} from that of its training"
 
 
-def _logs_by_itself(env: EnvConfig) -> bool:
-    """Whether the app is ours and started here, so that its logs cost no one an argument."""
-    app = env.app
-    return app.connect is None and app.executable is None and app.page is None
-
-
 def _folder_of(config: TrainingConfig, request: Request) -> str:
     """A folder's name that says what is different from the run's own settings; empty if nothing."""
     usual = config.evaluation
@@ -634,11 +550,6 @@ def _folder_of(config: TrainingConfig, request: Request) -> str:
             told.append(f"{key}={value}".lower())
     told += [f"{key}={value}" for key, value in request.app.items() if value]
     return re.sub(r"[^\w.,=-]+", "_", ",".join(told))[:_LONGEST_NAME]
-
-
-def batch_for(env: EnvConfig, batch: int) -> int:
-    """Return how many rounds can be played in parallel: one in an app that runs already."""
-    return 1 if env.app.connect is not None else batch
 
 
 def _check_numbers(episodes: int, seed: int, batch: int) -> None:

@@ -13,9 +13,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
-from sim2vr_harness.base.errors import InputError, closest, shown, unknown_name
-from sim2vr_harness.base.files import file_name, read_json
+from sim2vr_harness.base.errors import InputError, closest, printable, shown, unknown_name
+from sim2vr_harness.base.files import file_name, read_json, write_atomically
 from sim2vr_harness.client import Condition, GameFacts, Measure
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.play.exertion import fatigue_names
@@ -261,18 +262,15 @@ def _compared(
     found = [
         _not_worse(measure, group, results[measure.name], baseline[measure.name])
         for measure in measures
-        if measure.better != "none" and _has_value(measure.name, results, baseline)
+        if measure.better != "none"
+        and all(measure.name in one for one in (results, baseline))
+        and any(one[measure.name].n for one in (results, baseline))
     ]
     if all(one.skipped for one in found):
         why = found[0].skipped if found else "no measure in common"
         failure = f"{group}: nothing can be compared with the baseline ({why})"
         found.append(CheckResult(group, "comparison with the baseline", failure))
     return found
-
-
-def _has_value(name: str, *results: Mapping[str, Estimate]) -> bool:
-    """Whether all results have a measure, and some of them a value of it."""
-    return all(name in one for one in results) and any(one[name].n for one in results)
 
 
 def _not_worse(measure: Measure, group: str, now: Estimate, before: Estimate) -> CheckResult:
@@ -349,3 +347,38 @@ def _number(value: Any) -> float | None:
     if value is not None and not math.isfinite(value):
         raise ValueError("not finite")
     return None if value is None else float(value)
+
+
+# --- JUnit XML ------------------------------------------------------------------------------------
+
+
+def write_junit(file: Path, suite: str, results: Sequence[CheckResult], seconds: float) -> None:
+    """Write a test suite with a test case per check and condition or cell.
+
+    Args:
+        file: To write; its folder is made.
+        suite: Name of the suite.
+        results: Of the checks.
+        seconds: The time that playing and checking took.
+    """
+    counts = {
+        "tests": len(results),
+        "failures": sum(one.failure is not None for one in results),
+        "errors": 0,
+        "skipped": sum(one.skipped is not None for one in results),
+    }
+    root = ElementTree.Element("testsuites")
+    about = {key: str(count) for key, count in counts.items()} | {"time": f"{seconds:.3f}"}
+    cases = ElementTree.SubElement(root, "testsuite", {"name": printable(suite), **about})
+    for one in results:
+        names = {"classname": printable(one.group), "name": printable(one.name), "time": "0"}
+        case = ElementTree.SubElement(cases, "testcase", names)
+        if one.failure is not None:
+            message = printable(one.failure)
+            failure = ElementTree.SubElement(case, "failure", {"message": message, "type": "check"})
+            failure.text = message
+        elif one.skipped is not None:
+            ElementTree.SubElement(case, "skipped", {"message": printable(one.skipped)})
+    ElementTree.indent(root)
+    content = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+    write_atomically(file, content + b"\n")

@@ -13,7 +13,8 @@ from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.base.progress import progress_of_part
 from sim2vr_harness.client import GameFacts, Measure
 from sim2vr_harness.evaluation.curves import pack_curves
-from sim2vr_harness.evaluation.evaluate import Evaluation, Request, evaluate
+from sim2vr_harness.evaluation.evaluate import evaluate
+from sim2vr_harness.evaluation.request import Request
 from sim2vr_harness.play.round import measures_of
 from sim2vr_harness.policies.registry import new_network
 from sim2vr_harness.policies.store import TrainedUser, find_user, pack
@@ -58,7 +59,7 @@ def pack_measured(
     _check_seeds(users)
     for each, user in zip((run, *other_seeds), users, strict=True):
         require_trust(user.config.env, each, trust=trust_app)
-    request = Request(conditions=conditions, episodes=episodes, steps=False, trust_app=True)
+    request = Request(conditions=conditions or (), episodes=episodes, steps=False, trust_app=True)
     with TemporaryDirectory() as scratch:
         cards, facts = _cards(users, Path(scratch), name, details, request, on_progress)
         seeds = sorted(cards, key=lambda seed: _mean_score(cards[seed], facts.score or "return"))
@@ -104,16 +105,11 @@ def _packed(
     pack_curves(user.source.parent.parent, place)
     measured = replace(request, out=scratch / f"measured_{seed}")
     found = evaluate(place, measured, on_progress=on_progress)
-    return card | {"results": _results(found)}, found.facts
-
-
-def _results(found: Evaluation) -> dict[str, dict[str, Any]]:
-    """Return condition -> measure -> value, rounded, of an evaluation."""
-    keys = measured_keys(found.facts)
-    return {
-        condition: {key: _rounded(summary.get(key)) for key in keys}
+    results = {
+        condition: {key: _rounded(summary.get(key)) for key in measured_keys(found.facts)}
         for condition, summary in found.summaries.items()
     }
+    return card | {"results": results}, found.facts
 
 
 def _by_seed(cards: Mapping[int, Mapping[str, Any]], facts: GameFacts) -> dict[str, Any]:

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.gym_env import RenderMode, Sim2VREnv
-from sim2vr_harness.envs.resolved import ResolvedEnv
-from sim2vr_harness.evaluation.evaluate import Evaluation, Request
+from sim2vr_harness.evaluation.evaluate import Evaluation
 from sim2vr_harness.evaluation.evaluate import evaluate as measure
+from sim2vr_harness.evaluation.request import Request
 from sim2vr_harness.play.environment import evaluation_env
 from sim2vr_harness.policies.protocol import require_observation
 from sim2vr_harness.policies.registry import load_policy
@@ -33,9 +33,10 @@ class UserPolicy:
 
     def __init__(self, run: str | Path, *, trust_app: bool = False) -> None:
         self._user = find_user(run, code=True)
-        self.config: EnvConfig = evaluation_env(self._user.config, source=run, trust_app=trust_app)
+        self.env = evaluation_env(self._user.config, source=run, trust_app=trust_app)
         """The environment that it was trained in, ready for an evaluation."""
-        self.observation_space = ResolvedEnv(self.config).observation_space
+        self.config: EnvConfig = self.env.config
+        self.observation_space = self.env.observation_space
         self._policy, self.steps = load_policy(self._user, self.observation_space)
         self._rng = np.random.default_rng()
         self._run = run
@@ -61,9 +62,9 @@ class UserPolicy:
         Raises:
             InputError: The user cannot play in that environment; names every difference.
         """
-        chosen = config or self.config
-        require_contract(self._user, ResolvedEnv(chosen))
-        return Sim2VREnv(condition, chosen, render_mode)
+        env = self.env if config is None else self.env.sharing(config)
+        require_contract(self._user, env)
+        return Sim2VREnv(condition, env, render_mode)
 
     def seed(self, seed: int) -> None:
         """Fix the random numbers of the actions that follow."""
@@ -129,7 +130,7 @@ def evaluate(run: str | Path, **what: Any) -> Evaluation:
 
     Args:
         run: As of :class:`UserPolicy`.
-        what: Fields of :class:`~sim2vr_harness.evaluation.evaluate.Request`, such as
+        what: Fields of :class:`~sim2vr_harness.evaluation.request.Request`, such as
             ``conditions``, ``episodes`` and ``out``.
 
     Raises:

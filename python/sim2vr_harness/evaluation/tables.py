@@ -30,7 +30,6 @@ def results_table(
 
     Args:
         summaries: condition -> :func:`~sim2vr_harness.play.round.summarise`.
-        facts: What the game publishes.
         title: Shown above.
     """
     facts = facts.with_log(

@@ -136,10 +136,8 @@ def compare(name: str, user: People, people: People, behaviour: Behaviour) -> Co
     """Put a user beside people in the conditions that both have played.
 
     Args:
-        name: Of the user.
         user: Its persons by condition.
         people: By condition, at least as many persons as the game's ``least_people``.
-        behaviour: Of the game.
     """
     cells = [
         (group, condition)

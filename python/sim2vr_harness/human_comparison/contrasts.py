@@ -168,7 +168,6 @@ def fatigue_of(
     Args:
         fatigue: Condition -> person -> mean over the muscles of the largest share of fatigued
             units.
-        behaviour: Of the game.
     """
     rows, differences = [], []
     for group in behaviour.groups:

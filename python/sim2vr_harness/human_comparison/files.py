@@ -170,7 +170,6 @@ def write_page(
     """Write a page that opens without a network: what was found, every measure, the figures.
 
     Args:
-        report: What was found.
         figures: PNG files.
         file: The page.
         notes: Sentences on what is left out, which stand first.

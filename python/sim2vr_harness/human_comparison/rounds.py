@@ -192,7 +192,6 @@ def round_of(session: Session, behaviour: Behaviour, person: str) -> PlayedRound
 
     Args:
         session: As it was read.
-        behaviour: Of the game.
         person: Who played.
 
     Raises:

@@ -9,16 +9,16 @@ import json
 import re
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from sim2vr_harness.base.errors import InputError, shown, unknown_name
 from sim2vr_harness.base.files import file_name, read_bytes, read_json, write_atomically
 from sim2vr_harness.base.progress import progress_of_part
-from sim2vr_harness.envs.config import AppConfig, EnvConfig
-from sim2vr_harness.envs.resolved import ResolvedEnv
-from sim2vr_harness.evaluation.evaluate import Request, evaluate
+from sim2vr_harness.client import describe_game
+from sim2vr_harness.evaluation.evaluate import evaluate
+from sim2vr_harness.evaluation.request import Plays, Request
 from sim2vr_harness.games.behaviour import Behaviour
 from sim2vr_harness.games.registry import behaviour_of, behaviours
 from sim2vr_harness.human_comparison.persons import (
@@ -33,7 +33,7 @@ from sim2vr_harness.human_comparison.rounds import (
     has_targets,
     name_of_condition,
 )
-from sim2vr_harness.play.session_recorder import SessionRecorder
+from sim2vr_harness.play.recorders import SessionRecorder
 from sim2vr_harness.play.users import SimulatedUser
 from sim2vr_harness.policies.scripted.steps import is_script, read_steps
 from sim2vr_harness.policies.store import TrainedUser, find_user, is_packed
@@ -68,50 +68,6 @@ class Source:
     name: str
     persons: Mapping[Cell, Sequence[RecordedPerson]]
     fatigue: Mapping[Cell, Mapping[str, float]] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Plays:
-    """How a user plays who has not played yet.
-
-    Attributes:
-        out: rounds go to a folder of the user's name in it, and are used again.
-        episodes: rounds per condition; None: 6, beside sessions of any app 2.
-        seed: of the first round.
-        overrides: ``env.KEY=VALUE``, what is different from the training's environment.
-        conditions: the game's names; None takes all compared ones of the user's groups, beside
-            sessions those of the people.
-        batch: rounds in parallel at most.
-        persons: how many persons, who differ, play ``episodes`` rounds per condition each; None for
-            the user alone.
-        trust_app: whether the program that the user names as its app may be started.
-        remote: settings of ``env.app`` for a page or another app; empty: the user's own.
-    """
-
-    out: Path
-    episodes: int | None = None
-    seed: int = 77
-    overrides: Sequence[str] = ()
-    conditions: Sequence[str] | None = None
-    batch: int = 10
-    persons: int | None = None
-    trust_app: bool = False
-    remote: Mapping[str, Any] = field(default_factory=dict)
-
-    def request(self, folder: Path, **more: Any) -> Request:
-        """Return the evaluation that plays into a folder, anew, without tables of steps."""
-        return Request(
-            **{"conditions": self.conditions, "log": True, **more},
-            episodes=self.episodes or 6,
-            seed=self.seed,
-            steps=False,
-            out=folder,
-            overwrite=True,
-            batch=self.batch,
-            people=self.persons,
-            overrides=tuple(self.overrides),
-            trust_app=self.trust_app,
-        )
 
 
 @dataclass(frozen=True)
@@ -164,7 +120,9 @@ def read_sources(
         users: trained users, sessions or folders of them; beside sessions of an app without a
             description also users without training.
         people: sessions or folders of them.
-        plays: how users play.
+        plays: how users play, into a folder of the user's name in ``out``; rounds that are there
+            are used again. ``episodes``: 6 unless set, beside sessions of any app 2;
+            ``conditions``: all compared ones of the user's groups, beside sessions the people's.
         game: name of the game; None: that of people's logs, or of the first user that says.
         groups: of people, by whose rules users play.
         unconstrained: every touch was a hit for people, though the logs do not say.
@@ -187,7 +145,7 @@ def read_sources(
         recorded = [_with_condition(each, plays.conditions) for each in recorded]
     measured = None if behaviour is None else measured_people(recorded, behaviour)
     _check(users, ready, recorded, measured, behaviour, plays)
-    app = dict(plays.remote)
+    app = dict(plays.app)
     for number, user in enumerate(users):
         if user not in ready:
             show = progress_of_part(on_progress, number, len(users) + (behaviour is None))
@@ -239,7 +197,7 @@ def _described(
 
     Logs and packed rounds of a described game have more in them than other sessions.
     """
-    if plays.remote:
+    if plays.app:
         return None
     if recorded:
         paths = [each.session.path or Path() for each in recorded]
@@ -262,7 +220,7 @@ def _check(
     """Refuse before users play what would be refused after it."""
     if behaviour is None:
         every = [*recorded, *(each for own in ready.values() for each in own)]
-        known = behaviour_of_sessions(_name(recorded, plays.remote), [e.session for e in every])
+        known = behaviour_of_sessions(_name(recorded, plays.app), [e.session for e in every])
         conditions = {name_of_condition(each.session) for each in recorded}
         for each in every:
             measure_session(each.session, known, each.person)
@@ -279,7 +237,7 @@ def _check(
                 read_steps(user)
         else:
             app = find_user(user, code=True).config.env.app
-            if games and not plays.remote and app.game not in games:
+            if games and not plays.app and app.game not in games:
                 got, expected = f"{user!r}, who plays {app.game}", ", ".join(sorted(games))
                 raise InputError("USER", got, f"a user of {expected}")
             if behaviour is not None and people is not None and not behaviour.aimed:
@@ -290,7 +248,7 @@ def _check(
                     _require_common(f"{user!r}, who plays", names, theirs)
     for name in games if behaviour is None else ():
         facts = _condition_names(name)
-        for wanted in plays.conditions or ():
+        for wanted in plays.conditions:
             if facts and wanted not in facts:
                 raise unknown_name("--condition", wanted, facts)
 
@@ -302,11 +260,10 @@ def _require_common(who: str, played: Iterable[str], people: Iterable[str]) -> N
 
 
 def _condition_names(game: str) -> list[str]:
-    facts = ResolvedEnv(EnvConfig(app=AppConfig(game=game))).facts
-    return [each.name for each in facts.conditions]
+    return [each.name for each in describe_game(game).conditions]
 
 
-def _with_condition(each: Recorded, conditions: Sequence[str] | None) -> Recorded:
+def _with_condition(each: Recorded, conditions: Sequence[str]) -> Recorded:
     """A game's recording with its condition: its own, or the only one that was named.
 
     Raises:
@@ -315,7 +272,7 @@ def _with_condition(each: Recorded, conditions: Sequence[str] | None) -> Recorde
     app = each.session.app
     if app.kind != "game" or not app.name or app.condition:
         return each
-    if conditions is None or len(conditions) != 1:
+    if len(conditions) != 1:
         names = _condition_names(app.name)
         if not names:
             return each
@@ -443,9 +400,7 @@ def read_folders(name: str, folders: Sequence[Path], behaviour: Behaviour) -> So
     """Measure a user whose rounds are in several folders, such as the cells of a study.
 
     Args:
-        name: Of the user.
         folders: Of logs, each of other conditions.
-        behaviour: Of the game.
 
     Raises:
         InputError: A folder has no rounds of the game, or two have the same condition.
@@ -510,7 +465,7 @@ def _play(
     """
     games = [each.session for each in recorded if each.session.app.kind == "game"]
     conditions = list(plays.conditions or dict.fromkeys(map(name_of_condition, games)))
-    who, app = SimulatedUser.find(user), dict(plays.remote)
+    who, app = SimulatedUser.find(user), dict(plays.app)
     weights = None
     if who.trained is not None:
         weights = hashlib.sha256(read_bytes(who.trained.source, "weights of a user")).hexdigest()
@@ -518,20 +473,21 @@ def _play(
             conditions = list(plays.conditions or _conditions(who.trained, behaviour))
     elif games and not app:
         app = {"game": games[0].app.name, "transport": "in_process"}
-    app_config = who.env(app, plays.overrides, trust_app=plays.trust_app).app
+    app_config = who.env(app, plays.overrides, trust_app=plays.trust_app).config.app
     played_in = {**app_config.model_dump(exclude={"task", "transport_options"})}
     settings_of_app = {} if app_config.transport == "in_process" else played_in
     if settings_of_app or app_config.task is not None:
         settings_of_app = {**settings_of_app, "task": app_config.task}
+    assert plays.out is not None
     folder = plays.out / re.sub(r"[^\w.=-]+", "_", who.name)
     told = {
         "weights": weights,
         "conditions": conditions,
         "episodes": plays.episodes,
         "seed": plays.seed,
-        "persons": plays.persons,
+        "persons": plays.people,
         "overrides": list(plays.overrides),
-        "app": dict(plays.remote),
+        "app": dict(plays.app),
     }
     mark = folder / _PLAYED
     if mark.is_file() and read_json(mark, "what was played, in JSON") == told:
@@ -544,11 +500,12 @@ def _play(
     identity = AppIdentity(kind, app_config.game, "", dict(app_config.options))
     recorder = SessionRecorder(identity)
     local = app_config.page is None and app_config.transport == "in_process"
-    request = plays.request(
-        folder,
-        conditions=conditions or None,
+    request = Request(
+        **{each.name: getattr(plays, each.name) for each in fields(Plays)}
+        | {"conditions": conditions, "app": app, "out": folder},
         log=behaviour is not None or (local and who.trained is not None),
-        app=app,
+        steps=False,
+        overwrite=True,
         watchers=[] if behaviour is not None else [recorder],
     )
     evaluate(user, request, on_progress=on_progress)

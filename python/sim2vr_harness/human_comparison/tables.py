@@ -36,7 +36,6 @@ def report_tables(report: ComparisonReport, *, every: bool = False) -> Renderabl
     """Return what a comparison comes to.
 
     Args:
-        report: What was found.
         every: Show every measure in every condition.
     """
     aimed = report.behaviour.aimed

@@ -6,17 +6,16 @@ from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.runs.config import TrainingConfig, apply_overrides, parse_config
 from sim2vr_harness.runs.trust import named_app, require_trust
 
 
-def make_simulation(config: EnvConfig, n: int, *, log_dir: Path | None = None) -> Any:
+def make_simulation(env: ResolvedEnv, n: int, *, log_dir: Path | None = None) -> Any:
     """Return n users in their apps; the default of everything that plays."""
     from sim2vr_harness.envs.simulation import Simulation
 
-    return Simulation(config, n, log_dir=log_dir)
+    return Simulation(env, n, log_dir=log_dir)
 
 
 def evaluation_env(
@@ -27,7 +26,7 @@ def evaluation_env(
     source: str | Path = "the configuration",
     typed: bool = True,
     trust_app: bool = False,
-) -> EnvConfig:
+) -> ResolvedEnv:
     """Return the environment to evaluate in: the training's, with the game's evaluation options.
 
     Such as a curriculum that is switched off.
@@ -57,9 +56,9 @@ def evaluation_env(
     # Facts of a task come from its code: only that of the app that was asked about may run.
     tree["env"]["app"]["options"] = {
         **parse_config(tree).env.app.options,
-        **ResolvedEnv(final).facts.evaluation_options,
+        **(env := ResolvedEnv(final)).facts.evaluation_options,
     }
-    return parse_config(apply_overrides(tree, overrides)).env
+    return env.sharing(parse_config(apply_overrides(tree, overrides)).env)
 
 
 def as_overrides(settings: Mapping[str, Any]) -> list[str]:

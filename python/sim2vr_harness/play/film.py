@@ -173,7 +173,6 @@ def score_text(
     """Return the header's numbers: ``Hits 3   Misses 1   return 12.3   t  4.5 s``.
 
     Args:
-        facts: What the game publishes.
         log: The game's log now.
         seconds: Since the round's start.
         total_return: The user's return so far.

@@ -77,9 +77,6 @@ class Player:
         simulation: N users.
         policy: Acts for them, and looks on if it is a watcher; or a function of one user's
             observation and random numbers.
-        facts: What the game publishes.
-        deterministic: Whether actions are the policy's mean instead of samples.
-        watchers: Look on.
 
     Attributes:
         rounds: N, None for those that are not over.
@@ -122,12 +119,15 @@ class Player:
 
         Args:
             jobs: N.
-            on_progress: Called with the share of the work done, from 0 to 1.
         """
         with torch_threads(1):
             self.begin(jobs)
             for _ in self.steps():
-                on_progress(self._share())
+                # Of a round the share of its time that has passed, which the user senses.
+                none = np.zeros((len(jobs), 1))
+                passed = self._observation.get("stateful_information", none)[:, 0]
+                over = [result is not None for result in self.rounds]
+                on_progress(float(np.where(over, 1.0, (passed + 1.0) / 2.0).mean()))
         return [result for result in self.rounds if result is not None]
 
     def begin(self, jobs: Sequence[Job], *, endless: bool = False) -> None:
@@ -208,14 +208,6 @@ class Player:
         for watcher in self._watchers:
             watcher.ended(i, result)
 
-    def _share(self) -> float:
-        feature = self._observation.get("stateful_information", np.zeros((len(self.rounds), 1)))
-        shares = [
-            1.0 if result is not None else float(feature[i, 0] + 1.0) / 2.0
-            for i, result in enumerate(self.rounds)
-        ]
-        return float(np.mean(shares))
-
 
 def reward_per_minute(
     simulation: Any,
@@ -233,7 +225,6 @@ def reward_per_minute(
         policy: Acts for them.
         seeds: N, of the first rounds.
         steps: User steps to play, of each user.
-        deterministic: Whether actions are the policy's mean instead of samples.
         on_progress: Called with the share of the steps done, before each of them.
 
     Returns:
@@ -264,11 +255,7 @@ def play(
         make_simulation: Number of users -> a new simulation of them.
         make_policy: Simulation -> the policy, or a function of observation and random numbers.
         jobs: The rounds.
-        facts: What the game publishes.
-        deterministic: Whether actions are the policy's mean instead of samples.
         batch: How many rounds are played in parallel at most.
-        watchers: Look on.
-        on_progress: Called with the share of the work done, from 0 to 1.
 
     Returns:
         One round per job, in their order.

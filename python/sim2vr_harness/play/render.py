@@ -13,7 +13,6 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import naming
 from sim2vr_harness.client import AppDied
 from sim2vr_harness.envs.config import VisionConfig
-from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.play.environment import make_simulation
 from sim2vr_harness.play.film import BodyPainter, Film, Painter, Picture, compose, score_text
 from sim2vr_harness.play.player import Job, Player
@@ -76,13 +75,14 @@ def snapshot(
     if out.exists() and not out.is_dir():
         raise InputError("--out", f"{str(out)!r}, which is a file", "a folder")
     who = SimulatedUser.find(user)
-    env = ResolvedEnv(who.env(app, overrides, game=game, trust_app=trust_app))
+    env = who.env(app, overrides, game=game, trust_app=trust_app)
     who.require_contract(env)
     facts = env.facts
     title = f"{facts.name} {condition or facts.condition_of(env.config.app.options)}".strip()
-    config = env.with_condition(condition)
+    env = env.with_condition(condition)
+    config = env.config
     jobs, moves = [Job("", 0, seed)], []
-    with closing(simulation(config, 1)) as users:
+    with closing(simulation(env, 1)) as users:
         policy, _ = who.policy(users, facts)
         mean = who.config.evaluation.deterministic
         player = Player(users, policy, facts, deterministic=mean)
@@ -94,7 +94,7 @@ def snapshot(
         pictures = _draw(users, size)
     if "headset" not in pictures:  # an app that draws no views, such as a page, is played again
         vision = VisionConfig(width=size[0], height=size[1], channels=config.vision.channels)
-        with closing(simulation(config.model_copy(update={"vision": vision}), 1)) as users:
+        with closing(simulation(env.changed(vision=vision), 1)) as users:
             replayed = iter(moves)
             again = Player(users, lambda *_: next(replayed), facts)
             again.begin(jobs)
@@ -149,18 +149,18 @@ class _Seat:
         trust_app: bool,
     ) -> None:
         user = SimulatedUser.find(run)
-        env = ResolvedEnv(user.env(trust_app=trust_app))
+        env = user.env(trust_app=trust_app)
         user.require_contract(env)
         self.facts = env.facts
         self.condition = condition or self.facts.condition_of(env.config.app.options)
         try:
-            config = env.with_condition(condition)
+            env = env.with_condition(condition)
         except ValueError as error:
             got, _, expected = str(error).partition(": got ")[2].partition(", expected ")
             raise InputError("--condition", got, expected) from error
         self.name = user.name
-        self.frequency_hz = config.action_frequency_hz
-        self._users = stack.enter_context(closing(simulation(config, 1)))
+        self.frequency_hz = env.config.action_frequency_hz
+        self._users = stack.enter_context(closing(simulation(env, 1)))
         if "views" not in self._users.apps[0].capabilities:
             got = f"{str(run)!r}, whose app draws no views"
             raise InputError("RUN", got, "users of an app that does")
@@ -205,7 +205,7 @@ def film_comparison(
         seed: Of bodies, policies and games.
         seconds: To film at most.
         trust_app: Whether apps that the runs name may be started, though these users never have.
-        simulation: How to make a user: (EnvConfig, n) -> simulation.
+        simulation: How to make a user: (ResolvedEnv, n) -> simulation.
         on_progress: Called with the share of the seconds filmed.
 
     Raises:

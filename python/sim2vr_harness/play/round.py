@@ -175,7 +175,6 @@ def round_result(
     Other arguments are fields of :class:`Round`.
 
     Args:
-        facts: What the game publishes.
         game_return: Sum of the game's rewards.
         effort: Sum of the costs of effort.
         action_change: Mean absolute difference of successive actions, if known.
@@ -218,9 +217,8 @@ def summarise(rounds: Sequence[Round], facts: GameFacts) -> dict[str, Any]:
 
     Args:
         rounds: At least one round.
-        facts: What the game publishes.
     """
-    facts = facts.with_log(_merged([result.log for result in rounds]))
+    facts = facts.with_log({key: value for result in rounds for key, value in result.log.items()})
     logs = [result.log for result in rounds if result.ended != "app_failed"]
     summary: dict[str, Any] = {"episodes": len(rounds)}
     persons = _by_person(rounds)
@@ -275,10 +273,6 @@ def _by_person(rounds: Sequence[Round]) -> list[list[Round]]:
 def _mean(values: Sequence[float | None]) -> float | None:
     known = [value for value in values if value is not None]
     return float(np.mean(known)) if known else None
-
-
-def _merged(logs: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    return {key: value for log in logs for key, value in log.items()}
 
 
 def _finite(value: float | None) -> float | None:

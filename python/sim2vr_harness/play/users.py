@@ -11,8 +11,6 @@ from typing import Any
 
 from sim2vr_harness.client import GameFacts, Measure, TaskedApp
 from sim2vr_harness.client.tasks.events import EVENT_VALUE
-from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.games import with_game, without_training
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.play.environment import as_overrides, evaluation_env
@@ -84,7 +82,7 @@ class SimulatedUser:
         *,
         game: str | None = None,
         trust_app: bool = False,
-    ) -> EnvConfig:
+    ) -> ResolvedEnv:
         """Return the environment that it plays in; see :func:`.evaluation_env`.
 
         Args:
@@ -96,10 +94,10 @@ class SimulatedUser:
         if self.trained is not None:
             source = self.source
             env = evaluation_env(self.config, app, overrides, source=source, trust_app=trust_app)
-            return with_game(env, game)
+            return self.trained.env.sharing(env.config).with_game(game)
         # Read as one: what is not set follows from the app and its task.
-        env = load_config(_UNTRAINED, [*overrides, *as_overrides(app or {})]).env
-        return with_inputs(without_training(with_game(env, game), overrides), self.name)
+        env = ResolvedEnv(load_config(_UNTRAINED, [*overrides, *as_overrides(app or {})]).env)
+        return with_inputs(env.with_game(game).without_training(overrides), self.name)
 
     def require_contract(self, env: ResolvedEnv) -> None:
         """Refuse an environment that it cannot play in; without training it plays in any.
@@ -121,7 +119,6 @@ class SimulatedUser:
 
         Args:
             simulation: In its environment.
-            facts: What the game publishes.
         """
         if self.trained is not None:
             spaces = simulation.observation_space, simulation.action_space
@@ -169,16 +166,16 @@ def baseline_reward(simulation: Any, user: str, seed: int) -> tuple[float, float
     return reward_per_minute(simulation, policy, seeds, steps, deterministic=False)
 
 
-def doing_nothing_pays(env: EnvConfig) -> str | None:
+def doing_nothing_pays(env: ResolvedEnv) -> str | None:
     """Return a sentence if an app pays idle users more than ones that move at random, else None.
 
     The cost of effort does not decide: random activation of all muscles costs more than any
     strategy that a user learns. Apps that are not of this package are not started for this: None.
     """
-    app = env.app
+    app = env.config.app
     if app.connect is not None or app.executable is not None or app.page is not None:
         return None
-    blind = env.model_copy(update={"app": app.model_copy(update={"renderer": "null"})})
+    blind = env.changed(app=app.model_copy(update={"renderer": "null"}))
     with closing(Simulation(blind, _COMPARED)) as simulation:
         idle, random = (baseline_reward(simulation, user, 1) for user in ("still", "random"))
     return note_of_baselines(idle, random)

@@ -1,6 +1,7 @@
 """Agreement of a replayed round of Whac-A-Mole with its recording, per target and per hit."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,8 +33,7 @@ class Agreement:
         agreeing: Targets with the same outcome (hit, miss, or alive at the end).
         recorded: Events per kind in the recording.
         predicted: Events per kind in the replay.
-        recalled: Recorded hits found again within 50 and 100 ms.
-        confirmed: Predicted hits that were recorded, within 50 and 100 ms.
+        matched: Recorded hits that were predicted within 50 and 100 ms.
         dt_s: Predicted minus recorded time of the hits found within 50 ms, both as printed.
         dv_mps: Length of the difference of their velocities.
         same_step: Of them, those in the same fixed step.
@@ -45,10 +45,9 @@ class Agreement:
     identical_rounds: int
     targets: int
     agreeing: int
-    recorded: Mapping[str, int]
-    predicted: Mapping[str, int]
-    recalled: tuple[int, int]
-    confirmed: tuple[int, int]
+    recorded: Counter[str]
+    predicted: Counter[str]
+    matched: tuple[int, int]
     dt_s: np.ndarray
     dv_mps: np.ndarray
     same_step: int
@@ -69,7 +68,7 @@ def agreement_of(recording: Session, replayed: Session) -> Agreement:
     """
     assert replayed.clock is not None
     recorded, predicted = target_events(recording), target_events(replayed)
-    spawned, spawned_again = _spawns(recorded), _spawns(predicted)
+    spawned, spawned_again = (_of_kind(each, "spawn") for each in (recorded, predicted))
     # In a closed loop, target 7 of the replay is the recorded one only if it is the same spawn.
     same = {
         target
@@ -78,9 +77,12 @@ def agreement_of(recording: Session, replayed: Session) -> Agreement:
         and again.cell == event.cell
         and _apart(again, event) <= _SAME_SPAWN_S
     }
-    ends, ends_again = _ends(recorded), _ends(predicted)
+    ends, ends_again = (
+        {target: event.kind for target, event in _of_kind(each, "hit", "miss").items()}
+        for each in (recorded, predicted)
+    )
     agreeing = sum(ends.get(target) == ends_again.get(target) for target in same)
-    hits, hits_again = _hits(recorded), _hits(predicted)
+    hits, hits_again = (_of_kind(each, "hit") for each in (recorded, predicted))
     apart = {
         target: _apart(hits_again[target], hits[target])
         for target in same & hits.keys() & hits_again.keys()
@@ -103,10 +105,9 @@ def agreement_of(recording: Session, replayed: Session) -> Agreement:
         identical_rounds=int(divergence is None),
         targets=len(spawned),
         agreeing=agreeing,
-        recorded=_counts(recorded),
-        predicted=_counts(predicted),
-        recalled=(within[0], within[1]),
-        confirmed=(within[0], within[1]),
+        recorded=Counter(event.kind for event in recorded),
+        predicted=Counter(event.kind for event in predicted),
+        matched=(within[0], within[1]),
         dt_s=np.array(dt),
         dv_mps=np.array([_velocity_difference(hits_again[t], hits[t]) for t in pairs]),
         same_step=int(sum(abs(d) < half_step_s for d in dt)),
@@ -127,10 +128,9 @@ def pooled(parts: Sequence[Agreement]) -> Agreement:
         identical_rounds=sum(part.identical_rounds for part in parts),
         targets=sum(part.targets for part in parts),
         agreeing=sum(part.agreeing for part in parts),
-        recorded=_sums(part.recorded for part in parts),
-        predicted=_sums(part.predicted for part in parts),
-        recalled=(sum(p.recalled[0] for p in parts), sum(p.recalled[1] for p in parts)),
-        confirmed=(sum(p.confirmed[0] for p in parts), sum(p.confirmed[1] for p in parts)),
+        recorded=sum((part.recorded for part in parts), Counter()),
+        predicted=sum((part.predicted for part in parts), Counter()),
+        matched=(sum(p.matched[0] for p in parts), sum(p.matched[1] for p in parts)),
         dt_s=np.concatenate([part.dt_s for part in parts]),
         dv_mps=np.concatenate([part.dv_mps for part in parts]),
         same_step=sum(part.same_step for part in parts),
@@ -143,10 +143,10 @@ def as_json(part: Agreement) -> dict[str, Any]:
     return {
         "targets": part.targets,
         "outcome_agreement": _share(part.agreeing, part.targets),
-        "hit_recall_50ms": _share(part.recalled[0], hits),
-        "hit_precision_50ms": _share(part.confirmed[0], hits_again),
-        "hit_recall_100ms": _share(part.recalled[1], hits),
-        "hit_precision_100ms": _share(part.confirmed[1], hits_again),
+        "hit_recall_50ms": _share(part.matched[0], hits),
+        "hit_precision_50ms": _share(part.matched[0], hits_again),
+        "hit_recall_100ms": _share(part.matched[1], hits),
+        "hit_precision_100ms": _share(part.matched[1], hits_again),
         "same_step": _share(part.same_step, len(part.dt_s)),
         "mean_abs_dt_s": _or_none(np.abs(part.dt_s), np.mean),
         "dv_median": _or_none(part.dv_mps, np.median),
@@ -211,31 +211,6 @@ def _or_none(values: np.ndarray, statistic: Any) -> float | None:
     return float(statistic(values)) if len(values) else None
 
 
-def _spawns(events: Iterable[TargetEvent]) -> dict[int, TargetEvent]:
-    return {event.target: event for event in events if event.kind == "spawn"}
-
-
-def _hits(events: Iterable[TargetEvent]) -> dict[int, TargetEvent]:
-    return {event.target: event for event in events if event.kind == "hit"}
-
-
-def _ends(events: Iterable[TargetEvent]) -> dict[int, str]:
-    return {event.target: event.kind for event in events if event.kind in ("hit", "miss")}
-
-
-def _counts(events: Iterable[TargetEvent]) -> dict[str, int]:
-    kinds = [event.kind for event in events]
-    return {kind: kinds.count(kind) for kind in ("spawn", "hit", "contact", "miss")}
-
-
-def _sums(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
-    total = {"spawn": 0, "hit": 0, "contact": 0, "miss": 0}
-    for count in counts:
-        for kind in total:
-            total[kind] += count[kind]
-    return total
-
-
 def _apart(a: TargetEvent, b: TargetEvent) -> float:
     return abs(a.time_s - b.time_s)
 
@@ -258,3 +233,7 @@ def _keyed(events: Iterable[TargetEvent]) -> dict[_Key, TargetEvent]:
             count += 1
         keyed[event.kind, event.target, event.cell, count] = event
     return keyed
+
+
+def _of_kind(events: Iterable[TargetEvent], *kinds: str) -> dict[int, TargetEvent]:
+    return {event.target: event for event in events if event.kind in kinds}

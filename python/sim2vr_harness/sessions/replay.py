@@ -22,7 +22,6 @@ from sim2vr_harness.client import (
     AppPlace,
     AppReply,
     AppsWanted,
-    DevicePoses,
     InProcessApp,
     OptionValue,
     describe_game,
@@ -56,26 +55,6 @@ class SessionReplay:
     comparison: Comparison
 
 
-def drive(
-    app: AppClient, seed: int, frames: Iterable[tuple[int, DevicePoses]]
-) -> Iterator[AppReply]:
-    """Play a round without a body: start it, and run frames until their end or the round's.
-
-    Args:
-        seed: of the round.
-        frames: game time, ns, and devices of each frame; taken as they are needed.
-
-    Yields:
-        The app's reply to every frame.
-    """
-    for number, (time_ns, poses) in enumerate(frames):
-        first = number == 0
-        reply = app.reset(seed, poses, time_ns=time_ns) if first else app.step(time_ns, poses)
-        yield reply
-        if reply.finished:
-            return
-
-
 def replay_session(
     session: Session,
     *,
@@ -91,7 +70,6 @@ def replay_session(
     """Replay a session.
 
     Args:
-        session: the recording.
         game: name of a game of this runtime; None: ``app``, or the session's own game.
         app: settings of ``env.app`` for a page or another app, and its ``task``.
         options: of the app, over the session's.
@@ -123,7 +101,7 @@ def replay_session(
                 devices_for = replace(for_devices, left_controller=None, left_inputs=None)
             devices, times_ns = devices_for, session.time_ns - start_ns
             frames = ((int(time_ns), devices[i]) for i, time_ns in enumerate(times_ns))
-            for i, reply in enumerate(drive(client, session.seed or 0, frames)):
+            for i, reply in enumerate(client.play(session.seed or 0, frames)):
                 recorder.take(i, reply)
                 watch(client, i, reply)
         logs = sorted(log_dir.rglob("events.csv"))

@@ -9,7 +9,7 @@ from pathlib import Path
 from sim2vr_harness import __version__
 from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.client import GameFacts, InProcessBatch, Measure
-from sim2vr_harness.envs.config import AppConfig, with_options
+from sim2vr_harness.envs.config import AppConfig
 from sim2vr_harness.envs.late_hands import app_options, hand_lag_s
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.evaluation.expectations import Planned, study_group
@@ -85,11 +85,11 @@ def plan_of(
         folder, users or Users(code=trust_app), pruning, may_diverge, source, trust_app
     )
     found = [_Resolved.of(study, cell, where) for cell in cells_of(study)]
-    facts = found[0].facts
+    facts = found[0].env.facts
     for one in found:
-        if one.facts.name != facts.name:
+        if one.env.facts.name != facts.name:
             expected = f"one of {facts.name}, as in cell {found[0].task.cell}"
-            raise InputError(f"cell {one.task.cell}", f"a user of {one.facts.name}", expected)
+            raise InputError(f"cell {one.task.cell}", f"a user of {one.env.facts.name}", expected)
     known = (*measures_of(facts), *_fatigue(found))
     trainings = {one.training.key: one.training for one in found if one.training is not None}
     return StudyPlan(
@@ -117,7 +117,7 @@ def _measures(study: StudyConfig, facts: GameFacts, known: Sequence[Measure]) ->
 
 def _fatigue(found: Sequence[_Resolved]) -> tuple[Measure, ...]:
     """Measures of fatigue that the users of all cells have."""
-    users = {one.task.env.user.model_dump_json(): ResolvedEnv(one.task.env) for one in found}
+    users = {one.env.config.user.model_dump_json(): one.env for one in found}
     names: dict[str, None] | None = None
     for env in users.values():
         own = fatigue_names(env)
@@ -138,7 +138,7 @@ class _Resolved:
     cell: Cell
     task: CellTask
     training: TrainingTask | None
-    facts: GameFacts
+    env: ResolvedEnv
     content: str
     """Hash of what decides about its rounds, names and defaults resolved."""
 
@@ -155,7 +155,8 @@ class _Resolved:
         player = player_of(study.name, cell, where)
         training = player.training
         condition = player.condition
-        _check_options(with_options(player.env, condition.options).app)
+        played = player.env.with_options(condition.options).config
+        _check_options(played.app)
         task = CellTask(
             key="",
             cell=cell.name,
@@ -163,7 +164,7 @@ class _Resolved:
             training=None if training is None else training.key,
             condition=condition.name,
             overrides=tuple(cell.of("env.")),
-            env=player.env,
+            env=player.env.config,
             trust_app=where.trust_app,
             episodes=study.episodes,
             seed=cell.seed,
@@ -187,15 +188,15 @@ class _Resolved:
             "logs": task.logs,
             "film_seconds": task.film_seconds,
         }
-        if condition.options != player.facts.condition(condition.name).options:
+        if condition.options != player.env.facts.condition(condition.name).options:
             identity["options"] = condition.options  # the cell's own win
         resolved = {
             **player.identity,
-            "env": with_options(player.env, condition.options).model_dump(mode="json"),
+            "env": played.model_dump(mode="json"),
             **{key: identity[key] for key in ("episodes", "seed", "people", "deterministic")},
         }
         task = replace(task, key=content_hash(identity))
-        return cls(cell, task, training, player.facts, content_hash(resolved))
+        return cls(cell, task, training, player.env, content_hash(resolved))
 
 
 def _check_options(app: AppConfig) -> None:

@@ -10,8 +10,7 @@ from sim2vr_harness import __version__
 from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import read_bytes
 from sim2vr_harness.base.settings import MOST_STEPS
-from sim2vr_harness.client import Condition, GameFacts
-from sim2vr_harness.envs.config import EnvConfig, with_options
+from sim2vr_harness.client import Condition
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.evaluation.conditions import chosen_conditions, named_options
 from sim2vr_harness.play.environment import evaluation_env
@@ -72,7 +71,6 @@ class SelectedPolicy:
         user: A trained user as ``evaluate`` takes it; None: the one of ``training``.
         training: What has to be trained first.
         env: Where it plays.
-        facts: What the game publishes.
         condition: That it plays, with the options that the cell names.
         identity: What decides about who it is, for the cell's hash.
         deterministic: Whether the user's own configuration evaluates the policy's mean.
@@ -80,8 +78,7 @@ class SelectedPolicy:
 
     user: str | None
     training: TrainingTask | None
-    env: EnvConfig
-    facts: GameFacts
+    env: ResolvedEnv
     condition: Condition
     identity: Mapping[str, Any]
     deterministic: bool
@@ -109,17 +106,15 @@ def player_of(study: str, cell: Cell, where: SelectionSource) -> SelectedPolicy:
         raise InputError(key, "it together with a user", expected)
     known, weights = where.users.find(user)
     env = _env(known.config, cell, user, where)
-    resolved = ResolvedEnv(env)
-    require_contract(known, resolved)
-    facts = resolved.facts
-    condition = _condition(facts, known.config, env, cell)
+    require_contract(known, env)
+    condition = _condition(env, known.config, cell)
     identity = {"user": Path(user).name, "weights": weights}
     steps = _steps(settings.get("adapt", 0))
     if steps == 0:
         whole = identity | {"config": to_yaml(known.config)}
         mean = known.config.evaluation.deterministic
-        return SelectedPolicy(user, None, env, facts, condition, whole, mean)
-    there = with_options(env, condition.options)
+        return SelectedPolicy(user, None, env, condition, whole, mean)
+    there = env.with_options(condition.options).config
     wanted = [f"total_timesteps={steps}", *cell.of("training.")]
     config = adapting(known, user, wanted, env=there)
     return _trained(study, cell, config, where, user, adapts=(name_of(known), identity))
@@ -152,15 +147,14 @@ def _trained(
     name = None if adapts is None else adapts[0]
     task = TrainingTask(key, to_yaml(config), cell.name, where.pruning, where.may_diverge, name)
     env = _env(config, cell, named, where)
-    facts = ResolvedEnv(env).facts
-    condition = _condition(facts, config, env, cell)
+    condition = _condition(env, config, cell)
     mean = config.evaluation.deterministic
-    return SelectedPolicy(None, task, env, facts, condition, {"training": key}, mean)
+    return SelectedPolicy(None, task, env, condition, {"training": key}, mean)
 
 
 def _env(
     config: TrainingConfig, cell: Cell, source: str | Path, where: SelectionSource
-) -> EnvConfig:
+) -> ResolvedEnv:
     """Return where a cell is played; what a study's file says is not this user's word."""
     return evaluation_env(
         config,
@@ -186,10 +180,11 @@ def _steps(value: Any) -> int:
     return value
 
 
-def _condition(facts: GameFacts, config: TrainingConfig, env: EnvConfig, cell: Cell) -> Condition:
+def _condition(env: ResolvedEnv, config: TrainingConfig, cell: Cell) -> Condition:
     """What a cell plays, whose dotted keys win over the condition's own options."""
     name = cell.settings.get("condition")
+    facts = env.facts
     usual = facts.condition_of(config.env.app.options) or facts.default_condition
     names = None if name is None else [str(name)]
-    named = named_options(env, cell.of("env."))
+    named = named_options(env.config, cell.of("env."))
     return chosen_conditions(facts, names, [usual], named, field="condition")[0]

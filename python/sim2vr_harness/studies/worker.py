@@ -14,7 +14,8 @@ from rich.console import Console
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.base.finite import NotFinite
-from sim2vr_harness.evaluation.evaluate import Request, evaluate
+from sim2vr_harness.evaluation.evaluate import evaluate
+from sim2vr_harness.evaluation.request import Request
 from sim2vr_harness.runs.config import parse_config
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.runs.trust import answered

@@ -5,8 +5,6 @@ from pathlib import Path
 
 from sim2vr_harness.base import paths
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.envs.config import EnvConfig, with_options
-from sim2vr_harness.envs.games import with_game
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.evaluation.conditions import chosen_conditions, named_options
 from sim2vr_harness.play.environment import evaluation_env
@@ -50,11 +48,10 @@ def environment_of(
     condition: str | None = None,
     overrides: Sequence[str] = (),
     trust_app: bool = False,
-) -> EnvConfig:
+) -> ResolvedEnv:
     """Return the environment of a user; see :func:`settings_of`.
 
     Args:
-        who: The user.
         game: Another game than the user's.
         condition: Of the game.
         overrides: ``env.key=value``.
@@ -65,20 +62,21 @@ def environment_of(
     """
     env = evaluation_env(settings_of(who), overrides=overrides, source=who, trust_app=trust_app)
     try:
-        if game is not None and game != env.app.game:
-            options = env.app.model_copy(update={"options": {}})
-            env = with_game(env.model_copy(update={"app": options}), game)
-            ResolvedEnv(env).facts  # noqa: B018  # refuses a game that there is not
+        if game is not None and game != env.config.app.game:
+            app = env.config.app.model_copy(update={"options": {}})
+            env = env.changed(app=app).with_game(game)
+            env.facts  # noqa: B018  # refuses a game that there is not
     except ValueError as error:
-        raise _named("--game", error) from error
+        got, _, expected = str(error).partition("got ")[2].partition(", expected ")
+        raise InputError("--game", got or str(error), expected or "another one") from error
     if condition is None:
         return env
-    named = named_options(env, overrides)
-    (chosen,) = chosen_conditions(ResolvedEnv(env).facts, [condition], named=named)
-    return with_options(env, chosen.options)
+    named = named_options(env.config, overrides)
+    (chosen,) = chosen_conditions(env.facts, [condition], named=named)
+    return env.with_options(chosen.options)
 
 
-def require_own_game(who: str, env: EnvConfig) -> None:
+def require_own_game(who: str, env: ResolvedEnv) -> None:
     """Refuse a trained user in another game than that of its training.
 
     Raises:
@@ -88,11 +86,6 @@ def require_own_game(who: str, env: EnvConfig) -> None:
         trained = find_user(who, code=True).config.env.app.game
     except InputError:
         return
-    if env.app.game != trained:
-        got = f"{env.app.game!r} for {who}, which was trained for {trained!r}"
+    if env.config.app.game != trained:
+        got = f"{env.config.app.game!r} for {who}, which was trained for {trained!r}"
         raise InputError("--game", got, f"{trained!r}, or a body instead of the user")
-
-
-def _named(option: str, error: ValueError) -> InputError:
-    got, _, expected = str(error).partition("got ")[2].partition(", expected ")
-    return InputError(option, got or str(error), expected or "another one")

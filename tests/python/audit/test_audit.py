@@ -11,7 +11,7 @@ import pytest
 from scipy.special import ndtr
 
 from sim2vr_harness.audit.acting import Actor, act_out
-from sim2vr_harness.audit.auditing import AuditRequest, Parts, run
+from sim2vr_harness.audit.auditing import Parts, run
 from sim2vr_harness.audit.judging import can_grip, grip_share, grip_time, hold, judge, seen
 from sim2vr_harness.audit.pacing import PACING, Paced, minutes_at_pace, path_loads
 from sim2vr_harness.audit.pages import FoundThing, Way, things_as_targets
@@ -29,6 +29,7 @@ from sim2vr_harness.audit.report import (
     unanswered,
     write,
 )
+from sim2vr_harness.audit.request import AuditRequest
 from sim2vr_harness.audit.summary import cause, plain, proportion
 from sim2vr_harness.audit.targets import (
     Target,
@@ -562,8 +563,8 @@ def test_bad_files_name_the_field(tmp_path: Path, text: str, message: str) -> No
     ("options", "message"),
     [
         ({}, "--game, --page, --targets or --session: got none"),
-        ({"game": "sample", "remote": {"page": "x"}}, "--page or --openxr: got it together"),
-        ({"remote": {"game": "x"}}, "--openxr: got a program without --targets"),
+        ({"game": "sample", "app": {"page": "x"}}, "--page or --openxr: got it together"),
+        ({"app": {"game": "x"}}, "--openxr: got a program without --targets"),
         ({"targets": ["0,1,0"], "overrides": ["a=1"]}, "--set: got it without an app"),
         ({"targets": ["0,1,0"], "objects": "a"}, "--condition or --objects: got it without"),
         ({"game": "sample", "how": "grab"}, "--how: got 'grab', expected touch or point"),

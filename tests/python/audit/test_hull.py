@@ -25,8 +25,9 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import app
 from sim2vr_harness.client import AppScene, DevicePoses, InProcessApp
 from sim2vr_harness.client.frames import position_to_app
-from sim2vr_harness.envs.config import EnvConfig, UserConfig
+from sim2vr_harness.envs.config import UserConfig
 from sim2vr_harness.envs.people_preset import with_people
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.tools.users import environment_of
 from sim2vr_harness.users import Body, BodyPlan, PeopleSettings, Population, load_body
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
@@ -363,7 +364,7 @@ def test_people_reach_what_their_own_arms_allow() -> None:
     places = [Target("below", top_m - np.array([0.0, 0.25, 0.0])), Target("at", top_m)]
     asked: list[int] = []
 
-    def look(_: EnvConfig, person: int) -> list[Target]:
+    def look(_: ResolvedEnv, person: int) -> list[Target]:
         asked.append(person)
         return places
 

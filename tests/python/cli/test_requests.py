@@ -1,5 +1,6 @@
 """Options of the command line, made from the fields of a request."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -30,7 +31,8 @@ class Request(Shared):
     kind: Literal["a", "b"] = option("Kind.", "a")
     people: int | None = option("Persons.", metavar="[N]", bare=7)
     out: Path | None = option("Folder.", place="folder to write")
-    tag: tuple[int, ...] = option("Tags.", ())
+    tag: Sequence[int] = option("Tags.", ())
+    inner: int = 4
 
 
 def run(*words: str) -> Any:
@@ -80,6 +82,12 @@ def test_an_option_may_stand_without_its_number(
     assert (got.people, got.place, got.names) == (people, Path("here"), names)
 
 
+def test_fields_without_a_help_sentence_are_for_programs() -> None:
+    assert run("here").inner == 4
+    with pytest.raises(Exception, match="No such option: --inner"):
+        run("here", "--inner", "5")
+
+
 @pytest.mark.parametrize(("name", "value"), [("--length-m", "nan"), ("--out", "/proc/x")])
 def test_numbers_and_places_are_checked_by_their_type(name: str, value: str) -> None:
     with pytest.raises(InputError, match=f"^{name}: got "):
@@ -89,6 +97,7 @@ def test_numbers_and_places_are_checked_by_their_type(name: str, value: str) -> 
 def test_own_options_come_first_and_arguments_in_order() -> None:
     names = {words: [each.name for each in command.params] for words, command in shown_commands()}
     assert names["session convert"][:2] == ["source", "out"]
+    assert names["evaluate"].index("conditions") < names["evaluate"].index("record")
     options = names["train"]
     assert options.index("timesteps") < options.index("trust_app") < options.index("page")
 

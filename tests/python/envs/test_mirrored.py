@@ -10,7 +10,7 @@ import pytest
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import DevicePoses, HapticPulse
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation
-from sim2vr_harness.envs.mirrored import MirroredGroup, mirrored_poses
+from sim2vr_harness.envs.app_group import MirroredGroup, mirrored_poses
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.sessions import read_sessions
 from sim2vr_harness.sessions.logs import target_events

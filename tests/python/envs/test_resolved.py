@@ -42,7 +42,7 @@ def test_all_that_follows_shares_one_body(loads: list[str]) -> None:
     assert env.action_space.shape == (32,)
     assert len(env.contract["muscles"]) == 32
     assert {*env.contract["observation"]} == {*env.observation_space.spaces}
-    assert env.with_hand() == env.config
+    assert env.with_hand() is env
     assert env.people is None
     assert loads == ["mobl_arms_wrist"]
 
@@ -53,11 +53,41 @@ def test_a_shipped_user_needs_one_body(loads: list[str]) -> None:
     assert len(loads) == 1
 
 
-def test_a_simulation_has_the_spaces_that_were_foretold() -> None:
+def test_what_a_change_leaves_is_not_made_again(loads: list[str]) -> None:
+    env = ResolvedEnv(EnvConfig(app={"game": "sample"}))
+    assert env.facts.name == "sample" and env.body.name == "mobl_arms_wrist"
+    faster = env.changed(
+        action_frequency_hz=10.0, user=UserConfig(model="mobl_arms_wrist", people={"seed": 4})
+    )
+    assert faster.body is env.body and faster.facts is env.facts
+    assert faster.config.user.people.seed == 4 and env.people is None
+    assert env.with_options({"level": 1}).facts is env.facts
+    other = faster.with_game("whacamole")
+    assert other.body is env.body and other.facts.name == "whacamole"
+    assert loads == ["mobl_arms_wrist"]
+    still = faster.changed(user=UserConfig(model="mobl_arms_bimanual"))
+    assert still.body.name == "mobl_arms_bimanual" and still.facts is env.facts
+
+
+@pytest.mark.parametrize(("game", "inputs"), [("panel", ("right.trigger",)), ("sample", ())])
+def test_users_get_the_inputs_that_the_game_reads(game: str, inputs: tuple[str, ...]) -> None:
+    env, beats = (ResolvedEnv(EnvConfig(app={"game": name})) for name in (game, "beats"))
+    assert env.with_task().config.user.inputs == inputs
+    assert beats.with_game(game).config.user.inputs == inputs
+
+
+@pytest.mark.parametrize("inputs", [(), ("right.a",)])
+def test_inputs_that_a_configuration_names_stay(inputs: tuple[str, ...]) -> None:
+    env = ResolvedEnv(EnvConfig(app={"game": "panel"}, user={"inputs": inputs}))
+    assert env.with_task().config.user.inputs == inputs
+
+
+def test_a_simulation_has_the_spaces_that_were_foretold(loads: list[str]) -> None:
     env = ResolvedEnv(EnvConfig())
-    simulation = Simulation(env.config, 1)
+    simulation = Simulation(env, 1)
     assert simulation.observation_space == env.observation_space
     assert simulation.action_space == env.action_space
+    assert loads == [env.body.name]
     simulation.close()
 
 

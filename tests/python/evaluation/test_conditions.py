@@ -26,8 +26,8 @@ def test_a_named_option_wins_over_the_condition_s() -> None:
     env = environment_of(
         "beats_level", condition="full", overrides=["env.app.options.level=my.dat"]
     )
-    assert env.app.options["level"] == "my.dat"
-    assert environment_of("beats_level", condition="full").app.options["level"] == "full"
+    assert env.config.app.options["level"] == "my.dat"
+    assert environment_of("beats_level", condition="full").config.app.options["level"] == "full"
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import Condition, GameFacts, describe_game, facts_of_outside
-from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.evaluation import evaluate as module
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
@@ -139,13 +139,13 @@ def test_a_checkpoint_can_be_named(trained: Path) -> None:
 def test_the_curriculum_is_switched_off(trained: Path) -> None:
     config = RunFolder(trained).load_config()
     assert config.env.app.options["adaptive"] is True
-    assert evaluation_env(config).app.options == {"condition": "medium", "adaptive": False}
+    assert evaluation_env(config).config.app.options == {"condition": "medium", "adaptive": False}
 
 
 def test_the_environment_can_be_another_than_the_training_s(trained: Path) -> None:
     config = RunFolder(trained).load_config()
     overrides = ["env.user.noise.constant=white", "env.app.options.adaptive=true"]
-    changed = evaluation_env(config, overrides=overrides)
+    changed = evaluation_env(config, overrides=overrides).config
     assert changed.user.noise.constant == "white"
     assert changed.app.options == {"condition": "medium", "adaptive": True}
     kept = changed.model_copy(update={"app": config.env.app, "user": config.env.user})
@@ -156,10 +156,8 @@ def test_the_environment_can_be_another_than_the_training_s(trained: Path) -> No
     assert found.summaries["medium"]["game"] == "whacamole"
     folder = "user.noise.constant=white,app.options.adaptive=true"
     place = trained / "evaluation" / "step_000000120" / folder
-    assert found.files == [
-        place / "results.json",
-        place / "data",
-    ]  # beside the results without changes
+    # Beside the results without changes.
+    assert found.files == [place / "results.json", place / "data"]
 
 
 def test_bad_requests(trained: Path, tmp_path: Path) -> None:
@@ -168,10 +166,7 @@ def test_bad_requests(trained: Path, tmp_path: Path) -> None:
         (Request(seed=-1), r"^--seed: got -1"),
         (Request(overrides=["ppo.n_envs=4"]), r"^--set: got 'ppo.n_envs=4', expected env.KEY"),
         (Request(overrides=["env.users.noise=1"]), r"env.users"),
-        (
-            Request(overrides=["env.action_frequency_hz=10"]),
-            r"^environment: got .*trained with",
-        ),
+        (Request(overrides=["env.action_frequency_hz=10"]), r"^environment: got .*trained with"),
         (Request(batch=0), r"^--batch: got 0"),
         (Request(batch=10**6, episodes=10**6), r"^--batch: got 1,000,000 rounds .* GiB, expected"),
         (Request(conditions=["easy", "impossible"]), r"^--condition: got 'impossible', expected a"),
@@ -195,11 +190,7 @@ def test_bad_requests(trained: Path, tmp_path: Path) -> None:
 
 
 def test_a_game_that_writes_no_logs_gets_no_folder_named(trained: Path, tmp_path: Path) -> None:
-    def simulation(config: Any, n: int, *, log_dir: Path | None = None) -> FakeSimulation:
-        return FakeSimulation(config, n, log_dir=log_dir)
-
-    request = Request(conditions=["easy"], episodes=1, log=True, out=tmp_path)
-    found = evaluate(trained, request, simulation=simulation)
+    found = play_with(trained, Request(["easy"], episodes=1, log=True, out=tmp_path))
     assert tmp_path / "logs" not in found.files
 
 
@@ -223,11 +214,8 @@ def test_progress_and_logs(trained: Path, tmp_path: Path) -> None:
                 self.rounds[i] += 1
             return infos
 
-    def simulation(config: Any, n: int, *, log_dir: Path | None = None) -> FakeSimulation:
-        return Logging(config, n, log_dir=log_dir)
-
     request = Request(conditions=["easy", "hard"], episodes=3, log=True, out=tmp_path, batch=4)
-    found = evaluate(trained, request, simulation=simulation, on_progress=shares.append)
+    found = evaluate(trained, request, simulation=Logging, on_progress=shares.append)
     assert sorted(place.name for place in (tmp_path / "logs").iterdir()) == [
         *("easy_seed1", "easy_seed2", "easy_seed3", "hard_seed1", "hard_seed2", "hard_seed3")
     ]
@@ -267,19 +255,11 @@ def test_results_are_added_and_never_lost(trained: Path, tmp_path: Path) -> None
 def test_what_was_never_practised_is_said(trained: Path) -> None:
     """The run practised medium."""
     assert play_with(trained, Request(conditions=["medium"], episodes=1)).unpractised == []
-    found = play_with(
-        trained,
-        Request(
-            conditions=["medium", "hard"],
-            episodes=1,
-            overrides=[
-                "env.user.noise.constant=white",
-                "env.app.options.life_seconds=2.0",
-                "env.cores=1",
-                "env.user.effort.weight=0.5",  # counts otherwise, and is nothing to practise
-            ],
-        ),
-    )
+    overrides = [
+        *("env.user.noise.constant=white", "env.app.options.life_seconds=2.0", "env.cores=1"),
+        "env.user.effort.weight=0.5",  # counts otherwise, and is nothing to practise
+    ]
+    found = play_with(trained, Request(["medium", "hard"], episodes=1, overrides=overrides))
     assert found.unpractised == [
         "life_seconds = 2.0 (trained: 1.0)",
         "noise.constant = white",
@@ -346,13 +326,21 @@ def test_a_user_of_skills_plays_what_it_has_met() -> None:
     assert met_by("ppo", condition="medium") == []
 
 
-def test_pages_and_strangers_programs_are_not_asked_for_logs() -> None:
-    for app, asked in (
-        (AppConfig(game="sample"), True),
-        (AppConfig(transport="webxr", page="page.html"), False),
-        (AppConfig(transport="protocol2", executable="app"), False),
-    ):
-        assert module._logs_by_itself(EnvConfig(app=app)) is asked
+@pytest.mark.parametrize(
+    ("app", "asked"), [({}, True), ({"transport": "protocol2", "executable": "app"}, False)]
+)
+def test_a_stranger_s_program_is_not_asked_for_logs(
+    trained: Path, tmp_path: Path, app: dict[str, str], asked: bool
+) -> None:
+    places: list[Path | None] = []
+
+    def simulation(env: Any, n: int, *, log_dir: Path | None = None) -> FakeSimulation:
+        places.append(log_dir)
+        return FakeSimulation(env, n, log_dir=log_dir)
+
+    request = Request(["easy"], episodes=1, app=app, trust_app=True, out=tmp_path)
+    evaluate(trained, request, simulation=simulation)
+    assert [place is not None for place in places] == [asked]
 
 
 def test_player_is_the_mean_plus_its_own_noise(trained: Path) -> None:

@@ -20,8 +20,8 @@ from sim2vr_harness.evaluation.expectations import (
     Planned,
     of_evaluation,
     of_study,
+    write_junit,
 )
-from sim2vr_harness.evaluation.junit import write_junit
 from sim2vr_harness.statistics.intervals import (
     Moments,
     welch_interval,

@@ -13,6 +13,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import Condition, describe_game
 from sim2vr_harness.envs.config import EnvConfig, NoiseConfig, UserConfig
 from sim2vr_harness.envs.people_preset import as_population, with_people
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.tables import results_table
 from sim2vr_harness.play.player import jobs_for
@@ -96,14 +97,16 @@ def test_people_of_a_seed_play(trained: Path, tmp_path: Path) -> None:
 def test_training_and_evaluation_have_the_same_people() -> None:
     """One average in strength and one motor noise; what a user has or ``--set`` names stays."""
     learned = as_population(UserConfig(), 12)
-    played = with_people(EnvConfig(), 12, 0).user
+    played = with_people(ResolvedEnv(EnvConfig()), 12, 0).config.user
     assert played.people == learned.people
     assert played.noise == learned.noise != NoiseConfig()
     assert (played.person, played.head) == (UserConfig().person, UserConfig().head)
-    silent = with_people(EnvConfig(), 2, 5, ["env.user.noise.constant=null"]).user
+    silent = with_people(
+        ResolvedEnv(EnvConfig()), 2, 5, ["env.user.noise.constant=null"]
+    ).config.user
     assert silent.noise == NoiseConfig()
-    own = EnvConfig(user={"people": {"strength": 1.0, "spread": 0.5}})
-    user = with_people(own, 3, 7).user
+    own = ResolvedEnv(EnvConfig(user={"people": {"strength": 1.0, "spread": 0.5}}))
+    user = with_people(own, 3, 7).config.user
     assert user.people == PeopleSettings(strength=1.0, spread=0.5, seed=7, count=3)
     assert user.noise == NoiseConfig()
 

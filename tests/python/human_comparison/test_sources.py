@@ -28,8 +28,7 @@ from sim2vr_harness.human_comparison.sources import (
     read_user,
 )
 from sim2vr_harness.studies.config import parse_study
-from sim2vr_harness.studies.data import StudyData
-from sim2vr_harness.studies.data import players_of
+from sim2vr_harness.studies.data import StudyData, players_of
 
 WHACAMOLE = behaviour_of("whacamole")
 ROUND = Path(__file__).parents[2] / "data" / "whacamole_round"
@@ -75,8 +74,8 @@ def measured(folder: Path) -> Source:
     return measured_user(folder.name, read_user(folder), WHACAMOLE)
 
 
-def play(user: str, people: Path, out: Path, **how: Any) -> Sources:
-    return read_sources([user], [people], Plays(**{"out": out, "seed": 5, "episodes": 2, **how}))
+def play(user: str, recorded: Path, out: Path, **how: Any) -> Sources:
+    return read_sources([user], [recorded], Plays(**{"out": out, "seed": 5, "episodes": 2, **how}))
 
 
 def test_people_with_logs_of_ours_are_the_folders_above_the_rounds(people: Path) -> None:
@@ -122,7 +121,7 @@ def test_a_user_plays_once(tmp_path: Path, people: Path, monkeypatch: pytest.Mon
     assert len(played) == 1
     assert played[0].conditions == ["easy", "medium", "hard", "low", "high"]
     assert (played[0].episodes, played[0].seed, played[0].log) == (2, 5, True)
-    play("whacamole_constrained", people, tmp_path / "rounds", episodes=3, persons=4)
+    play("whacamole_constrained", people, tmp_path / "rounds", episodes=3, people=4)
     assert (played[-1].episodes, played[-1].people) == (3, 4)
 
 

@@ -13,7 +13,7 @@ class FakePeople(FakeSimulation):
 
     def __init__(self, config: Any = None, n: int = 1, *, log_dir: Path | None = None) -> None:
         super().__init__(config, n, log_dir=log_dir)
-        self.people = Population(config.user.people)
+        self.people = Population(self.config.user.people)
         self.rounds = 0
 
     def reset(self, ids=None, seeds=None, options=None, persons=None):  # type: ignore[no-untyped-def]

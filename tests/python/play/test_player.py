@@ -174,7 +174,7 @@ def test_who_plays_is_found_by_one_name() -> None:
     assert idle.facts(facts) is facts
     steps = SimulatedUser.find("press key").facts(facts).measures
     assert [measure.name for measure in steps] == ["steps_done", "steps_failed"]
-    assert SimulatedUser.find("press key").env().user.inputs == ("right.trigger",)
+    assert SimulatedUser.find("press key").env().config.user.inputs == ("right.trigger",)
     with pytest.raises(InputError, match=r"^--user: got 'touch', expected touch NAME"):
         SimulatedUser.find("touch")
     with pytest.raises(InputError, match=r"did you mean 'whacamole_constrained'"):

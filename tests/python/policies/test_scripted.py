@@ -11,7 +11,7 @@ import pytest
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.envs import AppConfig, EnvConfig
-from sim2vr_harness.envs.games import with_task
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.evaluation.evaluate import Evaluation, Request, evaluate
 from sim2vr_harness.play.users import baseline_reward, doing_nothing_pays
@@ -105,8 +105,8 @@ def test_a_script_adds_the_inputs_that_it_works(
     task: dict[str, Any], user: str, inputs: tuple[str, ...]
 ) -> None:
     app = AppConfig(transport="webxr", page=KEYPAD, task={"seconds": 1.0, **task})
-    found = with_inputs(with_task(EnvConfig(app=app)), user)
-    assert found.user.inputs == inputs
+    found = with_inputs(ResolvedEnv(EnvConfig(app=app)).with_task(), user)
+    assert found.config.user.inputs == inputs
 
 
 def play(user: str, episodes: int = 1, **app: Any) -> Evaluation:
@@ -244,7 +244,7 @@ def test_a_ray_is_the_pages_own() -> None:
 def test_that_doing_nothing_pays_is_said_with_numbers() -> None:
     """Pointing takes points for errors, which random movements make; the sample for distance."""
     environments = {
-        game: EnvConfig.model_validate({"app": {"game": game}}) for game in ("pointing", "sample")
+        game: ResolvedEnv(EnvConfig(app={"game": game})) for game in ("pointing", "sample")
     }
     said = doing_nothing_pays(environments["pointing"])
     assert said is not None
@@ -258,7 +258,7 @@ def test_that_doing_nothing_pays_is_said_with_numbers() -> None:
 
 def test_a_foreign_app_is_not_started_to_judge_doing_nothing() -> None:
     app = {"transport": "protocol1", "executable": "/there/is/none"}
-    assert doing_nothing_pays(EnvConfig.model_validate({"app": app})) is None
+    assert doing_nothing_pays(ResolvedEnv(EnvConfig(app=app))) is None
 
 
 def test_train_and_evaluate_note_that_doing_nothing_pays(

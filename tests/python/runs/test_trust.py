@@ -36,8 +36,9 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     class Simulation(FakeSimulation):
         def __init__(self, config: Any = None, n: int = 1, **how: Any) -> None:
-            programs.append(config.app.executable or config.app.connect or "our own")
             super().__init__(config, n, **how)
+            app = self.config.app
+            programs.append(app.executable or app.connect or "our own")
 
     monkeypatch.setattr(module, "Simulation", Simulation)
     # It plays idle users, which the stand-in has none of.

@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 from urllib.parse import unquote, urlsplit
 
 import numpy as np
@@ -184,13 +185,14 @@ def part(made: RecordingServer, number: int = 0, last: int = 0, session: str = O
     return f"/{made.gate.token}/__sim2vr/part?session={session}&part={number}&last={last}"
 
 
-def own(made: RecordingServer) -> str:
-    return f"http://localhost:{made.port}"
+def own(made: RecordingServer) -> dict[str, str]:
+    """Headers of the page itself."""
+    return {"Origin": f"http://localhost:{made.port}", "Host": f"localhost:{made.port}"}
 
 
 def test_only_the_page_sends_parts(recording: RecordingServer) -> None:
     good, body = part(recording), (HEADER + FRAME).encode()
-    right = {"Origin": own(recording), "Host": f"localhost:{recording.port}"}
+    right = own(recording)
     for path, headers, why in (
         (good, {}, "Origin"),
         (good, {"Origin": "null"}, "Origin"),
@@ -221,8 +223,7 @@ def test_the_cookie_reads_files_and_sends_nothing(recording: RecordingServer) ->
     assert ask(recording, "GET", "/beside.js", Cookie=pair, Host="evil.example")[0] == 403
     sent = part(recording).replace(f"/{recording.gate.token}", "")
     body = (HEADER + FRAME).encode()
-    headers = {"Origin": own(recording), "Host": f"localhost:{recording.port}"}
-    assert ask(recording, "POST", sent, body, Cookie=pair, **headers)[0] == 403
+    assert ask(recording, "POST", sent, body, Cookie=pair, **own(recording))[0] == 403
 
 
 def test_files_outside_the_folder_and_hidden_ones_are_not_served(tmp_path: Path) -> None:
@@ -243,8 +244,7 @@ def test_files_outside_the_folder_and_hidden_ones_are_not_served(tmp_path: Path)
 def test_sizes_and_rates_are_bounded(
     recording: RecordingServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    headers = {"Origin": own(recording), "Host": f"localhost:{recording.port}"}
-    url = part(recording)
+    headers, url = own(recording), part(recording)
     connection = http.client.HTTPConnection("127.0.0.1", recording.port, timeout=10.0)
     connection.putrequest("POST", url, skip_host=True)
     for name, value in headers.items():
@@ -273,10 +273,8 @@ def test_strangers_make_room_for_the_page(recording: RecordingServer) -> None:
         for each in strangers:
             with suppress(OSError):
                 each.send(b"GET / HT")
-        headers = {"Origin": own(recording), "Host": f"localhost:{recording.port}"}
-        assert (
-            ask(recording, "POST", part(recording), (HEADER + FRAME).encode(), **headers)[0] == 204
-        )
+        body = (HEADER + FRAME).encode()
+        assert ask(recording, "POST", part(recording), body, **own(recording))[0] == 204
         strangers[0].settimeout(5.0)
         assert b"more than 16 from one address" in strangers[0].recv(1000)
 
@@ -399,12 +397,8 @@ def test_the_local_network_is_served_over_https(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(server, "local_address", lambda: "127.0.0.2")
-    with (
-        closing(
-            RecordingServer(PAGES / "recorded.html", 1, tmp_path / "out.jsonl", lan=True)
-        ) as made,
-        made.running(),
-    ):
+    page, out = PAGES / "recorded.html", tmp_path / "out.jsonl"
+    with closing(RecordingServer(page, 1, out, lan=True)) as made, made.running():
         at = urlsplit(made.address)
         assert (at.scheme, at.hostname) == ("https", "127.0.0.2")
         context = ssl.create_default_context()
@@ -488,6 +482,29 @@ IWER = ENGINES / "iwer@2.5.0" / "build" / "iwer.js"
 needs_iwer = needs("npm", IWER.is_file(), "docs/examples/webxr/engines.sh was not run")
 
 
+def recorded(page: Path, drive: str, button: str, ready: str, over: str) -> tuple[Session, Any]:
+    """Record a page, with an emulated headset that a script moves; its session, and ``over``."""
+    shutil.copy(IWER, page.parent)
+    (page.parent / "drive.js").write_text(drive)
+    scripts = '<script src="iwer.js"></script><script src="drive.js"></script>'
+    page.write_text(page.read_text().replace("<title>", f"{scripts}<title>"))
+    with (
+        closing(RecordingServer(page, SEED, page.with_name("out.jsonl"))) as made,
+        made.running(),
+        Page(60.0, served=True) as shown,
+    ):
+        shown.open(made.address, 800)
+        shown.wait_for(f"!!{button} && {ready}")
+        shown.value(f"{button}.click()")
+        shown.wait_for("!!device.activeSession")
+        shown.value("drive()")
+        assert made.wait(60.0)
+        found = shown.value(over)
+        session = made.session()
+    assert session is not None
+    return session, found
+
+
 @NEEDS_BROWSER
 @needs_iwer
 def test_a_page_that_moves_before_vr_replays_the_same(tmp_path: Path) -> None:
@@ -496,26 +513,12 @@ def test_a_page_that_moves_before_vr_replays_the_same(tmp_path: Path) -> None:
     text = (folder / "index.html").read_text()
     address = "https://cdn.jsdelivr.net/npm/babylonjs@9.34.0/babylon.js"
     shutil.copy(ENGINES / "babylonjs@9.34.0" / "babylon.js", tmp_path)
-    shutil.copy(IWER, tmp_path)
-    (tmp_path / "drive.js").write_text(BALLS)
-    scripts = '<script src="iwer.js"></script><script src="drive.js"></script>'
-    text = text.replace(address, "babylon.js").replace("<title>", f"{scripts}<title>")
-    (tmp_path / "index.html").write_text(text)
-    button = "document.querySelector('.babylonVRicon')"
-    with (
-        closing(RecordingServer(tmp_path / "index.html", SEED, tmp_path / "out.jsonl")) as made,
-        made.running(),
-        Page(60.0, served=True) as page,
-    ):
-        page.open(made.address, 800)
-        page.wait_for(f"!!{button} && app.missed > 0")
-        page.value(f"{button}.click()")
-        page.wait_for("!!device.activeSession")
-        page.value("drive()")
-        assert made.wait(60.0)
-        caught, missed = page.value("[app.caught, app.missed]")
-        session = made.session()
-    assert session is not None and session.page_start is not None
+    (tmp_path / "index.html").write_text(text.replace(address, "babylon.js"))
+    button, counts = "document.querySelector('.babylonVRicon')", "[app.caught, app.missed]"
+    session, (caught, missed) = recorded(
+        tmp_path / "index.html", BALLS, button, "app.missed > 0", counts
+    )
+    assert session.page_start is not None
     assert missed >= 1 and caught >= 5
     assert session.page_start.requested_ms > 2000 and len(session.page_start.frames_ms) > 10
     settings = {
@@ -532,27 +535,14 @@ def test_a_page_that_moves_before_vr_replays_the_same(tmp_path: Path) -> None:
 @NEEDS_BROWSER
 @needs_iwer
 def test_a_round_in_an_emulated_headset_replays_the_same(tmp_path: Path) -> None:
-    for file in (PAGES / "boxes.js", IWER):
-        shutil.copy(file, tmp_path)
-    (tmp_path / "drive.js").write_text(DRIVE)
-    text = (PAGES / "touch.html").read_text()
-    scripts = '<script src="iwer.js"></script><script src="drive.js"></script>'
-    (tmp_path / "touch.html").write_text(text.replace("<title>", f"{scripts}<title>"))
-    with (
-        closing(RecordingServer(tmp_path / "touch.html", SEED, tmp_path / "out.jsonl")) as made,
-        made.running(),
-        Page(60.0, served=True) as page,
-    ):
-        page.open(made.address, 800)
-        page.wait_for("!!document.querySelector('button')")
-        page.value("document.querySelector('button').click()")
-        page.wait_for("!!device.activeSession")
-        page.value("drive()")
-        assert made.wait(60.0)
-        fed = np.array(page.value("fed"))
-        score = page.value("app.score")
-        session = made.session()
-    assert session is not None and session.right is not None
+    for file in ("boxes.js", "touch.html"):
+        shutil.copy(PAGES / file, tmp_path)
+    button = "document.querySelector('button')"
+    session, (fed, score) = recorded(
+        tmp_path / "touch.html", DRIVE, button, "true", "[fed, app.score]"
+    )
+    fed = np.array(fed)
+    assert session.right is not None
     assert (session.headset, session.rate_hz) == ("Quest 3", 90)
     rays = session.right.ray()[:, :3] * [1, 1, -1]  # IWER is fed with poses of the ray
     apart = np.abs(rays[:, None] - fed).max(axis=2)

@@ -8,12 +8,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from sim2vr_harness.tools.track.linearisation import DynamicsState, Perturbations, motion_of
 from sim2vr_harness.tools.track.trajectory_optimisation import (
     _DONE,
+    DynamicsState,
+    Perturbations,
     Refinement,
     _apart,
     least_within,
+    motion_of,
 )
 from sim2vr_harness.users import UserBatch, load_body
 from sim2vr_harness.world_models.actuator_state import ActuatorState

@@ -53,8 +53,9 @@ class FakeSimulation:
     """N points that are rewarded for being pushed to a random place; episodes of 6 to 8 steps."""
 
     def __init__(self, config: Any = None, n: int = 1, *, log_dir: Path | None = None) -> None:
-        self.config, self.n, self.log_dir = config, n, log_dir
-        self.resolved = None if config is None else ResolvedEnv(config)
+        self.n, self.log_dir = n, log_dir
+        self.resolved = None if config is None else ResolvedEnv.of(config)
+        self.config = None if self.resolved is None else self.resolved.config
         self.observation_space = spaces.Dict(
             {
                 "vision": spaces.Box(0, 255, (2, 16, 24), np.uint8),

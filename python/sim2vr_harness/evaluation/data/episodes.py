@@ -45,7 +45,6 @@ def episode_rows(
     Args:
         results: The episodes.
         settings: Of the evaluation, as its results have them.
-        facts: What the game publishes.
         env: What was played in.
         effort_weight: Factor on the cost of effort.
     """
@@ -72,7 +71,9 @@ def episode_rows(
             "log_folder": result.log_folder,
         }
         row |= {f"person_{key}": value for key, value in person.items()}
-        row |= {f"option_{column_name(key)}": _plain(options[key]) for key in sorted(options)}
+        for key, value in sorted(options.items()):
+            plain = json.dumps(value) if isinstance(value, (list, tuple, dict)) else value
+            row[f"option_{column_name(key)}"] = plain
         row |= result.values
         found: dict[str, float | None] = {}
         for measure in facts.grids:
@@ -92,20 +93,15 @@ def _options_of(facts: GameFacts, condition: str) -> Mapping[str, Any]:
         return {}
 
 
-def _plain(value: Any) -> Any:
-    return json.dumps(value) if isinstance(value, (list, tuple, dict)) else value
-
-
 def episode_columns(rows: Sequence[Mapping[str, Any]], facts: GameFacts) -> list[Column]:
     """Return the columns that these rows need, measures last.
 
     Args:
         rows: Of :func:`episode_rows`.
-        facts: What the game publishes.
     """
     facts = facts.with_log({key: 0.0 for row in rows for key in row})
     told = {
-        measure.name: (measure.unit, _about(measure.label, measure.description))
+        measure.name: (measure.unit, ": ".join(filter(None, (measure.label, measure.description))))
         for measure in (*measures_of(facts), *fatigue_measures(key for row in rows for key in row))
     }
     told |= {
@@ -132,7 +128,3 @@ def episode_columns(rows: Sequence[Mapping[str, Any]], facts: GameFacts) -> list
                 measures.append(Column(name, "number", *what))
             into += columns_of({name: value}, {name: what})
     return merged([*EPISODE_COLUMNS, *people, *options, *measures])
-
-
-def _about(label: str, description: str) -> str:
-    return f"{label}: {description}" if description else label

@@ -97,9 +97,7 @@ def item_rows(episode: str, log: Sequence[LogLine], facts: GameFacts) -> list[di
     """Return a row per item of a round, in the order in which the log first has them.
 
     Args:
-        episode: The key of the episode.
         log: Of the round.
-        facts: What the game publishes.
     """
     rows: dict[tuple[str, int], dict[str, Any]] = {}
     for item in facts.items:

@@ -49,7 +49,6 @@ class StepRecorder(Watcher):
     """A watcher that keeps what each user did in every step until the round is over.
 
     Args:
-        facts: What the game publishes.
         write: Gets the name of the finished round's job and its table.
 
     Simulations without a :class:`~sim2vr_harness.users.batch.UserBatch`, stand-ins, have no steps.

@@ -7,7 +7,6 @@ import numpy as np
 from sim2vr_harness.base.errors import unknown_name
 from sim2vr_harness.client.tasks import load_task
 from sim2vr_harness.envs.apps import judged
-from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.policies.protocol import FunctionPolicy, Observation, Policy
 from sim2vr_harness.policies.scripted.player import (
@@ -47,20 +46,21 @@ def scripted_policy(user: str, simulation: Any) -> Policy:
     return FunctionPolicy(act)
 
 
-def with_inputs(config: EnvConfig, user: str) -> EnvConfig:
-    """Return the configuration with the controller inputs that a script works.
+def with_inputs(env: ResolvedEnv, user: str) -> ResolvedEnv:
+    """Return the environment with the controller inputs that a script works.
 
     Raises:
         InputError: The script cannot be used.
     """
     if not is_script(user):
-        return config
+        return env
+    config = env.config
     task = load_task(config.app.task) if judged(config.app) else None
-    given, devices = config.user.inputs, ResolvedEnv(config).body.devices
+    given, devices = config.user.inputs, env.body.devices
     needed = [
         name
         for step in read_steps(user)
         for name in inputs_of(step, task, hand_of(step, task, devices))
     ]
     inputs = tuple(dict.fromkeys([*given, *needed]))
-    return config.model_copy(update={"user": config.user.model_copy(update={"inputs": inputs})})
+    return env.changed(user=config.user.model_copy(update={"inputs": inputs}))

@@ -132,7 +132,8 @@ class RecordingServer:
             raise InputError("--port", got, "a free port") from error
         self.port = int(self._server.server_address[1])
         scheme = "https" if lan else "http"
-        self.origins = {f"{scheme}://{name}:{self.port}" for name in _names(host)}
+        names = ("localhost", host) if host == "127.0.0.1" else (host,)
+        self.origins = {f"{scheme}://{name}:{self.port}" for name in names}
         shown = Gate.address(self.gate, self.port, scheme)
         if not lan:
             shown = shown.replace("127.0.0.1", "localhost", 1)
@@ -165,10 +166,6 @@ class RecordingServer:
     def close(self) -> None:
         """Let go of the folder of the parts."""
         self.parts.close()
-
-
-def _names(host: str) -> tuple[str, ...]:
-    return ("localhost", "127.0.0.1") if host == "127.0.0.1" else (host,)
 
 
 @dataclass(eq=False)

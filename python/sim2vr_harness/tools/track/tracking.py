@@ -1,21 +1,23 @@
 """A recording from file to figures: who follows it, how near, and what it asks of the muscles."""
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
 
 from sim2vr_harness.base.cores import budget
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
-from sim2vr_harness.sessions.whacamole import is_recorded_round
-from sim2vr_harness.tools.track.outcomes import TrackingOutcome, outcomes
-from sim2vr_harness.tools.track.paths import RecordedPath
+from sim2vr_harness.sessions import Controller, Session
+from sim2vr_harness.sessions.logs import TargetEvent, target_events
+from sim2vr_harness.sessions.replay import replay_session
+from sim2vr_harness.sessions.whacamole import is_recorded_round, with_clock
+from sim2vr_harness.tools.track.paths import RecordedPath, first_of_play
 from sim2vr_harness.tools.track.postures import REACHED_M, beyond_reach_m
 from sim2vr_harness.tools.track.registration import (
     Placement,
@@ -55,6 +57,29 @@ class TrackingSettings:
     pointed: bool = False
     seed: int = 1
     play: bool = True
+
+
+@dataclass(frozen=True)
+class TrackingOutcome:
+    """How a round of Whac-A-Mole went.
+
+    Attributes:
+        targets: that appeared.
+        hits: of them.
+        misses: that disappeared unhit.
+        contacts: touches too slow for a hit.
+    """
+
+    targets: int
+    hits: int
+    misses: int
+    contacts: int
+
+    @property
+    def hit_rate(self) -> float | None:
+        """Of the targets that came and went."""
+        over = self.hits + self.misses
+        return self.hits / over if over else None
 
 
 @dataclass(frozen=True)
@@ -167,7 +192,7 @@ class Tracked:
 
 def track(
     path: RecordedPath,
-    env: EnvConfig,
+    env: ResolvedEnv,
     layer_for: Callable[[Body, float], MotorPolicy],
     settings: TrackingSettings,
     *,
@@ -176,16 +201,13 @@ def track(
     """Let a body follow a recording, without motor noise.
 
     Args:
-        path: the recording.
         env: the user's: body, person, effort.
         layer_for: motor layer of a body, for user steps of this many seconds.
-        settings: how.
-        on_progress: told the share that is done.
 
     Raises:
         InputError: no motor layer fits the body, or it has none of the recorded hands.
     """
-    own = env.user.person.stature_m
+    own = env.config.user.person.stature_m
     stature, cut_estimated = settings.stature_m, False
     if stature is None and own is None:
         stature = estimated_stature_m(path)
@@ -193,19 +215,20 @@ def track(
     changes = {"stature_m": stature, "mass_kg": settings.mass_kg}
     cut_known = {key: value for key, value in changes.items() if value is not None}
     if not cut_known:
-        env, stature_m, estimated = env, own, False
+        stature_m, estimated = own, False
     else:
-        person = env.user.person.model_validate({**env.user.person.model_dump(), **cut_known})
-        user = env.user.model_copy(update={"person": person})
-        env, stature_m, estimated = (
-            env.model_copy(update={"user": user}),
-            person.stature_m,
-            cut_estimated,
-        )
-    body = _body(env)
-    step_s = 1.0 / env.action_frequency_hz
+        user = env.config.user
+        person = user.person.model_validate({**user.person.model_dump(), **cut_known})
+        env = env.changed(user=user.model_copy(update={"person": person}))
+        stature_m, estimated = person.stature_m, cut_estimated
+    try:
+        body = env.body
+    except ValueError as error:
+        expected = "a body that can be cut to size"
+        raise InputError("--stature, --mass", str(error), expected) from error
+    step_s = 1.0 / env.config.action_frequency_hz
     layer = layer_for(body, step_s)
-    bodies = partial(_bodies, body, env, step_s)
+    bodies = partial(_bodies, env, step_s)
     users = bodies(1)
     placement = place(
         path,
@@ -239,23 +262,15 @@ def track(
     )
 
 
-def _body(env: EnvConfig) -> Body:
-    try:
-        return ResolvedEnv(env).body
-    except ValueError as error:
-        expected = "a body that can be cut to size"
-        raise InputError("--stature, --mass", str(error), expected) from error
-
-
-def _bodies(body: Body, env: EnvConfig, step_s: float, n: int) -> UserBatch:
+def _bodies(env: ResolvedEnv, step_s: float, n: int) -> UserBatch:
     """Return n of a body, without motor noise."""
     return UserBatch(
-        body,
+        env.body,
         n,
-        threads=1 if n == 1 else budget(env.cores),
-        effort=env.user.effort.model,
-        effort_params=env.user.effort.options(),
-        substeps=round(step_s / body.timestep),
+        threads=1 if n == 1 else budget(env.config.cores),
+        effort=env.config.user.effort.model,
+        effort_params=env.config.user.effort.options(),
+        substeps=round(step_s / env.body.timestep),
     )
 
 
@@ -289,3 +304,62 @@ def _muscles(body: Body, followed: Followed) -> tuple[MuscleLoad, ...]:
             MuscleLoad(name, float(active.mean()), float(np.quantile(active, _PERCENT)), tired)
         )
     return tuple(sorted(found, key=lambda load: -load.mean))
+
+
+# --- the game, played by the body's hand ----------------------------------------------------------
+
+
+def outcomes(
+    recording: Session, placement: Placement, followed: Followed
+) -> dict[str, TrackingOutcome]:
+    """Return how the round went by who held the hammer.
+
+    ``person``: as recorded. ``tracked``: the body's hand, turned as the person's was. ``tracked
+    pose``: turned as the body's, which is not asked to turn as the person did.
+
+    Targets appear as recorded: at the same times, in the same cells.
+
+    Args:
+        placement: of its world in the body's.
+    """
+    found = {"person": outcome_of(target_events(recording))}
+    for name, turned in (("tracked", False), ("tracked pose", True)):
+        played = played_by_body(recording, placement, followed, turned=turned)
+        done = replay_session(with_clock(played, closed_loop=False))
+        found[name] = outcome_of(target_events(done.session))
+    return found
+
+
+def outcome_of(events: Iterable[TargetEvent]) -> TrackingOutcome:
+    """Count what happened to the targets."""
+    kinds = [event.kind for event in events]
+    return TrackingOutcome(*(kinds.count(kind) for kind in ("spawn", "hit", "miss", "contact")))
+
+
+def played_by_body(
+    recording: Session, placement: Placement, followed: Followed, *, turned: bool
+) -> Session:
+    """Return the recording with the body's hand in the place of the person's.
+
+    Frames before and after what was followed stay as they were.
+
+    Args:
+        placement: of its world in the body's.
+        turned: whether rotations are the body's, too.
+    """
+    side: Literal["left", "right"] = "right" if recording.left is None else "left"
+    hand = recording.controllers[side]
+    times_s = recording.time_ns / 1e9
+    clock = times_s - times_s[first_of_play(times_s)]
+    inside = (clock >= followed.sampled_s[0]) & (clock <= followed.sampled_s[-1])
+    now_s = clock[inside]
+    poses = hand.grip.copy()
+    positions, quats = followed.sampled[f"controller_{side}"]
+    at = np.stack([np.interp(now_s, followed.sampled_s, p) for p in positions.T], axis=1)
+    turns = Slerp(followed.sampled_s, Rotation.from_quat(quats[:, [1, 2, 3, 0]]))(now_s)
+    body = placement.recorded(at, turns.as_quat()[:, [3, 0, 1, 2]])
+    poses[inside, :3] = body[:, :3]
+    if turned:
+        poses[inside, 3:] = body[:, 3:]
+    moved = Controller(poses)
+    return replace(recording, left=moved) if side == "left" else replace(recording, right=moved)

@@ -192,7 +192,6 @@ def follow(
         many: makes N bodies such as the one that follows, which try things for it; None: no
             refinement.
         seed: of the body's first activations.
-        on_progress: told the share that is done.
 
     Raises:
         InputError: the simulation of the body broke.

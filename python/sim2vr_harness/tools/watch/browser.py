@@ -583,7 +583,6 @@ def open_server(viser: Any, gate: Gate, host: str, port: int) -> Any:
     is pressed go over WebSockets; each is checked before its first message.
 
     Args:
-        viser: The package.
         gate: WebSockets that may pass.
         host: Address to listen on.
         port: Port to listen on, or the next one that is free.

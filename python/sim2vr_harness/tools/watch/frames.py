@@ -19,13 +19,11 @@ from sim2vr_harness.client import (
     InProcessApp,
     frame_time_ns,
 )
-from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.play.environment import make_simulation
 from sim2vr_harness.play.player import Job, Player
 from sim2vr_harness.play.users import SimulatedUser
 from sim2vr_harness.policies.protocol import Act, Policy
-from sim2vr_harness.sessions.replay import drive
 from sim2vr_harness.users import Body
 
 HEADSET_SIZE = (240, 160)
@@ -98,11 +96,7 @@ class Hands:
 
 
 class Counters:
-    """Words for the game's numbers, and for what changed in them.
-
-    Args:
-        facts: of the game.
-    """
+    """Words for the game's numbers, and for what changed in them."""
 
     def __init__(self, facts: GameFacts) -> None:
         self._facts = facts
@@ -136,7 +130,7 @@ def look(app: AppClient) -> tuple[AppScene, NDArray[np.uint8]]:
 
 def user_show(
     user: SimulatedUser | None,
-    env: EnvConfig,
+    env: ResolvedEnv,
     *,
     seed: int = 1,
     deterministic: bool | None = None,
@@ -149,9 +143,9 @@ def user_show(
         env: the environment.
         seed: of body, policy and game.
         deterministic: whether actions are the policy's mean; None: as the user's configuration.
-        simulation: how to make the user: (EnvConfig, n) -> simulation.
+        simulation: how to make the user: (ResolvedEnv, n) -> simulation.
     """
-    facts = ResolvedEnv(env).facts
+    facts, config = env.facts, env.config
     mean = deterministic
     if mean is None:
         mean = user is not None and user.config.evaluation.deterministic
@@ -160,7 +154,13 @@ def user_show(
 
     def moments() -> Iterator[ViewerFrame]:
         with closing(waiting.pop() if waiting else simulation(env, 1)) as users:
-            policy: Policy | Act = _gentle(users.action_space.shape[0])
+            size = users.action_space.shape[0]
+
+            def gently(_: Any, rng: np.random.Generator | None) -> Any:
+                drawn = (rng or np.random.default_rng()).standard_normal(size)
+                return 0.2 * drawn.clip(-1.0, 1.0)
+
+            policy: Policy | Act = gently
             if user is not None:
                 policy, _ = user.policy(users, facts)
             player = Player(users, policy, facts, deterministic=mean and user is not None)
@@ -173,10 +173,10 @@ def user_show(
                 most = max(most, info["effort_cost"])
                 yield _frame(player, outcome.reward[0], info, counters, most)
 
-    condition = facts.condition_of(env.app.options)
+    condition = facts.condition_of(config.app.options)
     name = "no particular person" if user is None else user.name
     body: Body = waiting[0].body
-    return Playlist(f"{name}: {facts.name} {condition}", env.action_frequency_hz, moments, body)
+    return Playlist(f"{name}: {facts.name} {condition}", config.action_frequency_hz, moments, body)
 
 
 def _frame(
@@ -215,21 +215,14 @@ def _frame(
     )
 
 
-def _gentle(actions: int) -> Act:
-    def act(_observation: Any, rng: np.random.Generator | None) -> Any:
-        return 0.2 * (rng or np.random.default_rng()).standard_normal(actions).clip(-1.0, 1.0)
-
-    return act
-
-
-def person_show(env: EnvConfig, *, seed: int = 1) -> Playlist:
+def person_show(env: ResolvedEnv, *, seed: int = 1) -> Playlist:
     """Return a round that a person plays, whose head and hands a viewer moves.
 
     Args:
         env: the game and its options.
         seed: of the game.
     """
-    facts = ResolvedEnv(env).facts
+    facts, config = env.facts, env.config
     level = [0.0, 0.0, 0.0, 1.0]
     poses = {"head": np.array([0.0, 1.17, 0.12, *level])}
     for device, place in (
@@ -239,13 +232,13 @@ def person_show(env: EnvConfig, *, seed: int = 1) -> Playlist:
         if f"controller_{device.partition('_')[0]}" in facts.needs("right"):
             poses[device] = np.array([*place, *level])
     hands = Hands(poses)
-    rate = env.action_frequency_hz
+    rate = config.action_frequency_hz
 
     def moments() -> Iterator[ViewerFrame]:
         counters = Counters(facts)
         times = ((frame_time_ns(frame, rate), hands.devices()) for frame in count())
-        with InProcessApp(env.app.game, env.app.options) as app:
-            for frame, reply in enumerate(drive(app, seed, times)):
+        with InProcessApp(config.app.game, config.app.options) as app:
+            for frame, reply in enumerate(app.play(seed, times)):
                 if frame == 0:
                     continue
                 text, events = counters.told(reply.log, frame / rate)
@@ -254,5 +247,5 @@ def person_show(env: EnvConfig, *, seed: int = 1) -> Playlist:
                     frame / rate, scene, headset, text, events, numbers=dict(reply.log)
                 )
 
-    condition = facts.condition_of(env.app.options)
+    condition = facts.condition_of(config.app.options)
     return Playlist(f"You play {facts.name} {condition}".strip(), rate, moments, hands=hands)

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.play.users import SimulatedUser
 from sim2vr_harness.sessions import read_sessions
@@ -50,7 +49,7 @@ def choose(
     if app or untrained is not None:
         player = SimulatedUser.find(untrained or "random")
         env = player.env(app, overrides, game=game, trust_app=trust_app)
-        return user_show(player, ResolvedEnv(env).with_condition(condition), seed=seed)
+        return user_show(player, env.with_condition(condition), seed=seed)
     if run is not None and _recorded(Path(run)):
         if person:
             raise InputError("--try", "it with a recording", "it with a game, a user, or alone")
@@ -65,7 +64,7 @@ def choose(
         user = SimulatedUser.find(who)
     except InputError:  # a configuration or a body
         return user_show(None, env, seed=seed)
-    user.require_contract(ResolvedEnv(env))
+    user.require_contract(env)
     return user_show(user, env, seed=seed, deterministic=deterministic)
 
 
@@ -92,7 +91,7 @@ def _environment(
     overrides: Sequence[str],
     *,
     trust_app: bool,
-) -> EnvConfig:
+) -> ResolvedEnv:
     try:
         return environment_of(
             who, game=game, condition=condition, overrides=overrides, trust_app=trust_app

@@ -44,7 +44,6 @@ def session_show(
     """Return a recorded session, replayed in its app.
 
     Args:
-        session: the recording.
         name: for people.
         game: to replay it in; None: ``app``, or the session's own.
         app: settings of ``env.app``.

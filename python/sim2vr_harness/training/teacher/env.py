@@ -12,8 +12,7 @@ from sim2vr_harness.base.state import State
 from sim2vr_harness.envs.config import EnvConfig, SenseConfig
 from sim2vr_harness.envs.privileged import OBSERVATION, Lag, PrivilegedSenses
 from sim2vr_harness.envs.resolved import ResolvedEnv
-from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.envs.step_batch import StepBatch
+from sim2vr_harness.envs.simulation import Simulation, StepBatch
 from sim2vr_harness.games import ImaginedCondition, ImaginedGame, imagined_game, imagined_games
 from sim2vr_harness.runs.teacher_config import TeacherConfig
 
@@ -155,7 +154,7 @@ def game_of(env: EnvConfig) -> ImaginedGame:
             f"a game in this process with a model ({', '.join(imagined_games())}), or recipe: ppo",
         )
     resolved = ResolvedEnv(env)
-    facts, playing = resolved.facts, resolved.with_hand().app.options
+    facts, playing = resolved.facts, resolved.with_hand().config.app.options
     hand = playing.get(facts.hand_option or "", "right")
     missing = [device for device in game.devices if device not in ("headset", *facts.needs(hand))]
     if facts.devices and missing:

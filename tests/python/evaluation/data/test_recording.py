@@ -12,8 +12,8 @@ from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.evaluation.data import EvaluationData
 from sim2vr_harness.evaluation.evaluate import DataRecorder
 from sim2vr_harness.play.player import jobs_for, play
+from sim2vr_harness.play.recorders import RoundLogs
 from sim2vr_harness.play.round import Round
-from sim2vr_harness.play.round_logs import RoundLogs
 
 STEPS = 30
 TWO_HANDS = {"model": "mobl_arms_bimanual_motor", "effort": {"model": "neural"}}

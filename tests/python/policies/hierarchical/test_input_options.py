@@ -11,7 +11,7 @@ import torch
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs import AppConfig, EnvConfig
-from sim2vr_harness.envs.games import with_task
+from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.evaluation.evaluate import _another_ray
 from sim2vr_harness.policies.hierarchical.action_selection import best_choices, choose
@@ -330,7 +330,7 @@ def laser_page() -> EnvConfig:
     }
     page = str(PAGES / "laser.html")
     app = AppConfig(transport="webxr", page=page, map={CDN: str(ENGINES)}, task=task)
-    return with_task(EnvConfig(app=app))
+    return ResolvedEnv(EnvConfig(app=app)).with_task().config
 
 
 def clicks(simulation: Simulation, layer: MotorPolicy, rays: torch.Tensor) -> float:

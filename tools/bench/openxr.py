@@ -27,7 +27,7 @@ from sim2vr_harness.client import DevicePoses
 from sim2vr_harness.client.base import UInt8Array
 from sim2vr_harness.client.devices import INPUT_COUNT
 from sim2vr_harness.client.errors import AppError, AppRefused
-from sim2vr_harness.client.openxr import OPENXR
+from sim2vr_harness.client.openxr.app import OPENXR
 from sim2vr_harness.client.transport import AppPlace, AppsWanted
 
 TRIGGER = 0

@@ -65,6 +65,7 @@ def bad_reply(what: str, got: object, expected: str) -> BadReply:
 
 _EXPECTED = {
     "extra_forbidden": "no such key",
+    "unexpected_keyword_argument": "no such key",
     "tuple_type": "a list",
     "named_tuple_type": "a list",
     "too_long": "at most {max_length} entries",

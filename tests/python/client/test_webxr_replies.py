@@ -11,7 +11,16 @@ from sim2vr_harness.client import AppDied, ProtocolError, WebXRApp, frame_time_n
 from sim2vr_harness.client.answers import BadReply, checked
 from sim2vr_harness.client.webxr.app import scene_of
 from sim2vr_harness.client.webxr.files import HOST, PageFiles
-from sim2vr_harness.client.webxr.replies import BOXES, DOOR, PLACE, SIGNS, THINGS, Box, step_reply
+from sim2vr_harness.client.webxr.replies import (
+    BOXES,
+    DOOR,
+    PLACE,
+    REPORT,
+    SIGNS,
+    THINGS,
+    Box,
+    step_reply,
+)
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, VisionConfig
 from webxr_pages import NEEDS_BROWSER, hands, open_page, page_with
 
@@ -89,6 +98,8 @@ BOX = ["box", [0.0, 1.0, 0.5], [0.0, 0.0, 0.0, 1.0], [0.1, 0.1, 0.1], [1.0, 0.5,
         (DOOR, ["done"], "it: got .*, expected a JSON object"),
         (DOOR, {"done": True, "failure": ["lost", 7]}, "it, failure, 1: got 7, expected a text"),
         (DOOR, {"click": True, "at": [1, float("nan")]}, "it, at, 1: got nan"),
+        (REPORT, {"engines": [7]}, "it, engines, 0: got 7, expected a text"),
+        (REPORT, {"more": []}, "it, more"),
         (PLACE, [1, 2], "it, 2: got nothing, expected a value"),
         (PLACE, [1, 2, True], "it, 2: got True, expected a finite number"),
         (SIGNS, [{"a": 1}, 0, 0, []], "it, 0, a"),

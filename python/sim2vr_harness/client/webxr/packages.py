@@ -94,8 +94,9 @@ def package_of(address: str) -> PackageAddress | None:
         asked = whole if "query" in pattern.groupindex else whole.partition("?")[0]
         if match := pattern.fullmatch(asked):
             package = _package(host, match, asked)
-            known = package and NPM_NAME.fullmatch(package.name)
-            return package if known and _NPM_VERSION.fullmatch(package.wanted) else None
+            if package is None or NPM_NAME.fullmatch(package.name) is None:
+                return None
+            return package if _NPM_VERSION.fullmatch(package.wanted) else None
     return None
 
 

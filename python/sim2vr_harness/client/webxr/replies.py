@@ -3,6 +3,7 @@
 import base64
 import sys
 from collections.abc import Collection
+from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple
 
 from pydantic import (
@@ -97,9 +98,11 @@ class DoorReply(Reply):
     """Where the mouse meets it, x y in CSS pixels; None: nowhere."""
 
 
-class PageReport(Reply):
+@dataclass(frozen=True)
+class PageReport:
     """What a page is made of and asks for."""
 
+    __pydantic_config__ = ConfigDict(extra="forbid")
     engines: Texts = ()
     """Names with versions."""
     sessions: Texts = ()

@@ -285,8 +285,11 @@ def make_sense(settings: SenseConfig, around: Surroundings) -> Sense:
         raise unknown_name("sense", settings.sense, SENSES)
     sense = kind.make(settings.name or kind.key, around)
     try:
-        if delay := settings.delay_ms:
-            if delay == "person":
+        if settings.delay_ms:
+            delay: float | OwnDelays
+            if settings.delay_ms != "person":
+                delay = settings.delay_ms
+            else:
                 if kind.person_delay is None:
                     late = ", ".join(name for name, other in SENSES.items() if other.person_delay)
                     raise ValueError(f"delay_ms: got 'person', which {late} have; expected ms")
@@ -294,8 +297,7 @@ def make_sense(settings: SenseConfig, around: Surroundings) -> Sense:
                     expected = "user.people for users to be persons"
                     raise ValueError(f"delay_ms: got 'person', expected {expected}")
                 delay = around.person_delays[kind.person_delay]
-            timing = {"timestep_s": around.timestep_s, "substeps": around.substeps}
-            sense = Delayed(sense, delay, **timing)
+            sense = Delayed(sense, delay, timestep_s=around.timestep_s, substeps=around.substeps)
         if settings.noise:
             sense = Noisy(sense, settings.noise)
         if settings.history_s is not None:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import file_name, read_json
-from sim2vr_harness.base.notices import notice_once
 
 if TYPE_CHECKING:
     from sim2vr_harness.envs.config import EnvConfig
@@ -109,9 +108,6 @@ def is_done(task: Task, root: Path) -> bool:
 HASHES = "sha256"
 """Key of a JSON file: name -> hash of the files that it vouches for."""
 _MARK = "cell.json"
-_NO_HASHES = (
-    "note: this study has cells from before hashes were kept; their files are taken as they are"
-)
 
 
 def hashes_of(folder: Path) -> dict[str, str]:
@@ -152,12 +148,9 @@ def require_whole_cell(cell: str, folder: Path) -> None:
         about = read_json(folder / _MARK, expected)
     except InputError as error:
         raise InputError(f"cell {cell}: {error.field}", error.got, expected) from error
-    hashes = about.get(HASHES, {})
+    hashes = about.get(HASHES)
     if about.get("key") != folder.name or not isinstance(hashes, dict):
         damage: tuple[str, str] | None = (_MARK, "other content than the study wrote")
-    elif HASHES not in about:
-        notice_once(_NO_HASHES)
-        return
     else:
         damage = changed_file(folder, hashes)
     if damage is not None:

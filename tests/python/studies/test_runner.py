@@ -12,7 +12,7 @@ import pytest
 import yaml
 from fake_simulation import FakeSimulation
 
-from python.studies.quick_study import content, study
+from python.studies.quick_study import content, killed_after, study
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.notices import set_notice
 from sim2vr_harness.cli.main import main
@@ -20,7 +20,7 @@ from sim2vr_harness.evaluation.data import DataFolder, export_opensim, read_data
 from sim2vr_harness.evaluation.data.columns import Column, number_table
 from sim2vr_harness.studies import read_study, run_study
 from sim2vr_harness.studies import worker as work
-from sim2vr_harness.studies.pool import Here
+from sim2vr_harness.studies.jobs import hashes_of
 from sim2vr_harness.studies.report.methods import PlayedBy, methods_of
 from sim2vr_harness.studies.report.source import read_source
 from sim2vr_harness.studies.runner import StudyProgress
@@ -56,19 +56,10 @@ def test_a_study_goes_on_after_a_kill_and_has_the_same_bytes(
     run_study(study(trained), tmp_path / "whole", jobs=1)
     quick.clear()
 
-    class Killed(Here):
-        """Stops as if killed, in the middle of the fourth cell."""
-
-        def next(self) -> Any:
-            if len(quick) == 3:
-                left = self._root / "cells" / f".{self._tasks[0].key}.1.part"
-                (left / "data").mkdir(parents=True)
-                raise KeyboardInterrupt
-            return super().next()
-
     parted = tmp_path / "parted"
     with pytest.raises(KeyboardInterrupt):
-        run_study(study(trained), parted, make_pool=lambda root, tasks: Killed(root, 1))
+        run_study(study(trained), parted, make_pool=killed_after(3, quick))
+    (parted / "cells" / ".of_the_fourth.1.part" / "data").mkdir(parents=True)
     assert quick == ["easy", "easy", "hard"]
     found = run_study(study(trained), parted, jobs=1)
     assert quick == ["easy", "easy", "hard", "hard"], "none was played twice"
@@ -294,9 +285,10 @@ def test_a_study_is_exported_for_opensim_by_cell(
             )
         dictionary = b"table,column,type,unit,description\nsteps,q_elbow,number,rad,Angle\n"
         (tables.root / "dictionary.csv").write_bytes(dictionary)
-        about = json.loads((tmp_path / "out" / cell / "cell.json").read_text())
-        about.pop("sha256")
-        (tmp_path / "out" / cell / "cell.json").write_text(json.dumps(about))
+        mark = tmp_path / "out" / cell / "cell.json"
+        about = json.loads(mark.read_text())
+        mark.unlink()
+        mark.write_text(json.dumps(about | {"sha256": hashes_of(mark.parent)}))
     with pytest.raises(SystemExit):
         main(export)
     written = sorted((tmp_path / "sto").rglob("*.mot"))

@@ -110,6 +110,7 @@ CHANGES = (
     ("audit --game whacamole", "audit --game whacamole --people 10"),
     ("--targets shop.yaml --expect", "--targets shop.yaml --people 10 --expect"),
     ("--episodes 20", "--episodes 2"),
+    ("--episodes 8", f"--episodes 1 {ROUND}"),
     ("--episodes 10", f"--episodes 2 {ROUND}"),
     ("--episodes 5", "--episodes 1"),
     ("pretrained:whacamole_constrained --", f"pretrained:whacamole_constrained {ROUND} --"),

@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import pydantic
@@ -118,7 +119,8 @@ def list_users(request: ListRequest) -> None:
     Console().print(table)
     typer.echo("More on one: sim2vr-harness users show NAME")
     if more := sorted(more_users().keys() - {card["name"] for card in cards}):
-        typer.echo(f"To fetch: {', '.join(more)} (sim2vr-harness users get NAME --from PLACE)")
+        typer.echo("More, with sim2vr-harness users get NAME --from PLACE:")
+        typer.echo(fill(", ".join(more), 78, initial_indent="  ", subsequent_indent="  "))
 
 
 def _headline(card: Mapping[str, Any]) -> str:
@@ -251,7 +253,7 @@ def get(request: GetRequest) -> None:
 
     Examples:
         sim2vr-harness users get beats_songs --from ~/Downloads/users
-        sim2vr-harness users get beats_songs beats_muscles --from https://example.org/users
+        sim2vr-harness users get beats_songs --from https://example.org/users
     """
     from sim2vr_harness.policies.store import fetch_user
 
@@ -365,7 +367,7 @@ def _physique(request: ExportRequest) -> Physique:
 
 
 app = CommandGroup(
-    """List, show, fetch and pack users; export bodies; train motor layers.
+    """List, get and pack users; export bodies; train motor layers.
 
     Examples:
         sim2vr-harness users list

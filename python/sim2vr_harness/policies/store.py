@@ -199,7 +199,7 @@ def fetch_user(name: str, source: str) -> Path:
     """Fetch a user of :func:`more_users`; from then on it is ``pretrained:NAME`` as others are.
 
     Args:
-        name: whom.
+        name: of the user.
         source: a folder, or an address that begins with ``http://`` or ``https://``, below which
             the user's files are in a folder of its name.
 

@@ -372,7 +372,7 @@ class _Search:
         self._doing.do(played)
         with _quiet(self._optuna):
             for trial, *end in zip(batch, plan.tasks, reports, stopped, strict=True):
-                if isinstance(trial, self._optuna.trial.Trial):  # not one that was told before
+                if isinstance(trial, self._optuna.trial.Trial):  # others ended in a session before
                     self._tell(trial, *end)
         if played:
             keep = [k for k, end in enumerate(stopped) if not end]

@@ -291,9 +291,8 @@ class Student(State):
         # Rounds end at different times, so that every minibatch has all phases of a round in it.
         longest = min(simulation.max_steps, config.stagger_steps)
         self._cut = self._rng.integers(1, longest + 1, self.n)
-        self._acted = np.zeros(self.n)
         self._episodes: deque[dict[str, Any]] = deque(maxlen=SETTINGS.statistics_episodes)
-        self._ended = 0
+        self._acted, self._ended = np.zeros(self.n), 0
 
     @property
     def finished(self) -> bool:

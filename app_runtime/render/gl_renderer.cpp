@@ -57,8 +57,6 @@ void watchExit(RendererKind kind) {
                  [] { std::atexit([] { process_exits = true; }); });
 }
 
-const void* offset(std::size_t bytes) { return reinterpret_cast<const void*>(bytes); }
-
 }  // namespace
 
 SkyPainter::SkyPainter(const gl::Functions& gl) : gl_(gl), program_(buildProgram(gl, "sky", "")) {

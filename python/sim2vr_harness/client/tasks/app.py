@@ -10,6 +10,7 @@ from sim2vr_harness.base.python_classes import words_of
 from sim2vr_harness.client.base import (
     AppClient,
     AppReply,
+    AppValue,
     Int64Array,
     OptionValue,
     ThirdPersonView,
@@ -44,6 +45,8 @@ class TaskedApp(AppClient):
         self.moments: list[TaskMoment] | None = None
         """What the task received, where someone wants it recorded; see :meth:`record`."""
         self._time_s = self._start_s = 0.0
+        self.values: Mapping[str, AppValue] = {}
+        """What the expressions of the task were last."""
         self._poses: DevicePoses | None = None
         self._times_ns: Int64Array = np.zeros(1, np.int64)
 
@@ -127,6 +130,7 @@ class TaskedApp(AppClient):
                 if reply.log and expression not in reply.log:
                     raise unknown_name(FIELD, expression, reply.log)
             values = {name: reply.log.get(number) for name, number in self.task.values.items()}
+        self.values = values
         return TaskMoment(
             time_s=self._time_s,
             step_s=self._time_s - before_s,

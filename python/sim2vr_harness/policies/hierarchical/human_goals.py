@@ -11,6 +11,10 @@ from torch import Tensor
 
 from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
 
+RECOGNITION_S = 0.1
+"""From what is seen to a decision by it, beside the visual delay (docs/concepts/people.md)."""
+SAME_M = 0.06
+"""A target that has moved less is followed without a new decision."""
 _FIXATION_S = 0.2
 """Correlation time of what is misjudged: about a fixation."""
 

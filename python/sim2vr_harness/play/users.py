@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import GameFacts, Measure, TaskedApp
 from sim2vr_harness.client.tasks.events import EVENT_VALUE
 from sim2vr_harness.envs.config import EnvConfig
@@ -32,6 +33,7 @@ from sim2vr_harness.policies.scripted import (
 )
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import TrainingConfig, load_config
+from sim2vr_harness.runs.trust import require_trust
 
 _UNTRAINED = "webxr"
 """Configuration of users without training."""
@@ -105,6 +107,7 @@ class SimulatedUser:
         *,
         game: str | None = None,
         trust_app: bool = False,
+        file: str | Path | None = None,
     ) -> EnvConfig:
         """Return the environment that it plays in; see :func:`.evaluation_env`.
 
@@ -113,13 +116,23 @@ class SimulatedUser:
             overrides: ``env.KEY=VALUE``, what else is different.
             game: Another game than the configuration's.
             trust_app: Whether the app that the user names may be started, though you never have.
+            file: That says so, of a user without training; None: this user has typed it.
+
+        Raises:
+            InputError: They do not go together, or name a program that this user has never started.
         """
         if self.trained is not None:
             source = self.source
             env = evaluation_env(self.config, app, overrides, source=source, trust_app=trust_app)
             return with_game(env, game)
         # Read as one: what is not set follows from the app and its task.
+        for override in overrides:
+            if not override.lstrip().startswith("env."):
+                expected = "env.KEY=VALUE: a user without training learns nothing"
+                raise InputError("--set", repr(override), expected)
         env = load_config(_UNTRAINED, [*overrides, *as_overrides(app or {})]).env
+        if file is not None:
+            require_trust(env, file, trust=trust_app)
         env = with_inputs(without_training(with_game(env, game), overrides), self.name)
         return env if env.user.people is None else self.with_people(env)
 
@@ -133,7 +146,7 @@ class SimulatedUser:
         """Return its environment with so many persons of a seed; None: as it says.
 
         A script is carried out by the human motor policy of persons, with the hands and heads that
-        it was trained with, and without pictures, which nobody looks at.
+        it was trained with.
         """
         if not is_script(self.name) or self.trained is not None:
             return env if count is None else with_people(env, count, seed or 0, overrides)

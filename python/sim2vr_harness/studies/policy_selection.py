@@ -15,7 +15,8 @@ from sim2vr_harness.envs.config import EnvConfig, with_options
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.evaluation.conditions import chosen_conditions, named_options
 from sim2vr_harness.play.environment import evaluation_env
-from sim2vr_harness.play.users import name_of
+from sim2vr_harness.play.users import SimulatedUser, name_of
+from sim2vr_harness.policies.scripted import is_script, read_steps
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import TrainingConfig, load_config, to_yaml
 from sim2vr_harness.runs.trust import named_app, require_trust
@@ -103,6 +104,8 @@ def player_of(study: str, cell: Cell, where: SelectionSource) -> SelectedPolicy:
         file = _near(str(settings["config"]), where.folder)
         return _trained(study, cell, load_config(file, cell.of("training.")), where, file)
     user = _near(str(settings["user"]), where.folder)
+    if user in ("still", "random") or is_script(user):
+        return _untrained(cell, user, where)
     if "adapt" not in settings and cell.of("training."):
         key = next(key for key in sorted(settings) if key.startswith("training."))
         expected = "config instead of user, or adapt: what is trained already stays otherwise"
@@ -123,6 +126,21 @@ def player_of(study: str, cell: Cell, where: SelectionSource) -> SelectedPolicy:
     wanted = [f"total_timesteps={steps}", *cell.of("training.")]
     config = adapting(known, user, wanted, env=there)
     return _trained(study, cell, config, where, user, adapts=(name_of(known), identity))
+
+
+def _untrained(cell: Cell, user: str, where: SelectionSource) -> SelectedPolicy:
+    """One without training: idle, random, or a script."""
+    for key in sorted(cell.settings):
+        if key == "adapt" or key.startswith("training."):
+            raise InputError(key, f"it together with {user!r}", "a trained user: only those go on")
+    player = SimulatedUser.find(user)
+    env = player.env(None, cell.of("env."), trust_app=where.trust_app, file=where.source)
+    facts = player.facts(ResolvedEnv(env).facts)
+    steps = [asdict(step) for step in read_steps(user)] if is_script(user) else []
+    condition = _condition(facts, player.config, env, cell)
+    identity = {"user": user, "steps": steps}
+    mean = player.config.evaluation.deterministic
+    return SelectedPolicy(user, None, env, facts, condition, identity, mean)
 
 
 def _trained(

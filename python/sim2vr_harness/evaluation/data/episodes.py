@@ -73,6 +73,8 @@ def episode_rows(
         }
         row |= {f"person_{key}": value for key, value in person.items()}
         row |= {f"option_{column_name(key)}": _plain(options[key]) for key in sorted(options)}
+        if result.script and result.person is not None:
+            row["excluded"] = result.excluded
         row |= result.values
         found: dict[str, float | None] = {}
         for measure in facts.grids:
@@ -123,6 +125,8 @@ def episode_columns(rows: Sequence[Mapping[str, Any]], facts: GameFacts) -> list
                 continue
             what = told.get(name, ("", name.replace("_", " ")))
             into = measures
+            if name == "excluded":
+                what = ("", "Why the person could do no step of the script; empty: it did some")
             if name.startswith("person_"):
                 field = name.removeprefix("person_")
                 into, what = people, (_PERSON_UNITS.get(field, ""), f"Person's {field}")

@@ -6,16 +6,17 @@ from pathlib import Path
 import typer
 
 from sim2vr_harness.base.requests import argument, option
-from sim2vr_harness.cli.options import TrustedApp
+from sim2vr_harness.cli.options import ChangedEnvironment, TrustedApp
 from sim2vr_harness.cli.progress import Share
 
 
 @dataclass(frozen=True, kw_only=True)
-class FilmRequest(TrustedApp):
+class FilmRequest(ChangedEnvironment, TrustedApp):
     """Which round to film."""
 
     runs: tuple[str, ...] = argument(
-        "RUN...", "Runs, checkpoints or pretrained:NAME, from left to right.", names="users"
+        "RUN...", "Runs, checkpoints, pretrained:NAME or scripts such as 'press lit', from left to right.",
+        names="players",
     )
     condition: str | None = option(
         "The game's condition.", metavar="NAME", shown="that of each user's training"
@@ -41,6 +42,7 @@ def film(request: FilmRequest) -> None:
             condition=request.condition,
             seed=request.seed,
             seconds=request.seconds,
+            overrides=request.set_,
             trust_app=request.trust_app,
             on_progress=share.show,
         )

@@ -155,6 +155,7 @@ def _made(request: StudyRequest) -> Path:
     from sim2vr_harness.envs.resolved import ResolvedEnv
     from sim2vr_harness.play.round import measures_of
     from sim2vr_harness.play.users import PERSON_MEASURES, STEP_MEASURES, SimulatedUser
+    from sim2vr_harness.policies.scripted import is_script
     from sim2vr_harness.runs.trust import remember
     from sim2vr_harness.studies.config import parse_study
 
@@ -193,27 +194,31 @@ def _made(request: StudyRequest) -> Path:
     user = SimulatedUser.find(request.user)
     overrides = [f"{k}={json.dumps(v)}" for k, v in fixed.items() if k.startswith("env.")]
     facts = user.facts(ResolvedEnv(user.env(None, overrides)).facts)
-    known = [one.name for one in measures_of(facts)]
-    apart = {one.name for one in STEP_MEASURES}
-    judged = "task" in app
+    # Times and errors as the app itself has them, else those of the script; score, load, endurance.
+    own = [one for one in facts.scalars if one not in (*STEP_MEASURES, *PERSON_MEASURES)]
+    times = [one.name for one in own if one.unit == "s"]
+    errors = [one.name for one in own if one.rate_with is not None]
+    scripted = [one.name for one in PERSON_MEASURES] if is_script(request.user) else ["", ""]
     wanted = [
-        *(one.name for one in PERSON_MEASURES),
-        *(one.name for one in facts.scalars if judged or one.name == facts.score),
+        *(times or scripted[:1]),
+        *(errors or scripted[1:]),
+        facts.score,
         "max_fatigued",
         "exertion.nicer_right",
     ]
-    what = request.page or request.game or "the game"
+    known = [one.name for one in measures_of(facts)]
+    what = Path(request.page or request.game or str(app.get("game", facts.name))).name
     out = request.out or Path("studies") / Path(str(app.get("game", "study"))).stem
     study = {
         "name": "".join(c if c.isalnum() or c in "-_" else "_" for c in out.name),
-        "title": f"What {' and '.join(factors)} of {Path(what).name} change for '{request.user}'",
+        "title": f"Effects of {' and '.join(factors)} in {what} on '{request.user}'",
         "fixed": fixed,
         "factors": factors,
         "people": request.people or 24,
         "episodes": request.episodes or 1,
         "seed": 1 if request.seed is None else request.seed,
         "measures": list(request.measure)
-        or [name for name in dict.fromkeys(wanted) if name in known and name not in apart],
+        or [name for name in dict.fromkeys(wanted) if name in known],
         "comparisons": [{"factor": name, "by": []} for name in factors],
     }
     parse_study(study)

@@ -49,6 +49,7 @@ PERSON_MEASURES = (
         "Time per step",
         unit="s",
         better="lower",
+        digits=2,
         description="Until a press, or the arrival: reaction time included",
     ),
     Measure(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.base.errors import unknown_name
 from sim2vr_harness.client import Task, TaskedApp
-from sim2vr_harness.client.tasks.events import EVENT_VALUE
+from sim2vr_harness.client.tasks.events import EVENT_VALUE, count_key
 from sim2vr_harness.policies.hierarchical.human_goals import RECOGNITION_S, SAME_M
 from sim2vr_harness.policies.hierarchical.motor_goals import WIDTH_M
 from sim2vr_harness.policies.protocol import Observation
@@ -259,10 +259,9 @@ class Episode:
         log = self._simulation.logs[self._user]
         if name is None or not log:
             return None
-        key = name if name in log else f"{EVENT_VALUE}{name}"
+        key = name if name in log else count_key(name)
         if key not in log:
-            known = [one.removeprefix(EVENT_VALUE) for one in log]
-            raise unknown_name("until", name, known)
+            raise unknown_name("until", name, [one for one in log if EVENT_VALUE not in one])
         return log[key]
 
     def _do(self, step: Step, outcome: StepOutcome) -> Generator[None, None, str]:

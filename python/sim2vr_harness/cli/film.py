@@ -15,7 +15,8 @@ class FilmRequest(ChangedEnvironment, TrustedApp):
     """Which round to film."""
 
     runs: tuple[str, ...] = argument(
-        "RUN...", "Runs, checkpoints, pretrained:NAME or scripts such as 'press lit', from left to right.",
+        "RUN...",
+        "Runs, checkpoints, pretrained:NAME or scripts such as 'press lit', from left to right.",
         names="players",
     )
     condition: str | None = option(

@@ -1,5 +1,6 @@
 """Find the objects of an app by name: of pages, and of apps whose scene is known."""
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.base.errors import InputError, closest
 from sim2vr_harness.client import AppRefused, WebXRApp
 from sim2vr_harness.client.frames import position_to_mujoco
-from sim2vr_harness.client.scene import PLAYER_LAYER, AppScene, SceneObject
+from sim2vr_harness.client.scene import PLAYER_LAYER, AppScene, SceneMesh, SceneObject
 from sim2vr_harness.policies.scripted.steps import Place
 from sim2vr_harness.users.kinematics.posture_controller import DeviceRay, page_ray
 
@@ -155,10 +156,15 @@ def _names_in(page: WebXRApp, name: str) -> list[str]:
     return [name]
 
 
+@lru_cache(maxsize=256)
+def _extents(mesh: SceneMesh) -> FloatArray:
+    return np.ptp(mesh.vertices, axis=0)
+
+
 def _size(scene: AppScene, one: SceneObject) -> FloatArray:
     """(3,) extents of what an object shows along its own axes, the least first, m."""
     assert one.mesh is not None
-    return np.sort(np.ptp(scene.meshes[one.mesh].vertices, axis=0) * np.abs(one.scale))
+    return np.sort(_extents(scene.meshes[one.mesh]) * np.abs(one.scale))
 
 
 def _lit(scene: AppScene) -> SceneObject | None:

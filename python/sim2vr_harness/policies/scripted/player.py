@@ -425,10 +425,10 @@ class Episode:
             return self._seen[-1 - steps] if len(self._seen) > steps else None
 
         near = ago(self._follows)
-        if self._aim is not None and near is not None:
-            if np.linalg.norm(near - self._aim) < SAME_M:
-                self._aim = near
-                return near
+        known = self._aim is not None and near is not None
+        if known and np.linalg.norm(near - self._aim) < SAME_M:
+            self._aim = near
+            return near
         if self._now - self._since >= self._decides:
             self._aim = ago(self._decides)
         return self._aim

@@ -118,7 +118,9 @@ def missing_notes(episodes: Any, measure: str) -> list[str]:
             reasons = list(why.groupby("unit", sort=False)["excluded"].first().items())
             more = f"; and {len(reasons) - _MOST_NAMED} more" if len(reasons) > _MOST_NAMED else ""
             told = "; ".join(f"{unit}: {reason}" for unit, reason in reasons[:_MOST_NAMED])
-            return [f"{len(reasons)} of {len(units)} can do no step and are excluded ({told}{more})"]
+            return [
+                f"{len(reasons)} of {len(units)} can do no step and are excluded ({told}{more})"
+            ]
         text = (
             f"{len(missing)} of {len(units)} have no {measure} ({some_units(missing)}): none of "
             f"their {len(own)} rounds has {_NEEDS.get(measure, 'a value')}"

@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
-import yaml
 
 from sim2vr_harness.base.errors import InputError, counted, shown
-from sim2vr_harness.base.requests import argument, option
 from sim2vr_harness.base.files import write_atomically
+from sim2vr_harness.base.requests import argument, option
 from sim2vr_harness.cli.app_options import PageOptions
 from sim2vr_harness.cli.options import ChangedEnvironment, Checked, CheckedRun, TrustedApp
 
 if TYPE_CHECKING:
+    from sim2vr_harness.client import GameFacts
     from sim2vr_harness.studies.data import StudyData
 
 
@@ -113,10 +113,9 @@ def study(request: StudyRequest) -> int:
                 raise InputError(field, f"it with {file}", expected)
     if file.is_dir():
         return _effects(request, asked=checked.asked)
-    if request.user is not None:
-        if request.file is not None:
-            expected = "a folder of effects; a study names its users in fixed.user"
-            raise InputError("--user", f"it with {file}", expected)
+    if request.user is not None and request.file is not None:
+        expected = "a folder of effects; a study names its users in fixed.user"
+        raise InputError("--user", f"it with {file}", expected)
     if request.plan or request.difference:
         # Print what the study would play, and how many units differences need.
         from rich.console import Console
@@ -151,74 +150,43 @@ def study(request: StudyRequest) -> int:
 
 def _made(request: StudyRequest) -> Path:
     """Write the file of the study that the options mean, beside its folder, and return it."""
-    from sim2vr_harness.envs.config import AppConfig
+    import yaml
+
     from sim2vr_harness.envs.resolved import ResolvedEnv
-    from sim2vr_harness.play.round import measures_of
-    from sim2vr_harness.play.users import PERSON_MEASURES, STEP_MEASURES, SimulatedUser
+    from sim2vr_harness.play.users import SimulatedUser
     from sim2vr_harness.policies.scripted import is_script
-    from sim2vr_harness.runs.trust import remember
     from sim2vr_harness.studies.config import parse_study
 
     if not request.vary:
         raise InputError("STUDY.yaml", "nothing", "a study's file, or --vary NAME=A,B")
-    if request.user is None:
-        raise InputError("--user", "nothing", "who plays, such as 'press lit by ray'")
-    app = request.remote()
-    if request.page is not None and request.task is None:
-        beside = Path(app["page"])
-        beside = (beside if beside.is_dir() else beside.parent) / "task.yaml"
-        app |= {"task": str(beside)} if beside.is_file() else {}
-    if request.game is not None:
-        app |= {"game": request.game}
-    if app:
-        remember(AppConfig(**app), Path())  # typed here, it needs no --trust-app in the file
-    fixed: dict[str, Any] = {"user": request.user}
-    for key, value in app.items():
-        fixed |= {f"env.app.{key}.{k}": v for k, v in value.items()} if key == "options" else {
-            f"env.app.{key}": value
-        }  # fmt: skip
-    for change in request.set_:
-        key, equals, value = change.partition("=")
-        if not equals:
-            raise InputError("--set", repr(change), "KEY=VALUE")
-        fixed[key.strip()] = yaml.safe_load(value)
-    factors = {}
+    fixed, factors = _fixed(request), {}
     for text in request.vary:
         name, equals, values = text.partition("=")
-        levels = [yaml.safe_load(value) for value in values.split(",") if value.strip()]
+        levels = [_value("--vary", value) for value in values.split(",") if value.strip()]
         if not equals or len(levels) < 2:
             raise InputError("--vary", repr(text), "NAME=A,B with two values or more")
         key = name if "." in name or name in ("user", "condition") else f"env.app.options.{name}"
         fixed.pop(key, None)
         factors[name.rpartition(".")[2]] = {"key": key, "levels": levels}
-    user = SimulatedUser.find(request.user)
+    users = [
+        one for factor in factors.values() if factor["key"] == "user" for one in factor["levels"]
+    ]
+    who = str(users[0]) if users else request.user
+    if who is None:
+        raise InputError("--user", "nothing", "who plays, such as 'press lit by ray'")
+    user = SimulatedUser.find(who)
     overrides = [f"{k}={json.dumps(v)}" for k, v in fixed.items() if k.startswith("env.")]
     facts = user.facts(ResolvedEnv(user.env(None, overrides)).facts)
-    # Times and errors as the app itself has them, else those of the script; score, load, endurance.
-    own = [one for one in facts.scalars if one not in (*STEP_MEASURES, *PERSON_MEASURES)]
-    times = [one.name for one in own if one.unit == "s"]
-    errors = [one.name for one in own if one.rate_with is not None]
-    scripted = [one.name for one in PERSON_MEASURES] if is_script(request.user) else ["", ""]
-    wanted = [
-        *(times or scripted[:1]),
-        *(errors or scripted[1:]),
-        facts.score,
-        "max_fatigued",
-        "exertion.nicer_right",
-    ]
-    known = [one.name for one in measures_of(facts)]
-    what = Path(request.page or request.game or str(app.get("game", facts.name))).name
-    out = request.out or Path("studies") / Path(str(app.get("game", "study"))).stem
+    out = request.out or Path("studies") / Path(facts.name).stem
     study = {
         "name": "".join(c if c.isalnum() or c in "-_" else "_" for c in out.name),
-        "title": f"Effects of {' and '.join(factors)} in {what} on '{request.user}'",
+        "title": f"Effects of {' and '.join(factors)} in {facts.name} on '{who}'",
         "fixed": fixed,
         "factors": factors,
         "people": request.people or 24,
         "episodes": request.episodes or 1,
         "seed": 1 if request.seed is None else request.seed,
-        "measures": list(request.measure)
-        or [name for name in dict.fromkeys(wanted) if name in known],
+        "measures": list(request.measure) or _measures(facts, scripted=is_script(who)),
         "comparisons": [{"factor": name, "by": []} for name in factors],
     }
     parse_study(study)
@@ -231,6 +199,59 @@ def _made(request: StudyRequest) -> Path:
     write_atomically(file, text.encode())
     typer.echo(f"The study: {file}", err=True)
     return file
+
+
+def _fixed(request: StudyRequest) -> dict[str, Any]:
+    """Return what is the same in all cells of the study that the options mean."""
+    from sim2vr_harness.envs.config import AppConfig
+    from sim2vr_harness.runs.trust import remember
+
+    app = request.remote()
+    if request.page is not None and request.task is None:
+        page = Path(app["page"])
+        beside = (page if page.is_dir() else page.parent) / "task.yaml"
+        app |= {"task": str(beside)} if beside.is_file() else {}
+    if request.game is not None:
+        app |= {"game": request.game}
+    if app:
+        remember(AppConfig(**app), Path())  # typed here, it needs no --trust-app in the file
+    options = app.pop("options", {})
+    fixed: dict[str, Any] = {} if request.user is None else {"user": request.user}
+    fixed |= {f"env.app.{key}": value for key, value in app.items() if value is not None}
+    fixed |= {f"env.app.options.{key}": value for key, value in options.items()}
+    for change in request.set_:
+        key, equals, value = change.partition("=")
+        if not equals:
+            raise InputError("--set", repr(change), "KEY=VALUE")
+        fixed[key.strip()] = _value("--set", value)
+    return fixed
+
+
+def _value(field: str, text: str) -> Any:
+    import yaml
+
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise InputError(field, repr(text), "a value in YAML, without commas") from error
+
+
+def _measures(facts: GameFacts, *, scripted: bool) -> list[str]:
+    """Return times and errors of the app, else those of a script; score, load and endurance."""
+    from sim2vr_harness.play.round import measures_of
+    from sim2vr_harness.play.users import PERSON_MEASURES, STEP_MEASURES
+
+    own = [one for one in facts.scalars if one not in (*STEP_MEASURES, *PERSON_MEASURES)]
+    time, misses = ([one.name] if scripted else [] for one in PERSON_MEASURES)
+    wanted = [
+        *([one.name for one in own if one.unit == "s"] or time),
+        *([one.name for one in own if one.rate_with is not None] or misses),
+        *([facts.score] if facts.score else []),
+        "max_fatigued",
+        "exertion.nicer_right",
+    ]
+    known = [one.name for one in measures_of(facts)]
+    return [name for name in dict.fromkeys(wanted) if name in known]
 
 
 def _tell(found: Any, report: bool) -> None:

@@ -62,16 +62,30 @@ def test_the_same_seed_has_the_same_bits_whoever_plays_beside() -> None:
     assert [one.values for one in other.rounds] != [one.values for one in alone.rounds]
 
 
-def test_who_can_do_nothing_is_excluded_with_the_reason() -> None:
-    """At 0.9 m before the body nobody's hand arrives."""
-    found = play("touch 0.1 1.1 0.9", "env.app.options.round_seconds=6")
-    for result in found.rounds:
-        assert "out of reach" in result.excluded
-        assert result.values["max_fatigued"] is None
-        assert result.values["steps_done"] == 0.0
-    assert found.summaries["keypad"]["step_time"] is None
-    rows = found.episodes
-    assert list(rows["excluded"]) == [result.excluded for result in found.rounds]
+@pytest.mark.parametrize(
+    ("place", "able", "unable", "why"),
+    [
+        # 1.45 and 2.0 m tall, who differ in nothing else of their size.
+        ("0.1 1.15 0.56", "person.stature_m=2.0", "person.stature_m=1.45", "out of reach"),
+        # Arms with a tenth of the forces that lift them.
+        ("0.1 1.3 0.45", "people.strength=1.28", "people.strength=0.12", "came as near as"),
+    ],
+)
+def test_the_short_and_the_weak_are_excluded_with_the_reason(
+    place: str, able: str, unable: str, why: str
+) -> None:
+    alike = "env.user.people.vary=[visual_delay_s]"
+    seconds = "env.app.options.round_seconds=6"
+    for who, excluded in ((able, False), (unable, True)):
+        found = play(f"touch {place}", f"env.user.{who}", alike, seconds)
+        for result in found.rounds:
+            assert (why in result.excluded) == excluded, result.script
+            assert (result.values["max_fatigued"] is None) == excluded
+            assert (result.values["steps_done"] == 0.0) == excluded
+        assert (found.summaries["keypad"]["step_time"] is None) == excluded
+        assert [one or "" for one in found.episodes["excluded"]] == [
+            result.excluded for result in found.rounds
+        ]
 
 
 def test_an_entry_is_repeated_until_a_number_changes(tmp_path: Path) -> None:
@@ -170,6 +184,7 @@ def test_a_question_in_one_command(tmp_path: Path, capsys: pytest.CaptureFixture
         (["--vary", "button_m=0.1,0.2"], "--user: got nothing"),
         (["--vary", "button_m=0.1", "--user", LIT], "two values or more"),
         (["--vary", "button_m", "--user", LIT], "two values or more"),
+        (["--vary", "button_m=[0.1,0.2]", "--user", LIT], "--vary: got '[0.1', expected a value"),
         (["--vary", "buton_m=0.1,0.2", "--user", LIT], "buton_m"),
         (["--vary", "button_m=0.1,0.2", "--user", "pres lit"], "did you mean 'press'"),
         (["--vary", "button_m=0.1,0.2", "--user", LIT, "--measure", "hit"], "did you mean 'hits'"),

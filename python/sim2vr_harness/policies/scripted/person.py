@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.policies.hierarchical.human_goals import SAME_M, HumanGoals
 from sim2vr_harness.policies.hierarchical.human_motor import HumanHands
-from sim2vr_harness.policies.hierarchical.motor_goals import WIDTH_M
+from sim2vr_harness.policies.hierarchical.motor_goals import WIDTH_M, WIDTHS_M
 from sim2vr_harness.policies.hierarchical.motor_store import human_policy_for
-from sim2vr_harness.policies.hierarchical.ray_turning import far_off
+from sim2vr_harness.policies.hierarchical.ray_turning import REFERENCE_M, far_off
 from sim2vr_harness.policies.scripted.hand import By, Hand
 
 FloatArray = NDArray[np.float64]
@@ -42,6 +42,14 @@ class PersonHand(Hand):
     def turns(self) -> bool:
         """Whether it points."""
         return self._by == "ray"
+
+    @property
+    def believed_width_m(self) -> float:
+        """The width, within those that the motor policy has learned; of rays by their angle."""
+        if self._by == "touch" or self.place is None:
+            return float(np.clip(self.width_m, *WIDTHS_M))
+        scale = REFERENCE_M / max(float(np.linalg.norm(self.place - self.position)), _LEAST_M)
+        return float(np.clip(scale * self.width_m, *WIDTHS_M)) / scale
 
     @property
     def tip(self) -> FloatArray:
@@ -112,7 +120,7 @@ class PersonMotor:
                 side = self.policy.hands.index(hand.device)
                 goals.place[i, side] = torch.from_numpy(hand.place).float()
                 goals.tip[i, side] = torch.from_numpy(np.asarray(hand.tip)).float()
-                goals.width[i, side] = hand.width_m
+                goals.width[i, side] = hand.believed_width_m
                 goals.rays[i, side] = float(hand.turns)
                 goals.active[i, side] = 1.0
         return goals

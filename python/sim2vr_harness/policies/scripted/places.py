@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.base.errors import InputError, closest
 from sim2vr_harness.client import AppRefused, WebXRApp
 from sim2vr_harness.client.frames import position_to_mujoco
-from sim2vr_harness.client.scene import PLAYER_LAYER, AppScene, SceneMesh, SceneObject
+from sim2vr_harness.client.scene import PLAYER_LAYER, POINTERS, AppScene, SceneMesh, SceneObject
 from sim2vr_harness.policies.scripted.steps import Place
 from sim2vr_harness.users.kinematics.posture_controller import DeviceRay, page_ray
 
@@ -168,13 +168,16 @@ def _size(scene: AppScene, one: SceneObject) -> FloatArray:
 
 
 def _lit(scene: AppScene) -> SceneObject | None:
-    """Return the object that alone has another colour than all others of its size, if there is one.
+    """Return the object that alone has another colour than all others of its size and parent.
 
-    The brightest, if there are several.
+    The brightest, if there are several such; None: there is none.
     """
-    alike: dict[tuple[float, ...], dict[tuple[float, ...], list[SceneObject]]] = {}
+    alike: dict[tuple[object, ...], dict[tuple[float, ...], list[SceneObject]]] = {}
     for one in scene.drawn():
-        size = tuple(np.round(_size(scene, one), 3).tolist())
+        parent, _, name = one.path.rpartition("/")
+        if name in POINTERS:
+            continue
+        size = (parent, *np.round(_size(scene, one), 3).tolist())
         colour = tuple(np.round(one.color, 2).tolist())
         alike.setdefault(size, {}).setdefault(colour, []).append(one)
     alone = [

@@ -127,9 +127,12 @@ class Round:
     excluded: str = ""
 
     def with_values(self, values: Mapping[str, float | None]) -> Round:
-        """Return the round with more measures; of a round whose app failed none has a value."""
+        """Return the round with more measures.
+
+        None has a value where the app failed or the person was excluded.
+        """
         known = {
-            key: None if self.ended == "app_failed" else _finite(value)
+            key: None if self.ended == "app_failed" or self.excluded else _finite(value)
             for key, value in values.items()
         }
         return replace(self, values={**self.values, **known})

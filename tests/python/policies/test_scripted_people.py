@@ -49,16 +49,17 @@ def test_nobody_acts_before_the_own_delay_and_recognition(sizes: dict[float, Eva
         times = [step.time_s for step in result.script if step.time_s is not None]
         assert len(times) > 4, "the script begins again when it is done"
         assert min(times) >= least_s
-        # The game sees a press within the user step that begins then.
+        # A target that is missed first counts longer in the game than the last step at it.
         assert result.values["mean_selection_time_s"] == pytest.approx(
             float(np.mean(times)), abs=0.11
         )
 
 
 def test_the_same_seed_has_the_same_bits_whoever_plays_beside() -> None:
-    alone, together = (play(LIT, people=3, seed=5, batch=batch) for batch in (1, 3))
+    short = "env.app.options.round_seconds=2"
+    alone, together = (play(LIT, short, people=2, seed=5, batch=batch) for batch in (1, 2))
     assert [one.as_dict() for one in alone.rounds] == [one.as_dict() for one in together.rounds]
-    other = play(LIT, people=3, seed=6)
+    other = play(LIT, short, people=2, seed=6)
     assert [one.values for one in other.rounds] != [one.values for one in alone.rounds]
 
 
@@ -83,9 +84,6 @@ def test_the_short_and_the_weak_are_excluded_with_the_reason(
             assert (result.values["max_fatigued"] is None) == excluded
             assert (result.values["steps_done"] == 0.0) == excluded
         assert (found.summaries["keypad"]["step_time"] is None) == excluded
-        assert [one or "" for one in found.episodes["excluded"]] == [
-            result.excluded for result in found.rounds
-        ]
 
 
 def test_an_entry_is_repeated_until_a_number_changes(tmp_path: Path) -> None:
@@ -96,11 +94,6 @@ def test_an_entry_is_repeated_until_a_number_changes(tmp_path: Path) -> None:
     script.write_text("- {do: press lit, until: Erors}\n")
     with pytest.raises(InputError, match=r"until: got 'Erors', expected .*did you mean 'Errors'"):
         play(str(script), people=1)
-
-
-def test_a_body_without_a_human_motor_policy_is_refused() -> None:
-    with pytest.raises(InputError, match="human motor policy: got none for the body 'myoarm_r'"):
-        play("point lit", "env.user.model=myoarm_r")
 
 
 def shown(*colours: tuple[float, float, float], sizes: tuple[float, ...] = ()) -> AppScene:
@@ -159,7 +152,9 @@ def test_a_question_in_one_command(tmp_path: Path, capsys: pytest.CaptureFixture
     words = ["study", "--game", "panel", "--user", "touch 0.1 1.1 0.9", "--people", "2"]
     words += ["--vary", "button_m=0.05,0.2", "--out", str(out), "--jobs", "1"]
     words += ["--set", "env.app.options.round_seconds=5.5"]
-    main(words)
+    with pytest.raises(SystemExit) as done:
+        main(words)
+    assert not done.value.code
     told = capsys.readouterr().out
     assert "2 of 2 can do no step and are excluded (person 0: the hand came" in told.replace(
         "\n", " "
@@ -169,7 +164,8 @@ def test_a_question_in_one_command(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "people: 2" in text
     assert json.loads((out / "study.json").read_text())["study"]["fixed"]["user"] == words[4]
     # The file repeats the study, and is not lost when another one is asked for.
-    main(["study", str(tmp_path / "out.yaml"), "--out", str(out), "--jobs", "1"])
+    with pytest.raises(SystemExit):
+        main(["study", str(tmp_path / "out.yaml"), "--out", str(out), "--jobs", "1"])
     assert "Played: 0 of 2" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         main([*words[:-2], "--set", "env.app.options.round_seconds=3"])

@@ -270,7 +270,7 @@ class Episode:
         problem = problem or (yield from self._arrive(step, outcome))
         if problem:
             return problem
-        outcome.time_s = (self._now - self._since) / self._hz
+        outcome.time_s = (self._now + 1 - self._since) / self._hz  # the app knows a step later
         true = self._places.find(step.place, self.hand.position)
         if true is not None:
             wide = self._places.width_m(true) or 2.0 * _NEAR_M

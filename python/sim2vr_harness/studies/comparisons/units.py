@@ -116,10 +116,11 @@ def missing_notes(episodes: Any, measure: str) -> list[str]:
         why = own[own["excluded"].fillna("") != ""] if "excluded" in own else own[:0]
         if len(why):
             reasons = list(why.groupby("unit", sort=False)["excluded"].first().items())
-            more = f"; and {len(reasons) - _MOST_NAMED} more" if len(reasons) > _MOST_NAMED else ""
-            told = "; ".join(f"{unit}: {reason}" for unit, reason in reasons[:_MOST_NAMED])
+            # Notes are joined by semicolons.
+            told = [f"{unit}: {reason.replace('; ', ', ')}" for unit, reason in reasons]
             return [
-                f"{len(reasons)} of {len(units)} can do no step and are excluded ({told}{more})"
+                f"{len(reasons)} of {len(units)} can do no step and are excluded "
+                f"({some_units(told)})"
             ]
         text = (
             f"{len(missing)} of {len(units)} have no {measure} ({some_units(missing)}): none of "

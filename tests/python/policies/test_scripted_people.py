@@ -69,7 +69,7 @@ def test_the_same_seed_has_the_same_bits_whoever_plays_beside() -> None:
         # 1.45 and 2.0 m tall, who differ in nothing else of their size.
         ("0.1 1.15 0.56", "person.stature_m=2.0", "person.stature_m=1.45", "out of reach"),
         # Arms with a tenth of the forces that lift them.
-        ("0.1 1.3 0.45", "people.strength=1.28", "people.strength=0.12", "came as near as"),
+        ("0.1 1.3 0.45", "person.strength=1.28", "person.strength=0.12", "came as near as"),
     ],
 )
 def test_the_short_and_the_weak_are_excluded_with_the_reason(

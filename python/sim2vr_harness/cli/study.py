@@ -275,6 +275,7 @@ def _effects(request: StudyRequest, *, asked: bool) -> int:
     from sim2vr_harness.studies.effects import HEADER, load_effects, run_effects, score, table
 
     folder = request.file
+    assert folder is not None  # else a study is made
     for name in ("plan", "difference", "ray", "storage", "replay_damaged"):
         if getattr(request, name):
             refused = f"--{name.replace('_', '-')}"

@@ -33,8 +33,8 @@ class PersonHand(Hand):
 
     def follow(self, place: FloatArray, by: By) -> None:
         """Move towards a place, (3,) MuJoCo's world, from this user step on."""
-        same = self.place is not None and by == self._by
-        self.new = self.new or not (same and np.linalg.norm(place - self.place) < SAME_M)
+        before = self.place if by == self._by else None
+        self.new = self.new or before is None or bool(np.linalg.norm(place - before) >= SAME_M)
         self.over = self.over and not self.new
         self.place, self._by = place, by
 

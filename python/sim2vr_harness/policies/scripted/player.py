@@ -121,7 +121,8 @@ class ScriptedPolicy:
                     motor.begin(i, rngs[i])
         actions = np.stack([episode.act() for episode in memory])
         if motor is not None:
-            body = motor.act([episode.hand for episode in memory], rngs)
+            hands = [each.hand for each in memory if isinstance(each.hand, PersonHand)]
+            body = motor.act(hands, rngs)
             actions[:, : body.shape[1]] = body
         return actions
 
@@ -424,9 +425,8 @@ class Episode:
         def ago(steps: int) -> FloatArray | None:
             return self._seen[-1 - steps] if len(self._seen) > steps else None
 
-        near = ago(self._follows)
-        known = self._aim is not None and near is not None
-        if known and np.linalg.norm(near - self._aim) < SAME_M:
+        near, aim = ago(self._follows), self._aim
+        if aim is not None and near is not None and _distance(near, aim) < SAME_M:
             self._aim = near
             return near
         if self._now - self._since >= self._decides:

@@ -20,7 +20,8 @@ from unittest import mock
 
 import torch
 
-from sim2vr_harness.evaluation.evaluate import Request, evaluate
+from sim2vr_harness.evaluation.evaluate import evaluate
+from sim2vr_harness.evaluation.request import Request
 from sim2vr_harness.policies.hierarchical import person_policy
 from sim2vr_harness.policies.hierarchical.human_motor import HandPolicy
 from sim2vr_harness.runs.option_config import PeopleTraining
@@ -108,7 +109,7 @@ def main() -> None:
         ablation = ABLATIONS[name]
         with tempfile.TemporaryDirectory() as folder, _without(ablation):
             request = Request(
-                conditions=[given.condition] if given.condition else None,
+                conditions=[given.condition] if given.condition else [],
                 episodes=1,
                 seed=given.seed,
                 people=given.persons,

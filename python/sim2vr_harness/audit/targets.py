@@ -22,6 +22,7 @@ from sim2vr_harness.client import AppRefused, AppScene, DevicePoses, SceneObject
 from sim2vr_harness.client.devices import input_named
 from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.client.runtime import frame_time_ns
+from sim2vr_harness.client.scene import POINTERS
 from sim2vr_harness.client.webxr.hands import PageHands
 from sim2vr_harness.envs.apps import app_factory, apps_wanted
 from sim2vr_harness.envs.config import EnvConfig, SenseConfig
@@ -47,8 +48,6 @@ _CONTROLLERS = {
     "XR Rig/RightHand Controller": "controller_right",
     "XR Rig/LeftHand Controller": "controller_left",
 }
-_POINTERS = ("Ray", "Cursor")
-"""What our games show of where a hand points; no target."""
 _STILL_M, _FLOOR_M, _FLAT_M = 0.4, 0.05, 0.02
 """Half the diagonal of a still thing at most; what is so near the floor and so flat is none."""
 _NEW_AFTER_M = 0.01
@@ -422,7 +421,7 @@ class _Tracks:
     def _fits(self, one: SceneObject) -> bool:
         name = one.path.rpartition("/")[2]
         if one.mesh is None or self._pattern is None:
-            return one.mesh is not None and name not in _POINTERS
+            return one.mesh is not None and name not in POINTERS
         return fnmatchcase(name, self._pattern) or fnmatchcase(one.path, self._pattern)
 
     def targets(self, *, still: bool = False) -> list[Target]:

@@ -16,11 +16,13 @@ from sim2vr_harness.cli.progress import Share
 
 
 @dataclass(frozen=True, kw_only=True)
-class FilmRequest(TrustedApp):
+class FilmRequest(ChangedEnvironment, TrustedApp):
     """Which round to film."""
 
     runs: tuple[str, ...] = argument(
-        "RUN...", "Runs, checkpoints or pretrained:NAME, from left to right.", names="users"
+        "RUN...",
+        "Runs, checkpoints, pretrained:NAME or scripts such as 'press lit', from left to right.",
+        names="players",
     )
     condition: str | None = option(
         "The game's condition.", metavar="NAME", shown="that of each user's training"
@@ -46,6 +48,7 @@ def film(request: FilmRequest) -> None:
             condition=request.condition,
             seed=request.seed,
             seconds=request.seconds,
+            overrides=request.overrides,
             trust_app=request.trust_app,
             on_progress=share.show,
         )

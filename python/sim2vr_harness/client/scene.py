@@ -22,6 +22,8 @@ Float64Array = NDArray[np.float64]
 PLAYER_LAYER = 31
 """Of what stands for the player in pictures from outside (``rl::kPlayerLooksLayer``): headset,
 hands. Code that draws the body itself leaves it out."""
+POINTERS = ("Ray", "Cursor")
+"""What our games show of where a hand points; no target."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,6 @@ from sim2vr_harness.client import (
     load_task,
 )
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.people_preset import with_people
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.evaluation.conditions import (
     asked_conditions,
@@ -398,7 +397,7 @@ class _Plan:
         )
         env = user.env(request.app, request.overrides, trust_app=request.trust_app)
         if request.people is not None:
-            env = with_people(env, request.people, self.seed, request.overrides)
+            env = user.with_people(env, request.people, self.seed, request.overrides)
         if request.cores is not None:
             env = env.changed(cores=request.cores)
         user.require_contract(env)

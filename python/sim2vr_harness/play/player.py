@@ -262,6 +262,9 @@ def play(
     """
     results: list[Round] = []
     player: Player | None = None
+    # Waves of one size go on in the same apps.
+    waves = -(-len(jobs) // batch)
+    batch = -(-len(jobs) // max(1, waves))
     try:
         for start in range(0, len(jobs), batch):
             wave = jobs[start : start + batch]

@@ -146,10 +146,11 @@ class _Seat:
         stack: ExitStack,
         simulation: Callable[..., Any],
         *,
+        overrides: Sequence[str],
         trust_app: bool,
     ) -> None:
         user = SimulatedUser.find(run)
-        env = user.env(trust_app=trust_app)
+        env = user.env(None, overrides, trust_app=trust_app)
         user.require_contract(env)
         self.facts = env.facts
         self.condition = condition or self.facts.condition_of(env.config.app.options)
@@ -190,6 +191,7 @@ def film_comparison(
     condition: str | None = None,
     seed: int = 1,
     seconds: float = 60.0,
+    overrides: Sequence[str] = (),
     trust_app: bool = False,
     simulation: Callable[..., Any] = make_simulation,
     on_progress: Callable[[float], None] = lambda share: None,
@@ -204,6 +206,7 @@ def film_comparison(
         condition: The game's condition; None leaves each user its training's.
         seed: Of bodies, policies and games.
         seconds: To film at most.
+        overrides: ``env.KEY=VALUE``, what is different from the users' own environments.
         trust_app: Whether apps that the runs name may be started, though these users never have.
         simulation: How to make a user: (ResolvedEnv, n) -> simulation.
         on_progress: Called with the share of the seconds filmed.
@@ -221,7 +224,8 @@ def film_comparison(
         raise InputError("--seed", str(seed), "0 to 2147483647")
     with ExitStack() as stack:
         seats = [
-            _Seat(run, condition, seed, stack, simulation, trust_app=trust_app) for run in runs
+            _Seat(run, condition, seed, stack, simulation, overrides=overrides, trust_app=trust_app)
+            for run in runs
         ]
         rates = {seat.frequency_hz for seat in seats}
         if len(rates) > 1:

@@ -109,6 +109,7 @@ class Round:
             the same.
         fatigue_parts: Measures of fatigue that are of a body part, not of a muscle.
         script: What the steps of a scripted user did.
+        excluded: Why a person could do no step of the script; empty: it did some.
     """
 
     condition: str
@@ -123,11 +124,15 @@ class Round:
     person: dict[str, Any] | None = None
     fatigue_parts: tuple[str, ...] = ()
     script: tuple[StepOutcome, ...] = ()
+    excluded: str = ""
 
     def with_values(self, values: Mapping[str, float | None]) -> Round:
-        """Return the round with more measures; of a round whose app failed none has a value."""
+        """Return the round with more measures.
+
+        None has a value where the app failed or the person was excluded.
+        """
         known = {
-            key: None if self.ended == "app_failed" else _finite(value)
+            key: None if self.ended == "app_failed" or self.excluded else _finite(value)
             for key, value in values.items()
         }
         return replace(self, values={**self.values, **known})
@@ -146,6 +151,8 @@ class Round:
         content = asdict(self)
         content |= content.pop("values")
         del content["fatigue_parts"], content["script"]
+        if not self.excluded:
+            del content["excluded"]
         if self.script:
             content["script"] = [step.as_dict() for step in self.script]
         fields = content.pop("person")

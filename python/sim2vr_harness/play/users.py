@@ -9,8 +9,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import GameFacts, Measure, TaskedApp
 from sim2vr_harness.client.tasks.events import EVENT_VALUE
+from sim2vr_harness.envs.people_preset import as_population, with_people
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.play.environment import as_overrides, evaluation_env
@@ -27,6 +31,7 @@ from sim2vr_harness.policies.scripted import (
 )
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import TrainingConfig, load_config
+from sim2vr_harness.runs.trust import require_trust
 
 _UNTRAINED = "webxr"
 """Configuration of users without training."""
@@ -36,6 +41,25 @@ STEP_MEASURES = (
     Measure("steps_failed", "Steps not done", better="lower", digits=0),
 )
 """Of a script; steps that were not begun count as not done."""
+PERSON_MEASURES = (
+    Measure(
+        "step_time",
+        "Time per step",
+        unit="s",
+        better="lower",
+        digits=2,
+        description="Until a press, or the arrival: reaction time included",
+    ),
+    Measure(
+        "step_misses",
+        "Steps beside the target",
+        unit="proportion",
+        better="lower",
+        digits=3,
+        description="Steps done with hand or ray beside the object by more than half its width",
+    ),
+)
+"""Of a script that persons carry out, as means over the steps that a person has done in a round."""
 
 BASELINE_S = 6.0
 """How long users are idle, and then move at random, to compare with: a few targets of a game."""
@@ -82,6 +106,7 @@ class SimulatedUser:
         *,
         game: str | None = None,
         trust_app: bool = False,
+        file: str | Path | None = None,
     ) -> ResolvedEnv:
         """Return the environment that it plays in; see :func:`.evaluation_env`.
 
@@ -90,14 +115,44 @@ class SimulatedUser:
             overrides: ``env.KEY=VALUE``, what else is different.
             game: Another game than the configuration's.
             trust_app: Whether the app that the user names may be started, though you never have.
+            file: That says so, of a user without training; None: this user has typed it.
+
+        Raises:
+            InputError: They do not go together, or name a program that this user has never started.
         """
         if self.trained is not None:
             source = self.source
             env = evaluation_env(self.config, app, overrides, source=source, trust_app=trust_app)
             return self.trained.env.sharing(env.config).with_game(game)
         # Read as one: what is not set follows from the app and its task.
+        for override in overrides:
+            if not override.lstrip().startswith("env."):
+                expected = "env.KEY=VALUE: a user without training learns nothing"
+                raise InputError("--set", repr(override), expected)
         env = ResolvedEnv(load_config(_UNTRAINED, [*overrides, *as_overrides(app or {})]).env)
-        return with_inputs(env.with_game(game).without_training(overrides), self.name)
+        if file is not None:
+            require_trust(env.config, file, trust=trust_app)
+        env = with_inputs(env.with_game(game).without_training(overrides), self.name)
+        return env if env.config.user.people is None else self.with_people(env)
+
+    def with_people(
+        self,
+        env: ResolvedEnv,
+        count: int | None = None,
+        seed: int | None = None,
+        overrides: Sequence[str] = (),
+    ) -> ResolvedEnv:
+        """Return its environment with so many persons of a seed; None: as it says.
+
+        A script is carried out by the human motor policy of persons, with the hands and heads that
+        it was trained with.
+        """
+        if not is_script(self.name) or self.trained is not None:
+            return env if count is None else with_people(env, count, seed or 0, overrides)
+        user = as_population(env.config.user, count)
+        if user.people is not None and seed is not None:
+            user = user.model_copy(update={"people": user.people.model_copy(update={"seed": seed})})
+        return env.changed(user=user)
 
     def require_contract(self, env: ResolvedEnv) -> None:
         """Refuse an environment that it cannot play in; without training it plays in any.
@@ -112,7 +167,7 @@ class SimulatedUser:
         """Return what a game publishes, with the measures of a script if the user follows one."""
         if self.trained is not None or not is_script(self.name):
             return facts
-        return replace(facts, measures=(*facts.measures, *STEP_MEASURES))
+        return replace(facts, measures=(*facts.measures, *STEP_MEASURES, *PERSON_MEASURES))
 
     def policy(self, simulation: Any, facts: GameFacts) -> tuple[Policy, int]:
         """Return what acts for the users of a simulation, and the user steps of its training.
@@ -143,10 +198,21 @@ class _Script(ScriptedPolicy, Watcher):
     """A script that adds to each round what its steps did."""
 
     def measured(self, index: int, result: Round) -> Round:
-        """Add the outcomes of the steps, and how many were done."""
-        steps = self.episodes[index].ended()
-        done = float(sum(step.done for step in steps))
-        counts = {"steps_done": done, "steps_failed": len(steps) - done}
+        """Add the outcomes of the steps, how many were done, and why a person could do none."""
+        steps, people = self.episodes[index].ended(), result.person is not None
+        done = [step for step in steps if step.done]
+        counts: dict[str, float | None] = {
+            "steps_done": len(done),
+            "steps_failed": len(steps) - len(done),
+        }
+        if people and not done:
+            # Someone who cannot do the task is excluded from what is measured of it.
+            why = steps[0].problem if steps else "the round ended before a step was begun"
+            nothing = dict.fromkeys(result.values)
+            return replace(result.with_values(nothing | counts), script=tuple(steps), excluded=why)
+        if people:
+            counts["step_time"] = float(np.mean([step.time_s for step in done]))
+            counts["step_misses"] = float(np.mean([step.missed for step in done]))
         return replace(result.with_values(counts), script=tuple(steps))
 
 

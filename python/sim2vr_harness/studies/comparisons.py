@@ -122,6 +122,15 @@ def missing_notes(episodes: Any, measure: str) -> list[str]:
     if missing:
         known = episodes[has]
         own = episodes[episodes["unit"].astype(str).isin(missing)]
+        why = own[own["excluded"].fillna("") != ""] if "excluded" in own else own[:0]
+        if len(why):
+            reasons = list(why.groupby("unit", sort=False)["excluded"].first().items())
+            # Notes are joined by semicolons.
+            told = [f"{unit}: {reason.replace('; ', ', ')}" for unit, reason in reasons]
+            return [
+                f"{len(reasons)} of {len(units)} can do no step and are excluded "
+                f"({some_units(told)})"
+            ]
         text = (
             f"{len(missing)} of {len(units)} have no {measure} ({some_units(missing)}): none of "
             f"their {len(own)} rounds has {_NEEDS.get(measure, 'a value')}"

@@ -85,11 +85,11 @@ def plan_of(
         folder, users or Users(code=trust_app), pruning, may_diverge, source, trust_app
     )
     found = [_Resolved.of(study, cell, where) for cell in cells_of(study)]
-    facts = found[0].env.facts
+    facts = found[0].facts
     for one in found:
-        if one.env.facts.name != facts.name:
+        if one.facts.name != facts.name:
             expected = f"one of {facts.name}, as in cell {found[0].task.cell}"
-            raise InputError(f"cell {one.task.cell}", f"a user of {one.env.facts.name}", expected)
+            raise InputError(f"cell {one.task.cell}", f"a user of {one.facts.name}", expected)
     known = (*measures_of(facts), *_fatigue(found))
     trainings = {one.training.key: one.training for one in found if one.training is not None}
     return StudyPlan(
@@ -139,6 +139,7 @@ class _Resolved:
     task: CellTask
     training: TrainingTask | None
     env: ResolvedEnv
+    facts: GameFacts
     content: str
     """Hash of what decides about its rounds, names and defaults resolved."""
 
@@ -188,7 +189,7 @@ class _Resolved:
             "logs": task.logs,
             "film_seconds": task.film_seconds,
         }
-        if condition.options != player.env.facts.condition(condition.name).options:
+        if condition.options != player.facts.condition(condition.name).options:
             identity["options"] = condition.options  # the cell's own win
         resolved = {
             **player.identity,
@@ -196,7 +197,7 @@ class _Resolved:
             **{key: identity[key] for key in ("episodes", "seed", "people", "deterministic")},
         }
         task = replace(task, key=content_hash(identity))
-        return cls(cell, task, training, player.env, content_hash(resolved))
+        return cls(cell, task, training, player.env, player.facts, content_hash(resolved))
 
 
 def _check_options(app: AppConfig) -> None:

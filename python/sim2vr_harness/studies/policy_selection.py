@@ -10,11 +10,12 @@ from sim2vr_harness import __version__
 from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import read_bytes
 from sim2vr_harness.base.settings import MOST_STEPS
-from sim2vr_harness.client import Condition
+from sim2vr_harness.client import Condition, GameFacts
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.evaluation.conditions import chosen_conditions, named_options
 from sim2vr_harness.play.environment import evaluation_env
-from sim2vr_harness.play.users import name_of
+from sim2vr_harness.play.users import SimulatedUser, name_of
+from sim2vr_harness.policies.scripted import is_script, read_steps
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import TrainingConfig, load_config, to_yaml
 from sim2vr_harness.runs.trust import named_app, require_trust
@@ -71,6 +72,7 @@ class SelectedPolicy:
         user: A trained user as ``evaluate`` takes it; None: the one of ``training``.
         training: What has to be trained first.
         env: Where it plays.
+        facts: Of the game; a script adds measures of its own.
         condition: That it plays, with the options that the cell names.
         identity: What decides about who it is, for the cell's hash.
         deterministic: Whether the user's own configuration evaluates the policy's mean.
@@ -79,6 +81,7 @@ class SelectedPolicy:
     user: str | None
     training: TrainingTask | None
     env: ResolvedEnv
+    facts: GameFacts
     condition: Condition
     identity: Mapping[str, Any]
     deterministic: bool
@@ -100,6 +103,8 @@ def player_of(study: str, cell: Cell, where: SelectionSource) -> SelectedPolicy:
         file = _near(str(settings["config"]), where.folder)
         return _trained(study, cell, load_config(file, cell.of("training.")), where, file)
     user = _near(str(settings["user"]), where.folder)
+    if user in ("still", "random") or is_script(user):
+        return _untrained(cell, user, where)
     if "adapt" not in settings and cell.of("training."):
         key = next(key for key in sorted(settings) if key.startswith("training."))
         expected = "config instead of user, or adapt: what is trained already stays otherwise"
@@ -113,11 +118,26 @@ def player_of(study: str, cell: Cell, where: SelectionSource) -> SelectedPolicy:
     if steps == 0:
         whole = identity | {"config": to_yaml(known.config)}
         mean = known.config.evaluation.deterministic
-        return SelectedPolicy(user, None, env, condition, whole, mean)
+        return SelectedPolicy(user, None, env, env.facts, condition, whole, mean)
     there = env.with_options(condition.options).config
     wanted = [f"total_timesteps={steps}", *cell.of("training.")]
     config = adapting(known, user, wanted, env=there)
     return _trained(study, cell, config, where, user, adapts=(name_of(known), identity))
+
+
+def _untrained(cell: Cell, user: str, where: SelectionSource) -> SelectedPolicy:
+    """One without training: idle, random, or a script."""
+    for key in sorted(cell.settings):
+        if key == "adapt" or key.startswith("training."):
+            raise InputError(key, f"it together with {user!r}", "a trained user: only those go on")
+    player = SimulatedUser.find(user)
+    env = player.env(None, cell.of("env."), trust_app=where.trust_app, file=where.source)
+    facts = player.facts(env.facts)
+    steps = [asdict(step) for step in read_steps(user)] if is_script(user) else []
+    condition = _condition(env, player.config, cell)
+    identity = {"user": user, "steps": steps}
+    mean = player.config.evaluation.deterministic
+    return SelectedPolicy(user, None, env, facts, condition, identity, mean)
 
 
 def _trained(
@@ -149,7 +169,7 @@ def _trained(
     env = _env(config, cell, named, where)
     condition = _condition(env, config, cell)
     mean = config.evaluation.deterministic
-    return SelectedPolicy(None, task, env, condition, {"training": key}, mean)
+    return SelectedPolicy(None, task, env, env.facts, condition, {"training": key}, mean)
 
 
 def _env(

@@ -201,7 +201,8 @@ TEST(Archive, DamagedCountMakesNoMoreElementsThanTheBytesHold) {
     std::vector<Large> values;
     void fields(Archive& a) { a.field("v", values); }
   } larges;
-  std::string bytes = "\x01v" + std::string(8, '\0') + std::string(9 * 1000, '\0');
+  std::string bytes = "\x01v";
+  bytes.append(8 + 9 * 1000, '\0');
   const std::uint64_t damaged = 9 * 1000;
   std::memcpy(bytes.data() + 2, &damaged, sizeof(damaged));
   EXPECT_EQ(loadError(bytes, larges),

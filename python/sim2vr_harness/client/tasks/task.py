@@ -203,6 +203,8 @@ class TaskedApp(AppClient):
         self.app, self.task, self._ends = app, task, ends
         self.moments: list[TaskMoment] | None = None
         """What the task received; None unless :meth:`record` was called."""
+        self.values: Mapping[str, AppValue] = {}
+        """What the expressions of the task were last."""
         self._time_s = self._start_s = 0.0
         self._poses: DevicePoses | None = None
         self._times_ns: Int64Array = np.zeros(1, np.int64)
@@ -276,6 +278,7 @@ class TaskedApp(AppClient):
                 if reply.log and expression not in reply.log:
                     raise unknown_name(FIELD, expression, reply.log)
             values = {name: reply.log.get(number) for name, number in self.task.values.items()}
+        self.values = values
         return TaskMoment(
             time_s=self._time_s,
             step_s=self._time_s - before_s,

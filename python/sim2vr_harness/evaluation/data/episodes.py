@@ -74,6 +74,8 @@ def episode_rows(
         for key, value in sorted(options.items()):
             plain = json.dumps(value) if isinstance(value, (list, tuple, dict)) else value
             row[f"option_{column_name(key)}"] = plain
+        if result.script and result.person is not None:
+            row["excluded"] = result.excluded
         row |= result.values
         found: dict[str, float | None] = {}
         for measure in facts.grids:
@@ -119,6 +121,8 @@ def episode_columns(rows: Sequence[Mapping[str, Any]], facts: GameFacts) -> list
                 continue
             what = told.get(name, ("", name.replace("_", " ")))
             into = measures
+            if name == "excluded":
+                what = ("", "Why the person could do no step of the script; empty: it did some")
             if name.startswith("person_"):
                 field = name.removeprefix("person_")
                 into, what = people, (_PERSON_UNITS.get(field, ""), f"Person's {field}")

@@ -27,6 +27,10 @@ from sim2vr_harness.world_models.effort import volume_shares
 from sim2vr_harness.world_models.person_features import ImaginedPersons
 from sim2vr_harness.world_models.transitions import Motion
 
+RECOGNITION_S = 0.1
+"""From what is seen to a decision by it, beside the visual delay (docs/concepts/people.md)."""
+SAME_M = 0.06
+"""A target that has moved less is followed without a new decision."""
 _FIXATION_S = 0.2
 """Correlation time of what is misjudged: about a fixation."""
 

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from sim2vr_harness.policies.hierarchical.human_motor import (
+    RECOGNITION_S,
+    SAME_M,
     HumanGoals,
     HumanHands,
     HumanMotorPolicy,
@@ -34,13 +36,9 @@ from sim2vr_harness.world_models.transitions import Motion
 if TYPE_CHECKING:
     from sim2vr_harness.runs.config import TrainingConfig
 
-RECOGNITION_S = 0.1
-"""From what is seen to a decision by it, beside the visual delay (docs/concepts/people.md)."""
 REFRACTORY_S = 0.15
 """Psychological refractory period: least time between two decisions (Pashler 1994)."""
 _TRAINING = PeopleTraining()
-_SAME_M = 0.06
-"""A target that has moved less is followed without a new decision."""
 _LONG_AGO = 1000
 
 
@@ -167,7 +165,7 @@ class PersonPolicy(HierarchicalPolicy):
         assert isinstance(memory, PersonMemory)
         memory.decided += 1
         wanted = HumanGoals.of(goals)
-        moved = (goals.place - memory.goal).flatten(1).norm(dim=1) > _SAME_M
+        moved = (goals.place - memory.goal).flatten(1).norm(dim=1) > SAME_M
         users = torch.nonzero(moved).flatten()
         memory.bodies.aim_anew(users, far_off(wanted, moment.placed[0])[users])
         memory.goal = goals.place.clone()
@@ -176,7 +174,7 @@ class PersonPolicy(HierarchicalPolicy):
 
 def _differs(after: OptionChoice, before: OptionChoice) -> NDArray[np.bool_]:
     """(N,) whose choice is another decision: another move, or another target."""
-    moved = (after.place - before.place).norm(dim=-1) > _SAME_M
+    moved = (after.place - before.place).norm(dim=-1) > SAME_M
     found: NDArray[np.bool_] = (
         ((after.move != before.move) | (moved & (after.move >= 0))).any(1).numpy()
     )

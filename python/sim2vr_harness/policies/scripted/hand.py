@@ -38,8 +38,8 @@ class Hand:
     """
 
     def __init__(self, simulation: Any, side: str, user: int) -> None:
-        self._users, self._device, self._user = simulation.users, f"controller_{side}", user
-        self._controller = PostureController(self._users.who.body(user), self._device)
+        self._users, self.device, self._user = simulation.users, f"controller_{side}", user
+        self._controller = PostureController(self._users.who.body(user), self.device)
         self.ray: DeviceRay = AIM_RAY
         """With which it points."""
         self.place: FloatArray | None = None
@@ -56,7 +56,7 @@ class Hand:
     @property
     def _pose(self) -> tuple[FloatArray, FloatArray]:
         """Position (3,), m, and rotation (4,) w x y z of the controller."""
-        positions, quats = self._users.device_poses(self._device)
+        positions, quats = self._users.device_poses(self.device)
         return positions[self._user], quats[self._user]
 
     def hold_tool(self, place: FloatArray | None) -> None:
@@ -75,6 +75,12 @@ class Hand:
         gap = gap - _turned(quat, self.ray.origin_m)
         along = _turned(quat, self.ray.direction) @ gap / max(float(np.linalg.norm(gap)), 1e-9)
         return float(np.degrees(np.arccos(np.clip(along, -1.0, 1.0))))
+
+    def off_m(self, place: FloatArray, by: By) -> float:
+        """Return how far hand or tool are from a place; of the ray by how much it passes it, m."""
+        error = self.error(place, by)
+        far = float(np.linalg.norm(place - self.position))
+        return error if by == "touch" else far * float(np.sin(np.radians(min(error, 90.0))))
 
     def follow(self, place: FloatArray, by: By) -> None:
         """Move towards a place, (3,) MuJoCo's world, from the next :meth:`action` on."""

@@ -21,6 +21,9 @@ class StepOutcome:
         arrived_s: Seconds until the hand or its ray was on the place and stayed there.
         gap_m: Of a touch: distance from the place on arrival, or the least one without arrival.
         angle_deg: By ray: angle between the ray and the place, in the same way.
+        time_s: Seconds until the inputs were worked, or the arrival; of a person from the press
+            before, which may have brought the target up, else from when the step was begun.
+        missed: Whether hand or ray were beside the object then, by more than half its width.
         ray_off_deg: By ray: angle between the app's own ray and the controller's aim ray.
         inputs: That were worked.
         moved_s: As ``arrived_s``, of the second place of ``grab``.
@@ -38,6 +41,8 @@ class StepOutcome:
     arrived_s: float | None = None
     gap_m: float | None = None
     angle_deg: float | None = None
+    time_s: float | None = None
+    missed: bool = False
     ray_off_deg: float | None = None
     inputs: tuple[str, ...] = ()
     moved_s: float | None = None

@@ -1,5 +1,6 @@
 """Find the objects of an app by name: of pages, and of apps whose scene is known."""
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.base.errors import InputError, closest
 from sim2vr_harness.client import AppRefused, WebXRApp
 from sim2vr_harness.client.frames import position_to_mujoco
-from sim2vr_harness.client.scene import PLAYER_LAYER
+from sim2vr_harness.client.scene import PLAYER_LAYER, POINTERS, AppScene, SceneMesh, SceneObject
 from sim2vr_harness.policies.scripted.steps import Place
 from sim2vr_harness.users.kinematics.posture_controller import DeviceRay, page_ray
 
@@ -16,6 +17,12 @@ FloatArray = NDArray[np.float64]
 
 _SHOWN = 20
 """Names that an error lists at most."""
+LIT = "lit"
+"""What is lit, where no object has this name."""
+_ALIKE = 3
+"""So many objects of a size at least, of which one has another colour."""
+_BESIDE_M, _WIDEST_M = 0.1, 1.0
+"""What is shown at a place is not farther from it, and not wider: it is no wall."""
 
 
 def _app_of(simulation: Any, user: int) -> Any:
@@ -46,6 +53,7 @@ class Places:
     def __init__(self, simulation: Any, user: int) -> None:
         self._simulation, self._user = simulation, user
         self._kept: dict[str, int] = {}
+        self._unnamed: set[str] = set()
 
     @property
     def _app(self) -> Any:
@@ -74,18 +82,27 @@ class Places:
         """Return where something is, (3,) MuJoCo's frame, m; None: there is no such object now.
 
         Args:
-            place: A name or a place.
+            place: A name or a place. A name is a value of the task that is a position, an object,
+                or ``lit``: of the objects of a size the one that has another colour.
             hand: (3,) of the hand, MuJoCo's frame, m.
         """
         if isinstance(place, tuple):
             return position_to_mujoco(place)
-        if isinstance(self._app, WebXRApp):
+        value = getattr(self._simulation.apps[self._user], "values", {}).get(place)
+        if isinstance(value, tuple):
+            return position_to_mujoco(value)
+        if isinstance(self._app, WebXRApp) and place not in self._unnamed:
             try:
                 return position_to_mujoco(self._app.locate(place))
             except AppRefused:
-                return None
+                if place != LIT:
+                    return None
+                self._unnamed.add(place)
         name = place
         scene = self._app.scene()
+        if name == LIT and not scene.named(LIT):
+            lit = _lit(scene)
+            return None if lit is None else position_to_mujoco(lit.pose[:3])
         named = scene.named(name) or scene.named(f"*/{name}")
         fitting = [one for one in named if one.layer != PLAYER_LAYER]
         shown = [one for one in fitting if one.mesh is not None] or fitting
@@ -102,6 +119,19 @@ class Places:
         )
         self._kept[name] = chosen.id
         return position_to_mujoco(chosen.pose[:3])
+
+    def width_m(self, place: FloatArray) -> float | None:
+        """Return how wide what is shown at a place is, (3,) MuJoCo's frame; None: nothing is."""
+        if not isinstance(self._app, WebXRApp) and "scene" not in self._app.capabilities:
+            return None
+        scene = self._app.scene()
+        near = [
+            (round(float(np.linalg.norm(position_to_mujoco(one.pose[:3]) - place)), 2), -wide)
+            for one in scene.drawn()
+            if 0.0 < (wide := float(_size(scene, one)[1])) < _WIDEST_M
+        ]
+        gap, wide = min(near, default=(_BESIDE_M, 0.0))
+        return -wide if gap < _BESIDE_M else None
 
     def unknown(self, name: str) -> InputError:
         """Word the error for a name that no object has ever had."""
@@ -124,3 +154,37 @@ def _names_in(page: WebXRApp, name: str) -> list[str]:
         _, _, listed = str(error).partition("objects with names: ")
         return [] if listed in ("", "none") else listed.split(", ")
     return [name]
+
+
+@lru_cache(maxsize=256)
+def _extents(mesh: SceneMesh) -> FloatArray:
+    return np.ptp(mesh.vertices, axis=0)
+
+
+def _size(scene: AppScene, one: SceneObject) -> FloatArray:
+    """(3,) extents of what an object shows along its own axes, the least first, m."""
+    assert one.mesh is not None
+    return np.sort(_extents(scene.meshes[one.mesh]) * np.abs(one.scale))
+
+
+def _lit(scene: AppScene) -> SceneObject | None:
+    """Return the object that alone has another colour than all others of its size and parent.
+
+    The brightest, if there are several such; None: there is none.
+    """
+    alike: dict[tuple[object, ...], dict[tuple[float, ...], list[SceneObject]]] = {}
+    for one in scene.drawn():
+        parent, _, name = one.path.rpartition("/")
+        if name in POINTERS:
+            continue
+        size = (parent, *np.round(_size(scene, one), 3).tolist())
+        colour = tuple(np.round(one.color, 2).tolist())
+        alike.setdefault(size, {}).setdefault(colour, []).append(one)
+    alone = [
+        objects[0]
+        for colours in alike.values()
+        if len(colours) == 2 and sum(map(len, colours.values())) >= _ALIKE
+        for objects in colours.values()
+        if len(objects) == 1
+    ]
+    return max(alone, key=lambda one: float(one.color[:3].sum()), default=None)

@@ -1,17 +1,29 @@
-"""A user that follows a script: it touches, points, presses and grabs, by its muscles."""
+"""A user that follows a script: it touches, points, presses and grabs, by its muscles.
+
+Where users are people, each of them does so as a person (:mod:`~.person`): it sees late, takes time
+to recognise a target, and decides by itself, noise and all, when it is there. It does the script
+over and over until the round ends.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Generator, Mapping, Sequence
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.errors import unknown_name
 from sim2vr_harness.client import Task, TaskedApp
+from sim2vr_harness.client.tasks.events import EVENT_VALUE, count_key
+from sim2vr_harness.policies.hierarchical.human_motor import RECOGNITION_S, SAME_M
+from sim2vr_harness.policies.hierarchical.motor_policy import WIDTH_M
 from sim2vr_harness.policies.protocol import Observation
 from sim2vr_harness.policies.scripted.hand import By, Hand
 from sim2vr_harness.policies.scripted.outcomes import StepOutcome
+from sim2vr_harness.policies.scripted.person import PersonHand, PersonMotor
 from sim2vr_harness.policies.scripted.places import Places, own_ray
 from sim2vr_harness.policies.scripted.steps import Place, Step
 from sim2vr_harness.users.kinematics.posture_controller import AIM_RAY
@@ -25,6 +37,8 @@ _TOUCHED_M, _JUMP_M = 0.1, 0.05
 """An object counts as touched that jumps by more than the second in a user step, or vanishes, while
 the hand is nearer than the first: it reacts to the hand."""
 _HOLD_S, _PRESS_S, _RELEASE_S, _GRASP_S = 0.3, 0.2, 0.2, 0.2
+_PERSON_S = 0.1
+"""For how long persons hold, press, let go and grasp (as trained ones do)."""
 
 
 def hand_of(step: Step, task: Task | None, devices: Sequence[str]) -> str:
@@ -71,6 +85,7 @@ class ScriptedPolicy:
         self, simulation: Any, steps: Sequence[Step], watched: Collection[str] = ()
     ) -> None:
         self._simulation, self._steps, self._watched = simulation, tuple(steps), watched
+        self._motor = None if simulation.people is None else PersonMotor(simulation)
         places = Places(simulation, 0)
         for step in steps:
             for place in (step.place, step.to):
@@ -81,13 +96,16 @@ class ScriptedPolicy:
 
     def begin(self, n: int) -> list[Episode]:
         """Begin an episode of every user."""
-        self.episodes = [Episode(self._simulation, self._steps, self._watched, i) for i in range(n)]
+        self.episodes = [self._episode(i) for i in range(n)]
         return self.episodes
+
+    def _episode(self, user: int) -> Episode:
+        return Episode(self._simulation, self._steps, self._watched, user)
 
     def restart(self, memory: list[Episode], users: Sequence[int]) -> None:
         """Begin the script anew."""
         for i in users:
-            memory[i] = Episode(self._simulation, self._steps, self._watched, i)
+            memory[i] = self._episode(i)
 
     def act(
         self,
@@ -95,8 +113,18 @@ class ScriptedPolicy:
         memory: list[Episode],
         rngs: Sequence[np.random.Generator | None],
     ) -> NDArray[np.float32]:
-        """Return the actions, (N, A) in [-1, 1]; observation and random numbers are not used."""
-        return np.stack([episode.act() for episode in memory])
+        """Return the actions, (N, A) in [-1, 1]; random numbers are those of persons."""
+        motor = self._motor
+        if motor is not None:
+            for i, episode in enumerate(memory):
+                if not episode.begun:
+                    motor.begin(i, rngs[i])
+        actions = np.stack([episode.act() for episode in memory])
+        if motor is not None:
+            hands = [each.hand for each in memory if isinstance(each.hand, PersonHand)]
+            body = motor.act(hands, rngs)
+            actions[:, : body.shape[1]] = body
+        return actions
 
     def state_dict(self) -> Mapping[str, Any]:
         """Return no weights."""
@@ -114,6 +142,8 @@ class Episode:
 
     Attributes:
         outcomes: Of the steps that were begun.
+        hand: That does the step.
+        begun: Whether it has acted.
     """
 
     def __init__(
@@ -125,15 +155,29 @@ class Episode:
         self._task: Task | None = app.task if isinstance(app, TaskedApp) else None
         self._places = Places(simulation, user)
         sides = [hand_of(step, self._task, simulation.body.devices) for step in steps]
-        self._hands = {side: Hand(simulation, side, user) for side in dict.fromkeys(sides)}
-        self._hz = simulation.config.action_frequency_hz
+        self._hz = hz = simulation.config.action_frequency_hz
+        self._person = None if simulation.people is None else simulation.users.persons[user]
+        kind = Hand if self._person is None else PersonHand
+        self._hands = {side: kind(simulation, side, user) for side in dict.fromkeys(sides)}
+        delay_s = 0.0 if self._person is None else self._person.visual_delay_s
+        # User steps after which a person sees where a known target is, and recognises another one.
+        self._follows, self._decides = (
+            math.ceil(late_s * hz - 1e-9) for late_s in (delay_s, delay_s + RECOGNITION_S)
+        )
+        self._now = self._since = 0
+        """User step, and the one from which on the step's target may be there."""
+        self._watching: Place | None = None
+        self._seen: list[FloatArray | None] = []
+        """Where the target was in the last user steps, the newest last."""
+        self._aim: FloatArray | None = None
+        """Where a person believes it to be."""
         self._known: set[str] = set()
         self._values: dict[str, float] = {}
         self._before: dict[str, float] = {}
         self._pressed: tuple[str, ...] = ()
-        self._hand = self._hands[sides[0]]
+        self.hand = self._hands[sides[0]]
         self._run = self._all()
-        self._begun = self._over = self._finished = False
+        self.begun = self._over = self._finished = False
         self.outcomes: list[StepOutcome] = []
 
     def _look(self) -> None:
@@ -147,11 +191,14 @@ class Episode:
         action: NDArray[np.float32] = self._simulation.resting_action
         if self._over:
             return action
-        if self._begun:
+        if self.begun:
             self._look()
-        self._begun = True
+            self._now += 1
+        self.begun = True
+        if self._watching is not None:
+            self._watch(self._watching)
         next(self._run)
-        body = self._hand.action()
+        body = self.hand.action()
         if body is not None:
             action[: len(body)] = body
         for name in self._pressed:
@@ -164,6 +211,8 @@ class Episode:
         self._over = True
         if not self._finished and self.outcomes:
             self._compare(self.outcomes[-1])
+        if self._person is not None:  # what the end has cut short is no failure
+            return self.outcomes[:-1] if any(one.done for one in self.outcomes) else self.outcomes
         missing = self._steps[len(self.outcomes) :]
         return self.outcomes + [
             StepOutcome(step.text, problem="the round ended before it was begun")
@@ -173,23 +222,48 @@ class Episode:
     # --- steps -----------------------------------------------------------------------------------
 
     def _all(self) -> Generator[None]:
-        for step in self._steps:
-            side = hand_of(step, self._task, self._simulation.body.devices)
-            self._hand, self._before = self._hands[side], self._values
-            outcome = StepOutcome(step.text, by=step.by or "touch", hand=side)
-            outcome.problem = "the round ended before it was done"
-            self.outcomes.append(outcome)
-            outcome.problem = yield from self._do(step, outcome)
-            outcome.done = not outcome.problem
-            self._pressed = ()
-            self._compare(outcome)
+        while True:
+            for _, entry in groupby(self._steps, key=lambda step: step.entry):
+                yield from self._entry(tuple(entry))
+            if self._person is None:
+                break
         self._finished = True
         last, by = self._steps[-1], self.outcomes[-1].by
         while True:
             where = self._located(last.place if last.to is None else last.to)
             if where is not None:
-                self._hand.follow(where, by)
+                self.hand.follow(where, by)
             yield
+
+    def _entry(self, steps: Sequence[Step]) -> Generator[None]:
+        """Do the steps of an entry, over and over if it says until when."""
+        until = steps[0].until
+        before = self._number(until)
+        while True:
+            for step in steps:
+                side = hand_of(step, self._task, self._simulation.body.devices)
+                self.hand, self._before = self._hands[side], self._values
+                outcome = StepOutcome(step.text, by=step.by or "touch", hand=side)
+                outcome.problem = "the round ended before it was done"
+                self.outcomes.append(outcome)
+                outcome.problem = yield from self._do(step, outcome)
+                outcome.done = not outcome.problem
+                self._pressed = ()
+                self._compare(outcome)
+                if until is not None and self._number(until) != before:
+                    return
+            if until is None:
+                return
+
+    def _number(self, name: str | None) -> float | None:
+        """Return a number of the app, or how often an event of the task has happened."""
+        log = self._simulation.logs[self._user]
+        if name is None or not log:
+            return None
+        key = name if name in log else count_key(name)
+        if key not in log:
+            raise unknown_name("until", name, [one for one in log if EVENT_VALUE not in one])
+        return log[key]
 
     def _do(self, step: Step, outcome: StepOutcome) -> Generator[None, None, str]:
         """Do a step; return why it is not done, empty if it is."""
@@ -197,6 +271,12 @@ class Episode:
         problem = problem or (yield from self._arrive(step, outcome))
         if problem:
             return problem
+        outcome.time_s = (self._now + 1 - self._since) / self._hz  # the app knows a step later
+        true = self._places.find(step.place, self.hand.position)
+        if true is not None:
+            wide = self._places.width_m(true) or 2.0 * _NEAR_M
+            outcome.missed = self.hand.off_m(true, outcome.by) > 0.5 * wide
+        self._since = self._now + 1  # what this brings up is not there before
         if step.kind in ("touch", "point"):
             yield from self._stay(_HOLD_S)
             return ""
@@ -212,18 +292,24 @@ class Episode:
     def _appear(self, step: Step, outcome: StepOutcome) -> Generator[None, None, str]:
         """Wait for the object; choose between touch and ray."""
         self._places.forget()
+        self._aim = None
+        if self._person is None or step.place != self._watching:
+            self._since = self._now
+        if step.place != self._watching:
+            self._watch(step.place)
         for _ in range(self._user_steps(step.seconds)):
             where = self._located(step.place)
             if where is not None:
-                self._hand.hold_tool(self._tool(step))
+                self.hand.hold_tool(self._tool(step))
                 if step.by is None:
-                    outcome.by = "ray" if self._hand.beyond_m(where) else "touch"
+                    outcome.by = "ray" if self.hand.beyond_m(where) else "touch"
                 if outcome.by == "ray":
-                    self._hand.ray = own_ray(self._simulation, outcome.hand, self._user)
+                    # All apps are the same; each would be loaded once more to be asked.
+                    self.hand.ray = own_ray(self._simulation, outcome.hand)
                     outcome.ray_off_deg = float(
                         np.degrees(
                             np.arccos(
-                                np.clip(self._hand.ray.direction @ AIM_RAY.direction, -1.0, 1.0)
+                                np.clip(self.hand.ray.direction @ AIM_RAY.direction, -1.0, 1.0)
                             )
                         )
                     )
@@ -250,7 +336,7 @@ class Episode:
         if outcome.by == "ray":
             return f"the ray came as near as {error:.1f} degrees in {step.seconds:g} s"
         text = f"the hand came as near as {100 * error:.1f} cm in {step.seconds:g} s"
-        beyond = 0.0 if self._hand.place is None else self._hand.beyond_m(self._hand.place)
+        beyond = 0.0 if self.hand.place is None else self.hand.beyond_m(self.hand.place)
         return f"{text}; the place is {100 * beyond:.0f} cm out of reach" if beyond else text
 
     def _carry(self, step: Step, outcome: StepOutcome) -> Generator[None, None, str]:
@@ -293,28 +379,59 @@ class Episode:
             if reacts and by == "touch" and error < _TOUCHED_M:
                 return (k - 1) / self._hz, error
             if where is not None:
-                error = self._hand.error(where, by)
+                error = self.hand.error(where, by)
                 least = error if least is None else min(least, error)
                 settled = settled + 1 if error <= near else 0
-                if settled == _SETTLED:
+                if isinstance(self.hand, PersonHand):
+                    if k and self.hand.over:  # before, it was at its last target
+                        return k / self._hz, error
+                elif settled == _SETTLED:
                     return (k - _SETTLED + 1) / self._hz, error
-                self._hand.follow(where, by)
+                self.hand.follow(where, by)
+                if isinstance(self.hand, PersonHand) and self.hand.new:
+                    self.hand.width_m = self._places.width_m(where) or WIDTH_M
             before = where
             yield
         return None, least
 
     def _stay(self, seconds: float) -> Generator[None]:
         """Stay where the hand is; a place that jumps is not followed."""
-        for _ in range(self._user_steps(seconds)):
+        for _ in range(self._user_steps(seconds if self._person is None else _PERSON_S)):
             yield
 
     # --- places and values -----------------------------------------------------------------------
 
+    def _watch(self, place: Place) -> None:
+        """Note where a target is in this user step."""
+        if place != self._watching:
+            self._watching, self._seen = place, []
+        if self._person is not None:
+            self._seen = self._seen[-self._decides :]
+            self._seen.append(self._places.find(place, self.hand.position))
+
     def _located(self, place: Place) -> FloatArray | None:
-        found = self._places.find(place, self._hand.position)
+        """Return where something is; of persons, where they believe the target to be."""
+        if self._person is None or place != self._watching:
+            found = self._places.find(place, self.hand.position)
+        else:
+            found = self._believed()
         if found is not None and isinstance(place, str):
             self._known.add(place)
         return found
+
+    def _believed(self) -> FloatArray | None:
+        """Follow a target by what is seen late; recognise that it is elsewhere later still."""
+
+        def ago(steps: int) -> FloatArray | None:
+            return self._seen[-1 - steps] if len(self._seen) > steps else None
+
+        near, aim = ago(self._follows), self._aim
+        if aim is not None and near is not None and _distance(near, aim) < SAME_M:
+            self._aim = near
+            return near
+        if self._now - self._since >= self._decides:
+            self._aim = ago(self._decides)
+        return self._aim
 
     def _tool(self, step: Step) -> FloatArray | None:
         if step.tool is None:

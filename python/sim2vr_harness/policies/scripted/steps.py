@@ -49,6 +49,8 @@ class Step:
         inputs: Names of the inputs that ``press`` and ``grab`` work, without the hand; None: the
             task's trigger or squeeze.
         tool: Name of an object that the controller holds and that goes to ``place`` instead.
+        entry: Number of its entry in the script.
+        until: Number of the app or event of the task; its entry is repeated until that changes.
     """
 
     text: str
@@ -60,6 +62,8 @@ class Step:
     hand: Hand | None = None
     inputs: tuple[str, ...] | None = None
     tool: str | None = None
+    entry: int = 0
+    until: str | None = None
 
 
 def is_script(user: str) -> bool:
@@ -86,7 +90,11 @@ def read_steps(user: str) -> tuple[Step, ...]:
     if not isinstance(content, list) or not content:
         got = "no steps" if content in (None, []) else shown(content)
         raise InputError(str(file), got, "a list of steps, such as - touch NAME")
-    steps = [step for k, one in enumerate(content, 1) for step in _of_entry(one, f"{file}: {k}")]
+    steps = [
+        replace(step, entry=k)
+        for k, one in enumerate(content, 1)
+        for step in _of_entry(one, f"{file}: {k}")
+    ]
     if len(steps) > _MOST_STEPS:
         raise InputError(str(file), f"{len(steps):,} steps", f"at most {_MOST_STEPS:,}")
     return tuple(steps)
@@ -99,6 +107,8 @@ class _Entry(Settings):
     """A step in words, or a list of them."""
     repeats: int = Field(default=1, ge=1, le=1000)
     """How often."""
+    until: Annotated[str | None, Field(max_length=200)] = None
+    """Begin again until this number of the app, or event of the task, has changed."""
     seconds: float = Field(default=5.0, ge=0.1, le=600.0)
     """Time to arrive in."""
     hand: Hand | None = None
@@ -139,6 +149,7 @@ def _of_entry(content: Any, field: str) -> list[Step]:
         "hand": entry.hand,
         "inputs": None if entry.input is None else (entry.input,),
         "tool": entry.tool,
+        "until": entry.until,
     }
     steps = [replace(parse_step(text, field), **common) for text in texts]
     for step in steps:

@@ -1,0 +1,130 @@
+"""Hands of virtual participants: scripted users who move by the human motor policy as persons."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from sim2vr_harness.policies.hierarchical.human_motor import (
+    REFERENCE_M,
+    SAME_M,
+    HumanGoals,
+    HumanHands,
+    far_off,
+)
+from sim2vr_harness.policies.hierarchical.motor_policy import WIDTH_M, WIDTHS_M
+from sim2vr_harness.policies.hierarchical.motor_store import human_policy_for
+from sim2vr_harness.policies.scripted.hand import By, Hand
+
+FloatArray = NDArray[np.float64]
+
+_TOGETHER = 8
+"""Persons whose matrices are multiplied together: always so many, so that the last bits of a
+person's movement do not depend on how many others play."""
+_LEAST_M = 0.4
+"""Rays of places that are nearer to the hand turn as if these were so far away."""
+
+
+class PersonHand(Hand):
+    """A hand that a person moves: the motor policy decides when it is there."""
+
+    width_m = WIDTH_M
+    """Of what it goes for."""
+    new = over = False
+    """Whether its place is a new target; whether the person takes the movement to be over."""
+
+    def follow(self, place: FloatArray, by: By) -> None:
+        """Move towards a place, (3,) MuJoCo's world, from this user step on."""
+        before = self.place if by == self._by else None
+        self.new = self.new or before is None or bool(np.linalg.norm(place - before) >= SAME_M)
+        self.over = self.over and not self.new
+        self.place, self._by = place, by
+
+    @property
+    def turns(self) -> bool:
+        """Whether it points."""
+        return self._by == "ray"
+
+    @property
+    def believed_width_m(self) -> float:
+        """The width, within those that the motor policy has learned; of rays by their angle."""
+        if self._by == "touch" or self.place is None:
+            return float(np.clip(self.width_m, *WIDTHS_M))
+        scale = REFERENCE_M / max(float(np.linalg.norm(self.place - self.position)), _LEAST_M)
+        return float(np.clip(scale * self.width_m, *WIDTHS_M)) / scale
+
+    @property
+    def tip(self) -> FloatArray:
+        """(3,) what it brings to the place, in the device's axes, m."""
+        if self._by == "touch" or self.place is None:
+            return self._tip_m
+        far = np.linalg.norm(self.place - self.position - self.ray.origin_m)
+        return self.ray.origin_m + max(float(far), _LEAST_M) * self.ray.direction
+
+
+class PersonMotor:
+    """Moves the persons of a simulation by the human motor policy of their body.
+
+    Args:
+        simulation: Of N persons.
+
+    Raises:
+        InputError: No human motor policy ships for the body.
+    """
+
+    def __init__(self, simulation: Any) -> None:
+        self._simulation, config = simulation, simulation.config
+        self.policy = human_policy_for(config.user, 1.0 / config.action_frequency_hz)
+        count = range(-(-simulation.n // _TOGETHER))
+        self._generators = [[torch.Generator() for _ in range(_TOGETHER)] for _ in count]
+        self._parts = [
+            HumanHands(self.policy, _TOGETHER, self.policy.perception(_TOGETHER, own))
+            for own in self._generators
+        ]
+
+    def begin(self, user: int, rng: np.random.Generator | None) -> None:
+        """Let the episode of a user begin: what it misjudges is drawn; None: always the same."""
+        part, row = divmod(user, _TOGETHER)
+        self._parts[part].forget([row])
+        self._generators[part][row].manual_seed(0 if rng is None else int(rng.integers(2**31)))
+
+    def act(
+        self, hands: Sequence[PersonHand], rngs: Sequence[np.random.Generator | None]
+    ) -> NDArray[np.float32]:
+        """(N, B) actions of the bodies; each hand learns whether its movement is over.
+
+        Args:
+            hands: N, which each person moves.
+            rngs: N, draw the ends of movements; None: they end when that is the likelier.
+        """
+        who = self.policy.persons.of(self._simulation)
+        every = self._parts[0].motion(self._simulation.users, who)
+        actions = []
+        for number, part in enumerate(self._parts):
+            own = hands[number * _TOGETHER : (number + 1) * _TOGETHER]
+            rows = torch.arange(_TOGETHER).clamp(max=len(own) - 1) + number * _TOGETHER
+            motion, goals = every.rows(rows), self._goals(own)
+            new = torch.tensor([i for i, hand in enumerate(own) if hand.new], dtype=torch.long)
+            part.aim_anew(new, far_off(goals, self.policy.places(motion)[0])[new])
+            done, over = part.act(motion, goals)
+            actions.append(done[: len(own)])
+            for i, hand in enumerate(own):
+                rng, side = rngs[number * _TOGETHER + i], self.policy.hands.index(hand.device)
+                limit = 0.5 if rng is None else rng.random()
+                hand.over, hand.new = bool(over[i, side] > limit), False
+        return np.concatenate(actions)
+
+    def _goals(self, hands: Sequence[PersonHand]) -> HumanGoals:
+        """Return the goals of a part's persons; hands that go for nothing rest."""
+        goals = HumanGoals.none(_TOGETHER, len(self.policy.hands))
+        for i, hand in enumerate(hands):
+            if hand.place is not None:
+                side = self.policy.hands.index(hand.device)
+                goals.place[i, side] = torch.from_numpy(hand.place).float()
+                goals.tip[i, side] = torch.from_numpy(np.asarray(hand.tip)).float()
+                goals.width[i, side] = hand.believed_width_m
+                goals.rays[i, side] = float(hand.turns)
+                goals.active[i, side] = 1.0
+        return goals

@@ -298,8 +298,8 @@ def shell(volume: Volume) -> tuple[FloatArray, NDArray[np.int64]]:
     beside = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=shape).tocsr()
     beside.data[:] = 1.0
     share = 1.0 / np.asarray(beside.sum(axis=1))
-    for step in (_SHRINK, _SWELL) * _ROUNDS:
-        vertices = vertices + step * (beside @ vertices * share - vertices)
+    for pull in (_SHRINK, _SWELL) * _ROUNDS:
+        vertices = vertices + pull * (beside @ vertices * share - vertices)
     triangles = np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
     return volume.low_m + (vertices - 0.5) * volume.cell_m, triangles
 
@@ -616,9 +616,19 @@ def _figure(found: Measured) -> dict[str, Any]:
     """The hull, the body's bones and the targets, for Plotly."""
     vertices, triangles = shell(found.volume)
     (right, up, ahead), (i, j, k) = position_to_app(vertices).round(4).T, triangles.T
-    room = {"type": "mesh3d", "color": _ROOM, "opacity": 0.22, "name": "within reach"}
+    room: dict[str, Any] = {
+        "type": "mesh3d",
+        "color": _ROOM,
+        "opacity": 0.22,
+        "name": "within reach",
+    }
     room |= {"x": right, "y": ahead, "z": up, "i": i, "j": j, "k": k}
-    bones = {"type": "scatter3d", "mode": "lines", "name": "the body", "hoverinfo": "skip"}
+    bones: dict[str, Any] = {
+        "type": "scatter3d",
+        "mode": "lines",
+        "name": "the body",
+        "hoverinfo": "skip",
+    }
     bones |= {"line": {"color": _BONES, "width": 6}}
     bones |= dict(zip("xyz", _bones(found.body), strict=True))
     traces = [room | {"showlegend": True, "hoverinfo": "skip"}, bones]
@@ -627,16 +637,20 @@ def _figure(found: Measured) -> dict[str, Any]:
         chosen = [(target, verdict) for target, verdict in pairs if verdict.inside == inside]
         if chosen:
             right, up, ahead = np.array([target.place_m for target, _ in chosen]).T
-            trace = {"type": "scatter3d", "mode": "markers", "name": f"targets {label}"}
+            trace: dict[str, Any] = {
+                "type": "scatter3d",
+                "mode": "markers",
+                "name": f"targets {label}",
+            }
             trace |= {"x": right, "y": ahead, "z": up, "hovertemplate": "%{text}<extra></extra>"}
             line = {"width": 1, "color": "white"}
             trace["marker"] = {"size": 5, "color": colour, "line": line}
             trace["text"] = [f"{t.name}: {margin_words(v.margin_m)}" for t, v in chosen]
             traces.append(trace)
     axes = {"xaxis": "right (m)", "yaxis": "ahead (m)", "zaxis": "up (m)"}
-    scene = {name: {"title": {"text": label}} for name, label in axes.items()}
+    scene: dict[str, Any] = {name: {"title": {"text": label}} for name, label in axes.items()}
     scene |= {"aspectmode": "data", "camera": {"eye": {"x": 1.5, "y": -1.5, "z": 0.8}}}
-    layout = {"height": 640, "margin": dict.fromkeys("lrtb", 0), "scene": scene}
+    layout: dict[str, Any] = {"height": 640, "margin": dict.fromkeys("lrtb", 0), "scene": scene}
     layout["legend"] = {"orientation": "h", "y": 0.0, "yanchor": "top"}
     return {"data": traces, "layout": layout}
 

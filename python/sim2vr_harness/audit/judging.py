@@ -238,12 +238,18 @@ def judge(
         muscles: Whether to search for postures that the model's own muscles hold.
     """
     n, t = len(crowd.subjects), len(targets)
+    visible, reached, held, leans, one_hand = np.zeros((5, n, t), dtype=bool)
+    needed_m, places_m = np.zeros((2, n, t, 3))
     judged = Judged(
         limitation,
-        *np.zeros((3, n, t), dtype=bool),
+        visible,
+        reached,
+        held,
         np.ones((n, t), dtype=bool),
-        *np.zeros((2, n, t), dtype=bool),
-        *np.zeros((2, n, t, 3)),
+        leans,
+        one_hand,
+        needed_m,
+        places_m,
         np.array([[grip_share(s, each, limitation) for each in targets] for s in crowd.subjects]),
         np.full((6 + len(MODELS), n, t), np.nan),
         np.full((n, t, len(crowd.rest)), np.nan),

@@ -448,7 +448,7 @@ def write_film(audit: Audit, file: Path) -> Path | None:
     distance = _AWAY_M + _AWAY * float(np.linalg.norm(high - low))
     view = OrbitView((x, y, z), distance, _AZIMUTH_DEG, _ELEVATION_DEG)
     colours[column] = _RED
-    scene = ball_scene(position_to_app(places), colours, _BALL_M)
+    scene = ball_scene(list(position_to_app(places)), colours, _BALL_M)
     frames: list[tuple[FloatArray, FloatArray]] = []
     Actor(subject, watch=lambda qpos, act: frames.append((qpos, act))).act(
         places[column], np.zeros((0, 0))

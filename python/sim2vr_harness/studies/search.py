@@ -346,13 +346,14 @@ class _Search:
             return
         measures = self._measured(task)
         trial.set_user_attr("measures", measures)
-        if None in measures.values():
+        numbers = {name: value for name, value in measures.items() if value is not None}
+        if len(numbers) < len(measures):
             self._kept.tell(trial, state=states.FAIL)
             return
         for name, limits in wanted.constraints.items():
-            for k, beyond in enumerate(limits.violations(measures[name])):
+            for k, beyond in enumerate(limits.violations(numbers[name])):
                 trial.set_constraint(f"{name} {k}", beyond)
-        self._kept.tell(trial, [measures[name] for name in wanted.objectives])
+        self._kept.tell(trial, [numbers[name] for name in wanted.objectives])
 
     # --- a batch ---------------------------------------------------------------------------------
 
@@ -371,13 +372,13 @@ class _Search:
         self._doing.forgo(len({t.key for t in plan.tasks}) - len({t.key for t in played}))
         self._doing.do(played)
         with _quiet(self._optuna):
-            for trial, *end in zip(batch, plan.tasks, reports, stopped, strict=True):
+            for trial, task, report, end in zip(batch, plan.tasks, reports, stopped, strict=True):
                 if isinstance(trial, self._optuna.trial.Trial):  # others ended in a session before
-                    self._tell(trial, *end)
+                    self._tell(trial, task, report, end)
         if played:
             keep = [k for k, end in enumerate(stopped) if not end]
-            cells, tasks = (tuple(part[k] for k in keep) for part in (plan.cells, plan.tasks))
-            self._plans.append(replace(plan, cells=cells, tasks=tasks))
+            cells = tuple(plan.cells[k] for k in keep)
+            self._plans.append(replace(plan, cells=cells, tasks=tuple(plan.tasks[k] for k in keep)))
 
     def _pruning(self, stop: StopConfig, first: int) -> Pruning | None:
         """Return what trainings of a batch are compared with; None: too few trials are complete."""

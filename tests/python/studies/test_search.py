@@ -86,9 +86,9 @@ def formula(rounds: dict[str, Path], monkeypatch: pytest.MonkeyPatch) -> list[di
 def test_it_finds_the_best_that_keeps_the_limits(
     trained: Path, formula: list[dict[str, float]], tmp_path: Path
 ) -> None:
-    found = run_study(search(trained), tmp_path, jobs=1)
+    found = run_study(search(trained, trials=40), tmp_path, jobs=1)
     trials = found.data.trials
-    assert trials["trial"].tolist() == list(range(1, 25))
+    assert trials["trial"].tolist() == list(range(1, 41))
     best = trials[trials["chosen"]]
     assert len(best) == 1 and bool(best["keeps_limits"].iloc[0])
     # At 0.8 s the limit of 8 hits is just kept; steps are 0.01 s.
@@ -101,7 +101,7 @@ def test_it_finds_the_best_that_keeps_the_limits(
     error = (trials["parameter_life"] - 0.8).abs()
     assert error[16:].median() < error[:10].median()
     # A search is a study: its trials are cells of it.
-    assert found.data.cells["factor_trial"].tolist() == [str(k) for k in range(1, 25)]
+    assert found.data.cells["factor_trial"].tolist() == [str(k) for k in range(1, 41)]
     own = found.data.of_cell(f"trial={best['trial'].iloc[0]}").episodes
     assert own["max_fatigued"].tolist() == best["max_fatigued"].tolist()
     columns = found.data.dictionary.query("table == 'trials'")["column"].tolist()

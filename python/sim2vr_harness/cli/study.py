@@ -91,8 +91,7 @@ def study(request: StudyRequest) -> int:
     agreed. --trust-app agrees, for the study and for the users and configurations that it names.
 
     Examples:
-        sim2vr-harness study --page menu --user "press lit by ray" --vary size=0.04,0.06,0.08
-        sim2vr-harness study studies/placement_search.yaml --jobs 2
+        sim2vr-harness study --page menu --user "press lit" --vary size=0.04,0.06
         sim2vr-harness study studies/effects --user runs/pointing
     """
     from sim2vr_harness.cli.studies import Shown

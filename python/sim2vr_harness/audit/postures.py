@@ -390,7 +390,7 @@ class BalanceSettings:
     """So much torque may stay unbalanced."""
     swing_nm: float = 12.0
     """So much torque may be lacking on the way, which the arm's swing makes up for. Fitted to 290
-    pairs of a person and a place that were acted out (docs/research/audit.md)."""
+    pairs of a person and a place that were acted out (docs/evidence/audit.md)."""
     place_m: float = 0.01
     """Distance that counts as much as one unit of unbalanced torque."""
     unit: float = 10.0

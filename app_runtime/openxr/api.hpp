@@ -3,8 +3,8 @@
 // where they lack it, with the registry's numbers.
 #pragma once
 
-#include <cstdint>
 #include <openxr/openxr.h>
+#include <cstdint>
 #include <stdexcept>
 #include <string>
 

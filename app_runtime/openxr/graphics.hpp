@@ -3,9 +3,9 @@
 // and the pixels of those that it submitted. One file per API implements it.
 #pragma once
 
+#include <openxr/openxr.h>
 #include <cstdint>
 #include <memory>
-#include <openxr/openxr.h>
 #include <span>
 #include <string_view>
 

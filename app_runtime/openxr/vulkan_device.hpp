@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <vulkan/vulkan_core.h>
 #include <cstddef>
 #include <cstdint>
 #include <string_view>
-#include <vulkan/vulkan_core.h>
 
 #include "graphics.hpp"
 #include "vulkan_functions.hpp"

@@ -6,8 +6,8 @@
 #include <string>
 
 #include "beats/level.hpp"
-#include "beats/map_files.hpp"
 #include "beats/level_options.hpp"
+#include "beats/map_files.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/log.hpp"
 #include "targets.hpp"

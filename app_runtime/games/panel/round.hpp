@@ -74,7 +74,6 @@ class Round : public scene::Component {
   void decide(int widget, Result result, const Pointer& pointer);
   void endTarget(bool hit);
 
-  // round_log.cpp
   void openLog();
   void logState();
   void logTarget();

@@ -9,8 +9,8 @@
 #include <set>
 #include <tuple>
 
-#include "beats/level_options.hpp"
 #include "beats/level.hpp"
+#include "beats/level_options.hpp"
 #include "beats_maps.hpp"
 
 namespace sim2vr::games::beats {

@@ -6,8 +6,8 @@
 #include <map>
 #include <string>
 
-#include "beats/map_files.hpp"
 #include "beats/level_options.hpp"
+#include "beats/map_files.hpp"
 #include "sim2vr/core/errors.hpp"
 
 namespace sim2vr::games::beats::testing {

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "beats/level.hpp"
-#include "beats/swing.hpp"
 #include "beats/round.hpp"
+#include "beats/swing.hpp"
 
 namespace sim2vr::games::beats {
 namespace {

@@ -11,8 +11,8 @@
 
 #include "sim2vr/render/components.hpp"
 #include "sim2vr/rl/xr_rig.hpp"
-#include "whacamole/round.hpp"
 #include "whacamole/looks.hpp"
+#include "whacamole/round.hpp"
 #include "whacamole_player.hpp"
 
 namespace sim2vr::games::whacamole {

@@ -1,7 +1,6 @@
 """The scripts that pages get: linted, and their own parts run in Node."""
 
 import json
-import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from parts import needs
 from sim2vr_harness.client.frames import AIM_DIRECTION, position_to_app
 from sim2vr_harness.client.webxr import page
 from webxr_pages import require_npm
@@ -36,7 +36,7 @@ RULES = {
         "useIterableCallbackReturn": "off",
     },
 }
-pytestmark = pytest.mark.skipif(shutil.which("node") is None, reason="no node")
+pytestmark = needs("npm", shutil.which("node"), "no node")
 
 
 def asked(scripts: str, case: str, *values: object) -> Any:
@@ -67,9 +67,6 @@ def test_every_script_is_in_a_bundle_and_has_no_syntax_error(bundles: list[Path]
         subprocess.run(["node", "--check", file], check=True, timeout=60)
 
 
-@pytest.mark.skipif(
-    not os.environ.get("SIM2VR_TEST_DOWNLOADS"), reason="SIM2VR_TEST_DOWNLOADS=1 gets the linter"
-)
 def test_the_linter_finds_nothing(bundles: list[Path]) -> None:
     require_npm()
     folder = bundles[0].parent

@@ -32,7 +32,7 @@ WRIST = ["ECRL", "ECRB", "ECU", "FCR", "FCU", "PL"]
 
 def crossing(*joints: int) -> list[str]:
     """Muscles with a recorded moment arm at one of the joints (tests/data/mobl_arms)."""
-    facts = load_reference("wrist", "validation", "validation_excerpt.json")
+    facts = load_reference("validation")
     arms = np.abs([posture["moment_arm_m"] for posture in facts["postures"]]).max(axis=0)
     rows = (arms[:, list(joints)] > 1e-5).any(axis=1)
     return [muscle for muscle, crosses in zip(facts["muscles"], rows, strict=True) if crosses]

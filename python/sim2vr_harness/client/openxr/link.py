@@ -138,7 +138,13 @@ class _Label(_Told):
     text: Text
 
 
-_Event = Annotated[_Vibration | _Label, Field(discriminator="kind")]
+class _State(_Told):
+    """Of the session, which the harness does not read."""
+
+    kind: Literal["state"]
+
+
+_Event = Annotated[_Vibration | _Label | _State, Field(discriminator="kind")]
 
 
 class _Happened(_Told):

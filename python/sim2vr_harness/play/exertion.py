@@ -134,10 +134,10 @@ class FatigueRecorder(Watcher):
 
 @dataclass(frozen=True)
 class FatigueGroups:
-    """What tires of a body: its muscles, and the body parts that they move.
+    """Muscles of a body that fatigue, and the body parts that they move.
 
     Attributes:
-        muscles: (L,) what tires, in the order of the effort model.
+        muscles: (L,) names of the muscles, in the order of the effort model.
         parts: Body part -> (K,) indices of the muscles that cross one of its joints; of both sides
             where there are two, and of each.
     """

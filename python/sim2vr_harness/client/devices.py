@@ -77,7 +77,7 @@ def input_named(name: str) -> Input:
 
 @dataclass(frozen=True)
 class DevicePoses:
-    """What the devices report: poses, and the controllers' inputs.
+    """Poses of the devices, and inputs of the controllers.
 
     A pose is position x y z (m) and rotation x y z w, app frame; a row of inputs has
     :data:`INPUT_COUNT` numbers in the columns of :data:`INPUTS`. Arrays of one row for one moment,

@@ -193,20 +193,20 @@ class GameFacts:
     """Facts of a game that are known without playing it.
 
     Attributes:
-        id: Its name in Gymnasium ids: ``Sample`` in ``sim2vr/Sample-v0``.
+        id: Name in Gymnasium ids: ``Sample`` in ``sim2vr/Sample-v0``.
         round_seconds: Length of a round with default options; 0: rounds have no usual length.
         devices: Controllers without which a right-handed player cannot play; see :meth:`needs`.
-        inputs: What a right-handed player operates besides moving, such as ``right.trigger``.
-        hand_option: The option that takes ``right`` or ``left``, the hand that plays, if any.
+        inputs: Inputs that a right-handed player operates, such as ``right.trigger``.
+        hand_option: The option for the hand that plays, ``right`` or ``left``, if any.
         level_option: The option that names the level to play, if any; the game then has
             timelines (:func:`describe_level`).
         score: Name of the measure by which users are compared; None: the return.
         reward_terms: Parts of the reward that the log has.
-        reward_rest: What to call the rest of the reward.
-        conditions: In the order in which they are listed; empty for an app that publishes none.
-        default_condition: What a round without options is.
+        reward_rest: Name of the rest of the reward.
+        conditions: Conditions in the order of display; empty for an app that publishes none.
+        default_condition: Condition of a round without options.
         evaluation_options: Options that an evaluation sets.
-        published: Whether the app itself says so; False for one that publishes nothing.
+        published: True if the app itself publishes these facts.
     """
 
     name: str

@@ -24,15 +24,15 @@ class AppPlace:
     Attributes:
         executable: app to start; None: our own server.
         arguments: further arguments of the executable.
-        connect: ``HOST:PORT`` or ZeroMQ endpoint of an app that runs already, instead of starting
-            one.
+        connect: ``HOST:PORT`` or ZeroMQ endpoint of a running app; None: an app is started.
         timeout_s: deadline of every answer.
         start_timeout_s: deadline of the start of an app.
         time_scale: largest ratio of game time to real time of a Unity app.
         processes: servers that share the users; 0: one per core at most.
-        page: of WebXR: a file, a folder with an ``index.html``, or an address below one of ``map``.
-        map: beginning of addresses -> local folder that pages may load them from; all others are
-            refused.
+        page: WebXR page: a file, a folder with an ``index.html``, or an address below one of
+            ``map``.
+        map: beginning of addresses -> local folder from which pages may load them; all other
+            addresses are refused.
         browser: program that shows pages; None: one on the PATH.
         options: options of this transport alone (:attr:`Transport.options`).
     """

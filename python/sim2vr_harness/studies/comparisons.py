@@ -503,7 +503,7 @@ class SampleSize:
         sd: SD of the paired differences, or within the levels; None without earlier results.
         units: Number of units, per level where the levels are independent.
         tests: Number of tests in the correction.
-        paired: Whether the same units have both levels.
+        paired: True if the same units have both levels.
     """
 
     measure: str

@@ -279,7 +279,7 @@ class ConstraintConfig(Settings):
 
 
 class StopConfig(Settings):
-    """Rule for early stopping: a training stops if it is behind most of the earlier trials."""
+    """Rule for early stopping: a training stops if it is not among the best earlier trials."""
 
     report: str
     """A number of the training's reports, a column of metrics.jsonl such as rollout/return."""
@@ -287,7 +287,7 @@ class StopConfig(Settings):
     """User steps of the training's last stage at which it is judged."""
     better: Literal["higher", "lower"] = "higher"
     keep: float = Field(default=0.5, gt=0.0, lt=1.0)
-    """The share of the earlier trials that it has to be among."""
+    """Proportion of best earlier trials: a training that is worse than these stops."""
     earlier: int = Field(default=4, ge=1, le=1000)
     """Number of earlier trials with a report at a step before any training is stopped there."""
 

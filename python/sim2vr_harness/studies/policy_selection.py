@@ -53,7 +53,7 @@ class SelectionSource:
 
     Attributes:
         source: The study's file or its name, for messages.
-        trust_app: Whether this user trusts the apps that files name.
+        trust_app: True if apps that files name may be run.
     """
 
     folder: Path | None
@@ -69,8 +69,8 @@ class SelectedPolicy:
     """Policy that plays a cell, with its environment and condition.
 
     Attributes:
-        user: A trained user as ``evaluate`` takes it; None: the one of ``training``.
-        training: Training that has to run first; None: the user is trained.
+        user: Trained user, as for ``evaluate``; None: the one of ``training``.
+        training: Training that has to run first, if any.
         env: Environment in which it plays.
         facts: Facts of the game; a script adds measures of its own.
         condition: Condition that it plays, with the options that the cell names.

@@ -52,7 +52,7 @@ class Launch:
         manifest: manifest of the runtime.
         config: settings that the runtime receives.
         preload: libraries to preload.
-        environment: further variables.
+        environment: further environment variables.
         virtual_clock: true if its time is virtual.
         depth: true if a user sees depth.
         start_timeout_s: deadline of the start, s.

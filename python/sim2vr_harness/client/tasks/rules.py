@@ -60,8 +60,9 @@ class RewardRule(Settings):
     seconds: Literal[True] | None = None
     """Every second counts 1."""
     per: Literal["change", "second", "step"] | None = None
-    """Unit in which expressions and distances count. ``change``: the increase of the value in the
-    step (default); ``second``: the value times the step's seconds; ``step``: the value itself."""
+    """Quantity that counts for expressions and distances. ``change``: the increase of the value in
+    the step (default); ``second``: the value times the step's seconds; ``step``: the value
+    itself."""
     weight: SignedWeight = 1.0
     """Factor on this part of the reward."""
     name: str | None = Field(default=None, pattern=r"^[A-Za-z]\w{0,40}$")

@@ -37,7 +37,7 @@ class TaskMoment:
     Attributes:
         time_s: time since the start of the round.
         step_s: time since the previous state; 0 at the start.
-        poses: of the devices at the end of the step, (7,) each: position x y z (m), rotation
+        poses: poses of the devices at the end of the step, (7,) each: position x y z (m), rotation
             x y z w, app frame (left-handed, x right, y up, z forward, origin on the floor).
         haptics: vibrations that the app requested in the step.
         sounds: sounds that began in the step.

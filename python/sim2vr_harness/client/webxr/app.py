@@ -326,7 +326,7 @@ class PageCheck:
         page: name of the page as given.
         failure: reason why it does not play, in one sentence; None: it plays.
         report: engines, objects and inputs of the page; empty if it gave no answer.
-        asked: addresses that it requested: 200, 404, or 0: mapped nowhere.
+        asked: requested address -> status: 200, 404, or 0: the address is not mapped.
         notes: problems that do not prevent playing.
     """
 

@@ -18,7 +18,7 @@ def temporary_of(path: Path) -> Path:
 
 
 def is_temporary(file: Path) -> bool:
-    """Whether a file, by its name, is one that :func:`temporary_of` has named."""
+    """Return whether :func:`temporary_of` has named a file, by the form of its name."""
     return _TEMPORARY.fullmatch(file.name) is not None and file.is_file()
 
 
@@ -74,5 +74,5 @@ def sweep(folder: Path) -> list[Path]:
 
 
 def _lives(number: int) -> bool:
-    """Whether another process with this number is there, no matter to which user it belongs."""
+    """Return whether another process with this number runs, no matter to which user it belongs."""
     return number != os.getpid() and Path(f"/proc/{number}").exists()

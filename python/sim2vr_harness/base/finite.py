@@ -9,7 +9,7 @@ import torch
 
 
 class NotFinite(RuntimeError):
-    """What was learned is no longer made of finite numbers; nothing of it was saved."""
+    """Error: the weights are no longer finite numbers; none of them were saved."""
 
 
 def first_not_finite(content: Any, name: str = "") -> str | None:

@@ -26,11 +26,11 @@ def progress_of_part(on_progress: OnProgress, number: int, count: int) -> OnProg
 
 @dataclass(frozen=True)
 class View:
-    """What is shown of work at one moment.
+    """Displayed state of the work at one moment.
 
     Attributes:
-        done: how far it is, of its total.
-        doing: what it does now.
+        done: progress, up to the total of the display.
+        doing: present activity.
         details: further numbers, a line each below the bar.
     """
 

@@ -58,7 +58,7 @@ def words_of(error: BaseException) -> str:
 
 
 def _line_of(error: BaseException) -> str:
-    """Where it was raised: the innermost line that is not the package's own."""
+    """Return the innermost line of the error's traceback outside this package."""
     own = str(Path(__file__).parents[1])
     frames = [frame for frame in extract_tb(error.__traceback__) if "<" not in frame.filename]
     theirs = [frame for frame in frames if not frame.filename.startswith(own)]

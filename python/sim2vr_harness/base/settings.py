@@ -18,7 +18,7 @@ MOST_STEPS = 10**12
 Chance = Annotated[float, Field(ge=0.0, le=1.0)]
 """A share of a whole."""
 Factor = Annotated[float, Field(gt=0.0, le=1e6)]
-"""What something is multiplied with."""
+"""Factor of a product."""
 Norm = Annotated[float, Field(gt=0.0, le=1e12)]
 """That gradients are cut to; a great one cuts none."""
 LearningRate = Annotated[float, Field(gt=0.0, le=1.0)]
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 else:
 
     class _Model(BaseModel, metaclass=_OneSentence):
-        """What the type checker need not know: how errors of the constructor read."""
+        """Model whose constructor reports errors in one sentence; hidden from the type checker."""
 
 
 class Settings(_Model):
@@ -162,7 +162,7 @@ def _written(model: type[BaseModel], location: Sequence[Any]) -> list[str]:
 
 
 _PYDANTICS = ("function-", "constrained-", "literal[")
-"""How names begin that pydantic makes up."""
+"""Beginnings of the names that pydantic generates."""
 _UNION_MEMBERS = ("bool", "int", "float", "str", "list[float]")
 
 

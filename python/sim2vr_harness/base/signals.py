@@ -1,4 +1,4 @@
-"""When Ctrl-C and SIGTERM may stop a training, and when they have to wait."""
+"""Handlers that let Ctrl-C and SIGTERM stop a training, or wait until it has saved."""
 
 import os
 import signal

@@ -10,7 +10,7 @@ import torch
 _TRIALS = 3
 """Pieces of work that are timed with each number of threads."""
 _HOPELESS = 1.5
-"""How many times as long as another's a candidate's fastest piece takes that is not timed again."""
+"""Ratio of a candidate's fastest time to the best one above which it is not timed again."""
 
 
 @contextmanager
@@ -68,6 +68,6 @@ class FastestThreads:
                 self._seconds[count].append(self._clock() - began)
 
     def _promises(self, count: int) -> bool:
-        """Whether a candidate may still be the fastest."""
+        """Return whether a candidate may still be the fastest."""
         fastest = {n: min(each) for n, each in self._seconds.items() if each}
         return fastest.get(count, 0.0) <= _HOPELESS * min(fastest.values(), default=0.0)

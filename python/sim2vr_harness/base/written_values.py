@@ -9,7 +9,7 @@ from sim2vr_harness.base.bounded_yaml import parse_yaml
 from sim2vr_harness.base.errors import InputError
 
 _NULLS = ("", "~", "null", "Null", "NULL")
-"""What YAML calls nothing; a comment alone is not meant so."""
+"""Texts that YAML reads as null; a comment alone is not meant as null."""
 
 
 def written_value(text: str, declared: Any) -> Any:

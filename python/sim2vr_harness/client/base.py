@@ -72,14 +72,14 @@ class AppReply:
     log: dict[str, float]
     """Named numbers of the round so far and of this step, without those that the round has not."""
     haptics: tuple[HapticPulse, ...] = ()
-    """What the frames of this step or reset asked the controllers for, in order."""
+    """Vibrations that the frames of this step or reset requested, in order."""
     sounds: tuple[SoundEvent, ...] = ()
     """Sounds that began in them, in order."""
     values: Mapping[str, AppValue] = field(default_factory=dict)
-    """What the app answers for the expressions of :attr:`AppsWanted.values`, after the step."""
+    """Values of the expressions of :attr:`AppsWanted.values` after the step."""
     left: str = ""
-    """How the app left VR by itself, which ended the round: its name and what it did; "": it
-    did not."""
+    """Name and action of the app if it ended VR by itself, and with it the round; "": it did
+    not."""
 
 
 def plain_options(options: Mapping[str, OptionValue] | None) -> dict[str, OptionValue]:
@@ -114,7 +114,7 @@ CAPABILITIES: dict[str, str] = {
     "privileged": "numbers behind the picture, for teachers",
     "scene": "the scene's objects: where they are, their shapes and colours",
 }
-"""What an app may be able to do, and what that is; see :attr:`AppClient.capabilities`."""
+"""Capabilities that an app may have, with their meaning; see :attr:`AppClient.capabilities`."""
 
 
 class AppClient(ABC):
@@ -125,7 +125,7 @@ class AppClient(ABC):
     """
 
     kind = "the app"
-    """What errors call it."""
+    """Name of the app's kind in errors."""
 
     @property
     @abstractmethod
@@ -288,7 +288,7 @@ class AppClient(ABC):
         raise self._without("views")
 
     def scene(self) -> AppScene:
-        """What the last frame's scene holds and shows, app frame.
+        """Return the objects and meshes of the last frame's scene, app frame.
 
         Raises:
             RuntimeError: no round was started.

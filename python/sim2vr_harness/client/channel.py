@@ -18,11 +18,11 @@ LONGEST_S = 1e9
 _SOON_MS = 50
 """Most answers come within this; only after it the connection and the process are looked at."""
 _SLICE_S = 0.25
-"""How often a process is looked at whose end does not wake anyone."""
+"""Interval at which a process is checked whose end wakes no waiting call, s."""
 _CONNECT_S = 5.0
-"""How long someone may take to accept the connection where nothing is known to be starting."""
+"""Deadline for accepting a connection if no app is known to be starting, s."""
 _QUIT_S = 2.0
-"""How long an app may take to acknowledge the end of the session."""
+"""Deadline for an app to acknowledge the end of the session, s."""
 
 
 def checked_duration_s(field: str, value_s: float) -> float:
@@ -85,7 +85,7 @@ class Channel(Conversation):
 
     @property
     def usable(self) -> bool:
-        """Whether another request can be sent."""
+        """True if another request can be sent."""
         return self.failure is None and not self.awaiting
 
     def request(

@@ -77,18 +77,18 @@ def input_named(name: str) -> Input:
 
 @dataclass(frozen=True)
 class DevicePoses:
-    """What the devices report: poses, and the controllers' inputs.
+    """Poses of the devices, and inputs of the controllers.
 
     A pose is position x y z (m) and rotation x y z w, app frame; a row of inputs has
-    :data:`INPUT_COUNT` numbers in the columns of :data:`INPUTS`. Arrays of one row for one moment,
-    (K, ...) for K frames, (M, K, ...) for K frames of M apps.
+    :data:`INPUT_COUNT` numbers in the columns of :data:`INPUTS`. Arrays have one row for one
+    moment, (K, ...) for K frames and (M, K, ...) for K frames of M apps.
 
     Attributes:
         head: (..., 7) float64.
         right_controller: (..., 7) float64; None: not tracked.
         left_controller: (..., 7) float64; None: not tracked.
-        right_inputs: (..., INPUT_COUNT) float64; None: at rest. Those of a controller that is not
-            tracked mean nothing.
+        right_inputs: (..., INPUT_COUNT) float64; None: at rest. Inputs of a controller that is
+            not tracked are ignored.
         left_inputs: as ``right_inputs``.
     """
 

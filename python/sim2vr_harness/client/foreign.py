@@ -17,7 +17,7 @@ FARTHEST_M = 10.0
 """Distance of which the depth channel's 255 is, as in our own runtime."""
 VERTICAL_FOV_DEG = 90.0
 FRAME_RATE_HZ = 72
-"""What the app learns that the display does; the first Quest's."""
+"""Frame rate of the display that the app receives, Hz: that of the first Quest."""
 
 
 class ForeignApp(AppClient):
@@ -29,7 +29,7 @@ class ForeignApp(AppClient):
 
     found_capabilities: ClassVar[frozenset[str]]
     _awaited: Any = None
-    """What of a step is on its way; falsy: nothing."""
+    """Step that is in progress; falsy: none."""
 
     def __init__(self, wanted: AppsWanted) -> None:
         self._wanted = wanted
@@ -65,7 +65,7 @@ class ForeignApp(AppClient):
     def start_step(
         self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False
     ) -> None:
-        """See :class:`AppClient`; sends the frames."""
+        """Send the frames of a step to the app."""
         self._require_open()
         if not self._playing:
             raise AppError(f"step: {self._left or 'no round was started'}; call reset first")

@@ -161,20 +161,20 @@ class ItemOutcome:
 
 @dataclass(frozen=True)
 class LoggedItem:
-    """What comes and goes in a round, such as targets, as the episode's log tells of it.
+    """Item of a round, such as a target, as the episode's log reports it.
 
     A line of the log is ``time, EVENT, FIELD VALUE, FIELD VALUE ...``.
 
     Attributes:
-        name: Such as ``target``.
+        name: Name of the items, such as ``target``.
         id_field: The field that tells the items of that name apart.
-        outcomes: How they can end.
-        begin_event: With which they come; None: the log does not say.
-        counted_events: Events in between that are counted.
-        cell_field: The field with the number of their place.
-        place_field: The field with their place, 2 or 3 numbers, m.
+        outcomes: Possible outcomes of an item.
+        begin_event: Event of the appearance; None: the log has none.
+        counted_events: Events between appearance and outcome that are counted.
+        cell_field: The field with the number of the cell.
+        place_field: The field with the position, 2 or 3 numbers, m.
         places_event: The event with ``[cell ... x y z]`` for every cell, world, m.
-        velocity_field: The field with the velocity that decided, 3 numbers, m/s.
+        velocity_field: The field with the velocity that decided the outcome, 3 numbers, m/s.
     """
 
     name: str
@@ -190,23 +190,23 @@ class LoggedItem:
 
 @dataclass(frozen=True)
 class GameFacts:
-    """What is known of a game without playing it.
+    """Facts of a game that are known without playing it.
 
     Attributes:
-        id: Its name in Gymnasium ids: ``Sample`` in ``sim2vr/Sample-v0``.
+        id: Name in Gymnasium ids: ``Sample`` in ``sim2vr/Sample-v0``.
         round_seconds: Length of a round with default options; 0: rounds have no usual length.
         devices: Controllers without which a right-handed player cannot play; see :meth:`needs`.
-        inputs: What a right-handed player operates besides moving, such as ``right.trigger``.
-        hand_option: The option that takes ``right`` or ``left``, the hand that plays, if any.
+        inputs: Inputs that a right-handed player operates, such as ``right.trigger``.
+        hand_option: The option for the hand that plays, ``right`` or ``left``, if any.
         level_option: The option that names the level to play, if any; the game then has
             timelines (:func:`describe_level`).
         score: Name of the measure by which users are compared; None: the return.
         reward_terms: Parts of the reward that the log has.
-        reward_rest: What to call the rest of the reward.
-        conditions: In the order in which they are listed; empty for an app that publishes none.
-        default_condition: What a round without options is.
+        reward_rest: Name of the rest of the reward.
+        conditions: Conditions in the order of display; empty for an app that publishes none.
+        default_condition: Condition of a round without options.
         evaluation_options: Options that an evaluation sets.
-        published: Whether the app itself says so; False for one that publishes nothing.
+        published: True if the app itself publishes these facts.
     """
 
     name: str
@@ -310,7 +310,7 @@ class GameFacts:
 
 @lru_cache
 def describe_game(name: str) -> GameFacts:
-    """What the runtime's game of that name publishes.
+    """Return the facts that the runtime's game of that name publishes.
 
     Raises:
         ValueError: There is no such game; names the nearest.
@@ -368,9 +368,10 @@ def list_options(name: str) -> tuple[GameOption, ...]:
 
 
 def facts_of_outside(name: str) -> GameFacts:
-    """What to expect of an app that publishes nothing, such as a Unity build with SIM2VR.
+    """Return the expected facts of an app that publishes none, such as a Unity build.
 
-    That of the runtime's game of the same name, if there is one; see :meth:`GameFacts.with_log`.
+    These are the facts of the runtime's game of the same name, if there is one; see
+    :meth:`GameFacts.with_log`.
     """
     if name in list_games():
         told = describe_game(name)
@@ -379,10 +380,10 @@ def facts_of_outside(name: str) -> GameFacts:
 
 
 def read_facts(told: Mapping[str, Any]) -> GameFacts:
-    """What a game publishes, as it says it in JSON (docs/reference/protocol.md, hello).
+    """Read the facts that a game publishes as JSON (docs/reference/protocol.md, hello).
 
     Raises:
-        BadReply: Something is missing, or of another kind.
+        BadReply: A field is missing, or has another type.
     """
     return checked("facts", TypeAdapter(GameFacts), told)
 
@@ -419,12 +420,12 @@ class TimelineItem:
 
 @dataclass(frozen=True)
 class Timeline:
-    """What comes when in a round.
+    """Course of a round: items with their times, and beats.
 
     Attributes:
-        lanes: Their names, bottom up.
+        lanes: Names of the lanes, from the lowest.
         facts: Label and text or number, in the order of display.
-        level: The level as the game has it, for those who play it elsewhere.
+        level: The level in the game's own format, to play it elsewhere.
     """
 
     name: str
@@ -437,7 +438,7 @@ class Timeline:
 
 
 def describe_level(game: str, options: Mapping[str, OptionValue], seed: int) -> Timeline:
-    """What comes when in the round that these options and this seed start.
+    """Return the timeline of the round that these options and this seed start.
 
     Raises:
         ValueError: There is no such game, it has no levels, or it refuses the options.

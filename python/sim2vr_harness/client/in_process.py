@@ -112,7 +112,7 @@ class InProcessBatch:
     def _bind(self) -> None:
         """Take the extension's arrays, which it overwrites, as attributes."""
         self.capabilities: frozenset[str] = frozenset(self._batch.capabilities)
-        """What every one of the apps can do; see :attr:`AppClient.capabilities`."""
+        """Capabilities that all apps have; see :attr:`AppClient.capabilities`."""
         self.images: UInt8Array = self._batch.images
         """(N, H, W, 4), with two eyes (N, 2, H, W, 4), the apps' headset images, overwritten by
         their steps; no copy."""
@@ -256,7 +256,7 @@ class InProcessBatch:
         return self.reply(index)
 
     def reply(self, index: int) -> AppReply:
-        """What an app's last step or reset came to."""
+        """Return the reply to an app's last step or reset."""
         return AppReply(
             float(self.reward[index]),
             bool(self.finished[index]),
@@ -347,12 +347,12 @@ class InProcessBatchApp(AppClient):
 
     @property
     def capabilities(self) -> frozenset[str]:
-        """See :class:`AppClient`; all that the game has."""
+        """Capabilities of the game."""
         return self._capabilities
 
     @property
     def image(self) -> UInt8Array:
-        """See :class:`AppClient`; its memory outlives the app."""
+        """Headset image as of :attr:`AppClient.image`; its memory outlives the app."""
         image: UInt8Array = self.batch.images[self._index]
         return image
 
@@ -386,7 +386,7 @@ class InProcessBatchApp(AppClient):
     def start_step(
         self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False
     ) -> None:
-        """See :class:`AppClient`; the frames run when the first app of the batch finishes."""
+        """Queue a step; its frames run when the first app of the batch finishes its own."""
         self.batch.start(self._index, times_ns, poses, drawn)
 
     def finish_step(self) -> AppReply:
@@ -479,7 +479,7 @@ _KINDS: tuple[tuple[str, Literal["truth", "text"]], ...] = (
     ("expected true or false", "truth"),
     ("expected a string", "text"),
 )
-"""How the runtime words what it expects of an option (``core/options.cpp``)."""
+"""Wording of the runtime for the expected type of an option (``core/options.cpp``)."""
 
 
 @lru_cache

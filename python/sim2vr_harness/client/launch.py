@@ -29,12 +29,12 @@ _MAX_PATH_BYTES = 107
 _ABANDONED_S = 60.0
 """A socket's file that is older and that no one listens on was left behind by a killed server."""
 _SILENCE_S = 24 * 3600
-"""How long our server waits for the next message: a learner's update may take long, and a client
-that is gone shows by its connection."""
+"""Time for which our server waits for the next message, s: a learner's update may take long, and a
+lost client is detected by its connection."""
 
 
 def is_sim2vr_app(executable: Path) -> bool:
-    """Whether an executable is our server, by its name; it takes other arguments than Unity's."""
+    """Return whether an executable, by its name, is our server, with other options than Unity's."""
     return executable.name.startswith("sim2vr-app")
 
 

@@ -33,7 +33,7 @@ class Kept:
         self._count = 0
 
     def __len__(self) -> int:
-        """How many were added, kept or not."""
+        """Return the number of texts that were added, kept or not."""
         return self._count
 
     def __iter__(self) -> Iterator[str]:

@@ -170,7 +170,7 @@ class AppProcess:
 
     @property
     def running(self) -> bool:
-        """Whether the process is there; a stopped one is."""
+        """True if the process exists; a stopped process does."""
         return self.exit_status is None
 
     def open_pidfd(self) -> int | None:
@@ -307,7 +307,7 @@ class Conversation:
 
     @property
     def usable(self) -> bool:
-        """Whether the app can be asked."""
+        """True if the app answers requests."""
         return self.failure is None
 
     def require_open(self) -> None:

@@ -126,9 +126,9 @@ class Protocol1App(AppClient):
 
     @property
     def capabilities(self) -> frozenset[str]:
-        """See :class:`AppClient`; in an app of the reference a left controller, and that is all.
+        """Capabilities of the app; an app of the reference has only a left controller.
 
-        Such an app turns the head itself.
+        An app of the reference turns the head itself.
         """
         return _OUR_CAPABILITIES if self._is_ours else _CAPABILITIES
 
@@ -142,12 +142,12 @@ class Protocol1App(AppClient):
 
     @property
     def _is_ours(self) -> bool:
-        """Whether the app is our own server, with its extensions of the protocol."""
+        """True if the app is our own server, with its extensions of the protocol."""
         return self.server is not None
 
     @property
     def image(self) -> UInt8Array:
-        """See :class:`AppClient`; here every frame has an array of its own, read-only."""
+        """Headset image as of :attr:`AppClient.image`; a new read-only array per frame."""
         return self._image
 
     # --- rounds ------------------------------------------------------------------------------
@@ -160,7 +160,7 @@ class Protocol1App(AppClient):
         *,
         time_ns: int = 0,
     ) -> AppReply:
-        """See :class:`AppClient`.
+        """Start a round and run its first frame, as :meth:`AppClient.reset`.
 
         An app of the reference draws its own seed. Options that differ from those it was started
         with are refused.
@@ -189,7 +189,7 @@ class Protocol1App(AppClient):
     def start_step(
         self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False
     ) -> None:
-        """See :class:`AppClient`; sends the message."""
+        """Send the message with the frames of a step."""
         times = frame_times(times_ns)
         if drawn not in (-1, len(times) - 1):
             raise AppUnsupported(
@@ -213,7 +213,7 @@ class Protocol1App(AppClient):
         self._send(state, "a step")
 
     def finish_step(self) -> AppReply:
-        """See :class:`AppClient`; waits for the reply."""
+        """Wait for the reply to the step, and return it."""
         if self._channel.usable:
             raise AppError("finish_step: no step was started; call start_step first")
         ending = self._ending
@@ -356,7 +356,7 @@ class Protocol1App(AppClient):
     # --- the end -----------------------------------------------------------------------------
 
     def close(self) -> None:
-        """See :class:`AppClient`; tells the app to quit and ends the process it came from."""
+        """Request the app to quit, and end its process."""
         self._channel.end([b'{"quitApplication":true}'])
 
 

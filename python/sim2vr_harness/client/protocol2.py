@@ -128,7 +128,7 @@ class Type(IntEnum):
 
 
 class Status(IntEnum):
-    """How a request, or one record of it, went."""
+    """Result code of a request, or of one record of it."""
 
     OK = 0
     INVALID_ARGUMENT = 1
@@ -223,12 +223,12 @@ class Protocol2App(AppClient):
 
     @property
     def capabilities(self) -> frozenset[str]:
-        """See :class:`AppClient`; as the server has said."""
+        """Capabilities that the server has reported."""
         return self._open().capabilities
 
     @property
     def image(self) -> UInt8Array:
-        """See :class:`AppClient`; read-only, in shared memory where the connection has it."""
+        """Headset image, read-only; in shared memory if the connection has it."""
         return self._open().images[self._index]
 
     def reset(
@@ -245,7 +245,7 @@ class Protocol2App(AppClient):
     def start_step(
         self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False
     ) -> None:
-        """See :class:`AppClient`; the last app of the connection to start sends them all."""
+        """Queue a step; the last app of the connection to start sends the steps of all."""
         times = frame_times(times_ns)
         if len(times) > 1:
             self.require("frames")
@@ -279,7 +279,7 @@ class Protocol2App(AppClient):
             return np.frombuffer(data, np.uint8).reshape(height, width, 4)
 
     def scene(self) -> AppScene:
-        """See :class:`AppClient`; meshes that the server has sent before do not come again."""
+        """Return the scene of the last frame; the server sends each mesh only once."""
         self.require("scene")
         wanted = {"app": self._index, "meshes": len(self._meshes)}
         frames = self._open().ask(Type.SCENE, json.dumps(wanted).encode())
@@ -318,7 +318,7 @@ class Protocol2App(AppClient):
             raise self._open().unreadable(what, error) from error
 
     def close(self) -> None:
-        """See :class:`AppClient`; the last open app of a connection ends the session."""
+        """Close the app; the last open app of a connection ends the session."""
         connection, self._connection = self._connection, None
         if connection is not None:
             connection.release()
@@ -585,12 +585,12 @@ class Protocol2Connection:
 
     @property
     def in_shared_memory(self) -> bool:
-        """Whether the server draws where :attr:`images` are."""
+        """True if the server draws into the shared memory of :attr:`images`."""
         return self._shared is not None
 
     @property
     def usable(self) -> bool:
-        """Whether the session goes on."""
+        """True if the session continues."""
         return self.channel.failure is None
 
     def release(self) -> None:
@@ -610,7 +610,7 @@ class Protocol2Connection:
 
 @dataclass
 class Names:
-    """What the numbers of log names and sounds in the replies mean, as far as they were told."""
+    """Names of the numbered logs and sounds in the replies, as far as they were received."""
 
     logs: dict[int, list[str]] = field(default_factory=dict)
     sounds: dict[int, str] = field(default_factory=dict)

@@ -23,7 +23,7 @@ PLAYER_LAYER = 31
 """Of what stands for the player in pictures from outside (``rl::kPlayerLooksLayer``): headset,
 hands. Code that draws the body itself leaves it out."""
 POINTERS = ("Ray", "Cursor")
-"""What our games show of where a hand points; no target."""
+"""Objects that show the pointing direction of a hand in our games; these are no targets."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,22 +19,22 @@ user whose app has failed and was closed."""
 
 @dataclass(frozen=True)
 class AppPlace:
-    """Where the apps are; a transport reads what concerns it (:attr:`Transport.reads`).
+    """Location of the apps; a transport reads its own settings (:attr:`Transport.reads`).
 
     Attributes:
         executable: app to start; None: our own server.
-        arguments: further ones of the executable.
-        connect: ``HOST:PORT`` or ZeroMQ endpoint of an app that runs already, instead of starting
-            one.
+        arguments: further arguments of the executable.
+        connect: ``HOST:PORT`` or ZeroMQ endpoint of a running app; None: an app is started.
         timeout_s: deadline of every answer.
-        start_timeout_s: how long an app may take to start.
-        time_scale: how many times faster than real time a Unity app may run at most.
+        start_timeout_s: deadline of the start of an app.
+        time_scale: largest ratio of game time to real time of a Unity app.
         processes: servers that share the users; 0: one per core at most.
-        page: of WebXR: a file, a folder with an ``index.html``, or an address below one of ``map``.
-        map: beginning of addresses -> local folder that pages may load them from; all others are
-            refused.
-        browser: program that shows pages; None: the one that is found.
-        options: of the transport alone (:attr:`Transport.options`).
+        page: WebXR page: a file, a folder with an ``index.html``, or an address below one of
+            ``map``.
+        map: beginning of addresses -> local folder from which pages may load them; all other
+            addresses are refused.
+        browser: program that shows pages; None: one on the PATH.
+        options: options of this transport alone (:attr:`Transport.options`).
     """
 
     executable: str | None = None
@@ -52,12 +52,12 @@ class AppPlace:
 
 @dataclass(frozen=True)
 class PageStart:
-    """What a recorded page did before its first frame in VR, in ms since its document began.
+    """Start of a recorded page before its first frame in VR, in ms since its document began.
 
     Attributes:
         frames_ms: times of its own animation frames.
-        requested_ms: when it requested VR.
-        first_ms: of the first frame in VR.
+        requested_ms: time of its request for VR.
+        first_ms: time of the first frame in VR.
     """
 
     frames_ms: tuple[float, ...]

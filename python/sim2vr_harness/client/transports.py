@@ -52,7 +52,7 @@ class Served(Protocol):
 
     @property
     def usable(self) -> bool:
-        """Whether it goes on."""
+        """True if the connection can be used."""
 
     taken: set[int]
     """Places whose apps were given out."""
@@ -259,8 +259,8 @@ def _protocol2_apps(wanted: AppsWanted) -> AppServers:
 
 
 _PUBLISHED: dict[tuple[str, str], GameFacts | None] = {}
-"""What servers that run already have said of their games, by address and game: while a session
-lasts, such a server cannot be asked in another."""
+"""Facts of games that running servers have published, by address and game. While a session lasts,
+such a server accepts no other session that could request them."""
 
 
 def _note_facts(address: str, connection: Protocol2Connection) -> GameFacts | None:
@@ -385,20 +385,20 @@ def register_transport(transport: Transport) -> None:
 _TRIAL_STEPS = 10
 _TRIAL_HZ = 20
 _HEAD_TURN_RAD = 0.35
-"""How far the head turns during the steps, so that the picture of any scene changes."""
+"""Rotation of the head during the steps, rad, so that the image of any scene changes."""
 
 
 @dataclass(frozen=True)
 class AppTrial:
-    """What an app did over one protocol.
+    """Behaviour of an app over one protocol.
 
     Attributes:
         protocol: 1 or 2.
-        steps: How many it played; fewer than ten when its round ended.
-        steps_per_s: Wall-clock speed of these steps, pictures included.
-        reward: Sum over the steps.
-        images: (steps + 1, H, W, 4), of the reset and of every step.
-        announces_protocol2: Whether its handshake says that it also speaks protocol 2.
+        steps: Number of steps; fewer than ten if the round ended.
+        steps_per_s: Steps per second of real time, images included.
+        reward: Sum of the reward over the steps.
+        images: (steps + 1, H, W, 4), images of the reset and of every step.
+        announces_protocol2: True if its handshake announces protocol 2, too.
     """
 
     protocol: int
@@ -410,7 +410,7 @@ class AppTrial:
 
     @property
     def picture_changes(self) -> bool:
-        """Whether any picture differs from the reset's."""
+        """True if any image differs from the reset's."""
         return bool((self.images != self.images[0]).any())
 
     def warnings(self) -> list[str]:

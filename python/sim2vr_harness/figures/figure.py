@@ -163,7 +163,7 @@ class Panel:
 
     @property
     def crowded(self) -> bool:
-        """Whether there are so many categories that the panel has to be wider."""
+        """True if the panel has to be wider because of its many categories."""
         counts = [len(self.ticks or ())]
         if not self.sideways:
             counts += [len(layer.x) for layer in self.layers if isinstance(layer, Bars)]
@@ -172,7 +172,7 @@ class Panel:
 
     @property
     def in_space(self) -> bool:
-        """Whether it is drawn in three dimensions."""
+        """True if the panel is drawn in three dimensions."""
         return any(isinstance(layer, Path) for layer in self.layers)
 
 

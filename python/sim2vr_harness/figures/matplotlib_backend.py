@@ -156,7 +156,7 @@ def _categories(panel: Panel) -> Sequence[str]:
 
 
 def _flipped(panel: Panel) -> bool:
-    """Whether categories that have no room beside each other go to the vertical axis."""
+    """Return whether categories that do not fit beside each other move to the vertical axis."""
     heat = any(isinstance(layer, Heat) for layer in panel.layers)
     return len(_categories(panel)) > _ROOMY and not heat
 

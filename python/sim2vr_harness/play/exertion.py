@@ -134,12 +134,12 @@ class FatigueRecorder(Watcher):
 
 @dataclass(frozen=True)
 class FatigueGroups:
-    """What tires of a body: its muscles, and the body parts that they move.
+    """Muscles of a body that fatigue, and the body parts that they move.
 
     Attributes:
-        muscles: (L,) what tires, in the order of the effort model.
-        parts: Body part -> (K,) indices of the muscles that cross one of its joints; of both sides
-            where there are two, and of each.
+        muscles: (L,) names of the muscles or motors, in the order of the effort model.
+        parts: Body part -> (K,) indices of the muscles that cross one of its joints. A part with
+            two sides has an entry for both together and one for each.
     """
 
     muscles: tuple[str, ...]

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from sim2vr_harness.client import Measure
 
 FATIGUE = "fatigue."
-"""What names of these measures begin with; a muscle or a body part follows."""
+"""Prefix of the names of these measures; a muscle or a body part follows."""
 
 MUSCLE_NAMES = {
     "DELT1": "deltoid anterior",

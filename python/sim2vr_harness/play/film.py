@@ -334,16 +334,16 @@ _HITS = ("hit", "target_hit")
 
 
 class ReplayFilm:
-    """Where the films of replayed rounds go, and what they look like.
+    """Files and format of the videos of replayed rounds.
 
     Args:
-        path: The MP4 file; of several rounds, each gets its name between stem and suffix.
+        path: The MP4 file; with several rounds, each round's name is added before the suffix.
         size: (width, height) of each view, pixels.
-        fps: Pictures per second of game time.
-        on_progress: Told the filmed share of a round, 0 to 1.
+        fps: Frames per second of game time.
+        on_progress: Receives the proportion of a round that is rendered, 0 to 1.
 
     Raises:
-        InputError: The path is no ``.mp4`` file, or a silly frame rate.
+        InputError: The path is no ``.mp4`` file, or the frame rate is out of range.
     """
 
     def __init__(

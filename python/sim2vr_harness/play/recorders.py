@@ -46,7 +46,7 @@ class RoundLogs(Watcher):
 
     @property
     def any(self) -> bool:
-        """Whether there are logs: games need not write any."""
+        """True if there are logs; games need not write any."""
         return self._root.is_dir() and next(self._root.iterdir(), None) is not None
 
     def folder(self) -> Path:

@@ -62,21 +62,20 @@ PERSON_MEASURES = (
 """Of a script that persons carry out, as means over the steps that a person has done in a round."""
 
 BASELINE_S = 6.0
-"""How long users are idle, and then move at random, to compare with: a few targets of a game."""
+"""Duration of the idle and of the random baseline, s: a few targets of a game."""
 _COMPARED = 8
 """Users that are idle and that move at random where doing nothing is judged."""
 
 
 @dataclass(frozen=True)
 class SimulatedUser:
-    """Who plays.
+    """Simulated user that plays.
 
     Attributes:
-        name: Of a run the folder and the checkpoint; of a user without training what it was
-            called by.
-        source: As it was named.
-        config: Of its training; of a user without training the configuration ``webxr``.
-        trained: Its weights; None: it needs no training.
+        name: Folder and checkpoint of a run; of a user without training the name that was given.
+        source: Name or path as given.
+        config: Configuration of its training; without training the configuration ``webxr``.
+        trained: Trained policy; None: it needs no training.
     """
 
     name: str

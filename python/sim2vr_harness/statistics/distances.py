@@ -13,7 +13,7 @@ MOST = 10.0
 
 
 def inside(value: float, people: Sequence[float]) -> bool:
-    """Whether a number lies in the range of people's."""
+    """Return whether a number lies within the range of people's numbers."""
     return min(people) <= value <= max(people)
 
 
@@ -29,7 +29,7 @@ def standard_deviations(value: float, people: Sequence[float]) -> float | None:
 
 
 def typical(people: Sequence[float]) -> float:
-    """What one of the people typically has to the mean of the others; of two or more."""
+    """Return the mean distance of a person from the mean of the others; needs two or more."""
     x = np.asarray(people, dtype=np.float64)
     others = (x.sum() - x) / (len(x) - 1)
     return float(np.mean(np.abs(x - others)))

@@ -36,7 +36,7 @@ def welch_interval(first: FloatArray, second: FloatArray) -> tuple[float, float]
 
 
 class Moments(NamedTuple):
-    """What a t interval needs of a sample: n >= 2 values, their mean and SD (ddof 1)."""
+    """Statistics of a sample for a t interval: n >= 2 values, their mean and SD (ddof 1)."""
 
     mean: float
     sd: float

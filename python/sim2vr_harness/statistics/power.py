@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 POWER = 0.8
-"""How often a test finds the difference."""
+"""Probability that a test finds the difference."""
 STANDARDISED = (0.5, 0.8, 1.2)
 """Cohen's medium, large, and Sawilowsky's very large difference, in standard deviations."""
 _ALPHA = 0.05

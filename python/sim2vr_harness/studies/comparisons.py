@@ -36,11 +36,11 @@ def other_factors(study: StudyConfig, factor: str) -> list[str]:
 
 
 def independent(study: StudyConfig, factor: str, levels: Sequence[str]) -> bool:
-    """Whether units of one of these levels have nothing to do with those of another.
+    """Return whether the units of these levels are independent samples.
 
-    Users are other users, and trainings of two kinds other trainings, also where their seeds have
-    the same number; unless persons are the units, who play with whatever was trained. Levels that
-    one user plays are that user's.
+    Units are independent if the levels differ in the user or in the training, even where the seeds
+    are equal. They are not independent if persons are the units, because the same persons play all
+    levels, or if one user plays all levels.
     """
     if study.people is not None:
         return False
@@ -409,7 +409,7 @@ def _tried(about: dict[str, Any], run: Any) -> dict[str, Any]:
 
 
 def _read_with(result: dict[str, Any]) -> dict[str, Any]:
-    """What a result is read with: the smallest p and the smallest difference that n can show."""
+    """Return the smallest p value and the smallest difference that n can show, for the reader."""
     if result["test"] not in _PAIRS or result["p"] is None:
         return {}
     notes = [] if result["note"] is None else [result["note"]]
@@ -493,17 +493,17 @@ def _correct(family: list[dict[str, Any]]) -> None:
 
 @dataclass(frozen=True)
 class SampleSize:
-    """What a difference of a comparison needs.
+    """Sample size that a comparison needs to find a difference.
 
     Attributes:
-        measure: Name; "any" without earlier results.
-        levels: The two.
-        standardised: The difference in standard deviations.
-        difference: In the measure's unit; None without earlier results.
-        sd: Of the pairs' differences, or within the levels; None without earlier results.
-        units: How many, of each level where these are independent.
-        tests: How many are corrected for.
-        paired: Whether the same units have both levels.
+        measure: Name of the measure; "any" without earlier results.
+        levels: The two levels that are compared.
+        standardised: Difference in standard deviations.
+        difference: Difference in the measure's unit; None without earlier results.
+        sd: SD of the paired differences, or within the levels; None without earlier results.
+        units: Number of units, per level where the levels are independent.
+        tests: Number of tests in the correction.
+        paired: True if the same units have both levels.
     """
 
     measure: str

@@ -20,9 +20,9 @@ from sim2vr_harness.base.files import file_name, read_yaml
 from sim2vr_harness.base.settings import MOST_STEPS, Settings, first_problem
 
 CELL_KEYS = ("user", "adapt", "config", "condition", "deterministic")
-"""What a level may set beside dotted keys: the trained user, the user steps for which it goes on in
-what the cell plays, the configuration of a training, the game's condition, whether actions are the
-policy's mean."""
+"""Keys that a level may set beside dotted keys: the trained user, the user steps of further
+training in the environment of the cell, the configuration of a training, the game's condition, and
+whether actions are the policy's mean."""
 PREFIXES = ("env.", "training.")
 """Dotted keys: of the environment that is played in, and of the training's configuration."""
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][\w-]{0,63}$")]
@@ -34,13 +34,13 @@ class FactorConfig(Settings):
     """Something that a study varies."""
 
     key: str | None = None
-    """What its levels set: user, adapt, config, condition, deterministic, env.KEY or training.KEY.
-    None: each level says itself, as a mapping of such keys."""
+    """Key that the levels set: user, adapt, config, condition, deterministic, env.KEY or
+    training.KEY. None: each level is a mapping of such keys."""
     levels: dict[str, Any]
     """Label -> value. A list is taken for values that are their own labels."""
     unit: bool = False
-    """Whether its levels are what the study samples from, such as seeds of trainings: n counts
-    them. A factor of training.seed always is."""
+    """True if the levels are the study's sample, such as seeds of trainings: n counts them. A
+    factor of training.seed always is."""
 
     @field_validator("levels", mode="before")
     @classmethod
@@ -74,11 +74,11 @@ class FactorConfig(Settings):
 
     @staticmethod
     def label(value: Any) -> str:
-        """What a value is called that is its own label."""
+        """Return the label of a value that has no label of its own."""
         return value if isinstance(value, str) else json.dumps(value)
 
     def settings(self, label: str) -> dict[str, Any]:
-        """What a level sets, by key."""
+        """Return the settings of a level, by key."""
         value = self.levels[label]
         return dict(value) if self.key is None else {self.key: value}
 
@@ -89,12 +89,12 @@ class FactorConfig(Settings):
 
     @property
     def is_unit(self) -> bool:
-        """Whether its levels are what the study samples from."""
+        """True if the levels are the study's sample."""
         return self.unit or self.keys == {"training.seed"}
 
 
 def value_error(error: InputError) -> ValueError:
-    """What pydantic makes the same sentence of again."""
+    """Return a ValueError that pydantic reports with the same sentence."""
     return ValueError(f"{error.field}: got {error.got}, expected {error.expected}")
 
 
@@ -141,17 +141,17 @@ class ParameterConfig(Settings):
     """Something that a search chooses: a number of a range, or one of several levels."""
 
     key: str | None = None
-    """What it sets, as a factor's: user, condition, env.KEY, training.KEY ... None: each level is a
-    mapping of such keys."""
+    """Key that it sets, as of a factor: user, condition, env.KEY, training.KEY ... None: each level
+    is a mapping of such keys."""
     low: float | None = None
     high: float | None = None
     """The range, both ends included."""
     step: float | None = Field(default=None, gt=0.0)
     """Between two numbers; None: some hundredth of the range, 1 of whole ones."""
     whole: bool = False
-    """Whether only whole numbers make sense."""
+    """True if only integers are allowed."""
     log: bool = False
-    """Whether to search on a logarithmic scale, such as for learning rates."""
+    """True for a search on a logarithmic scale, such as for learning rates."""
     levels: dict[str, Any] | list[Any] | None = None
     """Instead of a range, as of a factor: values, or label -> value."""
 
@@ -185,7 +185,7 @@ class ParameterConfig(Settings):
 
     @property
     def factor(self) -> FactorConfig:
-        """What levels it has; of a parameter with levels."""
+        """Levels of a parameter with levels, as a factor."""
         return FactorConfig.model_validate({"key": self.key, "levels": self.levels})
 
     @property
@@ -215,7 +215,7 @@ class ParameterConfig(Settings):
         )
 
     def settings(self, value: Value) -> dict[str, Any]:
-        """What it sets for a value, a label of a parameter with levels."""
+        """Return the settings for a value; of a parameter with levels, the value is a label."""
         if self.levels is not None:
             return self.factor.settings(str(value))
         return {str(self.key): value}
@@ -250,7 +250,7 @@ class ParameterConfig(Settings):
 
 
 class ConstraintConfig(Settings):
-    """What a trial has to keep to be chosen."""
+    """Limits that a trial has to keep to be selected."""
 
     least: Limit | None = None
     most: Limit | None = None
@@ -279,7 +279,7 @@ class ConstraintConfig(Settings):
 
 
 class StopConfig(Settings):
-    """When trainings that learn little are stopped: the ones behind most of the earlier trials."""
+    """Rule for early stopping: a training stops if it is not among the best earlier trials."""
 
     report: str
     """A number of the training's reports, a column of metrics.jsonl such as rollout/return."""
@@ -287,9 +287,9 @@ class StopConfig(Settings):
     """User steps of the training's last stage at which it is judged."""
     better: Literal["higher", "lower"] = "higher"
     keep: float = Field(default=0.5, gt=0.0, lt=1.0)
-    """The share of the earlier trials that it has to be among."""
+    """Proportion of best earlier trials: a training that is worse than these stops."""
     earlier: int = Field(default=4, ge=1, le=1000)
-    """How many trials must have come so far before any is stopped there."""
+    """Number of earlier trials with a report at a step before any training is stopped there."""
 
     @model_validator(mode="after")
     def _usable(self) -> StopConfig:
@@ -341,7 +341,7 @@ class OptimiseConfig(Settings):
         return tuple(dict.fromkeys([*self.objectives, *self.constraints]))
 
     def settings(self, values: Mapping[str, Value]) -> dict[str, Any]:
-        """What parameters of these values set, by key."""
+        """Return the settings for these values of the parameters, by key."""
         found: dict[str, Any] = {}
         for name, value in self.values(values).items():
             found |= self.parameters[name].settings(value)
@@ -366,9 +366,9 @@ class ComparisonConfig(Settings):
     """A question to the numbers."""
 
     factor: str
-    """Whose levels are compared."""
+    """Factor whose levels are compared."""
     levels: tuple[str, ...] | None = None
-    """Which, in this order; None: all."""
+    """Levels to compare, in this order; None: all."""
     measures: tuple[str, ...] | None = None
     """None: those of the study."""
     by: tuple[str, ...] | None = None
@@ -384,8 +384,8 @@ class ComparisonConfig(Settings):
     only where the whole 95 % interval is smaller; any other result that is not significant is
     inconclusive."""
     unit: Literal["auto", "round"] = "auto"
-    """What n counts. auto: persons, or the levels of the unit factor; ``round`` compares rounds of
-    one policy, as papers have done, and says so wherever the number appears."""
+    """Unit that n counts. auto: persons, or the levels of the unit factor; ``round`` compares
+    rounds of one policy, as papers have done, and the report says so beside each such number."""
 
 
 class StudyConfig(Settings):
@@ -395,31 +395,31 @@ class StudyConfig(Settings):
     title: str = ""
     """For people, such as the question that it answers."""
     fixed: dict[str, Any] = Field(default_factory=dict)
-    """What is the same in all cells, by the keys of factors."""
+    """Settings that are the same in all cells, by the keys of factors."""
     factors: dict[Name, FactorConfig] = Field(default_factory=dict)
     optimise: OptimiseConfig | None = None
-    """What is searched for, instead of factors: each trial is a cell."""
+    """Search over parameters instead of factors; each trial is a cell."""
     cells: tuple[dict[str, str], ...] | None = None
     """The cells, each a level of every factor; None: all combinations."""
     episodes: int = Field(default=10, ge=1, le=100_000)
     """Rounds per cell, and person."""
     people: int | None = Field(default=None, ge=1, le=10_000)
-    """How many persons play each cell; None: the user's own population."""
+    """Number of persons who play each cell; None: the user's own population."""
     seed: int = Field(default=1, ge=0, le=2**31 - 1)
     seeds: Literal["paired", "own"] = "paired"
     """paired: round k has the same seed in every cell, and person k is the same; own: not so."""
     deterministic: bool | None = None
-    """Whether actions are the policy's mean instead of samples; None: as each user's own
+    """True: actions are the policy's mean; False: they are sampled; None: as each user's own
     ``evaluation.deterministic`` says."""
     measures: tuple[str, ...] | None = None
-    """Which to summarise and compare; None: all that the game and every player have."""
+    """Measures to summarise and compare; None: all measures that the game and every user have."""
     comparisons: tuple[ComparisonConfig, ...] = ()
     steps: bool = True
-    """Whether to keep tables of user steps and frames."""
+    """True if the tables of user steps and frames are kept."""
     logs: bool = False
-    """Whether to keep the game's own logs."""
+    """True if the game's own logs are kept."""
     film_seconds: float = Field(default=0.0, ge=0.0, le=600.0)
-    """How much of the first round of every cell is filmed; 0: nothing."""
+    """Length of the video of each cell's first round, s; 0: no video."""
 
     @model_validator(mode="after")
     def _usable(self) -> StudyConfig:

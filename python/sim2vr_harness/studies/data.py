@@ -48,7 +48,7 @@ _UNCHANGED = "what the study wrote; run the study again, which writes its tables
 
 
 def factor_column(name: str) -> str:
-    """What a factor is called in the tables."""
+    """Return the column name of a factor in the tables."""
     return f"factor_{column_name(name)}"
 
 
@@ -105,7 +105,7 @@ def results_in(folder: Path, condition: str) -> dict[str, Any]:
 
 
 def unit_of(study: StudyConfig) -> str:
-    """What n counts: ``person``, the name of the unit factor, or ``user``: one, unless said."""
+    """Return the unit that n counts: ``person``, the unit factor, or ``user`` by default."""
     return "person" if study.people is not None else study.unit_factor or "user"
 
 
@@ -256,7 +256,7 @@ class StudyData:
 
     @cached_property
     def unpractised(self) -> dict[str, list[str]]:
-        """What users were not trained for -> names of the cells."""
+        """Conditions that users were not trained for -> names of the cells."""
         found: dict[str, list[str]] = {}
         cells = self.cells
         for cell, place, condition in zip(

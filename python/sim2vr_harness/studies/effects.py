@@ -49,7 +49,7 @@ class EffectConfig(Settings):
     """A published effect."""
 
     effect: str
-    """What is published, in words."""
+    """Published effect, in words."""
     measure: str
     minus: str | None = None
     """Of reaches: the measure that is subtracted."""
@@ -73,7 +73,7 @@ class EffectsConfig(Settings):
     """Of the study."""
     reaches: Reaches | None = None
     study: dict[str, Any] | None = None
-    """See docs/reference/study.md; ``--user`` replaces ``fixed.user``."""
+    """Study as in docs/reference/study.md; ``--user`` replaces ``fixed.user``."""
     effects: tuple[EffectConfig, ...] = Field(min_length=1)
 
     @model_validator(mode="after")
@@ -93,18 +93,18 @@ class EffectsConfig(Settings):
 
 @dataclass(frozen=True)
 class EffectResult:
-    """What a user shows of an effect.
+    """Size of a published effect in a simulated user.
 
     Attributes:
-        name: of the file.
-        effect: what is published.
-        source: where.
-        sign: published sign.
-        published: published interval of the size.
-        value: the user's, NaN where it was not measured.
-        interval: 95 % interval of it over persons; None: not known.
-        n: number of persons.
-        note: why it was not measured.
+        name: Name of the file.
+        effect: Published effect, in words.
+        source: Publication.
+        sign: Published sign.
+        published: Published interval of the size.
+        value: Size in the simulated user; NaN if it was not measured.
+        interval: 95 % interval of the value over persons; None: unknown.
+        n: Number of persons.
+        note: Reason why it was not measured.
     """
 
     name: str

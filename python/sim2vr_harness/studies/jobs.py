@@ -21,10 +21,10 @@ CELLS, TRAININGS = "cells", "trainings"
 
 @dataclass(frozen=True)
 class Pruning:
-    """What a training is compared with, and stopped where it is behind.
+    """Earlier trials that a training is compared with, and the rule by which it stops.
 
     Attributes:
-        earlier: User step and report of trials that are complete, pairs each.
+        earlier: Per completed trial, pairs of user step and reported value.
     """
 
     stop: StopConfig
@@ -91,7 +91,7 @@ Task = CellTask | TrainingTask
 
 
 def folder_of(task: Task, root: Path) -> Path:
-    """Where a task's results are, or will be."""
+    """Return the folder of a task's results; it need not exist yet."""
     return root / (CELLS if isinstance(task, CellTask) else TRAININGS) / task.key
 
 
@@ -101,7 +101,7 @@ def mark_of(task: Task) -> str:
 
 
 def is_done(task: Task, root: Path) -> bool:
-    """Whether a task need not be done again."""
+    """Return whether a task is complete."""
     return (folder_of(task, root) / mark_of(task)).is_file()
 
 

@@ -49,11 +49,11 @@ class Users:
 
 @dataclass(frozen=True)
 class SelectionSource:
-    """What all cells of a plan have in common; see :func:`.plan_of`.
+    """Settings that all cells of a plan share; see :func:`.plan_of`.
 
     Attributes:
-        source: The study's file, or its name, for people.
-        trust_app: Whether this user trusts the apps that files name.
+        source: The study's file or its name, for messages.
+        trust_app: True if apps that files name may be run.
     """
 
     folder: Path | None
@@ -66,16 +66,16 @@ class SelectionSource:
 
 @dataclass(frozen=True)
 class SelectedPolicy:
-    """Who plays a cell, and where.
+    """Policy that plays a cell, with its environment and condition.
 
     Attributes:
-        user: A trained user as ``evaluate`` takes it; None: the one of ``training``.
-        training: What has to be trained first.
-        env: Where it plays.
-        facts: Of the game; a script adds measures of its own.
-        condition: That it plays, with the options that the cell names.
-        identity: What decides about who it is, for the cell's hash.
-        deterministic: Whether the user's own configuration evaluates the policy's mean.
+        user: Trained user, as for ``evaluate``; None: the one of ``training``.
+        training: Training that has to run first, if any.
+        env: Environment in which it plays.
+        facts: Facts of the game; a script adds measures of its own.
+        condition: Condition that it plays, with the options that the cell names.
+        identity: All that identifies the policy, for the cell's hash.
+        deterministic: True if the user's own configuration evaluates the policy's mean.
     """
 
     user: str | None
@@ -201,7 +201,7 @@ def _steps(value: Any) -> int:
 
 
 def _condition(env: ResolvedEnv, config: TrainingConfig, cell: Cell) -> Condition:
-    """What a cell plays, whose dotted keys win over the condition's own options."""
+    """Return the condition of a cell; its dotted keys override the condition's own options."""
     name = cell.settings.get("condition")
     facts = env.facts
     usual = facts.condition_of(config.env.app.options) or facts.default_condition

@@ -93,7 +93,7 @@ def done_by(task: Task, root: Path, cores: int, work: Work = play_or_train) -> D
 
 
 def in_a_line(error: BaseException) -> str:
-    """What went wrong, for a report over several tasks."""
+    """Return an error as one line, for a report over several tasks."""
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {reason(error)}"
     text = " ".join(str(error).split())
@@ -115,7 +115,7 @@ class _Worker:
 
 
 def _serve(pipe: Connection, root: str, cores: int, work: Work) -> None:
-    """What a worker does until the study is over, or no one listens any more."""
+    """Run a worker until the study ends or its connection closes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the study's, which tells its workers
     threading.Thread(target=_end_with_the_study, daemon=True).start()
     with suppress(EOFError, OSError):
@@ -217,13 +217,13 @@ class Processes:
 
 @dataclass(frozen=True)
 class StudyProgress:
-    """How far a study is.
+    """Progress of a study.
 
     Attributes:
-        done: Tasks that are done, those of earlier sessions included.
-        total: All tasks: trainings and cells.
-        label: The one that has just ended; empty at first.
-        error: Why that one failed; None: it did not.
+        done: Number of completed tasks, those of earlier sessions included.
+        total: Number of all tasks: trainings and cells.
+        label: Label of the task that has just ended; empty at first.
+        error: Reason why that task failed; None: it did not fail.
     """
 
     done: int

@@ -33,17 +33,17 @@ from sim2vr_harness.studies.worker import clear_away
 __all__ = ["StudyProgress", "StudyResult", "run_study"]
 
 _STATISTICS = ("scipy", "statsmodels")
-"""What works the statistics out."""
+"""Packages that compute the statistics."""
 
 
 @dataclass(frozen=True)
 class StudyResult:
-    """What came out.
+    """Result of a study's run.
 
     Attributes:
         data: The study's tables.
-        played: Cells and trainings that were done now.
-        found: Those that were done already.
+        played: Number of cells and trainings that this run completed.
+        found: Number of those that were complete before.
     """
 
     data: StudyData
@@ -168,7 +168,7 @@ def _done(
 
 
 def _pool(root: Path, tasks: int, *, jobs: int, ray: str | None, storage: str | None) -> Pool:
-    """Who does the tasks, of which there are so many at once."""
+    """Return the pool of workers for this number of parallel tasks."""
     if ray is not None:
         from sim2vr_harness.studies.cluster import OnRay
 

@@ -49,13 +49,13 @@ JOURNAL = "search.journal"
 
 @dataclass(frozen=True)
 class Found:
-    """What a search found.
+    """Result of a search.
 
     Attributes:
-        search: What was searched for.
-        plan: The study that it became: a cell for each trial that was played.
-        trials: The table ``trials``.
-        sampler: Who chose, with its version.
+        search: Objectives and parameters of the search.
+        plan: Plan with a cell for each trial that was played.
+        trials: Table ``trials``.
+        sampler: Name and version of the sampler that suggested the trials.
     """
 
     search: OptimiseConfig
@@ -149,7 +149,7 @@ class Watch:
                     self.stopped_at = step
 
     def stop(self) -> bool:
-        """Whether it has to."""
+        """Return whether the training has to stop."""
         return self.stopped_at is not None
 
 
@@ -489,7 +489,7 @@ class _Search:
 
 
 def parameter_column(name: str) -> str:
-    """What a parameter is called in the table."""
+    """Return the column name of a parameter in the table."""
     return f"parameter_{column_name(name)}"
 
 
@@ -528,7 +528,7 @@ def _sampler(optuna: Any, search: OptimiseConfig, seed: Sequence[int]) -> Any:
 
 
 def _range_of(measure: Measure) -> tuple[float, float]:
-    """What a measure can be, as far as its unit or its kind says it."""
+    """Return the possible range of a measure, as far as its unit or kind defines it."""
     if measure.rate_with is not None:
         return 0.0, 1.0
     match = re.fullmatch(r"(\d+)-(\d+)", measure.unit)

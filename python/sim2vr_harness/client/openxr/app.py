@@ -38,7 +38,7 @@ _AHEAD_S = 0.1
 _FIRST_FRAMES = 2
 """Of a round: in the first a session gets its focus, and hands are there from the second on."""
 _EXIT_S = 1.0
-"""How long a program that ended its session may take to exit, for its status to be told."""
+"""Deadline for a program that ended its session to exit, so that its exit status is reported, s."""
 _HINT = (
     " (it drew no frame: is it stuck, does it wait for real time to pass (--virtual-clock), or "
     "does it wait for a frame before it ended the last (transport_options.gate=pipelined)?)"
@@ -81,7 +81,7 @@ class OpenXRApp(ForeignApp):
 
     @property
     def usable(self) -> bool:
-        """Whether the program can still be asked."""
+        """True if the program still answers requests."""
         return self._program is not None and self._program.link.usable
 
     # --- rounds --------------------------------------------------------------------------------
@@ -94,9 +94,9 @@ class OpenXRApp(ForeignApp):
         *,
         time_ns: int = 0,
     ) -> AppReply:
-        """See :class:`AppClient`; starts the program.
+        """Start the program and begin a round.
 
-        ``{seed}`` and ``{NAME}`` of an option in its arguments are replaced.
+        ``{seed}`` and ``{NAME}`` of an option are replaced in its arguments.
         """
         rows, inputs = self._checked_reset(seed, poses, time_ns)
         self._options |= options or {}
@@ -173,7 +173,7 @@ class OpenXRApp(ForeignApp):
         program.link.send(Kind.STEP, body)
 
     def finish_step(self) -> AppReply:
-        """See :class:`AppClient`; waits for the program."""
+        """Wait for the program to finish the step, and return its reply."""
         self._require_step()
         program = self._program
         assert program is not None
@@ -250,7 +250,7 @@ class OpenXRApp(ForeignApp):
             self._program = None
 
     def close(self) -> None:
-        """See :class:`AppClient`; ends the program."""
+        """End the program."""
         if self._closed:
             return
         super().close()

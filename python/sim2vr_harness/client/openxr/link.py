@@ -50,7 +50,7 @@ _FRAME = np.dtype(
 
 
 class Kind(IntEnum):
-    """What a message is."""
+    """Kind of a message."""
 
     HELLO = 1
     CONFIG = 2
@@ -94,13 +94,13 @@ def _ours(protocol: object) -> object:
 
 
 class _Told(BaseModel):
-    """What a program, or the runtime in it, says; other keys mean nothing."""
+    """Message of a program or of the runtime in it; unknown keys are ignored."""
 
     model_config = ConfigDict(frozen=True)
 
 
 class About(_Told):
-    """What a program says of itself in xrCreateInstance."""
+    """Description that a program gives of itself in xrCreateInstance."""
 
     protocol: Annotated[Any, AfterValidator(_ours)]
     application: Text = ""
@@ -108,12 +108,12 @@ class About(_Told):
 
 
 class SessionFacts(_Told):
-    """What a program draws with; the memory of its images comes with the message."""
+    """Graphics of a program's session; the memory of its images comes with the message."""
 
     graphics: Text
     """``egl``, ``opengl``, ``vulkan``, ``vulkan2`` or ``headless``."""
     depth_layers: StrictBool
-    """Whether it enabled layers with depth."""
+    """True if the program enabled layers with depth."""
 
 
 class _Ended(_Told):
@@ -158,14 +158,14 @@ _ENDED, _HAPPENED = TypeAdapter(_Ended), TypeAdapter(_Happened)
 
 @dataclass(frozen=True)
 class StepAnswer:
-    """What the frames of a step brought.
+    """Result of the frames of a step.
 
     Attributes:
-        has_image: whether the shared memory has another image.
-        has_depth: whether that has depth.
-        layers: of the last frame.
+        has_image: true if the shared memory has a new image.
+        has_depth: true if that image has depth.
+        layers: number of layers of the last frame.
         haptics: vibrations, in order.
-        labels: of XR_EXT_debug_utils, in order.
+        labels: labels of XR_EXT_debug_utils, in order.
     """
 
     has_image: bool

@@ -45,18 +45,18 @@ _NO_SESSION = "; it made an instance and no session: its log says what it did no
 
 @dataclass(frozen=True)
 class Launch:
-    """How a program is started.
+    """Start parameters of a program.
 
     Attributes:
         command: program and arguments.
-        manifest: of the runtime.
+        manifest: manifest of the runtime.
         config: settings that the runtime receives.
-        preload: libraries.
-        environment: further variables.
-        virtual_clock: whether its time is virtual.
-        depth: whether a user sees depth.
-        start_timeout_s: how long the start may take.
-        depth_unit_m: metres of one unit of its depth; None: what its engine is known to give.
+        preload: libraries to preload.
+        environment: further environment variables.
+        virtual_clock: true if its time is virtual.
+        depth: true if a user sees depth.
+        start_timeout_s: deadline of the start, s.
+        depth_unit_m: metres of one unit of its depth; None: the known unit of its engine.
     """
 
     command: Sequence[str]
@@ -125,12 +125,12 @@ class Program:
 
     @property
     def ready(self) -> bool:
-        """Whether its session was accepted."""
+        """True if the program's session was accepted."""
         return self.started_s is not None
 
     @property
     def name(self) -> str:
-        """What to call it: as it says, or as its file is called."""
+        """Name of the program as it reports it, or else the name of its file."""
         assert self.about is not None
         return self.about.application or self.process.name
 
@@ -345,7 +345,7 @@ class Display:
 
     @property
     def running(self) -> bool:
-        """Whether it is there."""
+        """True if the process runs."""
         return self._process.running
 
     def close(self) -> None:

@@ -41,7 +41,7 @@ _EXPECTED = (
 
 @dataclass(frozen=True)
 class Happened:
-    """What a program did in a step."""
+    """Observed output of a program in a step."""
 
     poses: Float64Array
     """(3, 7) head, left, right at its end."""
@@ -51,7 +51,7 @@ class Happened:
 
 
 class _Source(ABC):
-    """Where a value comes from."""
+    """Source of a value."""
 
     value: AppValue = None
 
@@ -163,7 +163,7 @@ class ProgramValues:
 
     @property
     def of_lines(self) -> bool:
-        """Whether one comes from printed lines."""
+        """True if any value is read from printed lines."""
         return any(
             isinstance(one.source, _Texts) and one.source._kind == "printed"
             for one in self._values.values()

@@ -75,7 +75,7 @@ class TimeRule(Settings):
 
 
 class ProportionRule(Settings):
-    """How often an event happened, of both together."""
+    """Proportion of an event: its count divided by the counts of two events together."""
 
     of: str
     """The event."""
@@ -91,9 +91,9 @@ class MeasureRule(Settings):
     value: str | None = None
     """An expression."""
     count: str | None = None
-    """How often an event happened."""
+    """Event whose number of occurrences is the measure."""
     proportion: ProportionRule | None = None
-    """How often an event happened, of two together."""
+    """Two events; the measure is the proportion of the first."""
     time: TimeRule | None = None
     """Mean seconds between two events."""
     label: str = Field(default="", max_length=80)
@@ -101,11 +101,11 @@ class MeasureRule(Settings):
     unit: str = Field(default="", max_length=20)
     """Such as ``m/s``; of a time ``s``."""
     better: Literal["higher", "lower", "none"] | None = None
-    """Which direction is good; None: lower for times, none for others."""
+    """Direction of better values; None: lower for times, none for others."""
     digits: int = Field(default=_DIGITS, ge=0, le=6)
     """Behind the decimal point, for tables."""
     description: str = Field(default="", max_length=300)
-    """What a reader might ask about the label."""
+    """Explanation of the label for readers."""
 
     @model_validator(mode="after")
     def _one_kind(self) -> MeasureRule:
@@ -227,5 +227,5 @@ class EventCounter:
 
 
 def _holds(rule: ObjectRule, place: object) -> bool:
-    """Whether an object is present or absent, as the rule has it."""
+    """Return whether an object is present or absent, as the rule requires."""
     return rule.becomes != "moved" and (place is not None) == (rule.becomes == "present")

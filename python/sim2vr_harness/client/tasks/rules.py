@@ -26,7 +26,7 @@ Device = Literal["head", "left_controller", "right_controller"]
 
 
 class DistanceRule(Settings):
-    """How far a device is from an object of the app."""
+    """Distance between a device and an object of the app."""
 
     device: Device = "right_controller"
     """The device whose distance counts."""
@@ -60,8 +60,9 @@ class RewardRule(Settings):
     seconds: Literal[True] | None = None
     """Every second counts 1."""
     per: Literal["change", "second", "step"] | None = None
-    """How expressions and distances count. ``change``: by how much the value has grown in the step
-    (default); ``second``: the value times the step's seconds; ``step``: the value itself."""
+    """Quantity that counts for expressions and distances. ``change``: the increase of the value in
+    the step (default); ``second``: the value times the step's seconds; ``step``: the value
+    itself."""
     weight: SignedWeight = 1.0
     """Factor on this part of the reward."""
     name: str | None = Field(default=None, pattern=r"^[A-Za-z]\w{0,40}$")
@@ -99,7 +100,7 @@ class TaskRules(Settings):
     """``env.app.task`` without code."""
 
     description: str = ""
-    """What the task is, in a sentence for people."""
+    """Description of the task, in a sentence for readers."""
     reward: tuple[RewardRule, ...] = ()
     """One part or a list of them, which are added."""
     finished: str | None = None
@@ -109,7 +110,7 @@ class TaskRules(Settings):
     values: dict[str, str] = Field(default_factory=dict)
     """Further measures: name -> expression."""
     events: tuple[EventRule, ...] = ()
-    """What happens in a round; :attr:`measures` count and time it."""
+    """Events of a round; :attr:`measures` count and time them."""
     measures: tuple[MeasureRule, ...] = ()
     """Measures with label, unit and direction."""
     score: str | None = None
@@ -170,7 +171,7 @@ class TaskRules(Settings):
 
 
 class RuleTask(Task):
-    """What :class:`TaskRules` say."""
+    """Task that follows :class:`TaskRules`."""
 
     def __init__(self, rules: TaskRules) -> None:
         self.rules = rules
@@ -277,7 +278,7 @@ _CLASS = "FILE.py:CLASS with a class below sim2vr_harness.client.Task in it"
 
 
 def names_code(task: str | TaskRules | None) -> bool:
-    """Whether a task is Python, which runs when it is loaded."""
+    """Return whether a task is Python code, which runs when it is loaded."""
     return isinstance(task, str) and not task.endswith((".yaml", ".yml"))
 
 

@@ -27,27 +27,27 @@ FIELD = "env.app.task"
 CONDITION = "standard"
 """The only condition of an app that a task judges."""
 DEVICES = ("head", "left_controller", "right_controller")
-"""What a moment knows the pose of."""
+"""Devices whose poses a task receives."""
 
 
 @dataclass(frozen=True)
 class TaskMoment:
-    """What a task receives after a user step, or at the start of a round.
+    """State that a task receives after a user step, or at the start of a round.
 
     Attributes:
-        time_s: since the round began.
-        step_s: since the moment before; 0 at the start.
-        poses: of the devices at the end of the step, (7,) each: position x y z (m), rotation
+        time_s: time since the start of the round.
+        step_s: time since the previous state; 0 at the start.
+        poses: poses of the devices at the end of the step, (7,) each: position x y z (m), rotation
             x y z w, app frame (left-handed, x right, y up, z forward, origin on the floor).
         haptics: vibrations that the app requested in the step.
-        sounds: that began in it.
-        values: what the app answers for :attr:`Task.values`: numbers, truths, or places x y z
-            (m, app frame); None: it has none now.
+        sounds: sounds that began in the step.
+        values: values of the expressions of :attr:`Task.values`: numbers, booleans, or positions
+            x y z (m, app frame); None: the app has no value at this time.
         log: the app's own named numbers; a page has none.
-        app_reward: what the app itself rewards the step with; a page 0.
-        app_finished: whether the app itself says that the round is over.
+        app_reward: the app's own reward of the step; 0 for a page.
+        app_finished: true if the app itself reports the end of the round.
         picture: (H, W, 4) uint8, with two eyes (2, H, W, 4): colour, and linear depth / 10 m. A
-            view of the app's, overwritten by the next step.
+            view of the app's buffer, overwritten by the next step.
     """
 
     time_s: float
@@ -100,13 +100,13 @@ class TaskMoment:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a task makes of a user step.
+    """Judgement of a user step by a task.
 
     Attributes:
-        reward: of the step, before effort is subtracted.
-        finished: whether the round is over.
-        time_feature: where in the round it is, -1 to 1; None: by :attr:`Task.round_seconds`.
-        log: named numbers of the round so far and of the step, beside those of the values.
+        reward: reward of the step, before effort is subtracted.
+        finished: true if the round is over.
+        time_feature: position in the round, -1 to 1; None: by :attr:`Task.round_seconds`.
+        log: named numbers of the round so far and of the step, in addition to the values.
     """
 
     reward: float
@@ -202,9 +202,9 @@ class TaskedApp(AppClient):
     def __init__(self, app: AppClient, task: Task, *, ends: bool = True) -> None:
         self.app, self.task, self._ends = app, task, ends
         self.moments: list[TaskMoment] | None = None
-        """What the task received; None unless :meth:`record` was called."""
+        """States that the task received; None unless :meth:`record` was called."""
         self.values: Mapping[str, AppValue] = {}
-        """What the expressions of the task were last."""
+        """Latest values of the task's expressions."""
         self._time_s = self._start_s = 0.0
         self._poses: DevicePoses | None = None
         self._times_ns: Int64Array = np.zeros(1, np.int64)
@@ -252,7 +252,7 @@ class TaskedApp(AppClient):
         self._times_ns, self._poses = np.asarray(times_ns), poses
 
     def finish_step(self) -> AppReply:
-        """See :class:`AppClient`; the task judges the step as a whole."""
+        """Finish the step, and let the task judge it as a whole."""
         reply = self.app.finish_step()
         assert self._poses is not None
         moment = self._moment(reply, self._poses[-1], float(self._times_ns[-1]) * 1e-9)
@@ -428,7 +428,7 @@ def _judged(task: Task, moments: Sequence[TaskMoment], seed: int) -> tuple[list[
 
 
 def _wrong_outcome(outcome: object) -> tuple[str, str] | None:
-    """What of a task's answer to a step cannot be used: got and expected; None: nothing."""
+    """Return the unusable part of a task's answer to a step: got and expected; None: none."""
     if not isinstance(outcome, Outcome):
         return type(outcome).__name__, "an Outcome"
     for name, number in {"reward": outcome.reward, **outcome.log}.items():

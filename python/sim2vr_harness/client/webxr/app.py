@@ -35,7 +35,7 @@ from sim2vr_harness.client.webxr.replies import Box, PageReport, Signs, Thing
 
 _CAPABILITIES = frozenset({"frames", "inputs", "left_controller", "haptics", "two_eyes", "scene"})
 _LARGEST_M = 30.0
-"""What is longer is no thing that people meet."""
+"""Largest size of an object that people may interact with."""
 _FLOOR_M = 0.02
 """Pictures have a floor of their own."""
 
@@ -156,7 +156,7 @@ class WebXRApp(ForeignApp):
 
     @property
     def notes(self) -> list[str]:
-        """What went wrong in this round that the page can do without."""
+        """Problems of the page in this round that do not prevent playing."""
         return self._page.watch.notes
 
     # --- rounds --------------------------------------------------------------------------------
@@ -169,7 +169,7 @@ class WebXRApp(ForeignApp):
         *,
         time_ns: int = 0,
     ) -> AppReply:
-        """See :class:`AppClient`; options are the query of the page's address."""
+        """Start a round; the options are the query of the page's address."""
         rows, inputs = self._checked_reset(seed, poses, time_ns)
         wished = {**self._options, **(options or {})}
         begins = self._wanted.page_reset
@@ -214,7 +214,7 @@ class WebXRApp(ForeignApp):
         self._awaited = self._page.start_step(frames, bool(self._wanted.values))
 
     def finish_step(self) -> AppReply:
-        """See :class:`AppClient`; waits for the page."""
+        """Wait for the page to finish the step, and return its reply."""
         self._require_step()
         number, self._awaited = self._awaited, None
         assert number is not None
@@ -255,7 +255,7 @@ class WebXRApp(ForeignApp):
         return self._page.locate(name)
 
     def scene(self) -> AppScene:
-        """See :class:`AppClient`; meshes of three.js, A-Frame and Babylon.js, as boxes."""
+        """Return the scene: boxes in place of meshes of three.js, A-Frame and Babylon.js."""
         self._require_open()
         return scene_of(self._page.boxes(), self._head)
 
@@ -293,7 +293,7 @@ class WebXRApp(ForeignApp):
 
     @property
     def usable(self) -> bool:
-        """Whether its browser can still be asked."""
+        """True if its browser still answers requests."""
         return self._browser.tools.usable
 
     @property
@@ -304,7 +304,7 @@ class WebXRApp(ForeignApp):
     # --- the end -------------------------------------------------------------------------------
 
     def close(self) -> None:
-        """See :class:`AppClient`; ends the browser."""
+        """End the browser."""
         self._page.watch.log_notes()
         super().close()
         if self._browser.tools.usable and self._awaited is None:
@@ -320,14 +320,14 @@ _CHECK_HZ = 20
 
 @dataclass(frozen=True)
 class PageCheck:
-    """What a look at a page found.
+    """Result of checking a page.
 
     Attributes:
-        page: as it was named.
-        failure: why it does not play, in one sentence; None: it plays.
-        report: what it is made of; empty where it could not be asked.
-        asked: addresses that it requested: 200, 404, or 0: mapped nowhere.
-        notes: what it can do without.
+        page: name of the page as given.
+        failure: reason why it does not play, in one sentence; None: it plays.
+        report: engines, objects and inputs of the page; empty if it gave no answer.
+        asked: requested address -> status: 200, 404, or 0: the address is not mapped.
+        notes: problems that do not prevent playing.
     """
 
     page: str

@@ -24,7 +24,7 @@ BROWSERS = (
     "chromium-browser",
     "google-chrome",
 )
-"""What is looked for on the PATH, the lightest first; another is named by ``app.browser``."""
+"""Browsers that are searched on the PATH, the lightest first; ``app.browser`` names another."""
 
 _ALWAYS = (
     "--headless",
@@ -66,10 +66,10 @@ _ALWAYS = (
 )
 
 _STOP_S = 1.0
-"""How long a browser may take to end by itself; it has nothing to save."""
+"""Deadline for a browser to end by itself, s; it has nothing to save."""
 
 _NO_SANDBOX = ("No usable sandbox", "Failed to move to new namespace", "credentials.cc")
-"""What Chromium says when it is not allowed the namespaces that its sandbox is made of."""
+"""Messages of Chromium if it may not create the namespaces of its sandbox."""
 
 
 def find_browser(named: str | None = None) -> str:
@@ -110,12 +110,12 @@ _LONGEST_SCRIPT_BYTES = 1 << 16
 
 @dataclass(frozen=True)
 class Drawing:
-    """How a browser is started to draw.
+    """Start parameters of a browser for rendering.
 
     Attributes:
-        flags: on its command line.
-        environment: variables.
-        files: name -> content, to lie in the working directory.
+        flags: flags of its command line.
+        environment: environment variables.
+        files: name -> content of the files in its working directory.
     """
 
     flags: tuple[str, ...]

@@ -11,8 +11,8 @@ from sim2vr_harness.client.errors import AppRefused
 from sim2vr_harness.client.limits import Kept
 
 HOST = "https://page.invalid/"
-"""Where a page that is a file seems to be: a name that can lead nowhere (RFC 2606), over a scheme
-that browsers allow WebXR on."""
+"""Address of a page that is a local file: a name that cannot be resolved (RFC 2606), with a scheme
+for which browsers allow WebXR."""
 
 MOST_BYTES = 1 << 28
 """A file that is larger is not served."""
@@ -21,7 +21,7 @@ MOST_ASKED = 1000
 MOST_CHARACTERS = 2000
 
 MOST_LEVELS = 3
-"""How many folders above the page's are looked through for a file that it lacks."""
+"""Number of folders above the page's folder in which a missing file is searched."""
 
 _TYPES = {
     ".js": "text/javascript",
@@ -42,12 +42,12 @@ _SOURCES = (".ts", ".tsx", ".jsx", ".vue", ".svelte")
 
 @dataclass(frozen=True)
 class Answer:
-    """What the page gets for a request.
+    """Response to a request of the page.
 
     Attributes:
-        status: 200, 404, or 0: refused, no one is there.
-        content: of the file.
-        mime: its type.
+        status: 200, 404, or 0: refused, no such host.
+        content: bytes of the file.
+        mime: MIME type of the file.
     """
 
     status: int

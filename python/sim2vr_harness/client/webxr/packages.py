@@ -7,16 +7,16 @@ from urllib.parse import unquote
 
 @dataclass(frozen=True)
 class PackageAddress:
-    """What an address asks for.
+    """npm package and file that an address requests.
 
     Attributes:
-        name: of the npm package.
-        wanted: its version, range or tag; "latest" without one.
+        name: name of the npm package.
+        wanted: version, range or tag; "latest" without one.
         prefix: the beginning of the address that means the package's folder, with a final slash;
             or the whole address where only this file is meant.
-        path: of the file within the package; "": the package's own main file.
-        loose: whether the file may lie elsewhere in the package, under the same name.
-        module: whether the host converts the package to a JavaScript module.
+        path: path of the file within the package; "": the package's own main file.
+        loose: true if the file may lie elsewhere in the package, under the same name.
+        module: true if the host converts the package to a JavaScript module.
     """
 
     name: str

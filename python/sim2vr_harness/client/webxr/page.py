@@ -38,9 +38,9 @@ _noted: set[str] = set()
 _PATIENCE_S = 6.0
 """After so long a page that has not called WebXR is given up, if there is nothing left to click."""
 _LEFT_S = 2.0
-"""How long the address is waited for that a page has gone to."""
+"""Time to wait for the new address of a page that navigated away, s."""
 _CLEAN_EVERY = 4
-"""How many documents may be left behind; a browser by itself keeps dozens, 200 MB of them."""
+"""Number of documents after which the browser is cleaned: it keeps dozens by itself, 200 MB."""
 
 
 class Page:
@@ -473,14 +473,14 @@ class PageWatch:
 
     @property
     def departure(self) -> str:
-        """Where the page went by itself, as the beginning of a sentence."""
+        """Destination of a page that navigated by itself, as the beginning of a sentence."""
         if self.left == self._address[:200]:
             return "loaded itself again"
         return f"went to another address, {self.left}"
 
     @property
     def notes(self) -> list[str]:
-        """What went wrong in this round that the page can do without, a sentence for each kind."""
+        """Problems in this round that do not prevent playing, a sentence for each kind."""
         files, found = self._files, []
         if files.sources:
             found.append(

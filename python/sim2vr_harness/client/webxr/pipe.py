@@ -18,7 +18,7 @@ from sim2vr_harness.client.process import AppProcess, Conversation
 
 _CHUNK_BYTES = 1 << 18
 _SLICE_S = 0.25
-"""How often a process is looked at whose end does not wake anyone."""
+"""Interval at which a process is checked whose end wakes no waiting call, s."""
 _MOST_BYTES = 1 << 28
 """Of a message."""
 

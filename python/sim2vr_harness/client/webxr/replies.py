@@ -79,7 +79,7 @@ class StepReply(Reply):
 
     haptics: Annotated[tuple[Pulse, ...], Field(max_length=10_000)]
     ended: StrictBool
-    """Whether the page ended its session."""
+    """True if the page ended its session."""
     failure: Failure
     values: tuple[Value, ...]
     picture: Annotated[bytes | None, BeforeValidator(_bytes)]
@@ -87,20 +87,20 @@ class StepReply(Reply):
 
 
 class DoorReply(Reply):
-    """How far a page is on its way into VR."""
+    """Progress of a page towards VR."""
 
     done: StrictBool = False
-    """Whether it has entered, or will not."""
+    """True if the page has entered VR, or will not."""
     failure: Failure = None
     click: StrictBool = False
-    """Whether an element is to be clicked first."""
+    """True if an element has to be clicked first."""
     at: tuple[Number, Number] | None = None
-    """Where the mouse meets it, x y in CSS pixels; None: nowhere."""
+    """Position of the element for the mouse, x y in CSS pixels; None: it has none."""
 
 
 @dataclass(frozen=True)
 class PageReport:
-    """What a page is made of and asks for."""
+    """Engines, objects and inputs of a page, and the sessions that it requests."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
     engines: Texts = ()
@@ -136,13 +136,14 @@ class Thing(NamedTuple):
 
 
 class Signs(NamedTuple):
-    """What people may notice of a page at a moment.
+    """Perceptible state of a page at a moment.
 
     Attributes:
-        objects: how each object looks: its number -> a number that changes with it.
-        sounds: that were started or stopped so far.
-        text: changes with the text of the document.
-        rays: origin and direction of those that the page last tested objects against, app frame.
+        objects: object's number -> a number that changes with its appearance.
+        sounds: number of sounds that were started or stopped so far.
+        text: number that changes with the text of the document.
+        rays: origins and directions of the latest rays that the page tested objects against, app
+            frame.
     """
 
     objects: Annotated[dict[int, StrictInt], Field(max_length=1000)]

@@ -342,7 +342,7 @@ def convert(
 
 
 class _Copying:
-    """What the copies of a package's modules have in common."""
+    """Shared state of the copies of a package's modules."""
 
     def __init__(
         self,

@@ -39,13 +39,13 @@ _PREFIXES = (
 
 @dataclass(frozen=True)
 class Load:
-    """How much every muscle or motor of a group did.
+    """Mean load of each muscle or motor of a group.
 
     Attributes:
-        names: Of M muscles or motors.
-        values: (M,) mean over rounds.
-        what: In words, with the unit.
-        fatigue: Whether it is fatigue.
+        names: Names of M muscles or motors.
+        values: (M,) means over rounds.
+        what: The quantity in words, with its unit.
+        fatigue: True if the load is fatigue.
     """
 
     names: tuple[str, ...]
@@ -106,7 +106,7 @@ def trained_users_of(source: ReportSource) -> Iterator[tuple[str, TrainedUser, B
 
 
 def _places_of_users(source: ReportSource) -> Iterator[str]:
-    """Where to look: shipped ones, what the study names, what it trained, the run around."""
+    """Yield places of users: shipped ones, those that the study names or trained, its run."""
     for user in source.users:
         yield f"pretrained:{user}"
     for settings in (source.planned.get("fixed", {}), *_levels(source)):
@@ -187,7 +187,7 @@ def _over_time(groups: Sequence[Group]) -> Iterator[Layer]:
 def _effort_split(
     told: Sequence[tuple[Group, Load]], parts: Mapping[str, NDArray[np.int64]]
 ) -> Iterator[Panel]:
-    """Which part of the body the squared activations, or torques, are of."""
+    """Yield panels of squared activations, or torques, by body part."""
     shares = []
     for group, load in told:
         known = group.columns("steps")

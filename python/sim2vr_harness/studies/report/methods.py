@@ -35,7 +35,7 @@ _TRAITS = {
 }
 """Trait -> its name in a paper."""
 _ANALYSIS = {"scipy": "SciPy", "statsmodels": "statsmodels"}
-"""What works out statistics."""
+"""Packages of the statistical analysis."""
 
 BIBTEX = """@inproceedings{Fischer2024SIM2VR,
   author    = {Fischer, Florian and Ikkala, Aleksi and Klar, Markus and Fleig, Arthur and

@@ -234,7 +234,7 @@ def _parallel(search: Search, axes: Sequence[_Axis]) -> Panel:
 
 
 def search_sentences(source: ReportSource) -> Iterator[Sentence]:
-    """What was found, in plain words."""
+    """Yield sentences about the result of a search."""
     search = source.search
     if search is None:
         return

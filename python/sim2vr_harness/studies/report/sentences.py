@@ -101,7 +101,7 @@ def _asked(source: ReportSource) -> list[Measure]:
 
 
 def n_sentence(source: ReportSource) -> Sentence:
-    """What n is, and what it allows to say."""
+    """Return a sentence that states n and the conclusions that it allows."""
     n, rounds = len(source.units), sum(len(group.episodes) for group in source.groups)
     who = {"person": "simulated person", "user": "trained user"}.get(source.unit)
     what = f"levels of {source.unit}" if who is None else counted(n, who).partition(" ")[2]
@@ -247,7 +247,7 @@ def _amount(value: float, measure: Measure | None) -> str:
 
 
 def _percentage(result: Mapping[str, Any], measure: Measure | None) -> str:
-    """How much a difference of positive means is of the second; empty for proportions."""
+    """Return the difference of positive means as a percentage of the second; proportions: empty."""
     first, second = _means(result)
     if measure is None or measure.unit == PROPORTION or first is None or second is None:
         return ""
@@ -264,7 +264,7 @@ def _ends(ends: Sequence[float | None], measure: Measure | None) -> str:
 
 
 def place_of(result: Mapping[str, Any]) -> str:
-    """Where a comparison was made: `` (game=easy)``; empty without other factors."""
+    """Return the other factors' levels of a comparison: `` (game=easy)``; empty without any."""
     by = ", ".join(f"{name}={label}" for name, label in (result.get("by") or {}).items())
     return f" ({by})" if by else ""
 
@@ -318,7 +318,7 @@ def difference_words(
 
 
 def counted_units(result: Mapping[str, Any]) -> str:
-    """What n is and counts in a result: ``12 simulated persons``."""
+    """Return n with its unit: ``12 simulated persons``."""
     n, unit = result["n"], str(result.get("unit"))
     one = {
         "round": "round{} of one policy (no sample of people)",

@@ -52,7 +52,7 @@ class Group:
 
     @property
     def units(self) -> list[str]:
-        """Who each episode's player is: what n counts."""
+        """Unit of each episode, as counted by n: its user or person."""
         if "unit" in self.episodes:
             return [str(unit) for unit in self.episodes["unit"]]
         persons = self.episodes["person"]
@@ -95,12 +95,12 @@ def _columns(data: EvaluationData, table: str) -> list[str]:
 
 @dataclass(frozen=True)
 class Search:
-    """What a search found.
+    """Result of a search.
 
     Attributes:
-        wanted: What was searched for.
-        trials: A row per trial, see :attr:`.StudyData.trials`.
-        sampler: Who chose.
+        wanted: Objectives and parameters of the search.
+        trials: Table with a row per trial; see :attr:`.StudyData.trials`.
+        sampler: Name of the sampler that suggested the trials.
     """
 
     wanted: OptimiseConfig
@@ -166,7 +166,7 @@ class ReportSource:
 
     @cached_property
     def unpractised(self) -> dict[str, list[str]]:
-        """What users were not trained for -> labels of the groups."""
+        """Conditions that users were not trained for -> labels of the groups."""
         found: dict[str, list[str]] = {}
         for group in self.groups:
             for line in dict.fromkeys(
@@ -178,7 +178,7 @@ class ReportSource:
         return found
 
     def leads(self, measure: str) -> bool:
-        """Whether a measure is the score of a page or another app, which comes first."""
+        """Return whether a measure comes first: the score of a page or another outside app."""
         return not self.facts.measures and measure == self.facts.score
 
     @cached_property
@@ -337,7 +337,7 @@ def _unit(unit: str) -> str:
 
 
 def changes_of(group: Group) -> list[str]:
-    """What a group's episodes differ in from the user's training."""
+    """Return the differences between a group's episodes and the user's training."""
     texts = group.episodes["changes"].dropna().unique()
     return [change for text in texts for change in json.loads(text)]
 

@@ -30,13 +30,13 @@ _DEVICES = ("head", "right", "left")
 
 @dataclass(frozen=True)
 class Depth:
-    """How far in the tool was, of one episode.
+    """Depth of the tool over time in one episode.
 
     Attributes:
-        times_s: (T,) game time.
-        values_m: (T,) depth.
-        what: In words.
-        places: (T, 3) of the tool; x right, y up, z forward; app's world, m.
+        times_s: (T,) game time, s.
+        values_m: (T,) depth, m.
+        what: The quantity in words.
+        places: (T, 3) positions of the tool, m; x right, y up, z forward in the app's world.
     """
 
     times_s: FloatArray

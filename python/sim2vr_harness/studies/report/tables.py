@@ -184,7 +184,7 @@ def _effect(result: Mapping[str, Any]) -> str:
 
 
 def user_table(users: Sequence[PlayedBy]) -> Markup:
-    """Who played, with the hashes."""
+    """Return the table of users, with their hashes."""
     rows = [
         [
             user.name,
@@ -202,7 +202,7 @@ def user_table(users: Sequence[PlayedBy]) -> Markup:
 
 
 def glossary(source: ReportSource) -> Markup:
-    """What each measure is."""
+    """Return the table of measures, with their descriptions."""
     rows = [
         [m.label, m.unit, {"higher": "more", "lower": "less"}.get(m.better, ""), m.description]
         for m in (*source.measures, *source.grids)

@@ -73,7 +73,7 @@ from sim2vr_harness.studies.report.tables import (
 _WIDTH = 720
 _SECONDS = 10.0
 _POSTER_S = 3.0
-"""When arms have risen from where they hung."""
+"""Time after which the arms have risen from their hanging start posture, s."""
 _QUALITY = 30  # of H.264: larger is smaller
 _STRIP, _STRIP_WIDTH = 5, 640
 _MOST_BYTES = 3_000_000
@@ -347,7 +347,7 @@ def _places(groups: Sequence[Group]) -> Iterator[Figure]:
 
 
 def _outcomes(groups: Sequence[Group]) -> Figure:
-    """How items ended, in shares."""
+    """Return the figure of outcomes of targets, as proportions."""
     panels = []
     names = list(dict.fromkeys(name for g in groups for name in g.events["item"].dropna()))
     for name in names:
@@ -570,7 +570,7 @@ def _parts(source: ReportSource, group: Group) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Content:
-    """What a page is made of; ``methods`` is the paragraph, ``examples`` are films."""
+    """Content of a page; ``methods`` is a paragraph and ``examples`` are videos."""
 
     source: ReportSource
     published: Published
@@ -618,7 +618,7 @@ PAGE = "report.html"
 
 @dataclass(frozen=True)
 class StudyReport:
-    """What was written.
+    """Files of a written report.
 
     Attributes:
         page: The HTML file.

@@ -91,15 +91,15 @@ class AttentionCrops(nn.Module):
         return torch.cat([told[:, :, :1], places], 2)
 
     def loss(self, told: Tensor, places: Tensor, there: Tensor) -> Tensor:
-        """How wrong the locator is: cross entropy of the cells, and distances in the right ones.
+        """Return the locator's loss: cross-entropy of cells, and distance in the right cell.
 
         Args:
-            told: (B, G, 3, cells) what :meth:`where` said.
-            places: (B, G, 2) true ones.
-            there: (B, G) 1 for what is there, 0 for what is not.
+            told: (B, G, 3, cells) predictions of :meth:`where`.
+            places: (B, G, 2) true positions.
+            there: (B, G) 1 for objects that are present, 0 for the others.
 
         Returns:
-            The mean over what is there and in the picture.
+            The mean over the objects that are present and inside the image.
         """
         rows, columns = self._size
         edge = torch.tensor([self._width / (2.0 * self._half), 1.0], device=told.device)

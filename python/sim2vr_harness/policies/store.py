@@ -152,7 +152,7 @@ def _no_network(network: nn.Module) -> int:
 
 
 def is_packed(run: str | Path) -> bool:
-    """Whether this names a packed user: ``pretrained:NAME``, or the folder of one."""
+    """Return True if this names a packed user: ``pretrained:NAME``, or the folder of one."""
     return str(run).startswith(PREFIX) or (Path(run) / _CARD).is_file()
 
 

@@ -16,11 +16,11 @@ CELL_PX = 4
 FAR_M = 10.0
 """Depth at which a picture's depth is 255 (docs/reference/protocol.md)."""
 _NOTHING = 255
-"""Depth of a pixel that shows nothing, or something farther away."""
+"""Depth value of a pixel without a surface in range."""
 _MIDDLE_FIRST = torch.tensor([5, 6, 9, 10, 1, 2, 4, 7, 8, 11, 13, 14, 0, 3, 12, 15])
 """Pixels of a cell, by their distance from its middle."""
 _AROUND_PX = 4
-"""How far beyond its cell a thing is followed."""
+"""Margin around a cell, in pixels, in which an object's outline is still traced."""
 _SAME_COLOUR, _SAME_DEPTH = 32, 3
 """Differences, of 255, up to which neighbouring pixels show the same thing."""
 _SAME_HUE, _COLOURED, _SHADED = 0.25, 40, 0.45

@@ -32,16 +32,16 @@ _HELD = 0.5
 """Of those who have arrived without speed, how many are to stay there for a while."""
 _LONGEST_S = 1.2
 _BEHIND = 0.12
-"""How often goals are drawn that are not in front of the body, relative to those that are."""
+"""Sampling weight of goals beside or behind the body, relative to goals in front of it."""
 _FRONT_M = 0.12
 _BONUS, _NEAR_M = 4.0, 0.02
 _LIKE, _STILL_MPS = 0.4, 0.3
-"""Share of the velocity requested, and m/s beside it, by which it may be wrong for that."""
+"""Tolerance of the velocity at arrival: a proportion of the requested speed, plus m/s."""
 _EARLY_S = 0.04
-"""Who goes through a place may come so much earlier or later, at the speed requested."""
+"""Tolerance of the arrival time for movements that pass through a place at the requested speed."""
 _BY_M, _BY_MPS, _BY_STRIKE_MPS, _BY_AXIS = 30.0, 1.0, 2.0, 2.0
-"""What arriving is worth within _NEAR_M, and what errors of place, velocity (of who trains in
-strikes, too) and direction cost."""
+"""Weights of the reward: cost of the errors of position, of velocity (without and with training in
+strikes) and of direction. _BONUS is the reward for an arrival within _NEAR_M."""
 _STEP_SHARE = 0.15
 """Of that, for every user step of following."""
 _WAVES = 2
@@ -51,7 +51,7 @@ _MIDDLE_M = 1.0
 """Height of that cube's middle."""
 _CANDIDATES = 8
 _FORGET, _HARDEST = 0.1, 4.0
-"""How fast a region's error is forgotten, and how often the hardest come at most, relatively."""
+"""Update rate of a region's mean error, and the highest relative sampling weight of a region."""
 _USUAL_M = 0.04
 
 
@@ -71,7 +71,7 @@ class GoalSampler:
         self._strikes = strikes
         self._poses = poses
         self.tools = True
-        """Whether points of tools are to come to places, or the hands themselves."""
+        """True: points of tools are moved to the goals; False: the hands themselves."""
         self.generator = torch.Generator().manual_seed(seed)
         self.goals = MotorGoals.none(n, self.hands)
         shape = (n, self.hands)

@@ -59,13 +59,14 @@ class HumanGoals(MotorGoals):
 
 
 class GoalPerception:
-    """Where users believe that goals are: misjudged in proportion to the distance last seen.
+    """Perceived positions of goals, with errors in proportion to the distance last seen.
 
     Args:
-        weber: standard deviation of the error along each axis, of the distance from the hand.
-        least_m: standard deviation of the error of a goal at the hand.
-        late_steps: user steps by which the distance is seen late.
-        generators: of each user's errors; None: torch's global one.
+        weber: standard deviation of the error along each axis, as a proportion of the distance
+            from the hand.
+        least_m: standard deviation of the error of a goal at the hand, m.
+        late_steps: observation delay of the distance, in user steps.
+        generators: random generators of the users' errors; None: torch's global one.
     """
 
     def __init__(
@@ -248,13 +249,13 @@ _PASSES = 3
 
 @dataclass(frozen=True)
 class InverseSettings:
-    """What commands are chosen by: sizes and weights of squared costs.
+    """Scales and weights of the squared costs that determine the controls.
 
     Attributes:
-        velocity_mps: error of a wanted velocity that costs 1.
-        speed_radps: joint speed away from the way back that costs 1.
-        return_hz: how fast joints go back to the middle of their ranges where nothing else counts.
-        limit: how many times as much that counts at the ends of their ranges as in the middle.
+        velocity_mps: error of the hand's velocity that costs 1.
+        speed_radps: deviation from the joint speed of the return movement that costs 1.
+        return_hz: rate at which joints return to the middle of their ranges if no other cost acts.
+        limit: weight of this return at the ends of the ranges, relative to the middle.
         effort: cost of the sum of squared controls, weighted by muscle volume.
         change: cost of the sum of squared changes of activation.
     """
@@ -392,14 +393,14 @@ _REMEMBERED = ("_did", "_bias", "_new", "_fresh", "velocity", "wanted")
 
 
 class HumanMotorPolicy(nn.Module):
-    """What all persons of a population move by.
+    """Motor policy that all persons of a population share.
 
     Args:
-        body: what persons share.
-        persons: how persons stand in tensors.
-        width: of the hidden layers of the policy in space.
-        body_width: of the forward model's hidden layers.
-        perception: arguments of :class:`GoalPerception`: how users misjudge goals.
+        body: the body model that persons share.
+        persons: representation of persons in tensors.
+        width: size of the hidden layers of the policy in Cartesian space.
+        body_width: size of the forward model's hidden layers.
+        perception: arguments of :class:`GoalPerception`, the errors in perceived goals.
     """
 
     def __init__(
@@ -510,16 +511,16 @@ class HumanHands:
     ) -> None:
         self.policy, self.perception = policy, perception
         self.vigour = 1.0
-        """What their weights of effort are divided by."""
+        """Divisor of the users' effort weights."""
         self._felt: Motion | None = None
         self._predicted: Motion | None = None
-        """The last user step's prediction, not corrected."""
+        """Prediction of the last user step, without correction."""
         self._did = torch.zeros(n, policy.drives.count)
         self._bias = torch.zeros(n, len(policy.body.independent_joints))
-        """What the forward model has got wrong of joint speeds lately, rad/s."""
+        """Running mean of the forward model's errors in joint speed, rad/s."""
         self._new = torch.ones(n, dtype=torch.bool)
         self._fresh = torch.ones(n, dtype=torch.bool)
-        """Whether users have not felt a movement of their own yet."""
+        """(N,) True for users that have not yet sensed a movement of their own."""
         self.velocity = torch.zeros(n, len(policy.hands), 3)
         """Velocities that hands were believed to have when they were chosen, m/s."""
         self.wanted = torch.zeros_like(self.velocity)

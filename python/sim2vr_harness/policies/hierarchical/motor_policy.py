@@ -204,7 +204,7 @@ class MotorPolicy(nn.Module):
         return result
 
     def header(self) -> dict[str, Any]:
-        """What it is made for; a layer is loaded for the same only."""
+        """Return the body, hands, step and width, which must match when weights are loaded."""
         return {
             "actions": list(self.body.action_names),
             "joints": list(self.body.independent_joints),
@@ -214,17 +214,17 @@ class MotorPolicy(nn.Module):
         }
 
     def weights(self) -> Mapping[str, Tensor]:
-        """What is learned; where the hands are follows from the body."""
+        """Return the learned weights, without the kinematic chains, which follow from the body."""
         own = self.state_dict()
         return {name: own[name] for name in own if not name.startswith("chains.")}
 
     def take(self, weights: Mapping[str, Tensor]) -> None:
-        """Take over :meth:`weights` of a layer of the same body, step and width."""
+        """Load the :meth:`weights` of a policy for the same body, step and width."""
         self.load_state_dict({**self.state_dict(), **weights})
 
 
 INSIDE = 0.94
-"""Share of the joints' ranges that postures are drawn from."""
+"""Proportion of the joints' ranges from which postures are sampled."""
 _COUNT = 20_000
 
 

@@ -48,12 +48,12 @@ def seen_late_steps(visual_delay_s: float, step_s: float) -> int:
 
 
 class PersonMemory(Memory):
-    """What N persons have decided, seen and felt.
+    """Decisions, images and proprioception of N persons in their episodes.
 
     Attributes:
-        bodies: what they feel and do.
+        bodies: proprioception and motor state of the persons.
         decided: (N,) user steps since the last new decision.
-        goal: (N, H, 3) of the last user step.
+        goal: (N, H, 3) goals of the last user step.
     """
 
     def __init__(self, n: int, bodies: HumanHands) -> None:
@@ -63,7 +63,7 @@ class PersonMemory(Memory):
         self.goal = torch.full_like(self.choice.place, torch.inf)
 
     def forget(self, users: list[int]) -> None:
-        """Let episodes of users begin anew."""
+        """Reset the memory of these users for a new episode."""
         super().forget(users)
         self.bodies.forget(users)
         self.decided[users], self.goal[users] = _LONG_AGO, torch.inf

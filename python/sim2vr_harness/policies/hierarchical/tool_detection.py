@@ -33,22 +33,24 @@ reach are in sight now and then only. What is likely counts where it goes on wha
 end of a long blade is seen less than its root, and thinner than a pixel; just beyond it both shares
 are a third of that."""
 _STANDS_LOOKS = 3
-"""What is seen fewer times is not said to stand."""
+"""Number of sightings from which on a cell counts as part of a static object."""
 _MARGIN_M = 0.08
 _JOINED_M, _AT_HAND_M, _AHEAD_M = 0.1, 0.15, 0.05
-"""What is in the hand hangs together, gaps no wider than this, and begins at the hand. What is
-likely lies in line with what is certain."""
+"""Criteria for a tool in the hand: its points are connected, with gaps of at most _JOINED_M, and
+begin within _AT_HAND_M of the hand. Probable points lie within _AHEAD_M of the line of the certain
+ones."""
 _HANDLE = 0.25
-"""Share of a tool, from the hand on, that is not swung at things."""
+"""Proportion of a tool, from the hand on, that is not used to hit objects."""
 _RAY_M, _ENDLESS_M = 0.6, 1.2
-"""What lies on the aim ray is a ray from the one length on where a trigger is worked, and anything
-from the other on, anywhere: hardly a tool is that long."""
+"""Lengths that separate rays from tools. From the first on, points on the aim ray are a ray if the
+app uses a trigger. From the second on, anything is a ray, because few tools are that long."""
 _ON_RAY = 0.8
-"""Share of its points that lie on the aim ray, at least."""
+"""Lowest proportion of a ray's points that lie on the aim ray."""
 _END_M = 0.045
-"""The tip is the middle of the last so many metres of what is in the hand."""
+"""Length of the end of a tool whose mean position is the tip, m."""
 _THIN_M, _THIN_END_M = 0.03, 0.01
-"""What is nowhere wider than a cube about its axis ends in a point, its last metres."""
+"""Distance from its axis below which the end of a tool is thin, and the length of a thin tool's end
+whose mean position is the tip, m."""
 
 
 @dataclass(frozen=True)
@@ -82,14 +84,14 @@ _VOXELS, _BLOCKS = _Grid(0.03, 90), _Grid(0.06, 2000)
 
 
 class Tool:
-    """What is fixed to a device.
+    """Visible object that is fixed to a device.
 
     Attributes:
-        points: (K, 3) where it is, in the device's frame (x forward, y left, z up), m.
-        tip: (3,) the middle of its far end; 0 where nothing is seen in the hand.
-        middle: (3,) the middle of its outer three quarters. A long blade that swings through a
-            place with its tip misses if it is a little short.
-        why: for people: what it was taken for, and by what.
+        points: (K, 3) its points in the device's frame (x forward, y left, z up), m.
+        tip: (3,) the middle of its far end; 0 if no tool is visible in the hand.
+        middle: (3,) the middle of its outer three quarters. A long blade that strikes with its
+            tip misses if it is a little short.
+        why: explanation for readers: the class of the object, and the criterion.
     """
 
     def __init__(self, points: NDArray[np.float64], why: str = "") -> None:
@@ -304,7 +306,7 @@ def _moved(points: NDArray[np.float64], pose: NDArray[np.floating[Any]]) -> NDAr
 
 
 def _seen_through(far: NDArray[np.float32], points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether the picture shows something behind points (K, 3) of the camera's frame."""
+    """Return (K,) True for camera-frame points (K, 3) behind which the image shows a surface."""
     height, width = far.shape
     focal = 0.5 * height
     ahead = points[:, 0] > 0.05

@@ -165,12 +165,12 @@ class Episode:
             math.ceil(late_s * hz - 1e-9) for late_s in (delay_s, delay_s + RECOGNITION_S)
         )
         self._now = self._since = 0
-        """User step, and the one from which on the step's target may be there."""
+        """Current user step, and the first one in which the step's target can be present."""
         self._watching: Place | None = None
         self._seen: list[FloatArray | None] = []
-        """Where the target was in the last user steps, the newest last."""
+        """Positions of the target in the last user steps, the newest last."""
         self._aim: FloatArray | None = None
-        """Where a person believes it to be."""
+        """Position of the target as the person perceives it."""
         self._known: set[str] = set()
         self._values: dict[str, float] = {}
         self._before: dict[str, float] = {}

@@ -86,8 +86,8 @@ class GameModelSettings(Settings):
 
     shaping: Literal["none", "whole_levels"] = "none"
     """``whole_levels``: for levels with boxes of all directions, mines and walls. At first
-    directions are soft, errors cost little and hazards much; a gaze cost keeps the eyes on the
-    boxes' origin."""
+    directions are soft, errors cost little and hazards much; a gaze cost keeps the head turned to
+    the origin of the boxes."""
     stroke_reward: Weight = 0.0
     """Points per user step, at first, for a blade on a stroke through its next box: drawn back half
     a second before, and in the box's middle when it arrives. The reward decreases with the distance

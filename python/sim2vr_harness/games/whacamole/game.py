@@ -386,7 +386,7 @@ class ImaginedWhacAMole(State):
         self._left, self._face = self._left.detach(), self._face.detach()
 
     def nearest(self, place: Tensor, condition: Tensor) -> tuple[Tensor, Tensor]:
-        """Return (K,) distances from the nearest point 10 cm in front of a cell, m, and (K,) cells."""
+        """Return (K,) distances from the nearest point 10 cm before a cell, m, and (K,) cells."""
         with torch.no_grad():
             marker, _ = self.hammer(place)
             front = self._cells[condition] - START_M * self._axes[condition, 2][:, None]

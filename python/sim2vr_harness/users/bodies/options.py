@@ -32,14 +32,14 @@ ActivationRange = Annotated[tuple[Chance, Chance], AfterValidator(_in_order)]
 
 
 class JointOptions(Settings):
-    """What a joint has beside bones and muscles; None keeps the body's own."""
+    """Passive properties of a joint; None keeps the body's own."""
 
     armature: float | None = Field(default=None, ge=0.0, le=100.0)
-    """Inertia about the joint's axis beside that of the segments, kg m^2 (of a slide kg)."""
+    """Inertia about the joint's axis in addition to the segments', kg m^2 (of a slide kg)."""
     damping: float | None = Field(default=None, ge=0.0, le=1e4)
     """Damping of the joint, Nms/rad (of a slide Ns/m)."""
     stiffness: float | None = Field(default=None, ge=0.0, le=1e6)
-    """Stiffness towards the joint's rest, Nm/rad (of a slide N/m)."""
+    """Stiffness towards the joint's rest position, Nm/rad (of a slide N/m)."""
 
 
 class Physique(Settings):
@@ -75,18 +75,18 @@ class Physique(Settings):
 
 
 class ResetOptions(Settings):
-    """How episodes begin, where that differs from the body's own (docs/reference/bodies.md)."""
+    """Changes to the body's start state of episodes (docs/reference/bodies.md)."""
 
     posture: str | None = None
-    """The name of one of the body's postures to start near; None keeps the body's own."""
+    """Name of one of the body's postures as start posture; None keeps the body's own."""
     angles: dict[str, Angle] = Field(default_factory=dict)
-    """Angles (rad; slides m) of single joints in it."""
+    """Angles (rad; slides m) of single joints in this posture."""
     position_range: float | None = Field(default=None, ge=0.0, le=10.0)
     """Angles are uniform in +- this about the posture."""
     velocity_range: float | None = Field(default=None, ge=0.0, le=100.0)
     """Velocities are uniform in +- this (rad/s; slides m/s)."""
     activation_range: ActivationRange | None = None
-    """Muscles' activations are uniform in it."""
+    """Range in which muscles' activations are uniform."""
     hold: bool = False
     """Position servos begin aiming at their joints' angles; without, anywhere in their range."""
 

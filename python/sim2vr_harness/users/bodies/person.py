@@ -42,7 +42,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class Anatomy:
-    """Who the body was measured on. None: unknown, so that it cannot be scaled by it."""
+    """Anatomy of the persons on whom the body was measured; None: unknown, so no scaling by it."""
 
     stature_m: float | None = None
     mass_kg: float | None = None

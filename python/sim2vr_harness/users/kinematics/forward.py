@@ -77,7 +77,7 @@ class Chain:
         independent = {name: k for k, name in enumerate(body.independent_joints)}
 
         def follows(name: str) -> tuple[int, FloatArray]:
-            """Which independent joint a joint follows, and how."""
+            """Return the independent joint that a joint follows, and the polynomial."""
             if name in independent:
                 return independent[name], np.array([0.0, 1.0])
             if name not in couplings:

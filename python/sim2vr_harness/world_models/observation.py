@@ -42,7 +42,7 @@ class ImaginedSenses(State):
         )
         columns = [*self._layout.felt.tolist(), *self._layout.seen.tolist()]
         self._whole = columns == list(range(len(names)))
-        """Whether an observation is all that a moment has, in its order."""
+        """True if an observation contains all values of a user step, in their order."""
         self._users, self._rounds, self._lag = users, rounds, layout.lag
         actions = users.actions
         self._past = [torch.zeros(users.n, len(names))] * (layout.lag.longest + 1)

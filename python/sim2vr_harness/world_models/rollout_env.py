@@ -19,13 +19,13 @@ from sim2vr_harness.world_models.transitions import Motion
 
 
 class ImaginedNoise(State):
-    """What :class:`~sim2vr_harness.users.noise.MotorNoise` does, differentiable by the controls.
+    """Differentiable version of :class:`~sim2vr_harness.users.noise.MotorNoise`.
 
-    Draws from torch's global generator. Red noise starts from nothing where a user goes on from a
+    It samples from torch's global generator. Red noise starts at 0 when a rollout starts from a
     state of the true game.
 
     Args:
-        settings: which noise.
+        settings: settings of the noise.
         n: number of users B.
         muscles: number of muscles M.
     """
@@ -37,7 +37,7 @@ class ImaginedNoise(State):
         self._signal_red, self._constant_red = torch.zeros(n, muscles), torch.zeros(n, 1)
 
     def apply(self, control: Tensor, factor: Tensor | float = 1.0) -> Tensor:
-        """(B, M) noisy controls, in [0, 1] as ``control`` is.
+        """Return (B, M) noisy controls, in [0, 1] as ``control``.
 
         Args:
             control: (B, M).
@@ -118,7 +118,7 @@ class ImaginedUsers(State):
             *self._drives.names,
             *(() if persons is None else persons.names),
         )
-        """What :meth:`observe` gives, by the names of the proprioception."""
+        """Names of the values of :meth:`observe`, as in the proprioception."""
         self.actions = drives
         """A, of a user step."""
         self._low, self._high = torch.tensor(user.joint_ranges.T.copy(), dtype=torch.float32)

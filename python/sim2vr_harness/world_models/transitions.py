@@ -14,13 +14,14 @@ KEPT_CYCLES = 12
 
 @dataclass(frozen=True)
 class Motion:
-    """What the users' joints and actuators do, of B users.
+    """Motion states of B users.
 
     Attributes:
-        angles: (B, J) independent joints, rad.
-        speeds: (B, J) rad/s.
-        drives: (B, A) of the actuators, in [0, 1]; see :class:`~.drives.Drives`.
-        persons: (B, P) who they are; see :class:`~.persons.ImaginedPersons`.
+        angles: (B, J) angles of the independent joints, rad.
+        speeds: (B, J) their speeds, rad/s.
+        drives: (B, A) drives of the actuators, in [0, 1]; see
+            :class:`~.actuator_state.ActuatorState`.
+        persons: (B, P) the users' persons; see :class:`~.person_features.ImaginedPersons`.
     """
 
     angles: Tensor
@@ -29,7 +30,7 @@ class Motion:
     persons: Tensor
 
     def detach(self) -> Motion:
-        """The same, cut off from what led to it."""
+        """Return the same states without gradient history."""
         return Motion(
             self.angles.detach(), self.speeds.detach(), self.drives.detach(), self.persons
         )

@@ -55,7 +55,7 @@ class Ring(RowState):
     def __init__(self, name: str, n: int, space: spaces.Box[Any], back: int) -> None:
         self.name = name
         self.back = np.full(n, back)
-        """(N,) how many takes back the one is that :meth:`oldest` gives; up to `back`."""
+        """(N,) age of the values of :meth:`oldest`, in takes; up to `back`."""
         self._length = back + 1
         self._values = np.zeros((n, back + 1, *space.shape), dtype=space.dtype)
         self._newest = np.zeros(n, dtype=np.int64)
@@ -66,11 +66,11 @@ class Ring(RowState):
         self._fresh[ids] = True
 
     def fresh(self, ids: IntArray | None) -> NDArray[np.bool_]:
-        """(K,) which of these users have a past to be filled."""
+        """Return (K,) True for users whose history is still empty."""
         return self._fresh[rows_of(ids)]
 
     def push(self, values: NDArray[Any], ids: IntArray | None) -> None:
-        """Takes (K, ...) values in; the first one of a user fills its whole past."""
+        """Append (K, ...) values; the first one of a user fills its whole history."""
         rows = np.arange(len(self._newest)) if ids is None else ids
         self._newest[rows] = (self._newest[rows] + 1) % self._length
         self._values[rows, self._newest[rows]] = values

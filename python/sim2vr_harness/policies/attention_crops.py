@@ -115,14 +115,14 @@ class AttentionCrops(nn.Module):
         return (errors * there).sum() / there.sum().clamp(min=1.0)
 
     def forward(self, pictures: Mapping[str, Tensor], told: Tensor) -> Tensor:
-        """Look at the likeliest places.
+        """Return the features of the crops at the most probable places.
 
         Args:
             pictures: key -> (B, C, H, W) uint8.
-            told: what :meth:`where` said.
+            told: predictions of :meth:`where`.
 
         Returns:
-            (B, :attr:`outputs`) float32. Nothing here is differentiated by the places.
+            (B, :attr:`outputs`) float32, without a gradient with respect to the places.
         """
         told = told.detach()
         sure, cell = torch.softmax(told[:, :, 0], -1).max(-1)

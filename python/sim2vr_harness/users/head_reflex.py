@@ -1,10 +1,10 @@
-"""A head that follows the hand, sways and recoils: a reflex, no part of the actions.
+"""Head reflex: the head follows the hand, sways and recoils, without actions of the policy.
 
-The arm bodies hold their heads still. This moves the headset as the heads of people move who stand
-and strike with a hand: it turns a little of the way to the hand and more of its own accord, about
-the upper joints of the neck; it sways with the body; and it gives way where the hand goes, as the
-common centre of mass stays where it is. Trunk and shoulder stay, so that arm, policy and learned
-body models know nothing of it. docs/concepts/people.md has the sources and what people's heads do.
+The heads of the arm bodies are fixed. This reflex moves the headset as the heads of people who
+stand and strike with a hand. It turns a little towards the hand and more spontaneously, about the
+upper joints of the neck; it sways with the body; and it recoils from the hand, because the common
+centre of mass stays in place. Trunk and shoulder do not move, so arm, policy and learned body
+models do not depend on it. docs/concepts/people.md has the sources and people's head movements.
 
 Each of five motions (turn left, look down, tilt to the right, sway forward, sway left) is a linear
 oscillator with an aim that changes with each user step; where it is within a step follows in closed
@@ -136,10 +136,10 @@ class HeadReflex(RowState):
         """Begins a user step.
 
         Args:
-            ids: (K,) users who make it.
-            poses: (K, 3) and (K, 4), how the bodies hold their headsets.
-            hands_m: (K, 3) where their hands are.
-            factors: (K,) how much more than usual a person moves the head.
+            ids: (K,) users of this step.
+            poses: (K, 3) and (K, 4), poses of the headsets without the reflex.
+            hands_m: (K, 3) positions of their hands.
+            factors: (K,) factors on the amplitude of a person's head movement.
         """
         self._start[ids] = self._at(self._substeps)[ids]
         drawn = np.array([self._rngs[i].standard_normal(5) for i in ids.tolist()]).reshape(-1, 5)
@@ -150,12 +150,12 @@ class HeadReflex(RowState):
         self._aim[ids] = aim
 
     def offsets(self, hands_m: FloatArray, substep: int) -> FloatArray:
-        """(N, 5) how far heads are from how the bodies hold them, at the end of a substep.
+        """Return (N, 5) the displacement of the heads by the reflex at the end of a substep.
 
-        Left, down and tilt in rad, forward and left in m.
+        The columns are left, down and tilt in rad, forward and left in m.
 
         Args:
-            hands_m: (N, 3) where the hands are then.
+            hands_m: (N, 3) positions of the hands at that time.
             substep: 1 to `substeps`, of the last step.
         """
         at = self._at(substep)[..., 0]
@@ -200,7 +200,7 @@ def moved_head(
 
 
 def direction(pos: FloatArray, quat: FloatArray, point: FloatArray) -> FloatArray:
-    """(N, 2) where points are, seen from poses: to the left and down, rad.
+    """Return (N, 2) directions of points relative to poses: to the left and down, rad.
 
     Args:
         pos: (N, 3) m.
@@ -212,7 +212,7 @@ def direction(pos: FloatArray, quat: FloatArray, point: FloatArray) -> FloatArra
 
 
 def rotated(quat: FloatArray, vectors: FloatArray) -> FloatArray:
-    """(N, 3) vectors turned by (N, 4) unit quaternions w x y z."""
+    """Return (N, 3) vectors rotated by (N, 4) unit quaternions w x y z."""
     real, axis = quat[:, :1], quat[:, 1:]
     across = 2.0 * np.cross(axis, vectors)
     return np.asarray(vectors + real * across + np.cross(axis, across))

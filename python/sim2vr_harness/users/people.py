@@ -163,10 +163,10 @@ class Person:
 
     @property
     def features(self) -> NDArray[np.float32]:
-        """(F,) what a policy observes of the person, as `FEATURES` names it; about -1 to 1.
+        """(F,) observed features of the person, in the order of `FEATURES`; about -1 to 1.
 
-        Zero is the mean of people, 1 two standard deviations above it (delays: 0.03 s and 0.02 s);
-        the scale is fixed, whatever distribution the person was drawn from.
+        Zero is the mean of people, 1 two standard deviations above it (delays: 0.03 s and 0.02 s).
+        The scale does not depend on the distribution from which the person was sampled.
         """
         values = [trait.feature(getattr(self, trait.name)) for trait in TOLD]
         values.append(1.0 if self.handedness == "left" else -1.0)
@@ -216,8 +216,8 @@ class PeopleSettings(Settings):
     count: int | None = Field(default=None, ge=1, le=_COUNTLESS)
     """Size of the population, with numbers 0 to count - 1; None: unlimited."""
     left_handed: Chance = 0.0
-    """Proportion of persons who play with the other hand than the body. They are its mirror image,
-    applied between the body and a game that either hand can play (docs/concepts/people.md). For
+    """Proportion of persons who play with the other hand than the body (docs/concepts/people.md).
+    They are its mirror image, applied between the body and a game that either hand can play. For
     evaluations."""
     strength: float = Field(default=0.78, gt=0.0, le=10.0)
     """Median factor on the peak forces of the body's muscles; the median of women is 0.78 times, of
@@ -377,13 +377,13 @@ _KEPT_BODIES = 256
 
 
 class Persons:
-    """N users, each of them someone.
+    """Persons of N users.
 
     Args:
-        body: of people who have no body of their own.
+        body: body of persons without a body of their own.
         batch: the users' simulations.
-        people: the population that they are drawn from; None: all are average.
-        cut: makes the body of a physique; None: bodies do not differ, whatever people do.
+        people: the population from which they are sampled; None: all are average.
+        cut: returns the body of a physique; None: all persons have the same body.
 
     Attributes:
         strength, motor_noise, effort_weight, head_movement: (N,) factors relative to `body` and

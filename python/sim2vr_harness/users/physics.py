@@ -70,7 +70,7 @@ class Physics:
 
     @property
     def warnings(self) -> dict[str, IntArray]:
-        """(N,) how often MuJoCo warned since the last reset, by kind."""
+        """(N,) numbers of MuJoCo warnings since the last reset, by kind."""
         counts = np.array(self.batch.warning[:, :, 1], dtype=np.int64)
         return {name: counts[:, k] for name, k in _WARNINGS.items()}
 

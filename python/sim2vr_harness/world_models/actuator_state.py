@@ -82,13 +82,13 @@ class ActuatorState:
         return aim
 
     def shares(self, drives: NDArray[np.float64], actions: NDArray[Any]) -> NDArray[np.float64]:
-        """(N, A) what :meth:`control` returns, of arrays."""
+        """Return (N, A) the result of :meth:`control` for NumPy arrays."""
         return np.asarray(self.control(torch.from_numpy(drives), torch.from_numpy(actions)))
 
     def actions(
         self, drives: NDArray[np.float64], shares: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """(N, A) the actions that lead to controls, shares of their ranges, or nearest to them."""
+        """Return (N, A) the nearest actions for controls, given as proportions of their ranges."""
         actions = shares - drives
         motors, direct = self.motors, self._direct
         kept = Motor.KEPT * drives[:, motors]
@@ -109,7 +109,7 @@ class ActuatorState:
         return 2.0 * self._observed(drives) - 1.0
 
     def rest(self, start: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N, A) where users who move at random come back to: motors to where they began."""
+        """Return (N, A) rest drives of the random baseline: motors keep their start values."""
         rest = start.copy()
         rest[:, self.muscles] = REST_ACT
         return rest

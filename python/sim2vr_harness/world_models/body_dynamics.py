@@ -267,8 +267,8 @@ class _Acceleration(nn.Module):
         user: the body.
         limbs: L limbs with as many joints and actuators each.
         step_s: duration of a user step.
-        width: of the hidden layers.
-        persons: how who a user is stands in tensors.
+        width: size of the hidden layers.
+        persons: tensor representation of persons.
     """
 
     mean: Tensor
@@ -414,14 +414,14 @@ class BodyModel(nn.Module):
 
     Args:
         user: the body.
-        devices: the worn devices whose places are wanted.
+        devices: the worn devices whose poses are predicted.
         step_s: duration of a user step.
-        width: of the hidden layers.
-        persons: how who a user is stands in tensors; None: all are `user`.
+        width: size of the hidden layers.
+        persons: tensor representation of persons; None: all are `user`.
     """
 
     error: Tensor
-    """(J,) standard deviation of what the model gets wrong of the speeds after a step, rad/s."""
+    """(J,) standard deviation of the model's error in the speeds after a step, rad/s."""
     gain: Tensor
     """(J,) standard deviation of how speeds change in a step, rad/s."""
 
@@ -463,7 +463,7 @@ class BodyModel(nn.Module):
         self.gain.copy_((steps.after.speeds - steps.before.speeds).std(0))
 
     def places(self, angles: Tensor, persons: Tensor) -> Tensor:
-        """(B, D, 4, 4) where the devices of persons (B, P) are at angles (B, J)."""
+        """Return (B, D, 4, 4) device poses of persons (B, P) at angles (B, J)."""
         sizes = None if self._persons is None else self._persons.sizes(persons)
         placed: Tensor = self._chains(angles, sizes)
         return placed

@@ -74,12 +74,12 @@ class ImaginedSenses(State):
             self._did = [*self._did[1:], actions.clamp(-1.0, 1.0)]
 
     def observe(self) -> Tensor:
-        """(B, size) what the policy knows."""
+        """Return (B, size) the policy's observation."""
         lag = self._layout.lag
         return self._assembled(self._back, lag.game if lag.game == lag.body else None)
 
     def present(self) -> Tensor:
-        """(B, size) the same if nothing were late, for a critic."""
+        """Return (B, size) the observation without delays, for a critic."""
         return self._assembled(lambda back: self._past[-1], 0)
 
     def _back(self, steps: int) -> Tensor:

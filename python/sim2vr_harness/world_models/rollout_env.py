@@ -76,11 +76,12 @@ class ImaginedUsers(State):
         n: number of users B.
         effort: what a user step costs them.
         noise: of the muscles' controls; None for none.
-        persons: how who a user is stands in tensors; None: all are `user`.
-        actuator_range_cost: of actuator targets beyond their ranges; above 0 gradients lead back.
-        activation_cost: of drives away from :attr:`rest`.
-        action_rate_cost: of what actions would change drives by.
-        movement_cost: of carrying hands from place to place, by the square of their speed, m^2/s^2.
+        persons: tensor representation of persons; None: all are `user`.
+        actuator_range_cost: cost of actuator targets beyond their ranges; above 0 gradients point
+            back into the range.
+        activation_cost: cost of the deviation of drives from :attr:`rest`.
+        action_rate_cost: cost of the change of drives by actions.
+        movement_cost: cost of hand movement, in proportion to the squared speed, m^2/s^2.
 
     Raises:
         InputError: a cost of carrying where hands hold nothing.
@@ -141,19 +142,20 @@ class ImaginedUsers(State):
 
     @property
     def place(self) -> Tensor:
-        """(B, D, 4, 4) where the devices are now, MuJoCo's world frame; one tensor per motion."""
+        """(B, D, 4, 4) current device poses in MuJoCo's world frame; one tensor per motion."""
         if self._placed is None or self._placed[0] is not self.motion:
             self._placed = (self.motion, self.body.places(self.motion.angles, self.motion.persons))
         return self._placed[1]
 
     def _hands_at(self) -> Tensor:
-        """(B, H, 3) where the hands' devices are now, m."""
+        """Return (B, H, 3) current positions of the hands' devices, m."""
         return self.place[:, :, :3, 3].index_select(1, self._hands)
 
     def places(self, frames: int) -> Tensor:
-        """(B, F, D, 4, 4) where the devices were in the F app frames of the last user step.
+        """Return (B, F, D, 4, 4) device poses in the F app frames of the last user step.
 
-        Joints move between the ends of a step on the cubic that has their angles and speeds.
+        Joint angles within the step are a cubic Hermite interpolation of angles and speeds at its
+        ends.
         """
         before, after, step_s = self._before, self.motion, self.body.step_s
         between = []
@@ -253,13 +255,13 @@ class ImaginedUsers(State):
         return effort, limits, _WILD_COST * wild
 
     def broken(self) -> Tensor:
-        """(B,) whether a user's body has left what a body can do."""
+        """Return (B,) True for users whose motion is beyond the limits of a body."""
         motion = self.motion
         wild = motion.speeds.detach().abs().amax(1) > _BROKEN_RADPS
         return wild | ~torch.isfinite(motion.angles.detach()).all(1)
 
     def observe(self) -> Tensor:
-        """(B, F) in the order of :attr:`names`, differentiable by the motion."""
+        """Return (B, F) in the order of :attr:`names`, differentiable by the motion."""
         motion = self.motion
         parts = [
             2.0 * (motion.angles - self._low) / (self._high - self._low) - 1.0,

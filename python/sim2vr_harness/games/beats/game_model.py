@@ -63,9 +63,9 @@ class Blades:
 
 
 def looked_away(place: Tensor) -> Tensor:
-    """(B,) how far heads look away from where boxes come from: 1 at 45 degrees, by the square.
+    """Return (B,) squared angles of heads from the direction of the boxes, 1 at 45 degrees.
 
-    Rolled heads count half.
+    Roll counts half.
     """
     ahead, up = place[:, -1, 0, 0], place[:, -1, 2, 2]
     # 2 (1 - cos) is the angle's square, nearly; it has no corner at 0.
@@ -218,7 +218,7 @@ class Lane(State):
         self.n, self.levels = n, levels
         self.generator = torch.Generator().manual_seed(seed)
         self.level = torch.zeros(n, dtype=torch.long)
-        """(B,) which level."""
+        """(B,) numbers of the levels."""
         self.time_s = torch.zeros(n)
         """(B,) the level's time."""
         self.box_gone = torch.zeros(n, levels.box_time.shape[1], dtype=torch.bool)
@@ -266,11 +266,11 @@ class Lane(State):
         self.wall_gone[ids] = self.levels.wall_end[level] <= self.time_s[ids, None]
 
     def _late(self, level: Tensor) -> Tensor:
-        """(K, 1) how long after its time a box passes the head plane, below 0, s."""
+        """Return (K, 1) the negative time from a box's time to its passing of the head plane, s."""
         return -CUT_PLANE_M / self.levels.speed[level, None]
 
     def advance(self, step_s: float) -> Tensor:
-        """Let time pass; returns (B,) whether a level is over."""
+        """Advance the time and return (B,) True for levels that are over."""
         self.time_s = self.time_s + step_s
         return self.time_s >= self.levels.length[self.level] - 1e-3
 
@@ -371,7 +371,7 @@ def turns(cut: Tensor) -> Tensor:
 
 
 def aside(blades: Blades, across: Tensor, cut: Tensor, half: Tensor) -> Tensor:
-    """(B, 2, K) how far blades are from where boxes will be in the cut plane, m; 0 inside."""
+    """Return (B, 2, K) distances of blades from the boxes' places in the cut plane, m; 0 inside."""
     plane = torch.full_like(across[..., :1], CUT_PLANE_M)
     middles = torch.cat([across, plane], -1)[:, :, None]
     now = Blades(blades.root[:, :, None], blades.axis[:, :, None])
@@ -380,16 +380,16 @@ def aside(blades: Blades, across: Tensor, cut: Tensor, half: Tensor) -> Tensor:
 
 
 def off_stroke(blades: Blades, across: Tensor, cut: Tensor, until_s: Tensor) -> Tensor:
-    """(B, 2) how far each blade is from the stroke that would cut its next box, m.
+    """Return (B, 2) the distance of each blade from a stroke through its next box, m.
 
-    The stroke goes through the box's middle in the cut plane when the box is there, at even speed
-    from where it is drawn back to; in the middle itself where any direction will do.
+    The stroke passes the box's middle in the cut plane when the box is there, at constant speed
+    from its start; if any direction counts, the goal is the middle itself.
 
     Args:
         blades: (B, 2, 3).
         across: (B, 2, 2) x and y of the next box of each hand.
         cut: (B, 2, 2) demanded directions.
-        until_s: (B, 2) until they arrive.
+        until_s: (B, 2) times until they arrive.
     """
     drawn = (_STROKE_MPS * until_s).clamp(-_DRAWN_M, _DRAWN_M)
     plane = torch.full_like(across[..., :1], CUT_PLANE_M)
@@ -734,7 +734,7 @@ EVENTS = ("sliced", "missed", "wrong hand", "wrong direction", "mines", "avoided
 
 
 def _told(coming: Coming, middle: Tensor, cut: Tensor | None = None) -> Tensor:
-    """(B, K F) what is reported of boxes or mines; 0 where there is none."""
+    """Return (B, K F) privileged observations of boxes or mines; 0 if there is none."""
     parts = [torch.ones_like(coming.until_s)[..., None], coming.until_s[..., None], middle]
     if cut is not None:
         parts.append(cut)

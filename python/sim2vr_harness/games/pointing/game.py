@@ -223,7 +223,7 @@ class ImaginedPointing(State):
         return distance, torch.zeros_like(condition)
 
     def condition_of(self, fields: Tensor) -> Tensor:
-        """(K,) which condition user steps were taken in."""
+        """Return (K,) the conditions of user steps."""
         return torch.cdist(fields[:, : len(_ROUND)], self._rules).argmin(1)
 
     def clear_counts(self) -> None:

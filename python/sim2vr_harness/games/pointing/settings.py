@@ -10,7 +10,8 @@ forgotten."""
 _DEPTH_M, _AIM_M = (0.004, 0.02), (0.003, 0.02)
 _NEAR_REWARD, _DISTANCE_REWARD, _ERROR_SHARE = (0.1, 2.0), (1.0, 7.0), (1.0, 0.1)
 """Widths of the soft steps, rewards and the factor on the cost of an error: from the middle of the
-imagined rollouts on, and at the start. Who cannot aim yet would avoid selections otherwise."""
+imagined rollouts on, and at the start. Otherwise policies that cannot aim yet would avoid
+selections."""
 _BEHIND_COST = 0.3
 """Cost per user step of a tip that stays behind the plane, or nearly, after a selection. The game's
 reward has no gradient for this."""

@@ -281,12 +281,12 @@ class ImaginedWhacAMole(State):
     Args:
         n: number of users B.
         conditions: of each condition, the privileged numbers named ``round.*``.
-        settings: what is relaxed, and which cells come up.
+        settings: softness of hits and additional rewards.
         step_s: duration of a user step.
         frames: F, app frames of a step, in each of which the hammer may hit.
-        seed: of spawns.
-        gamma: how much of a reward is left to who learns a user step later.
-        options: of each condition, those that are set: where the area is.
+        seed: seed of spawns.
+        gamma: discount factor per user step.
+        options: options that are set in each condition, which determine the target area.
 
     Raises:
         ValueError: another duration than one frame.
@@ -394,12 +394,12 @@ class ImaginedWhacAMole(State):
         return distance, cell
 
     def condition_of(self, fields: Tensor) -> Tensor:
-        """(K,) which condition user steps were taken in."""
+        """Return (K,) the conditions of user steps."""
         return torch.cdist(fields[:, : len(_ROUND)], self._rules).argmin(1)
 
     @staticmethod
     def velocity_of(fields: Tensor) -> Tensor:
-        """(K, 3) the filtered velocity of the hammer's root after user steps, m/s."""
+        """Return (K, 3) filtered velocities of the hammer's root after user steps, m/s."""
         first = FIELDS.index(_ROOT_VELOCITY[0])
         return fields[:, first : first + 3]
 
@@ -421,12 +421,12 @@ class ImaginedWhacAMole(State):
         self._foregone.lerp_(self._later(), 0.5)
 
     def _later(self) -> Tensor:
-        """(C, ages) what targets that are spared at an age will bring, in hits at that age.
+        """Return (C, ages) the expected value of not hitting a target, in hits at that age.
 
-        They are hit as surely and as well as others were, at the age at which that is worth most,
-        of those that are waited for; where it is worth less than a hit at once, there is nothing to
-        wait for. (Of those that had not been hit by an age, most are hard to hit: who strikes soon
-        would never learn to wait.)
+        It assumes that the target is hit later, with the observed success rate and quality, at the
+        most valuable age for which the policy waits; it is 0 if a hit at once is worth more. (The
+        success rate of targets that were not hit by some age would be a poor estimate: most of them
+        are hard to hit, so a policy that strikes early would never learn to wait.)
         """
         ages = torch.arange(LAST_FRAME + 1)
         now = self._worth_at(ages) * self._gamma**ages
@@ -572,7 +572,7 @@ class ImaginedWhacAMole(State):
     def _shaped(
         self, targets: Targets, marker: Tensor, depth: Tensor, touch: _Touch, soft: Relaxation
     ) -> Tensor:
-        """(B,) what helps to find hits, once a user step: by its last frame."""
+        """Return (B,) the shaping rewards of a user step, from its last frame."""
         condition = self.condition
         alive = self._age >= GROWING_FRAMES
         towards = targets.strike_mps(self._velocity) - self._threshold[condition]

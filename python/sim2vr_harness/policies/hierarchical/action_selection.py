@@ -70,7 +70,7 @@ class OptionScene:
 
     @cached_property
     def something(self) -> Tensor:
-        """(N, cells) whether anything is seen in a cell."""
+        """(N, cells) True for cells with a visible surface."""
         return self.sight.something(self.pictures[:, 3])
 
     def inputs(self, net: ActionValueMap) -> tuple[Tensor, Tensor, Tensor]:
@@ -143,17 +143,17 @@ def mask_unreached(
     hold: int,
     primitives: PrimitiveController,
 ) -> Tensor:
-    """(N, H, cells) whether anything is in a cell that a hand has not just waited at.
+    """Return (N, H, cells) True for cells with a surface that a hand has not just waited at.
 
-    A hand that stops short of what it goes for would wait there for ever: it sees the same, and
-    decides the same. While learning, tries get it out of there.
+    A hand that stops short of its target would wait there for ever, because the same observation
+    leads to the same decision. In training, exploration resolves this.
 
     Args:
-        choice: what hands have been doing, changed in place.
-        tips: (N, H, 3) where the tips of their tools are, m.
-        something: (N, cells) whether anything is there.
-        places: (N, 3, rows, columns) of the cells, world, m.
-        hold: user steps for which a decision is seen through.
+        choice: current options of the hands, changed in place.
+        tips: (N, H, 3) positions of the tips of their tools, m.
+        something: (N, cells) True for cells with a surface.
+        places: (N, 3, rows, columns) positions of the cells, world, m.
+        hold: user steps for which an option is executed.
     """
     # Where a hand that points is does not matter, but what it points at.
     aims = points(choice.move)[..., None]
@@ -181,13 +181,13 @@ def mask_unreached(
 
 
 def remembered(choice: OptionChoice, aims: Aims, head: Tensor, tips: Tensor) -> Aims:
-    """Return aims, and of things that the user's own tool hides what was seen of them before.
+    """Return aims, with the last visible ones for objects that the user's own tool occludes.
 
     Args:
-        choice: what hands have been doing.
-        aims: of the present choices.
-        head: (N, 3) m.
-        tips: (N, H, 3) where the tips of the tools are, m.
+        choice: current options of the hands.
+        aims: aims of these options.
+        head: (N, 3) positions of the heads, m.
+        tips: (N, H, 3) positions of the tips of the tools, m.
     """
     place, width = aims
     before = choice.seen - head[:, None]

@@ -55,11 +55,11 @@ class DepthGrid:
         return self.rows * self.columns
 
     def places(self, depth: Tensor, head: Tensor, turned: Tensor) -> Tensor:
-        """(N, 3, rows, columns) what is nearest in each cell, MuJoCo's world frame, m.
+        """Return (N, 3, rows, columns) nearest points per cell in MuJoCo's world frame, m.
 
         Args:
             depth: (N, H, W) uint8, linear along the view's axis.
-            head: (N, 3) where the headset is.
+            head: (N, 3) position of the headset.
             turned: (N, 3, 3) its rotation: x forward, y left, z up.
         """
         nearest = self._nearest(depth)
@@ -100,9 +100,10 @@ class DepthGrid:
         return placed, width.reshape(cells.shape)
 
     def something(self, depth: Tensor) -> Tensor:
-        """(N, cells) whether anything is there, up to ``FAR_M`` away; depth as in :meth:`places`.
+        """Return (N, cells) True for cells with a surface within ``FAR_M``.
 
-        There is nothing to be done with an empty sky.
+        Cells without a surface, such as sky, are excluded from action selection. ``depth`` is as in
+        :meth:`places`.
         """
         there: Tensor = (self._nearest(depth) >> 4).flatten(1) < _NOTHING
         return there
@@ -183,7 +184,7 @@ def _things(windows: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
 
 
 def _shaded_alike(colour: Tensor, own: Tensor) -> Tensor:
-    """(K, W, W) whether colours (K, 3, W, W) are shades of others (K, 3, 1, 1): of the same hue."""
+    """Return (K, W, W) True where colours (K, 3, W, W) have the same hue as others (K, 3, 1, 1)."""
     hues, chromas, values = zip(*(_hue(each) for each in (colour, own)), strict=True)
     apart = (hues[0] - hues[1]).abs()
     apart = torch.minimum(apart, 6.0 - apart)

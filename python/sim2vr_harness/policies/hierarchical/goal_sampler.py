@@ -80,7 +80,7 @@ class GoalSampler:
         self._until_s = torch.zeros(shape)
         self._center = torch.zeros(*shape, 3)
         self._hand_goal = torch.zeros(*shape, 3)
-        """(B, H, 3) where the hand itself can be for the tip to be where it shall."""
+        """(B, H, 3) a reachable position of the hand with the tip at its goal."""
         self._wrong_m = torch.full((_REGIONS**3,), 2.0 * _USUAL_M)
         """Mean errors of the arrivals in every region; where no one has been, more than usual."""
         self._waves = torch.zeros(*shape, 3, 3, _WAVES)
@@ -227,11 +227,11 @@ class GoalSampler:
     # --- a user step -------------------------------------------------------------------------
 
     def step(self, place: Tensor, soon: Tensor) -> Tensor:
-        """(B,) what a user step was worth that ends with the devices at (B, H, 4, 4).
+        """Return (B,) rewards of a user step that ends with the devices at (B, H, 4, 4).
 
         Args:
-            place: differentiable.
-            soon: where they will be ``MOMENT_S`` later if they go on as they move.
+            place: poses of the devices, differentiable.
+            soon: their poses ``MOMENT_S`` later at constant velocity.
         """
         goals, kind = self.goals, self._kind
         self._clock_s = self._clock_s + self._step_s

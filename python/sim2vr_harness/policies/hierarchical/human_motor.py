@@ -106,7 +106,7 @@ class GoalPerception:
         self._seen_m = torch.cat([self._seen_m[1:], far[None]])
 
     def error(self) -> Tensor:
-        """(B, H, 3) how far from their places goals seem to be, m."""
+        """Return (B, H, 3) errors of the perceived goals, m."""
         return (self._least_m + self._weber * self._seen_m[0])[..., None] * self._error
 
     def state_dict(self) -> dict[str, Any]:
@@ -167,12 +167,12 @@ class Turning:
         return torch.where(self._turns, velocity + _TAKEN * (wanted - velocity), wanted)
 
     def across(self, error: Tensor) -> Tensor:
-        """(B, H, 3) what is misjudged, without what is along rays."""
+        """Return (B, H, 3) the error without its component along rays."""
         return (self._plane @ error[..., None])[..., 0]
 
 
 def far_off(goals: HumanGoals, place: Tensor) -> Tensor:
-    """(B, H) how far devices at (B, H, 4, 4) are from goals, for the policy in space."""
+    """Return (B, H) distances of devices at (B, H, 4, 4) from goals, for the policy in space."""
     hand, tip = place[..., :3, 3], tips(place, goals.tip)
     way = Turning(goals, hand, tip).seen(goals.place - tip, tip, goals)[0]
     return way.norm(dim=-1)
@@ -295,7 +295,7 @@ class InverseModel:
         return place, (jacobian @ motion.speeds[:, None, :, None])[..., 0]
 
     def jacobian(self, motion: Motion, tip: Tensor) -> tuple[Tensor, Tensor]:
-        """(B, H, 3) where points are, and (B, H, 3, J) how they move with the joints."""
+        """Return (B, H, 3) positions of points, and (B, H, 3, J) their Jacobians by the joints."""
         count, joints = motion.angles.shape
         each = joints + 1
         away = torch.cat([torch.zeros(1, joints), _MOMENT_RAD * torch.eye(joints)])

@@ -176,7 +176,7 @@ class HierarchicalPolicy(nn.Module):
     hold: Tensor
     """(1,) user steps for which an option is executed before the next decision."""
     lifts: Tensor
-    """(1, 1, 1) whether hands stay before surfaces until they are there, 1 or 0."""
+    """(1, 1, 1) 1 for hands that stay before surfaces until they are beside the place, else 0."""
     rays: Tensor
     """(H, 2, 3) with which hands point (:mod:`~.pointing`). Only pages have rays of their own."""
     log_std: Tensor

@@ -89,7 +89,7 @@ class PersonPolicy(HierarchicalPolicy):
 
     manner = PERSONS
     vigour: Tensor
-    """(1,) what weights of effort are divided by: what earned most (docs/concepts/people.md)."""
+    """(1,) divisor of effort weights, the one with the highest score (docs/concepts/people.md)."""
     draws: np.random.Generator | None = None
     """Draws the seeds of what users misjudge in each episode; None: all of them are the run's."""
 
@@ -173,7 +173,7 @@ class PersonPolicy(HierarchicalPolicy):
 
 
 def _differs(after: OptionChoice, before: OptionChoice) -> NDArray[np.bool_]:
-    """(N,) whose choice is another decision: another move, or another target."""
+    """Return (N,) True for users with a new decision: another move, or another target."""
     moved = (after.place - before.place).norm(dim=-1) > SAME_M
     found: NDArray[np.bool_] = (
         ((after.move != before.move) | (moved & (after.move >= 0))).any(1).numpy()

@@ -139,7 +139,7 @@ def points(move: Tensor) -> Tensor:
 
 
 def _at(place: Tensor, point: Tensor) -> Tensor:
-    """(N, H, 3) where points (H, 3) of devices at (N, H, 4, 4) are."""
+    """Return (N, H, 3) positions of points (H, 3) of devices at (N, H, 4, 4)."""
     return tips(place, point.expand(len(place), *point.shape))
 
 
@@ -263,10 +263,10 @@ class PrimitiveController:
         ]
 
     def within_reach(self, hand: int, places: Tensor, swings: Tensor) -> Tensor:
-        """(K, 3) places (K, 3), or where the hand waits for what is beyond its reach.
+        """Return (K, 3) places, or for those beyond reach the positions at which the hand waits.
 
         Args:
-            swings: (K,) bool, who swings through it.
+            swings: (K,) bool, True for swings through the place.
         """
         found, middle = places.numpy().astype(np.float64), swings.numpy()
         for reach, which in zip(self._reach[hand], (~middle, middle), strict=True):
@@ -275,17 +275,17 @@ class PrimitiveController:
         return torch.from_numpy(found).float()
 
     def near(self, places: Tensor, radius_m: float) -> NDArray[np.bool_]:
-        """(K,) which places (K, 3) lie nearer than that to what a hand's tip can reach."""
+        """Return (K,) True for places (K, 3) within the radius of a tip's reachable positions."""
         wanted = places.numpy().astype(np.float64)
         each = [tip.within(wanted, radius_m) for tip, _ in self._reach]
         return np.logical_or.reduce(each)
 
     def tips(self, place: Tensor, soon: Tensor) -> tuple[Tensor, Tensor]:
-        """(N, H, 3) where tips are, m, and how they move, m/s.
+        """Return (N, H, 3) positions, m, and velocities, m/s, of tips.
 
         Args:
-            place: (N, H, 4, 4) where the devices are.
-            soon: the same ``MOMENT_S`` later.
+            place: (N, H, 4, 4) poses of the devices.
+            soon: their poses ``MOMENT_S`` later.
         """
         now = _at(place, self.tool[:, 0])
         return now, (_at(soon, self.tool[:, 0]) - now) / MOMENT_S
@@ -434,12 +434,14 @@ class PrimitiveController:
 
 
 def _inside(beside: Tensor, radius: Tensor, lift_m: Tensor) -> Tensor:
-    """(N, H, 1) how far behind surfaces hands aim that heed widths; before it: negative, m.
+    """Return (N, H, 1) depths of goals behind surfaces for hands with ``by_width``, m.
+
+    Depths are negative before the surface.
 
     Args:
-        beside: (N, H, 1) from the middles of things, m.
-        radius: (N, H, 1) of the things, m.
-        lift_m: (1, 1, 1) most that hands stay before the surface.
+        beside: (N, H, 1) distances from the middles of objects, m.
+        radius: (N, H, 1) radii of the objects, m.
+        lift_m: (1, 1, 1) largest distance of hands before the surface.
     """
     share = beside / radius
     behind = _WELL_BEHIND_M * ((_ENTERS - share) / (_ENTERS - _ENTERED)).clamp(max=1.0)

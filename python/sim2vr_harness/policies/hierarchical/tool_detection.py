@@ -213,10 +213,10 @@ def _placed(simulation: Any, layer: MotorPolicy) -> tuple[Tensor, Tensor]:
 def _stands(
     looks: Sequence[tuple[NDArray[np.float32], NDArray[np.float64]]],
 ) -> NDArray[np.bool_]:
-    """(looks, height, width) what one user sees where something is in half of all looks there.
+    """Return (looks, height, width) True for pixels of one user that show static surfaces.
 
-    A wall comes near the hand again and again, and is seen wherever the hand is; a tool is not
-    where it was.
+    A surface is static if it is visible in half of all looks at its place. A wall is often near the
+    hand, and is visible wherever the hand is; a tool moves with the hand.
     """
     blocks = []
     for far, camera in looks:
@@ -289,7 +289,7 @@ def _joined(
 
 
 def _points(far: NDArray[np.float32]) -> NDArray[np.float64]:
-    """(height, width, 3) where what is seen is in the camera's frame, m."""
+    """Return (height, width, 3) positions of the visible surfaces in the camera's frame, m."""
     height, width = far.shape
     focal = 0.5 * height
     y, x = np.mgrid[0:height, 0:width] + 0.5

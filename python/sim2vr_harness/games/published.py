@@ -32,7 +32,7 @@ class PublishedPeople(Settings):
     """CSV with ``person``, ``condition`` and columns named as measures."""
     citation: str
     duration_s: float = Field(gt=0.0)
-    """Of their rounds."""
+    """Duration of their rounds, s."""
     same: dict[str, tuple[str, ...]] = Field(default_factory=dict)
     """Condition of the file -> other names that the game has for it."""
     grids: dict[str, dict[str, tuple[float, ...]]] = Field(default_factory=dict)
@@ -63,7 +63,7 @@ class PublishedTest(Settings):
 
 
 class Published(Settings):
-    """Everything that a game's room knows of others."""
+    """Published data of a game from other studies."""
 
     people: PublishedPeople | None = None
     values: tuple[PublishedValues, ...] = ()

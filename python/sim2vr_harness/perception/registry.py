@@ -188,9 +188,9 @@ def _numbers(
 
 
 _ROOM_M = 1000.0
-"""Farthest that a headset says to be from the origin, m."""
+"""Largest distance of a headset from the origin, m."""
 _HEAD_UNITS = np.array([0.1, 0.1, 0.1, 0.02, 0.02])
-"""Of the sense ``head``, rad and m: about two deviations each."""
+"""Units of the sense ``head``, rad and m, about two standard deviations each."""
 
 _SEEN, _FELT = "visual_delay_s", "proprioceptive_delay_s"
 
@@ -360,10 +360,10 @@ class Perception:
         return None
 
     def watch(self, sense: Sense) -> None:
-        """Let someone beside the users take in what they go through; no part of the observation.
+        """Add a sense that is updated with the users' senses, but is not part of the observation.
 
         Args:
-            sense: takes whole steps; its past is saved and restored with the users'.
+            sense: a sense without pauses; its state is saved and restored with the users'.
         """
         self._watching.append(sense)
 
@@ -373,11 +373,11 @@ class Perception:
 
     @property
     def needs(self) -> dict[str, str]:
-        """Capabilities that the apps need -> the sense that stays still without."""
+        """Capabilities that the apps need -> the sense that is constant without."""
         return {sense.needs: sense.name for sense in self.senses if sense.needs is not None}
 
     def pauses(self, moment: StepContext) -> dict[int, Callable[[], None]]:
-        """For every substep at which something is to be sensed, what to call there."""
+        """Return the callback for every substep at which a sense has to be sampled."""
         paused: dict[int, list[Sense]] = {}
         for sense in self.senses:
             for substep in sense.pauses:
@@ -393,21 +393,21 @@ class Perception:
         return {substep: call(senses, substep) for substep, senses in paused.items()}
 
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
-        """Forgets the past of these users; see :meth:`Sense.reset`."""
+        """Clear the past of these users; see :meth:`Sense.reset`."""
         for sense in self._all:
             sense.reset(ids, seeds)
 
     def take(self, moment: StepContext, ids: IntArray | None) -> None:
-        """Takes in the end of a step or a reset; see :meth:`Sense.take`."""
+        """Update all senses at the end of a step or a reset; see :meth:`Sense.take`."""
         for sense in self._all:
             sense.take(moment, ids)
 
     def observe(self) -> dict[str, NDArray[Any]]:
-        """The observation: fresh arrays, first axis N."""
+        """Return the observation as new arrays, first axis N."""
         return {sense.name: sense.observe() for sense in self.senses}
 
     def state_dict(self, i: int) -> dict[str, Any]:
-        """Everything that user i's future perception depends on."""
+        """Return the complete state of user i's senses."""
         return {sense.name: sense.state_dict(i) for sense in self._all}
 
     def load_state_dict(self, i: int, state: Mapping[str, Any]) -> None:

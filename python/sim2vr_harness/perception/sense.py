@@ -40,11 +40,11 @@ class Sound(Protocol):
 
     @property
     def name(self) -> str:
-        """Of the sound, the app's own."""
+        """Name of the sound in the app."""
 
     @property
     def position_m(self) -> tuple[float, float, float]:
-        """Of its source, app frame."""
+        """Position of its source, app frame."""
 
     @property
     def gain(self) -> float:

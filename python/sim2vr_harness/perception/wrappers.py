@@ -62,7 +62,7 @@ class Ring(RowState):
         self._fresh = np.ones(n, dtype=bool)
 
     def forget(self, ids: IntArray) -> None:
-        """Let what these users take next be their whole past."""
+        """Clear the history of these users; their next values fill it."""
         self._fresh[ids] = True
 
     def fresh(self, ids: IntArray | None) -> NDArray[np.bool_]:
@@ -330,7 +330,7 @@ class _Remembering(_Wrapper):
 
 
 def _times(space: spaces.Box[Any], count: int) -> spaces.Box[Any]:
-    """Of ``count`` values, one behind the other on the first axis."""
+    """Return the space of ``count`` values, concatenated on the first axis."""
     return spaces.Box(
         np.concatenate([space.low] * count),
         np.concatenate([space.high] * count),

@@ -19,9 +19,9 @@ from sim2vr_harness.runs.attention_config import FOVEA_ZOOM, AttentionCropConfig
 _VISION_PIXELS, _FOVEA_PIXELS = 24, 32
 """Sides of the crops of ``vision`` and ``fovea``; multiples of 8, which the encoder divides by."""
 _FEATURES = 96
-"""Of each crop: few beside those of the whole picture (256), as a crop shows one thing."""
+"""Features per crop, fewer than for the whole image (256), because a crop shows one object."""
 _CELL = 8
-"""Pixels of the wide picture that a cell of the locator's grid is wide and high."""
+"""Width and height of a cell of the locator's grid, in pixels of the wide image."""
 _LOCATOR = (8, 16, 24, 32)
 _ENCODER = (16, 32, 48)
 

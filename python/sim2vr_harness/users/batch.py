@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _HEAD = 0x48656164
-"""Makes the stream of the head another one than that of the motor noise."""
+"""Key of the head's random stream, which separates it from that of the motor noise."""
 
 
 class UserBatch:

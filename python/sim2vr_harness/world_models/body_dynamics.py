@@ -169,7 +169,7 @@ def _above(model: mujoco.MjModel, body: int, moves: list[bool]) -> list[int]:
 
 
 def _pulled(body: Body) -> list[list[int]]:
-    """Of every action, the joints that its actuator pulls at in some posture."""
+    """Return for every action the joints on which its actuator acts in some posture."""
     model = body.physics_model
     data = mujoco.MjData(model)
     rng, (low, high) = np.random.default_rng(0), body.joint_ranges.T
@@ -304,7 +304,7 @@ class _Acceleration(nn.Module):
         self._of_seen, self._of_base = (
             torch.tensor(columns, dtype=torch.long) for columns in (self.seen_columns, base)
         )
-        """Of limbs alike, which are more than one, there is nothing else to be seen."""
+        """Columns of other observed joints, which groups of several limbs lack, and of the base."""
         for name in ("mean", "spread", "speed", "gain", "remainder"):
             self.register_buffer(name, torch.ones(joints))
         for name in ("seen_mean", "seen_spread", "seen_speed"):

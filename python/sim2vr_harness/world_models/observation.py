@@ -50,17 +50,17 @@ class ImaginedSenses(State):
         self.size = len(layout.names)
         """Numbers of an observation."""
         self.warm_up = 0 if layout.lag.none else max(layout.lag.longest, layout.actions)
-        """User steps after a start until the past is a user's own."""
+        """User steps after a start until the history contains only a user's own observations."""
 
     def be_late(self, share: float) -> None:
-        """Let the users know what they do by so large a share of their lag, 1 at first."""
+        """Set the observation delay to a proportion of its full value, 1 at first."""
         self._layout = dataclasses.replace(self._layout, lag=self._lag.reached(share))
 
     def _now(self) -> Tensor:
         return torch.cat([self._users.observe(), self._rounds.observe(self._users.place)], 1)
 
     def start(self, ids: Tensor) -> None:
-        """Let the present be the whole past of users (K,), who have done nothing yet."""
+        """Fill the history of users (K,) with the present observation, without past actions."""
         with torch.no_grad():
             now = self._now()
             self._past = [_replaced(moment, now, ids) for moment in self._past]

@@ -59,7 +59,7 @@ class ImaginedNoise(State):
         return noisy.clamp(0.0, 1.0)
 
     def forget(self, ids: Tensor) -> None:
-        """Let accumulated noise of some users start anew."""
+        """Reset the accumulated noise of some users."""
         self._signal_red[ids], self._constant_red[ids] = 0.0, 0.0
 
 
@@ -176,7 +176,7 @@ class ImaginedUsers(State):
         return torch.cat([on_the_way, self.place[:, None]], 1)
 
     def start(self, ids: Tensor, motion: Motion) -> None:
-        """Let users ``ids`` (K,) go on from ``motion``, of K users."""
+        """Set users ``ids`` (K,) to ``motion``, of K users."""
         self._placed = None
         with torch.no_grad():
             for name in ("angles", "speeds", "drives", "persons"):
@@ -273,7 +273,7 @@ class ImaginedUsers(State):
         return torch.cat(parts, 1)
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from :meth:`state_dict`, but for the body model."""
+        """Restore a state of :meth:`state_dict`, except the body model."""
         super().load_state_dict(state)
         self._placed = None
         self._before = self.motion

@@ -13,7 +13,7 @@ _PASSES, _BATCH = 4, 2048
 _FOLLOW = 0.05
 """Update rate of the slow (target) critic towards the other one, per update."""
 _SCALE = 10.0
-"""Of values, beside the nets' outputs."""
+"""Factor from the networks' outputs to values."""
 
 
 class ValueFunction(State):

@@ -38,7 +38,7 @@ from sim2vr_harness.games.beats.rules import (
 from sim2vr_harness.games.beats.settings import GameModelSettings, Relaxation
 
 HANDS = ("left", "right")
-"""In the order of the boxes' hands."""
+"""Hands, in the order of the boxes' hand numbers."""
 _ALONG_M = (-0.15, 0.0, 0.15)
 """Points of a blade by which its distance from a box is found, about the one nearest to the box's
 middle: within 2 cm of the exact distance."""
@@ -238,7 +238,7 @@ class Lane(State):
         return self.levels.condition[self.level]
 
     def begin(self, ids: Tensor, *, busy: float | None = None) -> None:
-        """Let rounds ``ids`` play levels drawn anew.
+        """Start rounds ``ids`` with newly sampled levels.
 
         Args:
             ids: (K,).
@@ -523,7 +523,7 @@ class ImaginedBeats(State):
     )
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from :meth:`state_dict`."""
+        """Restore a state of :meth:`state_dict`."""
         self._before = self._before or Blades(torch.zeros(0), torch.zeros(0))
         super().load_state_dict(state)
 

@@ -66,7 +66,7 @@ class PointingTask:
         )
 
     def center(self, block: int, target: int) -> tuple[float, float, float]:
-        """Of a target from the circle's centre, m, the app's axes."""
+        """Return a target's position relative to the circle's centre, m, in the app's axes."""
         radius = 0.5 * self.blocks[block][0] / math.cos(math.pi / (2 * self.targets))
         angle = 2.0 * math.pi * target / self.targets
         return radius * math.sin(angle), radius * math.cos(angle), 0.0
@@ -163,7 +163,7 @@ class ImaginedPointing(State):
         self.counts = torch.zeros(2, count, 1)
         """Hits and failures since :meth:`clear_counts`, by condition."""
         self.block_counts = torch.zeros(2, count, len(self._widths))
-        """The same by condition and block."""
+        """Hits and failures since :meth:`clear_counts`, by condition and block."""
         self.score = torch.zeros(n)
         """The true game's reward of the latest user step."""
         self.condition, self.block, self.trial = (torch.zeros(n, dtype=torch.long),) * 3
@@ -231,7 +231,7 @@ class ImaginedPointing(State):
         self.block_counts.zero_()
 
     def adapt(self) -> None:
-        """Let blocks that fail come up more often."""
+        """Increase the sampling weights of blocks with many failures."""
         counts, share = self.block_counts, FAILING_BLOCKS
         total = counts.sum(0)
         fails = torch.where(total > 0, counts[1] / total.clamp(min=1.0), torch.ones(())) + 0.02

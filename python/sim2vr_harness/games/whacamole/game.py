@@ -317,7 +317,7 @@ class ImaginedWhacAMole(State):
         """Share of a frame's speed in the velocity that is judged: a half in each of the app's."""
         on_cpu = torch.get_default_device().type == "cpu"
         self.generator = torch.Generator().manual_seed(seed) if on_cpu else None
-        """Of spawns; on a GPU they come from torch's own, which a captured graph draws from."""
+        """Generator of spawns; on a GPU it is torch's own, which captured graphs need."""
         self._threshold = torch.tensor([c["round.strike_threshold_mps"] for c in conditions])
         self._constrained = torch.tensor([c["round.constrained"] for c in conditions])
         self._most = torch.tensor([int(c["round.max_targets"]) for c in conditions])
@@ -408,7 +408,7 @@ class ImaginedWhacAMole(State):
         self._earned.zero_()
 
     def adapt(self) -> None:
-        """Let cells that are missed come up more often, and be worth more."""
+        """Increase the spawn weights and values of cells with many misses."""
         counts, share = self.counts, FAILING_CELLS
         total = counts.sum(0)
         fails = torch.where(total > 0, counts[1] / total.clamp(min=1.0), 1.0) + 0.02
@@ -443,7 +443,7 @@ class ImaginedWhacAMole(State):
     )
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from :meth:`state_dict`, also on a device of the other kind."""
+        """Restore a state of :meth:`state_dict`, also on a device of the other kind."""
         super().load_state_dict(state if self.generator else {**state, "generator": None})
 
     # --- what is observed --------------------------------------------------------------------

@@ -22,12 +22,13 @@ _MIDDLE_FIRST = torch.tensor([5, 6, 9, 10, 1, 2, 4, 7, 8, 11, 13, 14, 0, 3, 12, 
 _AROUND_PX = 4
 """Margin around a cell, in pixels, in which an object's outline is still traced."""
 _SAME_COLOUR, _SAME_DEPTH = 32, 3
-"""Differences, of 255, up to which neighbouring pixels show the same thing."""
+"""Differences, of 255, up to which neighbouring pixels show the same object."""
 _SAME_HUE, _COLOURED, _SHADED = 0.25, 40, 0.45
-"""Of pixels of one shaded thing: largest difference of hue (sixths of the circle), least colour
-(largest less smallest channel, of 255), and least brightness, as a share of the brighter one."""
+"""Criteria for pixels of one shaded object: largest difference of hue (sixths of the circle), least
+chroma (largest minus smallest channel, of 255), and least brightness relative to the brighter
+pixel."""
 _CLEAR, _ENOUGH_PX = 128, 4
-"""Differences of colour, and pixels in a cell, above which a thing does not stand out more."""
+"""Colour difference, and number of pixels in a cell, above which an object is not more salient."""
 
 
 class DepthGrid:

@@ -14,22 +14,22 @@ from sim2vr_harness.policies.hierarchical.motor_policy import (
 )
 
 LEAD_STEPS = 2
-"""User steps by which a path's goal runs ahead of where the hand shall be now."""
+"""User steps by which a path's goal is ahead of the hand's current position on the path."""
 _REST, _ARRIVE, _FOLLOW = 0, 1, 2
 _SHARES = (0.1, 0.62, 0.28)
-"""Of hands that rest, arrive and follow (hold still included), when a goal is drawn."""
+"""Proportions of sampled goals that rest, arrive and follow a path (including holding still)."""
 _STRUCK = 0.35
-"""Of hands that arrive, how many strike: from nearby, through a place, with time to wind up."""
+"""Proportion of arrivals that are strikes: from nearby, through a place, with time to wind up."""
 _STRIKE_M, _STRIKE_S, _STRIKE_MPS = (0.04, 0.35), (0.15, 0.7), (0.6, 4.0)
-"""From where, in what time, and how fast."""
+"""Ranges of the distance, time and speed of strikes."""
 _SWINGS = 0.5
-"""Of paths, how many are as fast as strokes; the others as slow as reaching."""
+"""Proportion of paths that are as fast as strikes; the others are as slow as reaching."""
 _SLOW_M, _SWING_M = 0.10, 0.15
 _SLOW_HZ, _SWING_HZ = (0.15, 1.35), (0.5, 3.0)
 _FASTEST_MPS = 3.0
-"""Of paths."""
+"""Largest speed of paths."""
 _HELD = 0.5
-"""Of those who have arrived without speed, how many are to stay there for a while."""
+"""Proportion of arrivals without speed after which the hand has to hold its position."""
 _LONGEST_S = 1.2
 _BEHIND = 0.12
 """Sampling weight of goals beside or behind the body, relative to goals in front of it."""
@@ -43,7 +43,7 @@ _BY_M, _BY_MPS, _BY_STRIKE_MPS, _BY_AXIS = 30.0, 1.0, 2.0, 2.0
 """Weights of the reward: cost of the errors of position, of velocity (without and with training in
 strikes) and of direction. _BONUS is the reward for an arrival within _NEAR_M."""
 _STEP_SHARE = 0.15
-"""Of that, for every user step of following."""
+"""Proportion of this reward for each user step of following a path."""
 _WAVES = 2
 _REGION_M, _REGIONS = 0.12, 20
 """Regions of goals: cubes of this size, so many along each side of a cube around the body."""
@@ -215,7 +215,7 @@ class GoalSampler:
         return place, (amplitude * rate * angle.cos()).sum(-1)
 
     def _show_paths(self) -> None:
-        """Let goals on paths run ahead of where the hand shall be."""
+        """Move goals on paths ahead of the hand's current position on the path."""
         follows = (self._kind == _FOLLOW)[..., None]
         lead = LEAD_STEPS * self._step_s
         place, velocity = self._path(self._clock_s + lead)
@@ -293,13 +293,13 @@ class GoalSampler:
     _STATE = ("_kind", "_clock_s", "_until_s", "_center", "_waves", "_hand_goal", "_wrong_m")
 
     def state_dict(self) -> dict[str, Tensor]:
-        """Everything that their future depends on."""
+        """Return the complete state of the goals."""
         own = {name: getattr(self, name).clone() for name in self._STATE}
         goals = {f"goals.{name}": value.clone() for name, value in self.goals.tensors().items()}
         return own | goals | {"generator": self.generator.get_state()}
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """Go on from :meth:`state_dict`."""
+        """Restore a state of :meth:`state_dict`."""
         for name in self._STATE:
             setattr(self, name, state[name].clone())
         for name in self.goals.tensors():

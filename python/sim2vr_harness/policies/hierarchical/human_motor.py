@@ -28,11 +28,11 @@ from sim2vr_harness.world_models.person_features import ImaginedPersons
 from sim2vr_harness.world_models.transitions import Motion
 
 RECOGNITION_S = 0.1
-"""From what is seen to a decision by it, beside the visual delay (docs/concepts/people.md)."""
+"""Visual recognition latency of a decision, added to the visual delay (docs/concepts/people.md)."""
 SAME_M = 0.06
-"""A target that has moved less is followed without a new decision."""
+"""Movement of a target up to which the hand follows it without a new decision."""
 _FIXATION_S = 0.2
-"""Correlation time of what is misjudged: about a fixation."""
+"""Correlation time of the errors in perceived goals, about the duration of a fixation."""
 
 
 @dataclass
@@ -83,7 +83,7 @@ class GoalPerception:
         self._weber, self._least_m, self.generators = weber, least_m, generators
         self._keep = float(torch.exp(torch.tensor(-step_s / _FIXATION_S)))
         self._error = torch.zeros(n, hands, 3)
-        """In standard deviations."""
+        """(B, H, 3) errors in standard deviations."""
         self._seen_m = torch.zeros(late_steps + 1, n, hands)
 
     def _drawn(self, users: Sequence[int]) -> Tensor:
@@ -93,7 +93,7 @@ class GoalPerception:
         return torch.stack([torch.randn(shape, generator=self.generators[i]) for i in users])
 
     def forget(self, ids: Tensor, far: Tensor) -> None:
-        """Let goals of users (K,) be new ones, at distances (K, H) from their hands."""
+        """Set new goals of users (K,), at distances (K, H) from their hands."""
         self._error = self._error.clone()
         self._error[ids] = self._drawn(ids.tolist())
         self._seen_m = self._seen_m.clone()
@@ -110,7 +110,7 @@ class GoalPerception:
         return (self._least_m + self._weber * self._seen_m[0])[..., None] * self._error
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything that its future depends on, but for torch's global generator."""
+        """Return the complete state, except torch's global generator."""
         own = {"error": self._error.clone(), "seen_m": self._seen_m.clone()}
         return own | {"drawn": [each.get_state() for each in self.generators or ()]}
 
@@ -183,7 +183,7 @@ _INPUTS = 13
 _MOST_MPS = 2.0
 """Largest change of velocity in a user step."""
 _LOGIT, _FIRST_LOGIT = 3.0, -0.8
-"""Of the decision that a movement is over: factor on the network's output, and its first bias."""
+"""Logit of the decision to end a movement: factor on the network's output, and initial bias."""
 
 
 class HandPolicy(nn.Module):
@@ -535,7 +535,7 @@ class HumanHands:
         return new
 
     def forget(self, ids: Sequence[int] | NDArray[np.int64]) -> None:
-        """Let users (K,) be in new episodes: they know their first posture."""
+        """Reset users (K,) for new episodes; their first posture is known."""
         self._new[torch.as_tensor(ids, dtype=torch.long)] = True
 
     def state_dict(self) -> dict[str, Any]:
@@ -556,7 +556,7 @@ class HumanHands:
             self.perception.load_state_dict(state["goals"])
 
     def aim_anew(self, ids: Tensor, far: Tensor) -> None:
-        """Let goals of users (K,) be new ones, at distances (K, H) from their hands."""
+        """Set new goals of users (K,), at distances (K, H) from their hands."""
         if self.perception is not None and len(ids):
             self.perception.forget(ids, far)
 

@@ -21,7 +21,7 @@ GOAL_SIZE = 22
 _FAR_M, _FAST_MPS, _LATE_S = 0.3, 1.5, 0.5
 """Units of what is observed."""
 WIDTH_M = 0.04
-"""Of targets whose width is not known."""
+"""Width of targets whose own width is not known."""
 WIDTHS_M = (0.01, 0.12)
 """Widths that human motor policies learn with: narrower or wider targets count as these."""
 MOMENT_S = 0.005

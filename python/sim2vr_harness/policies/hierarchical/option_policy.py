@@ -235,7 +235,7 @@ class HierarchicalPolicy(nn.Module):
         return Memory(n, len(self.layer.hands))
 
     def restart(self, memory: list[Memory], users: Sequence[int]) -> None:
-        """Let the episodes of these users begin anew."""
+        """Reset these users for a new episode."""
         for number, part in enumerate(memory):
             own = [user - number * self.together for user in users]
             self._forget(part, [user for user in own if 0 <= user < part.n])
@@ -299,7 +299,7 @@ class HierarchicalPolicy(nn.Module):
         return OptionScene(self.values.sight, pictures, at, turned, *moving)
 
     def decide(self, moment: Moment, memory: Memory) -> None:
-        """Let users decide whose last decision has been seen through."""
+        """Select new options for the users whose last option is finished."""
         due = memory.left <= 0
         if due.any():
             with torch.no_grad():

@@ -227,7 +227,7 @@ class OptionChoice:
             value[users] = vars(other)[name][users]
 
     def forget(self, users: Sequence[int]) -> None:
-        """Let users rest, whose rounds begin."""
+        """Set users to rest at the start of their rounds."""
         self.put(np.asarray(users, np.int64), OptionChoice(*self.move.shape))
 
 

@@ -27,11 +27,11 @@ be fewer pictures."""
 _NEAR_M = 2.5
 _CERTAIN = (0.03, 0.3, 0.5)
 _LIKELY = (0.02, 0.1, 0.15)
-"""In which share of the pictures a part of a tool is seen, at least; how often beside the part that
-is seen most; and in which share of those in which it could be. Hands that move through all their
-reach are in sight now and then only. What is likely counts where it goes on what is certain: the
-end of a long blade is seen less than its root, and thinner than a pixel; just beyond it both shares
-are a third of that."""
+"""Lowest frequencies with which certain and probable parts of a tool are visible: in all images,
+relative to the most visible part, and in the images in which the part can be visible. Hands that
+move through all their reach are visible only now and then. Probable parts count if they continue
+certain ones: the end of a long blade is less visible than its root, and thinner than a pixel; just
+beyond the end both frequencies are a third of that."""
 _STANDS_LOOKS = 3
 """Number of sightings from which on a cell counts as part of a static object."""
 _MARGIN_M = 0.08
@@ -58,15 +58,15 @@ class _Grid:
     """Cubes about the middle of a frame, numbered.
 
     Attributes:
-        edge_m: of a cube.
-        side: how many there are along each axis.
+        edge_m: edge of a cube.
+        side: number of cubes along each axis.
     """
 
     edge_m: float
     side: int
 
     def numbers(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
-        """(...) of the cubes that points (..., 3) are in; -1 outside."""
+        """Return (...) numbers of the cubes that contain points (..., 3); -1 outside."""
         index = np.floor(points / self.edge_m + 0.5 * self.side).astype(np.int64)
         x, y, z = np.moveaxis(index, -1, 0)
         inside = ((index >= 0) & (index < self.side)).all(-1)
@@ -74,13 +74,13 @@ class _Grid:
         return numbers
 
     def centers(self, numbers: NDArray[np.int64]) -> NDArray[np.float64]:
-        """(K, 3) the middles of cubes (K,), m."""
+        """Return (K, 3) middles of cubes (K,), m."""
         index = np.stack(np.unravel_index(numbers, (self.side,) * 3), 1)
         return np.asarray((index + 0.5 - 0.5 * self.side) * self.edge_m, dtype=np.float64)
 
 
 _VOXELS, _BLOCKS = _Grid(0.03, 90), _Grid(0.06, 2000)
-"""Of a device's frame, and of the world, in which something stands or not."""
+"""Cubes in a device's frame, and in the world for the test for static surfaces."""
 
 
 class Tool:

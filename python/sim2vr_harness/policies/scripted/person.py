@@ -85,7 +85,7 @@ class PersonMotor:
         ]
 
     def begin(self, user: int, rng: np.random.Generator | None) -> None:
-        """Let the episode of a user begin: what it misjudges is drawn; None: always the same."""
+        """Begin an episode of a user with sampled perceptual errors; None: always the same ones."""
         part, row = divmod(user, _TOGETHER)
         self._parts[part].forget([row])
         self._generators[part][row].manual_seed(0 if rng is None else int(rng.integers(2**31)))

@@ -318,7 +318,7 @@ class Body:
 
     @cached_property
     def observed_ranges(self) -> FloatArray:
-        """The same of the observed joints."""
+        """Ranges of the observed joints."""
         return self._ranges(self.observed_joints)
 
     @cached_property

@@ -131,10 +131,11 @@ class BodyDescription(Settings):
     place: PlaceDescription = PlaceDescription()
     devices: dict[Literal["headset", "controller_right", "controller_left"], DeviceDescription]
     posture: Posture | None = None
-    """Of a body with legs: root and legs are locked in it, actuators that move nothing else go."""
+    """Posture of a body with legs: root and legs are locked in it, and actuators that move only
+    these are removed."""
     locked_joints: dict[str, Angle] = Field(default_factory=dict)
-    """Joints (or patterns) that do not move, and their angles (rad; slides m); 0 locks free joints
-    and balls where they are."""
+    """Joints (or patterns) that are locked, and their angles (rad; slides m); 0 locks free joints
+    and balls at their pose in the model."""
     actuators: tuple[ActuatorsDescription, ...] | None = Field(default=None, min_length=1)
     """None: all there are. Those left out are taken away; at least one stays."""
     observed_joints: Names | None = None

@@ -12,13 +12,13 @@ from sim2vr_harness.base.settings import Chance, Settings
 LEAST_STEP_S, MOST_STEP_S = 1e-4, 0.02
 
 PhysicsStep = Annotated[float, Field(ge=LEAST_STEP_S, le=MOST_STEP_S)]
-"""In s. A body falls apart above it; below, a user step takes minutes."""
+"""Physics step, s. Above its range simulations diverge; below, a user step takes minutes."""
 
 Length = Annotated[float, Field(gt=0.0, le=1000.0)]
-"""In m; a body says more exactly what its segments can have."""
+"""Length, m; a body has narrower bounds for its segments."""
 SegmentFactor = Annotated[float, Field(ge=0.5, le=2.0)]
 Angle = Annotated[float, Field(ge=-100.0, le=100.0)]
-"""In rad; of a slide a place in m."""
+"""Angle, rad; for slides a position, m."""
 
 
 def _in_order(limits: tuple[float, float]) -> tuple[float, float]:
@@ -28,7 +28,7 @@ def _in_order(limits: tuple[float, float]) -> tuple[float, float]:
 
 
 ActivationRange = Annotated[tuple[Chance, Chance], AfterValidator(_in_order)]
-"""From the least to the greatest activation, within [0, 1]."""
+"""Lowest and highest activation, within [0, 1]."""
 
 
 class JointOptions(Settings):

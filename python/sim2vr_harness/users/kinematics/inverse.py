@@ -14,7 +14,7 @@ CLOSE_M = 1e-3
 _DAMPING = 1e-3
 _KEPT = 0.8
 _LEAST, _MOST = 1e-9, 1e9
-"""Of the damping, m^2."""
+"""Bounds of the damping, m^2."""
 
 
 def solve(

@@ -38,11 +38,11 @@ class ControlSettings:
     starts: int = 3
     """Random starts of the search in addition to the current posture; the lowest cost wins."""
     frequency_rad_s: float = 9.0
-    """Of the springs."""
+    """Natural frequency of the springs."""
     furthest_rad: float = 0.5
-    """Springs pull no harder than at this error."""
+    """Error at which the springs' force reaches its maximum."""
     servo_rad: float = 0.08
-    """By which the target of a motor of trunk or neck moves in a user step."""
+    """Largest change of a trunk or neck motor's target in a user step."""
     ease: float = 0.1
     """Weight of activations beside accelerations."""
     holding_ease: float = 0.02
@@ -86,7 +86,7 @@ class DeviceRay(NamedTuple):
 
     @property
     def key(self) -> bytes:
-        """The same for equal rays."""
+        """Key that is the same for equal rays."""
         return np.concatenate(self).tobytes()
 
 

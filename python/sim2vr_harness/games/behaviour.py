@@ -13,13 +13,13 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Ratings:
-    """How tiring people find conditions: published figures of the same task.
+    """Published ratings of fatigue in the conditions of the same task.
 
     Attributes:
-        scale: what they were asked.
+        scale: name of the rating scale.
         medians: group -> condition -> median rating.
-        people: group -> how many.
-        source: of the figures.
+        people: group -> number of people.
+        source: publication of the figures.
     """
 
     scale: str
@@ -39,31 +39,31 @@ class Contrast:
 
 @dataclass(frozen=True)
 class Behaviour:
-    """What is to be known of a game to measure what its players do.
+    """Facts about a game that its behavioural measures need.
 
     Attributes:
-        game: its name in the runtime.
+        game: name of the game in the runtime.
         tool: the columns of ``states.csv`` that hold the tool's pose, without ``_pos_x``.
         root_m: the point whose speed the game tests, in the controller's frame (Unity's axes), m.
-        places_m: of each cell, x and y of its target in the plane, m; for recordings whose log has
-            no ``grid mapping``.
-        groups: name of a set of people who play by the same rule -> how the names of its conditions
-            end; one of them by nothing.
-        conditions: as people call them, in the order of the tables -> all names of the game for it,
-            without the group's ending; the first one is played.
-        one_target: conditions in which at most one target is up: a spawn is then a stimulus, and
+        places_m: x and y of each cell's target in the plane, m; for recordings whose log has no
+            ``grid mapping``.
+        groups: name of a set of people who play by the same rule -> suffix of the names of its
+            conditions; one suffix is empty.
+        conditions: label, in the order of the tables -> all names of the condition in the game,
+            without the group's suffix; the first one is played.
+        one_target: conditions with at most one target at a time: a spawn is then a stimulus, and
             the family ``reaction`` is measured.
         speed_rule: groups in which a touch can be too slow to count; contacts and swings through
             the plane are measured in these.
-        alive_after_s: from this long after its spawn a target counts as one that could be chosen.
-        without: measures that make no sense in this game.
+        alive_after_s: time after its spawn from which a target counts as available.
+        without: measures that do not apply to this game.
         contrasts: differences between conditions that people show.
-        tiring: conditions that tire differently, in the order of the tables.
-        ratings: how tiring people find them; None: not known.
+        tiring: conditions that differ in fatigue, in the order of the tables.
+        ratings: fatigue ratings of these conditions; None: not known.
         headlines: (condition, measure) shown first.
-        any_app: whether rounds are sessions of any app: measured is the hand, not a tool.
-        aimed: whether it is a game of aimed movements: measured are Fitts' law and throughput,
-            over all conditions.
+        any_app: True if rounds are sessions of any app: the hand is measured, not a tool.
+        aimed: True for a game of aimed movements: Fitts' law and throughput are measured over all
+            conditions.
     """
 
     game: str
@@ -85,14 +85,14 @@ class Behaviour:
 
     @property
     def least_people(self) -> int:
-        """How many people there must be to compare with; figures of aimed movements are published.
+        """Lowest number of recorded people for a comparison.
 
-        Two have a range.
+        It is 0 for aimed movements, whose figures are published, and 2 for a range of people.
         """
         return 0 if self.aimed else 1 if self.any_app else 2
 
     def recognise(self, name: str) -> tuple[str, str] | None:
-        """Group and condition of a game's name of a condition; None if it is not compared."""
+        """Return group and condition for a game's condition name; None if it is not compared."""
         group = self.group_of(name)
         base = name.removesuffix(self.groups[group])
         for condition, names in self.conditions.items():

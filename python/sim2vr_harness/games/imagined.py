@@ -1,8 +1,8 @@
-"""The seam between the fast recipe and a game.
+"""Interface between imagined rollouts and a game.
 
-Imagined (model-based) rollouts need rules whose reward has a gradient; a curriculum needs to know
-where a game's targets come up and which of them fail. Both are stated here, in tensors and plain
-values, so that a game's room knows nothing of bodies, policies or learners.
+Imagined (model-based) rollouts need rules whose reward has a gradient; a curriculum needs the
+places at which targets appear and the failures at each. Both are stated here, in tensors and plain
+values, so that a game's package does not depend on bodies, policies or learners.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ if TYPE_CHECKING:  # settings are read without torch
 
 @dataclass(frozen=True)
 class ImaginedCondition:
-    """One of the conditions that imagined rounds are of.
+    """A condition of imagined rounds.
 
     Attributes:
-        name: of the game's condition.
-        options: of a round, all that are set.
-        start: the privileged numbers at a round's start.
+        name: name of the game's condition.
+        options: all options that are set for a round.
+        start: the privileged observations at a round's start.
     """
 
     name: str
@@ -37,48 +37,48 @@ class ImaginedCondition:
 
 
 class ImaginedRounds(Protocol):
-    """B rounds without an end, differentiable by where the devices are.
+    """B rounds without an end, differentiable with respect to the device poses.
 
     Places are (B, D, 4, 4), the transforms of :attr:`ImaginedGame.devices` in MuJoCo's world frame,
-    m. ``fields`` are the privileged numbers that :attr:`ImaginedGame.fields` names, (K, F).
+    m. ``fields`` are the privileged observations that :attr:`ImaginedGame.fields` names, (K, F).
     """
 
     names: tuple[str, ...]
-    """What :meth:`observe` gives, by the names of the true game's privileged numbers."""
+    """Names of the values of :meth:`observe`, as in the true game's privileged observations."""
     spawn_weights: Tensor
-    """(C, cells) how often targets come up, by condition and cell; rows sum to 1."""
+    """(C, cells) spawn weights of targets by condition and cell; rows sum to 1."""
     counts: Tensor
     """(2, C, cells) successes and failures since :meth:`clear_counts`."""
     frames: int
-    """Moments of a user step that it looks at, evenly spread, the last one being its end."""
+    """Number of evenly spaced frames per user step that the rules evaluate, the last at its end."""
 
     def calibrate(self, place: Tensor, fields: Tensor) -> None:
-        """Find out from user steps of the true game how the tools are fixed to the devices."""
+        """Estimate from user steps of the true game how the tools are fixed to the devices."""
 
     def start(self, ids: Tensor, place: Tensor, fields: Tensor, cell: Tensor) -> None:
-        """Let rounds ``ids`` (K,) go on from states of the true game.
+        """Start rounds ``ids`` (K,) from states of the true game.
 
         Args:
-            ids: (K,) which.
-            place: (K, D, 4, 4) where their devices are.
-            fields: (K, F) what the true game said there.
-            cell: (K,) where a target lives; -1 leaves all to chance.
+            ids: (K,) numbers of the rounds.
+            place: (K, D, 4, 4) poses of their devices.
+            fields: (K, F) privileged observations of the true game in these states.
+            cell: (K,) cell with a living target; -1: random.
         """
 
     def begin(self, ids: Tensor) -> None:
-        """Let rounds that have been started be at a round's first moment; tests compare from there.
+        """Set started rounds to the first frame of a round; tests compare from there.
 
         Args:
-            ids: (K,) which.
+            ids: (K,) numbers of the rounds.
         """
 
     def condition_of(self, fields: Tensor) -> Tensor:
-        """(K,) in which condition these user steps were taken."""
+        """Return (K,) the conditions of these user steps."""
 
     def nearest(self, place: Tensor, condition: Tensor) -> tuple[Tensor, Tensor]:
-        """(K,) how far the tool is from the nearest good start of an action, m, and (K,) its cell.
+        """Return (K,) distances of the tool from the nearest good start, m, and (K,) its cell.
 
-        A game whose rounds may begin anywhere says infinity.
+        The distance is infinite in a game whose rounds may begin anywhere.
 
         Args:
             place: (K, D, 4, 4).
@@ -86,60 +86,61 @@ class ImaginedRounds(Protocol):
         """
 
     def observe(self, place: Tensor) -> Tensor:
-        """(B, F) what a teacher observes of the game, in the order of :attr:`names`."""
+        """Return (B, F) a teacher's observation of the game, in the order of :attr:`names`."""
 
     def step(self, places: Tensor, done: float) -> Tensor:
         """Advance by one user step.
 
         Args:
-            places: (B, F, D, 4, 4) where the devices are in F = :attr:`frames` moments of the step,
+            places: (B, F, D, 4, 4) poses of the devices in F = :attr:`frames` frames of the step,
                 the last one at its end.
-            done: share of the imagined rollouts that is over; rewards are soft at first.
+            done: finished proportion of the imagined rollouts; rewards are soft at first.
 
         Returns:
             (B,) rewards, differentiable by all places since :meth:`cut`.
         """
 
     def cut(self) -> None:
-        """Forget what led to the present: gradients end here."""
+        """Detach the state from its history, so that gradients end here."""
 
     def clear_counts(self) -> None:
-        """Count successes and failures anew."""
+        """Set the counts of successes and failures to zero."""
 
     def adapt(self) -> None:
-        """Change spawns and worth of the cells by what :attr:`counts` says has failed."""
+        """Adapt spawn weights and values of the cells to the failures in :attr:`counts`."""
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything that the rounds' future depends on."""
+        """Return the complete state of the rounds."""
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from :meth:`state_dict`."""
+        """Restore a state of :meth:`state_dict`."""
 
 
 class ImaginedGame(Protocol):
-    """What the fast recipe knows of a game.
+    """Facts about a game for imagined rollouts.
 
     Attributes:
-        name: of the game, as the runtime's registry has it.
-        settings: its keys of ``teacher.imagined.game``, with their defaults.
-        devices: the worn devices whose places decide, by the names of their sites.
-        fields: the privileged numbers that :class:`ImaginedRounds` take.
-        cells: how many places targets come up in.
-        conditions: those that a teacher trains in unless the configuration names others.
-        hidden_fields: patterns of privileged numbers, and of the own body's, that a teacher does
-            not observe: the model does not know them, or they would help too much.
-        felt_fields: patterns of the privileged numbers that a user feels as well as sees: where the
-            tool in its hand is.
-        facts: pattern of the privileged numbers, 0 or 1, that the picture shows: a student's
-            image features learn to name them.
-        attention_targets: objects for attention crops, the first ones first, by the beginning of
-            their privileged numbers: NAME.present, and NAME.x_m, NAME.y_m and NAME.z_m from the
-            head in the app's frame. A student may learn to find them (``policy.attention_crops``).
-        start_fields: the privileged numbers that say how far the tool is from the nearest good
-            start of an action, m, and for which cell; None: rounds start where they start.
-        on_gpu: whether imagined rounds can run on a GPU: a user step reads no tensor's values.
-        start_limits: joint -> lowest and highest angle, rad, of the postures that rounds of the
-            curriculum may start in; joints not named have their whole range.
+        name: name of the game in the runtime's registry.
+        settings: class of the keys of ``teacher.imagined.game``, with their defaults.
+        devices: the worn devices whose poses the rules use, by the names of their sites.
+        fields: the privileged observations that :class:`ImaginedRounds` read.
+        cells: number of places at which targets appear.
+        conditions: conditions in which a teacher trains unless the configuration names others.
+        hidden_fields: patterns of privileged observations, and of proprioception, that a teacher
+            does not observe: the model does not predict them, or they would help too much.
+        felt_fields: patterns of the privileged observations that a user perceives by touch as well
+            as by vision: the pose of the tool in its hand.
+        facts: pattern of the privileged observations, 0 or 1, that the image shows: a student's
+            image features learn to predict them.
+        attention_targets: objects for attention crops, the first ones first, by the prefix of
+            their privileged observations: NAME.present, and NAME.x_m, NAME.y_m and NAME.z_m from
+            the head in the app's frame. A student may learn to find them
+            (``policy.attention_crops``).
+        start_fields: the privileged observations with the tool's distance from the nearest good
+            start of an action, m, and with its cell; None: starts are not selected.
+        on_gpu: True if imagined rounds can run on a GPU: a user step reads no tensor's values.
+        start_limits: joint -> lowest and highest angle, rad, of the start postures in the
+            curriculum; joints not named have their whole range.
     """
 
     name: str
@@ -163,11 +164,11 @@ class ImaginedGame(Protocol):
 
         Args:
             condition: its name.
-            weights: (cells,) how often targets come up in each; None leaves the game's own.
+            weights: (cells,) spawn weight of each cell; None: the game's own.
         """
 
     def outcomes(self, log: Mapping[str, float]) -> NDArray[np.float64]:
-        """(2, cells) successes and failures since the round's start, from the game's log."""
+        """Return (2, cells) successes and failures since the round's start, from the game's log."""
 
     def rounds(
         self,
@@ -183,14 +184,14 @@ class ImaginedGame(Protocol):
         """Return N imagined rounds.
 
         Args:
-            n: how many.
+            n: number of rounds.
             conditions: in the order of their numbers.
             settings: an instance of :attr:`settings`.
             step_s: duration of a user step.
             frames: F, app frames of a user step.
-            seed: of what comes up when and where.
-            gamma: how much of a reward is left to who learns a user step later.
+            seed: seed of the targets' times and places.
+            gamma: discount factor per user step.
 
         Raises:
-            ValueError: the model does not know this duration of a step, or so many frames.
+            ValueError: the model does not support this step duration or number of frames.
         """

@@ -32,7 +32,7 @@ class PublishedPeople(Settings):
     """CSV with ``person``, ``condition`` and columns named as measures."""
     citation: str
     duration_s: float = Field(gt=0.0)
-    """Of their rounds."""
+    """Duration of their rounds, s."""
     same: dict[str, tuple[str, ...]] = Field(default_factory=dict)
     """Condition of the file -> other names that the game has for it."""
     grids: dict[str, dict[str, tuple[float, ...]]] = Field(default_factory=dict)
@@ -63,20 +63,20 @@ class PublishedTest(Settings):
 
 
 class Published(Settings):
-    """Everything that a game's room knows of others."""
+    """Published data of a game from other studies."""
 
     people: PublishedPeople | None = None
     values: tuple[PublishedValues, ...] = ()
     tests: tuple[PublishedTest, ...] = ()
     per_round: tuple[str, ...] = ()
-    """Measures that grow with the length of a round: rounds of another length do not compare."""
+    """Measures that grow with the round's length; they are compared for equal lengths only."""
     differences: tuple[str, ...] = ()
-    """Why ours may be other numbers, a sentence each."""
+    """Reasons for which the simulated numbers may differ, one sentence each."""
     rows: tuple[dict[str, str | float | None], ...] = ()
-    """People's rows; from their file."""
+    """Rows of the recorded people, from their file."""
 
     def beside_rounds_of(self, duration_s: float) -> Published:
-        """What compares with rounds of that length: without what grows with it, if it differs."""
+        """Return the figures for rounds of this length, without per-round ones if it differs."""
         if self.people is None or abs(duration_s - self.people.duration_s) <= _SAME_S:
             return self
         told = (
@@ -92,7 +92,7 @@ class Published(Settings):
         return self.model_copy(update=changed)
 
     def people_in(self, condition: str, measure: str) -> list[float]:
-        """A measure of every person who played a condition, by whichever of its names."""
+        """Return a measure of all recorded people in a condition, under any of its names."""
         own = self.people_s_name(condition)
         values = [row.get(measure) for row in self.rows if row["condition"] == own]
         return [value for value in values if isinstance(value, float)]
@@ -104,7 +104,7 @@ class Published(Settings):
         return self.people.grids.get(grid, {}).get(self.people_s_name(condition))
 
     def people_s_name(self, condition: str) -> str:
-        """What people's file calls a condition."""
+        """Return the name of a condition in the file of recorded people."""
         for own, others in (self.people.same if self.people else {}).items():
             if condition in others:
                 return own

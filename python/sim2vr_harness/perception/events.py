@@ -15,12 +15,12 @@ _ROUNDING_S = 1e-6
 
 
 class Haptics(Sensed):
-    """How strongly the left and the right controller vibrated since the user last felt for it.
+    """Vibration amplitudes of the left and the right controller since the last sample.
 
-    Each number is the largest amplitude, 0 to 1, of the vibrations that went on in that time. As in
-    OpenXR a new vibration of a hand ends the one before, amplitude 0 ends it too, and one without a
-    duration is as short as can be: it is felt once. Vibrations begin when the app's reply comes,
-    at the end of the user step in whose frames it requested them.
+    Each number is the largest amplitude, 0 to 1, of the vibrations in that time. As in OpenXR a new
+    vibration of a hand ends the previous one, amplitude 0 ends it too, and one without a duration
+    is as short as possible: it appears in one sample. Vibrations begin when the app's reply
+    arrives, at the end of the user step in whose frames the app requested them.
 
     Args:
         name: key in the observation.
@@ -69,7 +69,7 @@ _THETA_MIN_DEG = 150.0
 
 
 def ear_gains(towards: ArrayLike) -> FloatArray:
-    """How much louder (amplitude) a sound is at the ears than in the open.
+    """Return the gain (amplitude) of a sound at the ears relative to the free field.
 
     Head shadow of a rigid sphere, as the one-pole, one-zero filter of Brown and Duda (1998), "A
     structural model for binaural sound synthesis", IEEE Trans. Speech and Audio Processing 6(5):

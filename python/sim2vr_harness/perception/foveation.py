@@ -91,13 +91,13 @@ class Foveation:
         return level
 
     def _indices(self, gaze_deg: FloatArray) -> NDArray[np.int64]:
-        """(K, H W) where in the pyramid each pixel's value is."""
+        """Return (K, H W) indices of the pixels' values in the pyramid."""
         pixels = self._places.shape[1]
         at = self._levels(gaze_deg).astype(np.int32) * pixels + np.arange(pixels, dtype=np.int32)
         return np.take(self._places, at)
 
     def look(self, pictures: UInt8Array, gaze_deg: FloatArray | None = None) -> UInt8Array:
-        """The pictures as an eye sees them.
+        """Return the foveated images.
 
         Args:
             pictures: (K, C, H, W) uint8; left unchanged.

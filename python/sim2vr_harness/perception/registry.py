@@ -29,25 +29,26 @@ from sim2vr_harness.users import FEATURES
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What senses are made for.
+    """Properties of users and apps that the construction of senses needs.
 
     Attributes:
         n: number of users N.
-        proprioception: what the body reports of itself.
+        proprioception: proprioception of the body.
         timestep_s: physics step.
         substeps: physics steps per user step.
         frames_per_step: app frames per user step.
-        channels: of the pictures, see :data:`~sim2vr_harness.perception.vision.CHANNELS`.
+        channels: channels of the images, see
+            :data:`~sim2vr_harness.perception.vision.CHANNELS`.
         eyes: 1 or 2.
-        height: of the pictures, pixels.
-        width: of the pictures, pixels.
-        foveation: how their resolution falls, or None.
-        zoom: how many times as wide and as high they are drawn.
-        inputs: names of the inputs that the fingers work, in the order of the actions.
-        gaze_range_deg: how far from straight ahead the eyes turn; 0: they do not.
-        actions: how many actions a user step has.
-        head_moves: whether a reflex moves the heads.
-        person_delays: what a person's delays are called -> each user's own; empty: users are not
+        height: height of the images, pixels.
+        width: width of the images, pixels.
+        foveation: decrease of the resolution with the angle from the gaze, or None.
+        zoom: factor on width and height of the rendered images.
+        inputs: names of the inputs that the fingers operate, in the order of the actions.
+        gaze_range_deg: largest angle of the eyes from straight ahead; 0: fixed eyes.
+        actions: number of actions per user step.
+        head_moves: True if a reflex moves the heads.
+        person_delays: name of a person's delay -> each user's own; empty: users are not
             people who differ.
     """
 
@@ -75,34 +76,34 @@ class Surroundings:
 
 
 _LONGEST_S = 60.0
-"""How long ago something may be that is remembered."""
+"""Largest time span of ``history_s`` and ``stack_s``."""
 
 DelayMs = Annotated[float, Field(ge=0.0, le=60_000.0)]
 AgoS = Annotated[float, Field(gt=0.0, le=_LONGEST_S)]
 
 
 class SenseConfig(Settings):
-    """One of the user's senses, and what is wrapped around it (docs/reference/senses.md)."""
+    """A sense of the user with its delay, noise and stacking (docs/reference/senses.md)."""
 
     sense: str
-    """Which: vision, fovea, proprioception, time, haptics, sound, fingers, gaze, actions, head or
-    person."""
+    """Kind of sense: vision, fovea, proprioception, time, haptics, sound, fingers, gaze, actions,
+    head or person."""
     name: str | None = Field(default=None, min_length=1)
     """Its key in the observation; None: vision, fovea, proprioception, stateful_information
     (time), haptics, sound, fingers, gaze, actions, head, person."""
     delay_ms: DelayMs | Literal["person"] = 0.0
-    """How late it is perceived: a multiple of the physics step. Pictures, which exist for app
-    frames only, are the youngest that are not younger; see ``frames_per_step``. ``person``: as late
-    as the person that the user is (``env.user.people``) sees or feels."""
+    """Observation delay, a multiple of the physics step. Images exist for app frames only: the
+    newest one that is at least this old is observed; see ``frames_per_step``. ``person``: the delay
+    of the user's person (``env.user.people``)."""
     noise: Weight = 0.0
-    """Standard deviation of noise on it, in its own unit; of a picture, in parts of the full
-    scale."""
+    """Standard deviation of Gaussian noise on the sense, in its own unit; for images, as a
+    proportion of the full scale."""
     history_s: AgoS | tuple[AgoS, ...] | None = None
-    """Stacks behind the newest what was so many seconds before: a multiple of the user step, or
-    several that grow, as [0.25, 0.5]."""
+    """Time before the newest observation, s, of an older one that is stacked behind it: a multiple
+    of the user step, or several in increasing order, such as [0.25, 0.5]."""
     stack_s: AgoS | None = None
-    """Stacks everything of the last so many seconds, the newest first: a multiple of the user step.
-    0.2 at 20 Hz is the last four."""
+    """Time span, s, whose observations are all stacked, the newest first: a multiple of the user
+    step. 0.2 at 20 Hz stacks the last four."""
 
     @field_validator("history_s", mode="before")
     @classmethod
@@ -121,13 +122,13 @@ def _is_time(given: Any) -> bool:
 
 @dataclass(frozen=True)
 class SenseKind:
-    """A sense that can be requested.
+    """A kind of sense that a configuration can request.
 
     Attributes:
-        key: in the observation unless it is renamed.
-        description: one line for people.
+        key: key in the observation unless it is renamed.
+        description: one line for readers.
         make: (key, surroundings) -> the sense.
-        person_delay: which of a person's delays ``delay_ms: person`` means; None: of none.
+        person_delay: name of the person's delay for ``delay_ms: person``; None: not available.
     """
 
     key: str
@@ -145,7 +146,7 @@ def _fovea(name: str, around: Surroundings) -> Sense:
 
 
 def _pictures(around: Surroundings) -> dict[str, Any]:
-    """What senses of pictures receive of them."""
+    """Return the arguments of image senses."""
     return {
         "channels": around.channels,
         "eyes": around.eyes,
@@ -187,9 +188,9 @@ def _numbers(
 
 
 _ROOM_M = 1000.0
-"""Farthest that a headset says to be from the origin, m."""
+"""Largest distance of a headset from the origin, m."""
 _HEAD_UNITS = np.array([0.1, 0.1, 0.1, 0.02, 0.02])
-"""Of the sense ``head``, rad and m: about two deviations each."""
+"""Units of the sense ``head``, rad and m, about two standard deviations each."""
 
 _SEEN, _FELT = "visual_delay_s", "proprioceptive_delay_s"
 
@@ -271,7 +272,7 @@ WRAPPERS: dict[str, str] = {
     "history_s": "the newest and, behind it, what was so many seconds before; one time or several",
     "stack_s": "all user steps of the last so many seconds, the newest first",
 }
-"""What can be done to any sense: its setting and what that is."""
+"""Wrappers that apply to any sense: setting -> description."""
 
 
 def make_sense(settings: SenseConfig, around: Surroundings) -> Sense:
@@ -341,7 +342,7 @@ class Perception:
 
     @property
     def drawn_frame(self) -> int | IntArray:
-        """Which of a step's app frames is to be drawn; -1 the last; (N,) where users differ."""
+        """App frame of a step to render, -1: the last one; (N,) if users differ."""
         for sense in self.senses:
             if not isinstance(sense.frame, int) or sense.frame != -1:
                 return sense.frame
@@ -349,7 +350,7 @@ class Perception:
 
     @property
     def late_pictures(self) -> Delayed | None:
-        """The delay line of what is seen; None where no picture is late."""
+        """Delay line of the images; None if no image is delayed."""
         for sense in self.senses:
             inner: Any = sense
             while inner is not None:
@@ -359,10 +360,10 @@ class Perception:
         return None
 
     def watch(self, sense: Sense) -> None:
-        """Let someone beside the users take in what they go through; no part of the observation.
+        """Add a sense that is updated with the users' senses, but is not part of the observation.
 
         Args:
-            sense: takes whole steps; its past is saved and restored with the users'.
+            sense: a sense without pauses; its state is saved and restored with the users'.
         """
         self._watching.append(sense)
 
@@ -372,11 +373,11 @@ class Perception:
 
     @property
     def needs(self) -> dict[str, str]:
-        """Capabilities that the apps need -> the sense that stays still without."""
+        """Capabilities that the apps need -> the sense that is constant without."""
         return {sense.needs: sense.name for sense in self.senses if sense.needs is not None}
 
     def pauses(self, moment: StepContext) -> dict[int, Callable[[], None]]:
-        """For every substep at which something is to be sensed, what to call there."""
+        """Return the callback for every substep at which a sense has to be sampled."""
         paused: dict[int, list[Sense]] = {}
         for sense in self.senses:
             for substep in sense.pauses:
@@ -392,21 +393,21 @@ class Perception:
         return {substep: call(senses, substep) for substep, senses in paused.items()}
 
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
-        """Forgets the past of these users; see :meth:`Sense.reset`."""
+        """Clear the past of these users; see :meth:`Sense.reset`."""
         for sense in self._all:
             sense.reset(ids, seeds)
 
     def take(self, moment: StepContext, ids: IntArray | None) -> None:
-        """Takes in the end of a step or a reset; see :meth:`Sense.take`."""
+        """Update all senses at the end of a step or a reset; see :meth:`Sense.take`."""
         for sense in self._all:
             sense.take(moment, ids)
 
     def observe(self) -> dict[str, NDArray[Any]]:
-        """The observation: fresh arrays, first axis N."""
+        """Return the observation as new arrays, first axis N."""
         return {sense.name: sense.observe() for sense in self.senses}
 
     def state_dict(self, i: int) -> dict[str, Any]:
-        """Everything that user i's future perception depends on."""
+        """Return the complete state of user i's senses."""
         return {sense.name: sense.state_dict(i) for sense in self._all}
 
     def load_state_dict(self, i: int, state: Mapping[str, Any]) -> None:

@@ -40,11 +40,11 @@ class Sound(Protocol):
 
     @property
     def name(self) -> str:
-        """Of the sound, the app's own."""
+        """Name of the sound in the app."""
 
     @property
     def position_m(self) -> tuple[float, float, float]:
-        """Of its source, app frame."""
+        """Position of its source, app frame."""
 
     @property
     def gain(self) -> float:
@@ -53,20 +53,21 @@ class Sound(Protocol):
 
 @dataclass
 class StepContext:
-    """What there is to sense for N users, at the end of a user step or at a pause within it.
+    """Inputs of the senses of N users, at the end of a user step or of a substep within it.
 
-    Within a step the bodies are those of that moment, and what comes from the apps is what their
-    last reply brought: between two frames nothing changes there.
+    Within a step the bodies are in their current state, and the apps' data are those of the last
+    reply, because nothing changes in an app between two frames.
 
     Attributes:
         users: the bodies.
-        pictures: (N, C, H, W) uint8, the channels of the apps' drawn frames.
-        time_feature: (N,) where in the round the games say they are.
-        haptics: vibrations of the last replies, of those users who got any, in order.
-        sounds: sounds that began in the last replies, of those users who hear any, in order.
-        replied_s: (N,) when the last replies came, s since the reset.
+        pictures: (N, C, H, W) uint8, the channels of the apps' rendered frames.
+        time_feature: (N,) time in the round, as the games report it.
+        haptics: user -> vibrations of the last reply, in order; users without any are left out.
+        sounds: user -> sounds that began in the last reply, in order; users without any are left
+            out.
+        replied_s: (N,) times of the last replies, s since the reset.
         head_poses: returns (N, 7) poses of the heads, app frame.
-        inputs: (N, F) values of the inputs that the fingers work.
+        inputs: (N, F) values of the inputs that the fingers operate.
         gaze_deg: (N, 2) direction of gaze in the head, degrees right and up.
         actions: (N, A) the last user step's actions in [-1, 1], 0 after a reset.
     """
@@ -84,55 +85,52 @@ class StepContext:
 
 
 class Sense(Protocol):
-    """One entry of the observation dictionary, of N users who do not affect one another.
+    """One entry of the observation dictionary of N independent users.
 
-    A user step ends with :meth:`take`. Only a sense that asks for ``pauses`` is shown moments
-    within the step too (:meth:`sample`), the bodies having come to the end of those substeps.
+    A user step ends with :meth:`take`. A sense with ``pauses`` is also sampled within the step
+    (:meth:`sample`), when the bodies are at the end of those substeps.
     """
 
     name: str
     """Key in the observation."""
     space: spaces.Box[Any]
-    """Of one user's observation."""
+    """Space of one user's observation."""
     needs: str | None
-    """The capability (client.CAPABILITIES) that an app needs for it to be anything but still."""
+    """Capability (client.CAPABILITIES) of the app without which the sense is constant."""
 
     @property
     def pauses(self) -> tuple[int, ...]:
-        """Substeps, from 1, at whose ends :meth:`sample` is to be called in every step.
+        """Substeps, from 1, at whose ends :meth:`sample` has to be called in every step.
 
         They may change with a reset.
         """
 
     @property
     def frame(self) -> int | IntArray:
-        """Which of a step's app frames has to be the drawn one, -1 the last.
-
-        (N,) where users differ.
-        """
+        """App frame of a step that has to be rendered, -1: the last one; (N,) if users differ."""
 
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
-        """Forgets the past of these users; what they take next is what has been since ever.
+        """Clear the past of these users; their next sample fills the whole history.
 
         Args:
             ids: (K,) users.
-            seeds: (K,) of their rounds, 32 bits; what is drawn here depends on them alone.
+            seeds: (K,) seeds of their rounds, 32 bits; random numbers depend on them alone.
         """
 
     def sample(self, moment: StepContext, substep: int) -> None:
-        """Looks at the end of a substep; nothing is taken in before :meth:`take`."""
+        """Sample at the end of a substep; the observation does not change before :meth:`take`."""
 
     def take(self, moment: StepContext, ids: IntArray | None) -> None:
-        """Takes in the end of a step or a reset, for these users or, None, for all."""
+        """Update the observation at the end of a step or a reset, of these users; None: all."""
 
     def observe(self) -> NDArray[Any]:
-        """``(N, *space.shape)`` what the users perceive, a fresh array."""
+        """Return ``(N, *space.shape)`` the users' observations, a new array."""
 
     def state_dict(self, i: int) -> dict[str, Any]:
-        """Copies of everything that user i's future perception depends on."""
+        """Return copies of the complete state of user i."""
 
     def load_state_dict(self, i: int, state: Mapping[str, Any]) -> None:
-        """Restores what :meth:`state_dict` returned.
+        """Restore the result of :meth:`state_dict`.
 
         Raises:
             ValueError: an entry has another shape.
@@ -176,10 +174,10 @@ class Sensed(RowState):
         self._values = np.zeros((n, *space.shape), dtype=space.dtype)
 
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
-        """See :class:`Sense`; there is no past."""
+        """Do nothing, because this sense has no history."""
 
     def sample(self, moment: StepContext, substep: int) -> None:
-        """See :class:`Sense`; never requested."""
+        """Do nothing, because this sense has no pauses."""
 
     def take(self, moment: StepContext, ids: IntArray | None) -> None:
         self._values[rows_of(ids)] = self._look(moment, ids)
@@ -189,7 +187,7 @@ class Sensed(RowState):
 
 
 def rows_of(ids: IntArray | None) -> IntArray | slice:
-    """An index of these users' rows; None, all of them, is several times as quick as a list."""
+    """Return an index of these users' rows; None, for all, is several times faster than a list."""
     return slice(None) if ids is None else ids
 
 

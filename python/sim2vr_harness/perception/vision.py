@@ -106,7 +106,7 @@ def _pictures(
 
 
 def channel_indices(channels: Sequence[str]) -> list[int]:
-    """Where these channels are in an RGBA picture.
+    """Return the indices of these channels in an RGBA image.
 
     Raises:
         ValueError: unknown or repeated channels, or none.
@@ -120,7 +120,7 @@ def channel_indices(channels: Sequence[str]) -> list[int]:
 
 
 def pick_channels(images: UInt8Array, indices: Sequence[int]) -> UInt8Array:
-    """The channels of an app's pictures, channel first, a copy.
+    """Return a copy of the selected channels of an app's images, channel first.
 
     Args:
         images: (H, W, 4) of one eye, or (2, H, W, 4), left and right.

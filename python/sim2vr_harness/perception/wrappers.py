@@ -55,22 +55,22 @@ class Ring(RowState):
     def __init__(self, name: str, n: int, space: spaces.Box[Any], back: int) -> None:
         self.name = name
         self.back = np.full(n, back)
-        """(N,) how many takes back the one is that :meth:`oldest` gives; up to `back`."""
+        """(N,) age of the values of :meth:`oldest`, in takes; up to `back`."""
         self._length = back + 1
         self._values = np.zeros((n, back + 1, *space.shape), dtype=space.dtype)
         self._newest = np.zeros(n, dtype=np.int64)
         self._fresh = np.ones(n, dtype=bool)
 
     def forget(self, ids: IntArray) -> None:
-        """Let what these users take next be their whole past."""
+        """Clear the history of these users; their next values fill it."""
         self._fresh[ids] = True
 
     def fresh(self, ids: IntArray | None) -> NDArray[np.bool_]:
-        """(K,) which of these users have a past to be filled."""
+        """Return (K,) True for users whose history is still empty."""
         return self._fresh[rows_of(ids)]
 
     def push(self, values: NDArray[Any], ids: IntArray | None) -> None:
-        """Takes (K, ...) values in; the first one of a user fills its whole past."""
+        """Append (K, ...) values; the first one of a user fills its whole history."""
         rows = np.arange(len(self._newest)) if ids is None else ids
         self._newest[rows] = (self._newest[rows] + 1) % self._length
         self._values[rows, self._newest[rows]] = values
@@ -112,15 +112,15 @@ class OwnDelays:
 
 
 class Delayed(_Wrapper):
-    """A delay line: what a user perceives is what was ``delay_ms`` ago, also between user steps.
+    """A delay line: users observe the state of ``delay_ms`` ago, with a resolution of substeps.
 
-    A sense of the body or of the app's events is taken in at the very substep that lies
-    ``delay_ms`` before the end of a step. A picture exists for app frames only: the one that was on
-    show then, that is the youngest that is not younger, is drawn (``frames_per_step`` makes the
-    grid finer). Before the first ``delay_ms`` of an episode are over, all is as at its start.
+    A sense of the body or of the app's events is sampled at the substep that lies ``delay_ms``
+    before the end of a step. An image exists for app frames only: the newest one that is at least
+    ``delay_ms`` old is rendered (``frames_per_step`` makes the grid finer). In the first
+    ``delay_ms`` of an episode users observe its start.
 
     Args:
-        sense: what is delayed; no delayed one itself.
+        sense: the sense to delay, which must not be delayed already.
         delay_ms: multiple of the physics step, above 0; or each user's own, at least 0, rounded up
             to the physics step.
         timestep_s: physics step.
@@ -169,20 +169,20 @@ class Delayed(_Wrapper):
 
     @property
     def of_pictures(self) -> bool:
-        """Whether it looks at app frames, not at moments of its own choice."""
+        """True for senses of images, which exist for app frames only."""
         return self._grid > 0
 
     @property
     def steps_back(self) -> IntArray:
-        """(N,) how many user steps ago what is perceived now was taken.
+        """(N,) age of the observation in user steps.
 
-        Fewer than the delay has where it was taken within a step, not at its end.
+        The age is lower than the delay if the observation was sampled within a step.
         """
         return self._ring.back.copy()
 
     @property
     def longest_back(self) -> int:
-        """More user steps it is never."""
+        """Largest age of an observation, in user steps."""
         return self._longest_back
 
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
@@ -227,27 +227,29 @@ class Delayed(_Wrapper):
         return self._ring.oldest()
 
     def load_state_dict(self, i: int, state: Mapping[str, Any]) -> None:
-        """See :class:`Sense`; a user's own delay is that of the person that it has become."""
+        """Restore the state of user i, and set its delay to that of its current person."""
         super().load_state_dict(i, state)
         self._plan([i])
 
 
 def _substeps_of(delay_s: float, timestep_s: float) -> int:
-    """A delay in physics steps, rounded up."""
+    """Return a delay in physics steps, rounded up."""
     return math.ceil(delay_s / timestep_s - 1e-6)
 
 
 def delay_plan(delay: int, substeps: int, grid: int) -> tuple[int, int]:
-    """When to look so that what is seen is ``delay`` substeps old, or up to a grid's step older.
+    """Return the sampling plan for observations that are ``delay`` substeps old.
+
+    On a grid they are up to one grid step older.
 
     Args:
         delay: substeps, at least 0.
-        substeps: per user step.
-        grid: looks are possible at the multiples of this within a step.
+        substeps: substeps per user step.
+        grid: samples are possible at the multiples of this within a step.
 
     Returns:
-        How many looks back the one to be perceived is, and at the end of which substep of every
-        step to look; 0: at the step's end.
+        The number of samples by which the observation lies back, and the substep of every step at
+        whose end to sample; 0: at the step's end.
     """
     rounded = -(-delay // grid) * grid
     steps = -(-rounded // substeps)
@@ -256,7 +258,7 @@ def delay_plan(delay: int, substeps: int, grid: int) -> tuple[int, int]:
 
 
 class Noisy(_Wrapper):
-    """Adds Gaussian noise to what is sensed, drawn afresh for each number in each user step.
+    """Adds Gaussian noise to a sense, independent for each number and each user step.
 
     Every user has a random stream of its own, from the seed of its round and the sense's name.
 
@@ -328,7 +330,7 @@ class _Remembering(_Wrapper):
 
 
 def _times(space: spaces.Box[Any], count: int) -> spaces.Box[Any]:
-    """Of ``count`` values, one behind the other on the first axis."""
+    """Return the space of ``count`` values, concatenated on the first axis."""
     return spaces.Box(
         np.concatenate([space.low] * count),
         np.concatenate([space.high] * count),

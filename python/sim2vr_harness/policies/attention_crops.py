@@ -19,9 +19,9 @@ from sim2vr_harness.runs.attention_config import FOVEA_ZOOM, AttentionCropConfig
 _VISION_PIXELS, _FOVEA_PIXELS = 24, 32
 """Sides of the crops of ``vision`` and ``fovea``; multiples of 8, which the encoder divides by."""
 _FEATURES = 96
-"""Of each crop: few beside those of the whole picture (256), as a crop shows one thing."""
+"""Features per crop, fewer than for the whole image (256), because a crop shows one object."""
 _CELL = 8
-"""Pixels of the wide picture that a cell of the locator's grid is wide and high."""
+"""Width and height of a cell of the locator's grid, in pixels of the wide image."""
 _LOCATOR = (8, 16, 24, 32)
 _ENCODER = (16, 32, 48)
 
@@ -91,15 +91,15 @@ class AttentionCrops(nn.Module):
         return torch.cat([told[:, :, :1], places], 2)
 
     def loss(self, told: Tensor, places: Tensor, there: Tensor) -> Tensor:
-        """How wrong the locator is: cross entropy of the cells, and distances in the right ones.
+        """Return the locator's loss: cross-entropy of cells, and distance in the right cell.
 
         Args:
-            told: (B, G, 3, cells) what :meth:`where` said.
-            places: (B, G, 2) true ones.
-            there: (B, G) 1 for what is there, 0 for what is not.
+            told: (B, G, 3, cells) predictions of :meth:`where`.
+            places: (B, G, 2) true positions.
+            there: (B, G) 1 for objects that are present, 0 for the others.
 
         Returns:
-            The mean over what is there and in the picture.
+            The mean over the objects that are present and inside the image.
         """
         rows, columns = self._size
         edge = torch.tensor([self._width / (2.0 * self._half), 1.0], device=told.device)
@@ -115,14 +115,14 @@ class AttentionCrops(nn.Module):
         return (errors * there).sum() / there.sum().clamp(min=1.0)
 
     def forward(self, pictures: Mapping[str, Tensor], told: Tensor) -> Tensor:
-        """Look at the likeliest places.
+        """Return the features of the crops at the most probable places.
 
         Args:
             pictures: key -> (B, C, H, W) uint8.
-            told: what :meth:`where` said.
+            told: predictions of :meth:`where`.
 
         Returns:
-            (B, :attr:`outputs`) float32. Nothing here is differentiated by the places.
+            (B, :attr:`outputs`) float32, without a gradient with respect to the places.
         """
         told = told.detach()
         sure, cell = torch.softmax(told[:, :, 0], -1).max(-1)

@@ -45,7 +45,7 @@ class Policy(Protocol):
         """Return the memory of N users whose episodes begin; None for policies without memory."""
 
     def restart(self, memory: Any, users: Sequence[int]) -> None:
-        """Let the episodes of these users, by their rows, begin anew; changes the memory."""
+        """Reset the memory of these users, by their rows, for new episodes."""
 
     def act(
         self,

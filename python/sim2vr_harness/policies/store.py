@@ -1,9 +1,9 @@
 """Trained users: of a run's folder, or packed small enough to ship with the package.
 
-A packed user is a folder with ``card.json`` (who it is, what it was measured to do),
-``config.yaml`` (how it was trained) and ``policy.pt.xz``, read without pickle: large matrices as
-bytes with a scale per row, all other weights as binary16. Users that the package has no room for
-are fetched from where people say (:func:`fetch_user`); ``trained_users/more.json`` has the hashes.
+A packed user is a folder with ``card.json`` (description and measured results), ``config.yaml``
+(training configuration) and ``policy.pt.xz``, read without pickle: large matrices as bytes with a
+scale per row, all other weights as binary16. Users that are too large for the package are fetched
+from a given address (:func:`fetch_user`); ``trained_users/more.json`` has the hashes.
 """
 
 import hashlib
@@ -61,9 +61,9 @@ class TrainedUser:
     Attributes:
         source: the checkpoint or packed weights.
         config: the configuration of the training.
-        card: what is known of it; empty for a run's checkpoint.
-        evaluation_dir: where its evaluations go, unless told otherwise.
-        load: puts the weights into a network and returns the user steps of the training.
+        card: its description; empty for a run's checkpoint.
+        evaluation_dir: default folder for its evaluations.
+        load: loads the weights into a network and returns the user steps of the training.
         code: the class of a policy in a Python file; None: a network of this package.
     """
 
@@ -152,7 +152,7 @@ def _no_network(network: nn.Module) -> int:
 
 
 def is_packed(run: str | Path) -> bool:
-    """Whether this names a packed user: ``pretrained:NAME``, or the folder of one."""
+    """Return True if this names a packed user: ``pretrained:NAME``, or the folder of one."""
     return str(run).startswith(PREFIX) or (Path(run) / _CARD).is_file()
 
 

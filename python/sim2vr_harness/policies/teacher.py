@@ -14,7 +14,7 @@ from sim2vr_harness.envs.privileged import OBSERVATION
 from sim2vr_harness.runs.checkpoint import take_in
 
 _WIDTH = 256
-"""Of both hidden layers: privileged observations are few numbers."""
+"""Width of both hidden layers; privileged observations have few dimensions."""
 _ACTION_SCALE = 0.5
 """Factor on the outputs: actions begin well within their range."""
 _OBSERVATION_CLIP = 8.0

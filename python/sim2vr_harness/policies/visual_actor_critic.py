@@ -291,7 +291,7 @@ class VisualActorCritic(ActorCriticPolicy):
 
     @property
     def in_shards(self) -> bool:
-        """Whether batches are computed in shards, one thread each: images, on the CPU."""
+        """True if batches are computed in shards, one thread each: images on the CPU."""
         entries: Any = self.observation_space
         has_images = any(is_image(space) for space in entries.spaces.values())
         return has_images and self.device.type == "cpu"

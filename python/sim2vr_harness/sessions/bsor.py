@@ -229,7 +229,7 @@ class _Data:
     def name(self) -> None:
         """Skip a name, whose length some recorders count in characters instead of bytes.
 
-        It goes on until the length of the next text follows; no text holds zero bytes.
+        The name ends where the length of the next text follows; no text has zero bytes.
         """
         self.text()
         while True:

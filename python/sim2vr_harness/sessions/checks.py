@@ -17,7 +17,7 @@ from sim2vr_harness.sessions.session import (
 )
 
 MOST_FRAMES = 1_000_000
-"""More than two hours at 120 Hz."""
+"""Largest number of frames, more than two hours at 120 Hz."""
 MOST_EVENTS = 1_000_000
 LATEST_NS = 10**18
 """Latest time of a frame, about 31 years."""

@@ -52,7 +52,7 @@ _TOUCH_COLUMNS = {button: _column(name) for button, name in _TOUCHES.items()}
 
 
 def looks_like_iwer(content: Mapping[str, Any]) -> bool:
-    """Whether a JSON object is such a recording."""
+    """Return True if a JSON object is such a recording."""
     return isinstance(content.get("schema"), list) and isinstance(content.get("frames"), list)
 
 
@@ -60,7 +60,7 @@ def read_iwer(path: Path) -> Session:
     """Read a recording; times begin at 0.
 
     Raises:
-        InputError: it is none, or a frame of it cannot be read; names file and frame.
+        InputError: the file is no recording, or has an unreadable frame; names file and frame.
     """
     name = file_name(path)
     content = read_json(path, _EXPECTED, most=MOST_IWER)

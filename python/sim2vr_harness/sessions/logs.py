@@ -29,7 +29,7 @@ from sim2vr_harness.sessions.state_log import read_lines, read_state_log
 _OPTIONS = ", game options "
 _TITLE_LINES = 3
 DIGITS = 7
-"""Of a time in the original's log."""
+"""Number of significant digits of a time in the original's log."""
 _LOCKSTEP_RATES = range(1, 1001)
 _NUMBER = r"-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _LINE = re.compile(rf"\s*({_NUMBER})[ ,\t]+(.*?)[ ,\t]*")

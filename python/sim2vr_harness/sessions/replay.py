@@ -33,19 +33,19 @@ from sim2vr_harness.sessions.session import AppIdentity, Session, SessionEvent
 from sim2vr_harness.sessions.whacamole import RECORDED, is_recorded_round, with_clock
 
 _COUNT = "_count"
-"""How a task's counts of its events end in the log."""
+"""Suffix of a task's event counts in the log."""
 
 
 @dataclass(frozen=True)
 class SessionReplay:
-    """What an app did when a session was replayed in it.
+    """Result of the replay of a session in an app.
 
     Attributes:
         session: the same devices with the events of the replay.
-        values: the app's named numbers, the task's among them, after the last frame.
-        finished: whether the app ended the round.
-        frames: how many frames it ran.
-        comparison: the recorded events against the replayed ones.
+        values: the app's named numbers, including the task's, after the last frame.
+        finished: True if the app ended the round.
+        frames: number of replayed frames.
+        comparison: comparison of the recorded with the replayed events.
     """
 
     session: Session
@@ -336,15 +336,15 @@ class Comparison:
 
     @property
     def same(self) -> bool:
-        """Whether every recorded event came again in its frame, and no other."""
+        """True if the replay has every recorded event in its frame, and no other event."""
         return self.recorded == self.same_frame and not self.extra
 
 
 def compare_events(recording: Session, replayed: Session) -> Comparison:
     """Compare the events of the kinds that the recording has; both begin with the first frame.
 
-    Events are like each other if kind, texts, truths and whole numbers are equal. Other numbers may
-    differ by a hundredth of their size; positions and speeds follow from rounded poses.
+    Events match if kind, texts, booleans and integers are equal. Other numbers may differ by 1 %,
+    because positions and speeds are computed from rounded poses.
     """
     kinds = {event.kind for event in recording.events} - {_END}
     ours = _from_start(recording, kinds)

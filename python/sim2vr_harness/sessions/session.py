@@ -51,11 +51,11 @@ class AppIdentity:
 
 @dataclass(frozen=True)
 class Controller:
-    """What one hand's controller reported; rows of NaN while it was not tracked.
+    """Recorded data of one hand's controller; rows of NaN while it was not tracked.
 
     Attributes:
-        grip: (N, 7) poses of the hand that holds it.
-        aim: (N, 7) poses of its ray; None: not recorded, see :meth:`ray`.
+        grip: (N, 7) grip poses.
+        aim: (N, 7) aim poses; None: not recorded, see :meth:`ray`.
         inputs: (N, 13) in the columns of ``client.INPUTS``, 0 to 1, sticks -1 to 1; None: at rest.
         joints: (N, 25, 8) of :data:`JOINT_NAMES`: pose in the app's frame, and radius (m); None:
             no hand tracking.
@@ -68,7 +68,7 @@ class Controller:
 
     @property
     def tracked(self) -> NDArray[np.bool_]:
-        """(N,) whether there is a pose."""
+        """(N,) True in frames with a pose."""
         found: NDArray[np.bool_] = ~np.isnan(self.grip[:, 0])
         return found
 

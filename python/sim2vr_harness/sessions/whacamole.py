@@ -63,17 +63,17 @@ _NO_MAXIMUM_S = 120.0
 
 
 def is_recorded_round(session: Session) -> bool:
-    """Whether a session is a log or a packed round of Whac-A-Mole."""
+    """Return True if a session is a log or a packed round of Whac-A-Mole."""
     return session.app.name == WHACAMOLE and session.source in RECORDED
 
 
 def constrained(session: Session) -> bool:
-    """Whether a hit needed speed."""
+    """Return True if hits of this session required a minimum speed."""
     return not session.app.condition.endswith(UNCONSTRAINED)
 
 
 def without_constraint(session: Session) -> Session:
-    """Return a round in which every touch was a hit, which logs of the original do not say."""
+    """Return a round in which every touch was a hit; logs of the original do not record this."""
     if not constrained(session):
         return session
     condition = session.app.condition + UNCONSTRAINED
@@ -118,7 +118,7 @@ def _trials(manifest: Path) -> list[dict[str, Any]]:
 
 
 def _is_file_name(name: Any) -> bool:
-    """Whether this is the name of a file in the manifest's folder; None of one that is missing."""
+    """Return True for the name of a file in the manifest's folder, or None (a missing file)."""
     return name is None or (isinstance(name, str) and Path(name).name == name)
 
 
@@ -126,7 +126,7 @@ def read_packed(file: Path) -> Session:
     """Read a packed round.
 
     Raises:
-        InputError: a file is missing, or holds something else; names file and key, or line.
+        InputError: a file is missing or has invalid content; names file and key, or line.
     """
     manifest = file.with_name("manifest.json")
     if not manifest.is_file():
@@ -245,12 +245,12 @@ def _packed_events(path: Path) -> list[SessionEvent]:
 
 @dataclass(frozen=True)
 class Timing:
-    """How to drive the app so that its clock reads what the recording's did.
+    """Frame times and options with which the app's clock reproduces the recording's.
 
     Attributes:
-        frame_times_ns: (N,) of the recording's frames, absolute.
-        play_start_ns: The frame in which play was started, one before the first frame of play; None
-            when that is frame 0 (no countdown).
+        frame_times_ns: (N,) absolute times of the recording's frames.
+        play_start_ns: Time of the frame in which play was started, one before the first frame of
+            play; None if that is frame 0 (no countdown).
         countdown_s: Option ``countdown_seconds``.
         round_s: Option ``round_seconds``.
         clock: Fixed step and tolerances.
@@ -266,7 +266,7 @@ class Timing:
 def with_clock(
     session: Session, *, closed_loop: bool = True, fixed_step_s: float | None = None
 ) -> Session:
-    """Return a recorded round with the frames, the clock and the options that repeat it.
+    """Return a recorded round with the frames, the clock and the options that reproduce it.
 
     Args:
         session: a log or a packed round of Whac-A-Mole.

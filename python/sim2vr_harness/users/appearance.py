@@ -334,7 +334,7 @@ def _shortened(end1: Point, end2: Point, radius: float) -> tuple[Point, Point, f
 
 
 CAMERAS = ("front", "side", "arm", "third_person", "play")
-"""What `add_cameras` adds."""
+"""Names of the cameras that `add_cameras` adds."""
 
 
 def add_cameras(spec: mujoco.MjSpec) -> None:

@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _HEAD = 0x48656164
-"""Makes the stream of the head another one than that of the motor noise."""
+"""Key of the head's random stream, which separates it from that of the motor noise."""
 
 
 class UserBatch:
@@ -123,7 +123,7 @@ class UserBatch:
             rngs: K random generators, one per entry of `ids`.
             postures: K postures to start in, (J,) angles of the independent joints in rad, to
                 which the dependent joints are fitted; None for a drawn one.
-            persons: who these users are from now on, K of them; None: who they were.
+            persons: new persons of these users, K of them; None: the previous ones.
 
         Raises:
             ValueError: an index out of range or given twice, or another number of generators,
@@ -324,7 +324,7 @@ class UserBatch:
 
     @property
     def persons(self) -> tuple[Person, ...]:
-        """(N,) who the users are; all `AVERAGE` without people."""
+        """(N,) persons of the users; all `AVERAGE` without a population."""
         return self.who.now
 
     @property
@@ -358,9 +358,9 @@ class UserBatch:
 
     @property
     def head_offsets(self) -> FloatArray:
-        """(N, 5) how far a reflex has moved the heads: left, down, tilt (rad), forward, left (m).
+        """(N, 5) displacement of the heads by the reflex, zeros without one.
 
-        Zeros without a reflex.
+        The columns are left, down, tilt (rad), forward and left (m).
         """
         return np.zeros((self.n, 5)) if self._head is None else self._head_offsets(self._head, -1)
 
@@ -421,27 +421,27 @@ class UserBatch:
 
     @property
     def diverged(self) -> NDArray[np.bool_]:
-        """(N,) whether the simulation broke; such a user stays at its last finite state."""
+        """(N,) True for simulations that diverged; these users keep their last finite state."""
         return self._physics.diverged.copy()
 
     @property
     def warnings(self) -> dict[str, IntArray]:
-        """(N,) how often MuJoCo warned since the last reset, by kind.
+        """(N,) numbers of MuJoCo warnings since the last reset, by kind.
 
         `badqpos`, `badqvel`, `badqacc` and `badctrl` make a user diverge. `inertia` (nearly
         singular), `contactfull` and `cnstrfull` (more than the model has room for) do not: the
-        motion goes on, but it is not to be trusted.
+        simulation continues, but its motion is not reliable.
         """
         return self._physics.warnings
 
     # --- save and restore --------------------------------------------------------------------
 
     def state_dict(self, i: int) -> dict[str, Any]:
-        """Returns everything that user i's future depends on, as arrays and bytes.
+        """Return the complete state of user i as arrays and bytes.
 
-        Includes activations, motors, solver warm start, fatigue, noise streams and where the head
-        was asked to look, so that a restored user goes on to the bit. The last step's extra pose
-        samples are not included.
+        It includes activations, motors, solver warm start, fatigue, noise streams and the target
+        direction of the head, so that a restored user continues with identical bits. The last
+        step's extra pose samples are not included.
         """
         i = int(_checked_ids([i], self.n)[0])
         state: dict[str, Any] = {
@@ -486,10 +486,10 @@ class UserBatch:
     def set_motion(
         self, qpos: FloatArray, qvel: FloatArray, act: FloatArray, motor: FloatArray
     ) -> None:
-        """Puts every user into a state of motion: N rows of what the properties so named return.
+        """Set every user's state of motion: N rows, as the properties of these names return them.
 
-        Who was diverged is not any more. Effort, noise and head stay as they are, and devices where
-        they were, until the next step.
+        Diverged users become valid again. Effort, noise and head do not change, and devices keep
+        their poses until the next step.
 
         Raises:
             ValueError: another shape, or a number that is not finite.

@@ -23,7 +23,7 @@ Ids = Sequence[int] | NDArray[np.integer] | slice
 EffortName = Literal[
     "cumulative_fatigue_3ccr", "neural", "muscle_state", "consumed_endurance", "zero"
 ]
-"""What configurations and `make_effort` call the effort models."""
+"""Names of the effort models in configurations and `make_effort`."""
 
 FatiguePreset = Literal["reference", "shoulder"]
 FATIGUE_PRESETS: Mapping[FatiguePreset, Mapping[str, float]] = {

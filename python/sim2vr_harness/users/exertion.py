@@ -45,11 +45,11 @@ EXERTION = ExertionSettings()
 
 @dataclass(frozen=True)
 class Strength:
-    """How strong an arm is.
+    """Strength of an arm.
 
     Attributes:
-        man: (N,) or one: whether men's published constants count, or women's.
-        factor: (N,) or a number: factor on the torques: strength relative to the median of the sex.
+        man: (N,) or one; True: men's published constants, False: women's.
+        factor: (N,) or one: factor on the torques, the strength relative to the median of the sex.
     """
 
     man: ArrayLike = True
@@ -257,7 +257,7 @@ class Arm:
 
     @property
     def device(self) -> str:
-        """What it holds."""
+        """Name of the controller that the arm holds."""
         return f"controller_{self.side}"
 
 
@@ -288,12 +288,12 @@ def arms_of(body: Body) -> tuple[Arm, ...]:
 
 @dataclass(frozen=True)
 class ArmLoad:
-    """What an arm does at a moment.
+    """Load and posture of an arm at one time.
 
     Attributes:
         torque: magnitude of the moment at the shoulder, Nm.
-        shoulder_deg: between upper arm and straight down.
-        elbow_deg: between upper arm and forearm; 180: outstretched.
+        shoulder_deg: angle between upper arm and straight down.
+        elbow_deg: angle between upper arm and forearm; 180: outstretched.
     """
 
     torque: float

@@ -1,10 +1,10 @@
-"""A head that follows the hand, sways and recoils: a reflex, no part of the actions.
+"""Head reflex: the head follows the hand, sways and recoils, without actions of the policy.
 
-The arm bodies hold their heads still. This moves the headset as the heads of people move who stand
-and strike with a hand: it turns a little of the way to the hand and more of its own accord, about
-the upper joints of the neck; it sways with the body; and it gives way where the hand goes, as the
-common centre of mass stays where it is. Trunk and shoulder stay, so that arm, policy and learned
-body models know nothing of it. docs/concepts/people.md has the sources and what people's heads do.
+The heads of the arm bodies are fixed. This reflex moves the headset as the heads of people who
+stand and strike with a hand. It turns a little towards the hand and more spontaneously, about the
+upper joints of the neck; it sways with the body; and it recoils from the hand, because the common
+centre of mass stays in place. Trunk and shoulder do not move, so arm, policy and learned body
+models do not depend on it. docs/concepts/people.md has the sources and people's head movements.
 
 Each of five motions (turn left, look down, tilt to the right, sway forward, sway left) is a linear
 oscillator with an aim that changes with each user step; where it is within a step follows in closed
@@ -27,28 +27,33 @@ IntArray = NDArray[np.int64]
 HeadMotion = Literal["fixed", "reflex"]
 
 FOLLOWS = 0.1
-"""Share of the hand's direction that the head turns: slope in the rounds of nine people, .08 about
-the vertical and .06 up and down on average, 0 to .38. Eyes do most of gaze within 14 degrees."""
+"""Head rotation as a proportion of the hand's direction: slope in the rounds of nine people, on
+average 0.08 about the vertical and 0.06 up and down, range 0 to 0.38. Within 14 degrees the eyes
+contribute most of a gaze shift."""
 MOST_RAD = np.radians(30.0)
-"""Directions count up to here: no one watches a hand that hangs down."""
+"""Largest direction that counts: people do not watch a hand that hangs down."""
 TURNS_HZ = 0.9
-"""Natural frequency of the head's turning, critically damped. Driven by noise, its speed is 2 pi
-times this times its deviation: so read, people's are .5 (easy, left) to 1.4 (hard, down)."""
+"""Natural frequency of head rotation, critically damped. With noise as input the SD of its speed is
+2 pi times this frequency times the SD of the angle; from this relation people's frequencies are 0.5
+(easy, left) to 1.4 Hz (hard, down)."""
 TURNS_RAD = np.radians([2.4, 2.0, 1.6])
-"""Standard deviations of what the head turns of its own accord: left, down, tilt. People's turning
-in the medium condition (2.6, 2.1, 1.4 degrees) less what follows the hand."""
+"""Standard deviations of spontaneous head rotation: left, down, tilt. They are people's rotations
+in the medium condition (2.6, 2.1, 1.4 degrees) without the part that follows the hand."""
 SWAY_HZ, SWAY_DAMPING = 0.45, 0.3
-"""Of the body on its ankles, an inverted pendulum on a spring (Winter et al. 1998)."""
+"""Natural frequency and damping ratio of postural sway, an inverted pendulum on the ankles with a
+spring (Winter et al. 1998)."""
 SWAY_M = np.array([0.007, 0.005])
 """Standard deviations at the head, forward and left: those of the centre of mass in quiet stance, 4
 and 3 mm (Winter et al. 1998), 1.7 times as high above the ankles."""
 RECOIL = 0.02
-"""How far the head goes the other way than the hand until swaying brings it back, as the common
-centre of mass stays: the arm is .0494 of the body (de Leva 1996), its centre of mass moves .4 as
-far as the hand. People's share is .014 to the side, .019 forward, and none up and down."""
+"""Head displacement against the hand's, as a proportion, until sway brings the head back: the
+body's centre of mass stays in place. The arm has 0.0494 of the body mass (de Leva 1996), and its
+centre of mass moves 0.4 times as far as the hand. People's proportion is 0.014 to the side, 0.019
+forward, and 0 up and down."""
 EYES_FORWARD_M, EYES_UP_M = 0.093, 0.01
-"""The headset from the upper joints of the neck, about which small turns go (skull on atlas, atlas
-on axis), in its own frame: fitted to nine people, .07 to .11 forward, -.02 to .06 up."""
+"""Position of the headset relative to the upper joints of the neck (skull on atlas, atlas on axis),
+the centre of small rotations, in the headset's frame: fitted to nine people, 0.07 to 0.11 m
+forward, -0.02 to 0.06 m up."""
 
 _OMEGA = 2.0 * np.pi * np.array([TURNS_HZ] * 3 + [SWAY_HZ] * 2)
 _DAMPING = np.array([1.0] * 3 + [SWAY_DAMPING] * 2)
@@ -70,7 +75,7 @@ class HeadReflex(RowState):
     def __init__(self, n: int, timestep_s: float, substeps: int) -> None:
         self._timestep_s, self._substeps = timestep_s, substeps
         self._start = np.zeros((n, 5, 2))
-        """Places and velocities at the last step's beginning; rad and m."""
+        """Positions and velocities at the beginning of the last step; rad and m."""
         self._aim = np.zeros((n, 5))
         self._rngs = [np.random.default_rng(i) for i in range(n)]
         self._passage = cache(self._made_passage)
@@ -79,14 +84,14 @@ class HeadReflex(RowState):
             solve_discrete_lyapunov(free[k], np.outer(driven[k], driven[k]))[0, 0] for k in range(5)
         ]
         self._kicks = _DEVIATIONS / np.sqrt(shares)
-        """Deviations of the aims from step to step that make the motions' those wanted."""
+        """SDs of the aims per step that give the motions their intended SDs."""
         self._hand_m = np.zeros((n, 2))
-        """Where hands were when their episodes began, x and y of the world."""
+        """Positions of the hands at the start of their episodes, x and y of the world."""
         self.reached = substeps
-        """At the end of which substep of the last step users are, while it is being made."""
+        """Current substep of the step that is being simulated."""
 
     def _made_passage(self, substeps: int) -> tuple[FloatArray, FloatArray]:
-        """How places and velocities go on: (5, 2, 2) times them, (5, 2) times the aim."""
+        """Return the transition matrices: (5, 2, 2) of the state and (5, 2) of the aim."""
         whole = np.zeros((5, 3, 3))
         whole[:, 0, 1] = 1.0
         whole[:, 1, 0] = -(_OMEGA**2)
@@ -96,7 +101,7 @@ class HeadReflex(RowState):
         return passed[:, :2, :2], passed[:, :2, 2]
 
     def _at(self, substep: int) -> FloatArray:
-        """(N, 5, 2) places and velocities at the end of a substep of the last step."""
+        """Return (N, 5, 2) positions and velocities at the end of a substep of the last step."""
         free, driven = self._passage(substep)
         # Sums written out: their order, and so every bit, is the same for any N.
         at = np.empty_like(self._start)
@@ -131,10 +136,10 @@ class HeadReflex(RowState):
         """Begins a user step.
 
         Args:
-            ids: (K,) users who make it.
-            poses: (K, 3) and (K, 4), how the bodies hold their headsets.
-            hands_m: (K, 3) where their hands are.
-            factors: (K,) how much more than usual a person moves the head.
+            ids: (K,) users of this step.
+            poses: (K, 3) and (K, 4), poses of the headsets without the reflex.
+            hands_m: (K, 3) positions of their hands.
+            factors: (K,) factors on the amplitude of a person's head movement.
         """
         self._start[ids] = self._at(self._substeps)[ids]
         drawn = np.array([self._rngs[i].standard_normal(5) for i in ids.tolist()]).reshape(-1, 5)
@@ -145,12 +150,12 @@ class HeadReflex(RowState):
         self._aim[ids] = aim
 
     def offsets(self, hands_m: FloatArray, substep: int) -> FloatArray:
-        """(N, 5) how far heads are from how the bodies hold them, at the end of a substep.
+        """Return (N, 5) the displacement of the heads by the reflex at the end of a substep.
 
-        Left, down and tilt in rad, forward and left in m.
+        The columns are left, down and tilt in rad, forward and left in m.
 
         Args:
-            hands_m: (N, 3) where the hands are then.
+            hands_m: (N, 3) positions of the hands at that time.
             substep: 1 to `substeps`, of the last step.
         """
         at = self._at(substep)[..., 0]
@@ -195,7 +200,7 @@ def moved_head(
 
 
 def direction(pos: FloatArray, quat: FloatArray, point: FloatArray) -> FloatArray:
-    """(N, 2) where points are, seen from poses: to the left and down, rad.
+    """Return (N, 2) directions of points relative to poses: to the left and down, rad.
 
     Args:
         pos: (N, 3) m.
@@ -207,7 +212,7 @@ def direction(pos: FloatArray, quat: FloatArray, point: FloatArray) -> FloatArra
 
 
 def rotated(quat: FloatArray, vectors: FloatArray) -> FloatArray:
-    """(N, 3) vectors turned by (N, 4) unit quaternions w x y z."""
+    """Return (N, 3) vectors rotated by (N, 4) unit quaternions w x y z."""
     real, axis = quat[:, :1], quat[:, 1:]
     across = 2.0 * np.cross(axis, vectors)
     return np.asarray(vectors + real * across + np.cross(axis, across))

@@ -20,7 +20,7 @@ Colour = Literal["white", "red"]
 
 @dataclass(frozen=True)
 class MotorNoiseSettings:
-    """Which noise to add to the muscle controls.
+    """Settings of the noise that is added to the muscle controls.
 
     Attributes:
         signal_dependent: colour of the noise that grows with the control, None for none.

@@ -46,16 +46,16 @@ CUT = 2.0
 
 @dataclass(frozen=True)
 class Trait:
-    """How one number is distributed over people.
+    """Distribution of one trait in the population.
 
     Attributes:
-        name: of the field of `Person`.
-        mean: of people; of a logarithmic trait the median.
-        sd: of people of one sex; of a logarithmic trait that of its natural logarithm.
+        name: name of the field of `Person`.
+        mean: mean of the population; of a logarithmic trait the median.
+        sd: standard deviation within one sex; of a logarithmic trait that of its natural logarithm.
         sex_offset: half the difference of men and women, in the unit of `sd`.
-        logarithmic: whether the logarithm is normal.
-        half_range: what is one unit of the feature, in the unit of `sd`.
-        grid: people have multiples of it, none below 0; 0: any number.
+        logarithmic: True if the logarithm is normally distributed.
+        half_range: size of one unit of the feature, in the unit of `sd`.
+        grid: values are multiples of it, none below 0; 0: any number.
     """
 
     name: TraitName
@@ -67,24 +67,24 @@ class Trait:
     grid: float = 0.0
 
     def value(self, deviation: float, sex: float, spread: float, mean: float) -> float:
-        """What someone has.
+        """Return a person's value of the trait.
 
         Args:
-            deviation: from the sex's mean, in standard deviations.
+            deviation: deviation from the sex's mean, in standard deviations.
             sex: 1 men, -1 women.
-            spread: factor on how far people are from the mean.
-            mean: of people, usually `self.mean`.
+            spread: factor on deviations from the mean.
+            mean: mean of the population, usually `self.mean`.
         """
         away = spread * (sex * self.sex_offset + deviation * self.sd)
         value = mean * math.exp(away) if self.logarithmic else mean + away
         return round(max(0, round(value / self.grid)) * self.grid, 9) if self.grid else value
 
     def farthest(self, spread: float, mean: float) -> float:
-        """The largest that someone can have."""
+        """Return the largest value that a person can have."""
         return self.value(CUT, 1.0, spread, mean)
 
     def feature(self, value: float) -> float:
-        """The value relative to the mean, in half ranges: -1 to 1 of people with a spread of 1."""
+        """Return the value relative to the mean in half ranges, -1 to 1 with a spread of 1."""
         away = math.log(value / self.mean) if self.logarithmic else value - self.mean
         return away / self.half_range
 
@@ -127,24 +127,25 @@ TRAITS: tuple[Trait, ...] = (
 )
 
 TOLD = tuple(trait for trait in TRAITS if trait.name != "head_movement")
-"""What a policy observes, in the order of the features: a reflex moves the head, not the policy."""
+"""Traits that a policy observes, in the order of the features. Head movement is not among them,
+because a reflex moves the head."""
 
 
 @dataclass(frozen=True)
 class Person:
-    """Who a user is.
+    """Traits of one simulated person.
 
     Attributes:
-        index: number among the people that it was drawn from; None: no particular person.
-        stature_m: body height; segments are shares of it, masses go with its square.
-        upper_arm_factor: length of the upper arm over its share of the stature.
-        forearm_factor: the same of the forearm.
+        index: number in the population; None: no particular person.
+        stature_m: body height; segment lengths are proportional to it, masses to its square.
+        upper_arm_factor: length of the upper arm relative to its proportion of the stature.
+        forearm_factor: length of the forearm relative to its proportion of the stature.
         strength: factor on the peak forces of the muscles.
-        visual_delay_s: from what happens to what is seen.
-        proprioceptive_delay_s: from what the body does to what is felt.
+        visual_delay_s: delay of vision.
+        proprioceptive_delay_s: delay of proprioception.
         motor_noise: factor on the standard deviations of the motor noise.
         effort_weight: factor on the cost of effort.
-        head_movement: factor on how far the head moves, where a reflex moves it.
+        head_movement: factor on the amplitude of the head reflex.
         handedness: the hand that plays.
     """
 
@@ -162,10 +163,10 @@ class Person:
 
     @property
     def features(self) -> NDArray[np.float32]:
-        """(F,) what a policy observes of the person, as `FEATURES` names it; about -1 to 1.
+        """(F,) observed features of the person, in the order of `FEATURES`; about -1 to 1.
 
-        Zero is the mean of people, 1 two standard deviations above it (delays: 0.03 s and 0.02 s);
-        the scale is fixed, whatever distribution the person was drawn from.
+        Zero is the mean of people, 1 two standard deviations above it (delays: 0.03 s and 0.02 s).
+        The scale does not depend on the distribution from which the person was sampled.
         """
         values = [trait.feature(getattr(self, trait.name)) for trait in TOLD]
         values.append(1.0 if self.handedness == "left" else -1.0)
@@ -197,33 +198,34 @@ FEATURES: tuple[str, ...] = (*(trait.name for trait in TOLD), "left_handed")
 
 _COUNTLESS = 2**31
 _HAND = 0x6861
-"""Of the random numbers that decide about hands, so that all others stay what they were."""
+"""Stream of the random numbers for handedness, separate so that it does not change the others."""
 _SEGMENTS = {"upper_arm": "upper_arm_factor", "forearm": "forearm_factor"}
 
 Delay = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 class PeopleSettings(Settings):
-    """Users are people who differ: every episode has one of them (docs/concepts/people.md)."""
+    """Simulated population: every episode samples one person (docs/concepts/people.md)."""
 
     vary: tuple[TraitName, ...] = get_args(TraitName)
-    """In what they differ; in the rest they are as the body and the settings say."""
+    """Traits that differ between persons; the body and the settings determine all others."""
     spread: float = Field(default=1.0, ge=0.0, le=2.0)
-    """Factor on how far they are from the mean; 0 makes all of them alike."""
+    """Factor on deviations from the mean; with 0 all persons are alike."""
     seed: int = Field(default=0, ge=0, lt=2**31)
-    """Other people for another seed; number k of a seed is always the same person."""
+    """Seed of the population; person k of a seed is always the same."""
     count: int | None = Field(default=None, ge=1, le=_COUNTLESS)
-    """How many there are, numbers 0 to count - 1; None: no end of them."""
+    """Size of the population, with numbers 0 to count - 1; None: unlimited."""
     left_handed: Chance = 0.0
-    """Share of people who play with the other hand than the body: its mirror image, at the border
-    to a game that can be played with either (docs/concepts/people.md). For evaluations."""
+    """Proportion of persons who play with the other hand than the body (docs/concepts/people.md).
+    They are its mirror image, applied between the body and a game that either hand can play. For
+    evaluations."""
     strength: float = Field(default=0.78, gt=0.0, le=10.0)
-    """Median factor on the peak forces of the body's muscles; women have .78 of it, men 1.28 times
-    as much."""
+    """Median factor on the peak forces of the body's muscles; the median of women is 0.78 times, of
+    men 1.28 times this value."""
     visual_delay_s: Delay = 0.1
-    """Mean delay of their sight, s."""
+    """Mean delay of vision, s."""
     proprioceptive_delay_s: Delay = 0.05
-    """Mean delay with which they feel their bodies, s."""
+    """Mean delay of proprioception, s."""
 
     @field_validator("vary")
     @classmethod
@@ -235,16 +237,16 @@ class PeopleSettings(Settings):
 
 
 class Population:
-    """Draws persons.
+    """Population from which persons are sampled.
 
     Args:
-        settings: who they are.
-        physique: of all of them in what they do not differ.
-        cut: standard deviations from the mean beyond which nothing is drawn; infinite in audits,
+        settings: settings of the population.
+        physique: traits that all persons share.
+        cut: bound of the deviations from the mean, in standard deviations; infinite in audits,
             which count the shortest and tallest persons that a design excludes.
 
     Raises:
-        ValueError: the physique sets something that they differ in.
+        ValueError: the physique sets a trait that varies.
     """
 
     def __init__(
@@ -263,12 +265,12 @@ class Population:
         if physique.stature_m is not None:
             alike["stature_m"] = physique.stature_m
         self.alike = Person(**alike)
-        """What all of them have, but for what they differ in."""
+        """Person with the values that all persons share."""
 
     def sample(self, seed: int, index: int) -> Person:
-        """Number ``index`` of the people of a seed; depends on nothing else.
+        """Return person ``index`` of a seed; the result depends on nothing else.
 
-        What people do not differ in takes no part: the other numbers are the same without it.
+        Traits that do not vary have no influence on the random numbers of the others.
         """
         if seed < 0 or index < 0:
             raise ValueError(f"person: got seed {seed} and index {index}, expected 0 or above")
@@ -286,16 +288,16 @@ class Population:
         return replace(self.alike, index=index, **values)
 
     def of_episode(self, seed: int) -> Person:
-        """The person of the episode with this seed (of the app's round, 32 bits)."""
+        """Return the person of the episode with this seed (of the app's round, 32 bits)."""
         count = self.settings.count or _COUNTLESS
         index = int(np.random.default_rng([seed, 0x7065]).integers(count))
         return self.sample(self.settings.seed, index)
 
     def number(self, index: int) -> Person:
-        """Number ``index`` of the people of the settings' own seed.
+        """Return person ``index`` of the settings' own seed.
 
         Raises:
-            ValueError: there are fewer.
+            ValueError: the population is smaller.
         """
         count = self.settings.count or _COUNTLESS
         if not 0 <= index < count:
@@ -303,7 +305,7 @@ class Population:
         return self.sample(self.settings.seed, index)
 
     def is_man(self, index: int) -> bool:
-        """Whether the traits of :meth:`number` ``index`` are drawn from men's distributions."""
+        """Return True if the traits of person ``index`` are from men's distributions."""
         return _sex(np.random.default_rng([self.settings.seed, index]).random(1)) > 0.0
 
     def shoulder(self, person: Person) -> Strength:
@@ -332,7 +334,7 @@ class Population:
         return trait.farthest(self.settings.spread, self._mean(trait))
 
     def physique(self, person: Person) -> Physique:
-        """What a body has to be cut to for a person."""
+        """Return the physique to which the body is scaled for a person."""
         varied = {trait.name for trait in self.varied}
         changed: dict[str, Any] = {
             name: getattr(person, name) for name in ("stature_m", "strength") if name in varied
@@ -375,13 +377,13 @@ _KEPT_BODIES = 256
 
 
 class Persons:
-    """N users, each of them someone.
+    """Persons of N users.
 
     Args:
-        body: of people who have no body of their own.
+        body: body of persons without a body of their own.
         batch: the users' simulations.
-        people: the population that they are drawn from; None: all are average.
-        cut: makes the body of a physique; None: bodies do not differ, whatever people do.
+        people: the population from which they are sampled; None: all are average.
+        cut: returns the body of a physique; None: all persons have the same body.
 
     Attributes:
         strength, motor_noise, effort_weight, head_movement: (N,) factors relative to `body` and
@@ -445,14 +447,14 @@ class Persons:
             self._batch.set_models(self._models)
 
     def state_dict(self, i: int) -> dict[str, Any]:
-        """Who user i is, as plain values."""
+        """Return the person of user i as plain values."""
         return self._now[i].as_dict()
 
     def load_state_dict(self, i: int, state: Mapping[str, Any]) -> None:
-        """Makes user i the person of `state_dict`.
+        """Set user i to the person of `state_dict`.
 
         Raises:
-            ValueError: the state is of something else.
+            ValueError: the state is of another kind.
         """
         self.become([i], [Person.from_dict(state)])
 

@@ -70,7 +70,7 @@ class Physics:
 
     @property
     def warnings(self) -> dict[str, IntArray]:
-        """(N,) how often MuJoCo warned since the last reset, by kind."""
+        """(N,) numbers of MuJoCo warnings since the last reset, by kind."""
         counts = np.array(self.batch.warning[:, :, 1], dtype=np.int64)
         return {name: counts[:, k] for name, k in _WARNINGS.items()}
 
@@ -103,11 +103,11 @@ class Physics:
         self.force[ids] = self._live_force[ids]
 
     def kept(self, ids: IntArray) -> tuple[FloatArray, ...]:
-        """What `put_back` needs, a row for each of these users."""
+        """Return the state of these users for `put_back`, one row each."""
         return self._state[ids].copy(), self.qacc[ids], self.force[ids], self.motor[ids]
 
     def put_back(self, ids: IntArray, kept: tuple[FloatArray, ...]) -> None:
-        """Puts these users back to where they were `kept`."""
+        """Restore the state of these users from `kept`."""
         self._state[ids], self.qacc[ids], self.force[ids], self.motor[ids] = kept
         self.batch.forward(ids, _POS)
 
@@ -186,7 +186,7 @@ class WornDevices:
 
     @property
     def samples(self) -> int:
-        """How many moments of the last step are kept."""
+        """Number of pose samples that are kept of the last step."""
         return max((len(kept) for kept in self._pos.values()), default=1)
 
     def hands(self, sample: int) -> FloatArray:

@@ -24,7 +24,7 @@ _FLOOR_GAP_M = 0.01
 _NAME = "app_mesh_{}"
 _DEGENERATE_M2 = 1e-14
 _GLOW = 0.6
-"""How much of its own colour an unlit surface shows without light; lamps add to it."""
+"""Brightness of an unlit surface as a proportion of its own colour; lamps add to it."""
 _PLATFORMS = ("egl", "osmesa")  # EGL also works on Mesa's software rasteriser
 
 

@@ -17,22 +17,22 @@ from sim2vr_harness.world_models.columns import Columns
 from sim2vr_harness.world_models.gradient_clipping import within
 
 REST_ACT = 0.15
-"""Activations of a body at rest: its arms neither hang nor cramp."""
+"""Activations of a body at rest, with arms that neither hang nor co-contract."""
 
 
 class ActuatorState:
     """The A actuators of a body in the order of its actions, each by the rule of its group.
 
     Args:
-        body: whose.
+        body: the body with the actuators.
     """
 
     def __init__(self, body: Body) -> None:
         rules = [RULES[group.rule] for group in body.actuator_groups for _ in group.actuators]
         self.count = len(rules)
-        """A."""
+        """Number of actuators A."""
         self.muscles, self.motors = _where(rules, Muscle), _where(rules, Motor)
-        """Which actions are those of muscles, and of motors with smoothed targets."""
+        """Indices of the actions of muscles, and of motors with smoothed targets."""
         self._direct = _where(rules, Direct)
         self.muscle_columns = torch.tensor(self.muscles)
         self._observed = Columns([*self.muscles, *self.motors], self.count)
@@ -43,7 +43,7 @@ class ActuatorState:
             *(f"{names[i]} act" for i in self.muscles),
             *(f"{names[i]} target" for i in self.motors),
         )
-        """What :meth:`observe` gives, by the names of the proprioception."""
+        """Names of the values of :meth:`observe`, as in the proprioception."""
         model = body.physics_model
         ids = [model.actuator(name).id for name in names]
         low, high = np.array(model.actuator_ctrlrange)[ids].T
@@ -82,13 +82,13 @@ class ActuatorState:
         return aim
 
     def shares(self, drives: NDArray[np.float64], actions: NDArray[Any]) -> NDArray[np.float64]:
-        """(N, A) what :meth:`control` returns, of arrays."""
+        """Return (N, A) the result of :meth:`control` for NumPy arrays."""
         return np.asarray(self.control(torch.from_numpy(drives), torch.from_numpy(actions)))
 
     def actions(
         self, drives: NDArray[np.float64], shares: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """(N, A) the actions that lead to controls, shares of their ranges, or nearest to them."""
+        """Return (N, A) the nearest actions for controls, given as proportions of their ranges."""
         actions = shares - drives
         motors, direct = self.motors, self._direct
         kept = Motor.KEPT * drives[:, motors]
@@ -109,7 +109,7 @@ class ActuatorState:
         return 2.0 * self._observed(drives) - 1.0
 
     def rest(self, start: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N, A) where users who move at random come back to: motors to where they began."""
+        """Return (N, A) rest drives of the random baseline: motors keep their start values."""
         rest = start.copy()
         rest[:, self.muscles] = REST_ACT
         return rest

@@ -64,10 +64,10 @@ def limbs_of(body: Body) -> list[list[JointGroup]]:
 
 
 def _apart(body: Body, without: tuple[int, ...] = ()) -> list[JointGroup]:
-    """Return what moves by itself if the joints ``without`` stand still, those left out."""
+    """Return the independent groups of joints if the joints ``without`` are fixed and left out."""
     model = body.physics_model
     root = list(range(model.njnt))
-    """Of every joint one that it moves together with, in the end the same for all of a limb."""
+    """Parent of each joint in a union-find forest; joints of one limb share a root."""
 
     def find(joint: int) -> int:
         while root[joint] != joint:
@@ -139,7 +139,7 @@ def _stem(body: Body, joints: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def _is_bridged(body: Body, stem: tuple[int, ...]) -> bool:
-    """Whether an actuator or a coupling goes from joints of the stem to others."""
+    """Return True if an actuator or a coupling links joints of the stem to others."""
     model = body.physics_model
     inside = {_joint_id(body, j) for j in stem}
     together = [set(joints) for joints in _pulled(body)]
@@ -169,7 +169,7 @@ def _above(model: mujoco.MjModel, body: int, moves: list[bool]) -> list[int]:
 
 
 def _pulled(body: Body) -> list[list[int]]:
-    """Of every action, the joints that its actuator pulls at in some posture."""
+    """Return for every action the joints on which its actuator acts in some posture."""
     model = body.physics_model
     data = mujoco.MjData(model)
     rng, (low, high) = np.random.default_rng(0), body.joint_ranges.T
@@ -185,7 +185,7 @@ def _pulled(body: Body) -> list[list[int]]:
 
 
 def _alike(body: Body, one: JointGroup, other: JointGroup) -> bool:
-    """Whether two limbs, on nothing that moves, accelerate nearly alike in the same states."""
+    """Return True if two limbs on a fixed base have nearly equal accelerations in equal states."""
     if (len(one.joints), len(one.actuators)) != (len(other.joints), len(other.actuators)):
         return False
     if one.seen or other.seen:
@@ -226,11 +226,12 @@ def _alike(body: Body, one: JointGroup, other: JointGroup) -> bool:
 
 
 _LIMIT_RAD = 0.02
-"""Over which a joint's limit is felt: its sharp stop, as a network can learn it."""
+"""Distance from a joint's limit over which the limit acts, so that a network can learn the stop."""
 _BEYOND_RAD, _FASTEST_RADPS = 0.3, 40.0
+"""Bounds of predictions: angle beyond a joint's limits, and joint speed. Without them a model with
+few data would accelerate bodies at every step."""
 _MOST_HELD_OUT = 4096
-"""How far beyond its limits a joint is believed to go, and how fast: a model that has not seen much
-yet would send bodies away faster at every step."""
+"""Largest number of transitions that are held out of the fit."""
 
 
 def mlp(*widths: int) -> nn.Sequential:
@@ -242,7 +243,7 @@ def mlp(*widths: int) -> nn.Sequential:
 
 
 class _Activation(nn.Module):
-    """How far activations have followed their controls after a user step."""
+    """Network that predicts activations after a user step from activations and controls."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -254,7 +255,7 @@ class _Activation(nn.Module):
 
 
 class _Acceleration(nn.Module):
-    """Angles and speeds after a user step, of limbs that are nearly alike.
+    """Network that predicts angles and speeds after a user step, for limbs that are nearly alike.
 
     Acceleration is linear in the drives, with coefficients that depend on angles and speeds,
     as it is within a substep (a muscle's force in its activation, a motor's torque in its target);
@@ -266,8 +267,8 @@ class _Acceleration(nn.Module):
         user: the body.
         limbs: L limbs with as many joints and actuators each.
         step_s: duration of a user step.
-        width: of the hidden layers.
-        persons: how who a user is stands in tensors.
+        width: size of the hidden layers.
+        persons: tensor representation of persons.
     """
 
     mean: Tensor
@@ -303,7 +304,7 @@ class _Acceleration(nn.Module):
         self._of_seen, self._of_base = (
             torch.tensor(columns, dtype=torch.long) for columns in (self.seen_columns, base)
         )
-        """Of limbs alike, which are more than one, there is nothing else to be seen."""
+        """Columns of other observed joints, which groups of several limbs lack, and of the base."""
         for name in ("mean", "spread", "speed", "gain", "remainder"):
             self.register_buffer(name, torch.ones(joints))
         for name in ("seen_mean", "seen_spread", "seen_speed"):
@@ -413,14 +414,14 @@ class BodyModel(nn.Module):
 
     Args:
         user: the body.
-        devices: the worn devices whose places are wanted.
+        devices: the worn devices whose poses are predicted.
         step_s: duration of a user step.
-        width: of the hidden layers.
-        persons: how who a user is stands in tensors; None: all are `user`.
+        width: size of the hidden layers.
+        persons: tensor representation of persons; None: all are `user`.
     """
 
     error: Tensor
-    """(J,) standard deviation of what the model gets wrong of the speeds after a step, rad/s."""
+    """(J,) standard deviation of the model's error in the speeds after a step, rad/s."""
     gain: Tensor
     """(J,) standard deviation of how speeds change in a step, rad/s."""
 
@@ -462,18 +463,18 @@ class BodyModel(nn.Module):
         self.gain.copy_((steps.after.speeds - steps.before.speeds).std(0))
 
     def places(self, angles: Tensor, persons: Tensor) -> Tensor:
-        """(B, D, 4, 4) where the devices of persons (B, P) are at angles (B, J)."""
+        """Return (B, D, 4, 4) device poses of persons (B, P) at angles (B, J)."""
         sizes = None if self._persons is None else self._persons.sizes(persons)
         placed: Tensor = self._chains(angles, sizes)
         return placed
 
     def learned(self) -> list[nn.Parameter]:
-        """What is fitted: muscles' activation only where there are muscles."""
+        """Return the fitted parameters, with those of activation only for bodies with muscles."""
         activation = self.activation.parameters() if len(self.drives.muscles) else ()
         return [*activation, *self.accelerations.parameters()]
 
     def loss(self, steps: TransitionStore) -> Tensor:
-        """What is fitted: errors of the motion after steps."""
+        """Return the loss of the fit: errors in the predicted motion after steps."""
         wanted = steps.after
         motion = [each.loss(steps.before, wanted) for each in self._each()]
         loss = torch.stack(motion).mean()
@@ -484,7 +485,7 @@ class BodyModel(nn.Module):
         return loss + 1000.0 * wrong.square().mean()
 
     def drives_after(self, before: Motion, control: Tensor) -> Tensor:
-        """(B, A): muscles follow their controls, of all others the control is the drive."""
+        """Return (B, A) drives: muscles follow their controls, others are equal to them."""
         muscles = self.drives.muscle_columns
         if len(muscles) == self.drives.count:
             after: Tensor = self.activation(before.drives, control)
@@ -495,12 +496,12 @@ class BodyModel(nn.Module):
         return control.index_copy(1, muscles, followed)
 
     def forward(self, before: Motion, control: Tensor) -> Motion:
-        """The motion after a user step with these controls, (B, A) in [0, 1]."""
+        """Return the motion after a user step with these controls, (B, A) in [0, 1]."""
         drives = self.drives_after(before, control)
         angles: list[Tensor] = []
         speeds: list[Tensor] = []
         changed: dict[int, Tensor] = {}
-        """How speeds of joints change that carry others."""
+        """Speed changes of joints that carry other joints."""
         for each in self._each():
             base = [changed[j] for j in each.base_columns]
             carried = torch.stack(base, 1) if base else drives[:, :0]

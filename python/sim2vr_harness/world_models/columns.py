@@ -18,9 +18,9 @@ class Columns:
 
     def __init__(self, which: Sequence[int] | NDArray[Any], of: int) -> None:
         self.ids = torch.tensor(list(which), dtype=torch.long)
-        """(K,)"""
+        """(K,) numbers of the columns."""
         self.all = list(which) == list(range(of))
-        """Whether they are all columns, in their order."""
+        """True if these are all columns, in their order."""
 
     def __len__(self) -> int:
         return len(self.ids)

@@ -28,10 +28,10 @@ def _shortened(gradient: Tensor, most: float) -> Tensor:
 
 
 def within(values: Tensor, low: float, high: float) -> Tensor:
-    """Return ``values`` clamped, with the gradients that lead back inside.
+    """Return ``values`` clamped, with the gradients that point back inside.
 
-    A clamp has none outside: who has come there by mistake never learns to come back. Those that
-    lead further out are none here either. What goes down is a loss.
+    A plain clamp has no gradient outside the range, so values outside would never be corrected.
+    Gradients that point further out are zero here too. The sign assumes a loss, which decreases.
     """
     clamped: Tensor = _Within.apply(values, low, high)  # type: ignore[no-untyped-call]
     return clamped

@@ -11,13 +11,13 @@ from torch import Tensor, nn
 
 
 class Part(Protocol):
-    """What changes in a window; see :class:`~sim2vr_harness.base.state.State`."""
+    """Object whose state changes in a window; see :class:`~sim2vr_harness.base.state.State`."""
 
     def state_dict(self) -> dict[str, Any]:
         """Return copies of its tensors."""
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take such tensors."""
+        """Restore the tensors of :meth:`state_dict`."""
 
 
 class LearningDevice:

@@ -42,7 +42,7 @@ class ImaginedSenses(State):
         )
         columns = [*self._layout.felt.tolist(), *self._layout.seen.tolist()]
         self._whole = columns == list(range(len(names)))
-        """Whether an observation is all that a moment has, in its order."""
+        """True if an observation contains all values of a user step, in their order."""
         self._users, self._rounds, self._lag = users, rounds, layout.lag
         actions = users.actions
         self._past = [torch.zeros(users.n, len(names))] * (layout.lag.longest + 1)
@@ -50,17 +50,17 @@ class ImaginedSenses(State):
         self.size = len(layout.names)
         """Numbers of an observation."""
         self.warm_up = 0 if layout.lag.none else max(layout.lag.longest, layout.actions)
-        """User steps after a start until the past is a user's own."""
+        """User steps after a start until the history contains only a user's own observations."""
 
     def be_late(self, share: float) -> None:
-        """Let the users know what they do by so large a share of their lag, 1 at first."""
+        """Set the observation delay to a proportion of its full value, 1 at first."""
         self._layout = dataclasses.replace(self._layout, lag=self._lag.reached(share))
 
     def _now(self) -> Tensor:
         return torch.cat([self._users.observe(), self._rounds.observe(self._users.place)], 1)
 
     def start(self, ids: Tensor) -> None:
-        """Let the present be the whole past of users (K,), who have done nothing yet."""
+        """Fill the history of users (K,) with the present observation, without past actions."""
         with torch.no_grad():
             now = self._now()
             self._past = [_replaced(moment, now, ids) for moment in self._past]
@@ -74,12 +74,12 @@ class ImaginedSenses(State):
             self._did = [*self._did[1:], actions.clamp(-1.0, 1.0)]
 
     def observe(self) -> Tensor:
-        """(B, size) what the policy knows."""
+        """Return (B, size) the policy's observation."""
         lag = self._layout.lag
         return self._assembled(self._back, lag.game if lag.game == lag.body else None)
 
     def present(self) -> Tensor:
-        """(B, size) the same if nothing were late, for a critic."""
+        """Return (B, size) the observation without delays, for a critic."""
         return self._assembled(lambda back: self._past[-1], 0)
 
     def _back(self, steps: int) -> Tensor:

@@ -24,22 +24,22 @@ _REFERENCES = (
 
 
 class ImaginedPersons:
-    """How persons stand in tensors, (B, P): features, sizes, factors of motor noise and effort.
+    """Tensor representation of persons, (B, P): features, sizes, motor noise and effort factors.
 
-    Where users are all average P is 0.
+    Without a population P is 0.
 
     Args:
-        env: of the true game.
+        env: environment of the true game.
     """
 
     def __init__(self, env: ResolvedEnv) -> None:
         self._people: Population | None = env.people
         self.names = tuple(f"person {name}" for name in FEATURES) if self._people else ()
-        """What :meth:`features` gives, by the names of a teacher's observation."""
+        """Names of the values of :meth:`features`, as in a teacher's observation."""
         self.count = len(FEATURES) + _SIZES + _FACTORS if self._people else 0
-        """P."""
+        """Number of values per person, P."""
         self.references: list[tuple[tuple[float, ...], Body]] = []
-        """Sizes, and the bodies that have them; links of all others are linear in the sizes."""
+        """Sizes with the bodies that have them; link lengths of all others are linear in them."""
         if self._people is not None:
             for stature, upper, fore in _REFERENCES:
                 person = replace(
@@ -62,7 +62,7 @@ class ImaginedPersons:
         return np.array(rows, dtype=np.float64)
 
     def told(self, features: NDArray[np.float32]) -> NDArray[np.float64]:
-        """(P,) a person by what a policy observes of it, :attr:`Person.features`."""
+        """Return a person (P,) from its observed features, :attr:`Person.features`."""
         assert self._people is not None
         values: dict[str, Any] = {
             trait.name: trait.of_feature(f) for trait, f in zip(TOLD, features, strict=False)
@@ -73,7 +73,7 @@ class ImaginedPersons:
 
     @staticmethod
     def visual_delay_s(person: NDArray[np.float64]) -> float:
-        """How late a person (P,) sees, s."""
+        """Return the visual delay of a person (P,), s."""
         column = FEATURES.index("visual_delay_s")
         return TOLD[column].of_feature(float(person[column]))
 
@@ -86,7 +86,7 @@ class ImaginedPersons:
         return (stature, stature * upper, stature * fore)
 
     def features(self, persons: Tensor) -> Tensor:
-        """(B, F) of persons (B, P)."""
+        """Return (B, F) features of persons (B, P)."""
         return persons[:, : len(self.names)]
 
     def sizes(self, persons: Tensor) -> Tensor | None:

@@ -19,13 +19,13 @@ from sim2vr_harness.world_models.transitions import Motion
 
 
 class ImaginedNoise(State):
-    """What :class:`~sim2vr_harness.users.noise.MotorNoise` does, differentiable by the controls.
+    """Differentiable version of :class:`~sim2vr_harness.users.noise.MotorNoise`.
 
-    Draws from torch's global generator. Red noise starts from nothing where a user goes on from a
+    It samples from torch's global generator. Red noise starts at 0 when a rollout starts from a
     state of the true game.
 
     Args:
-        settings: which noise.
+        settings: settings of the noise.
         n: number of users B.
         muscles: number of muscles M.
     """
@@ -37,7 +37,7 @@ class ImaginedNoise(State):
         self._signal_red, self._constant_red = torch.zeros(n, muscles), torch.zeros(n, 1)
 
     def apply(self, control: Tensor, factor: Tensor | float = 1.0) -> Tensor:
-        """(B, M) noisy controls, in [0, 1] as ``control`` is.
+        """Return (B, M) noisy controls, in [0, 1] as ``control``.
 
         Args:
             control: (B, M).
@@ -59,7 +59,7 @@ class ImaginedNoise(State):
         return noisy.clamp(0.0, 1.0)
 
     def forget(self, ids: Tensor) -> None:
-        """Let accumulated noise of some users start anew."""
+        """Reset the accumulated noise of some users."""
         self._signal_red[ids], self._constant_red[ids] = 0.0, 0.0
 
 
@@ -76,11 +76,12 @@ class ImaginedUsers(State):
         n: number of users B.
         effort: what a user step costs them.
         noise: of the muscles' controls; None for none.
-        persons: how who a user is stands in tensors; None: all are `user`.
-        actuator_range_cost: of actuator targets beyond their ranges; above 0 gradients lead back.
-        activation_cost: of drives away from :attr:`rest`.
-        action_rate_cost: of what actions would change drives by.
-        movement_cost: of carrying hands from place to place, by the square of their speed, m^2/s^2.
+        persons: tensor representation of persons; None: all are `user`.
+        actuator_range_cost: cost of actuator targets beyond their ranges; above 0 gradients point
+            back into the range.
+        activation_cost: cost of the deviation of drives from :attr:`rest`.
+        action_rate_cost: cost of the change of drives by actions.
+        movement_cost: cost of hand movement, in proportion to the squared speed, m^2/s^2.
 
     Raises:
         InputError: a cost of carrying where hands hold nothing.
@@ -118,7 +119,7 @@ class ImaginedUsers(State):
             *self._drives.names,
             *(() if persons is None else persons.names),
         )
-        """What :meth:`observe` gives, by the names of the proprioception."""
+        """Names of the values of :meth:`observe`, as in the proprioception."""
         self.actions = drives
         """A, of a user step."""
         self._low, self._high = torch.tensor(user.joint_ranges.T.copy(), dtype=torch.float32)
@@ -141,19 +142,20 @@ class ImaginedUsers(State):
 
     @property
     def place(self) -> Tensor:
-        """(B, D, 4, 4) where the devices are now, MuJoCo's world frame; one tensor per motion."""
+        """(B, D, 4, 4) current device poses in MuJoCo's world frame; one tensor per motion."""
         if self._placed is None or self._placed[0] is not self.motion:
             self._placed = (self.motion, self.body.places(self.motion.angles, self.motion.persons))
         return self._placed[1]
 
     def _hands_at(self) -> Tensor:
-        """(B, H, 3) where the hands' devices are now, m."""
+        """Return (B, H, 3) current positions of the hands' devices, m."""
         return self.place[:, :, :3, 3].index_select(1, self._hands)
 
     def places(self, frames: int) -> Tensor:
-        """(B, F, D, 4, 4) where the devices were in the F app frames of the last user step.
+        """Return (B, F, D, 4, 4) device poses in the F app frames of the last user step.
 
-        Joints move between the ends of a step on the cubic that has their angles and speeds.
+        Joint angles within the step are a cubic Hermite interpolation of angles and speeds at its
+        ends.
         """
         before, after, step_s = self._before, self.motion, self.body.step_s
         between = []
@@ -174,7 +176,7 @@ class ImaginedUsers(State):
         return torch.cat([on_the_way, self.place[:, None]], 1)
 
     def start(self, ids: Tensor, motion: Motion) -> None:
-        """Let users ``ids`` (K,) go on from ``motion``, of K users."""
+        """Set users ``ids`` (K,) to ``motion``, of K users."""
         self._placed = None
         with torch.no_grad():
             for name in ("angles", "speeds", "drives", "persons"):
@@ -253,13 +255,13 @@ class ImaginedUsers(State):
         return effort, limits, _WILD_COST * wild
 
     def broken(self) -> Tensor:
-        """(B,) whether a user's body has left what a body can do."""
+        """Return (B,) True for users whose motion is beyond the limits of a body."""
         motion = self.motion
         wild = motion.speeds.detach().abs().amax(1) > _BROKEN_RADPS
         return wild | ~torch.isfinite(motion.angles.detach()).all(1)
 
     def observe(self) -> Tensor:
-        """(B, F) in the order of :attr:`names`, differentiable by the motion."""
+        """Return (B, F) in the order of :attr:`names`, differentiable by the motion."""
         motion = self.motion
         parts = [
             2.0 * (motion.angles - self._low) / (self._high - self._low) - 1.0,
@@ -271,7 +273,7 @@ class ImaginedUsers(State):
         return torch.cat(parts, 1)
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from :meth:`state_dict`, but for the body model."""
+        """Restore a state of :meth:`state_dict`, except the body model."""
         super().load_state_dict(state)
         self._placed = None
         self._before = self.motion

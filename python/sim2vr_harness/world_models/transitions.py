@@ -14,13 +14,14 @@ KEPT_CYCLES = 12
 
 @dataclass(frozen=True)
 class Motion:
-    """What the users' joints and actuators do, of B users.
+    """Motion states of B users.
 
     Attributes:
-        angles: (B, J) independent joints, rad.
-        speeds: (B, J) rad/s.
-        drives: (B, A) of the actuators, in [0, 1]; see :class:`~.drives.Drives`.
-        persons: (B, P) who they are; see :class:`~.persons.ImaginedPersons`.
+        angles: (B, J) angles of the independent joints, rad.
+        speeds: (B, J) their speeds, rad/s.
+        drives: (B, A) drives of the actuators, in [0, 1]; see
+            :class:`~.actuator_state.ActuatorState`.
+        persons: (B, P) the users' persons; see :class:`~.person_features.ImaginedPersons`.
     """
 
     angles: Tensor
@@ -29,13 +30,13 @@ class Motion:
     persons: Tensor
 
     def detach(self) -> Motion:
-        """The same, cut off from what led to it."""
+        """Return the same states without gradient history."""
         return Motion(
             self.angles.detach(), self.speeds.detach(), self.drives.detach(), self.persons
         )
 
     def rows(self, ids: Tensor) -> Motion:
-        """Of some users."""
+        """Return the states of some users."""
         return Motion(self.angles[ids], self.speeds[ids], self.drives[ids], self.persons[ids])
 
 
@@ -68,7 +69,7 @@ class TransitionStore:
 
     @staticmethod
     def of(tensors: Sequence[Tensor]) -> TransitionStore:
-        """Of what :meth:`tensors` gave."""
+        """Return a store of the tensors of :meth:`tensors`."""
         q, v, drives, control, after_q, after_v, after_drives, persons, fields = tensors
         before = Motion(q, v, drives, persons)
         return TransitionStore(
@@ -80,15 +81,15 @@ class TransitionStore:
         return TransitionStore.of([values[ids] for values in self.tensors()])
 
     def to(self, device: torch.device) -> TransitionStore:
-        """The same on a device."""
+        """Return the same transitions on a device."""
         return TransitionStore.of([values.to(device) for values in self.tensors()])
 
     def drawn(self, count: int) -> TransitionStore:
-        """So many of the steps, drawn from torch's generator, with repetition."""
+        """Return a sample of ``count`` transitions with replacement, from torch's generator."""
         return self.rows(torch.randint(len(self), (count,)))
 
     @staticmethod
     def joined(parts: Sequence[TransitionStore]) -> TransitionStore:
-        """All steps of all parts."""
+        """Return all transitions of all parts."""
         columns = zip(*(part.tensors() for part in parts), strict=True)
         return TransitionStore.of([torch.cat(column) for column in columns])

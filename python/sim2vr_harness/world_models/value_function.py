@@ -11,9 +11,9 @@ from sim2vr_harness.world_models.body_dynamics import mlp
 
 _PASSES, _BATCH = 4, 2048
 _FOLLOW = 0.05
-"""How fast the slow critic follows the other one, per update."""
+"""Update rate of the slow (target) critic towards the other one, per update."""
 _SCALE = 10.0
-"""Of values, beside the nets' outputs."""
+"""Factor from the networks' outputs to values."""
 
 
 class ValueFunction(State):

@@ -38,7 +38,7 @@ class WeightAverage:
             self._take(learning)
 
     def settle(self) -> None:
-        """Let the weights be the mean, for good."""
+        """Replace the weights by their mean."""
         self._take(self._mean)
 
     def _take(self, values: Sequence[Tensor]) -> None:
@@ -47,11 +47,11 @@ class WeightAverage:
                 weight.copy_(value)
 
     def state_dict(self) -> list[Tensor]:
-        """Everything that the next mean depends on."""
+        """Return the complete state of the average."""
         return [torch.tensor(self._count), *self._mean]
 
     def load_state_dict(self, state: Sequence[Tensor]) -> None:
-        """Go on from :meth:`state_dict`."""
+        """Restore a state of :meth:`state_dict`."""
         self._count = int(state[0])
         for mean, value in zip(self._mean, state[1:], strict=True):
             mean.copy_(value)

@@ -15,7 +15,7 @@ from sim2vr_harness.games.imagined import ImaginedCondition
 
 
 class Beats:
-    """See :class:`~sim2vr_harness.games.imagined.ImaginedGame`."""
+    """Facts of Beats for imagined rollouts: fields, devices, conditions and outcomes."""
 
     name = "beats"
     settings = GameModelSettings
@@ -34,12 +34,15 @@ class Beats:
     def options(
         self, condition: str, weights: Sequence[float] | None = None
     ) -> dict[str, OptionValue]:
-        """See the protocol: what comes up is the level's, and practice goes on after a miss."""
+        """Return the condition's options; weighted rounds do not end on a miss.
+
+        The level alone determines which objects appear.
+        """
         options = dict(describe_game(self.name).condition(condition).options)
         return options if weights is None else options | {"end_on_miss": False}
 
     def outcomes(self, log: Mapping[str, float]) -> NDArray[np.float64]:
-        """See the protocol: correct slices, and boxes that were missed or cut wrongly."""
+        """Return (2, 1) the numbers of correct slices, and of missed or wrongly cut boxes."""
         failed = sum(log.get(key, 0.0) for key in ("Misses", "WrongHand", "WrongDirection"))
         return np.array([[log.get("AccumulatedCorrectSlices", 0.0)], [failed]])
 

@@ -38,7 +38,7 @@ from sim2vr_harness.games.beats.rules import (
 from sim2vr_harness.games.beats.settings import GameModelSettings, Relaxation
 
 HANDS = ("left", "right")
-"""In the order of the boxes' hands."""
+"""Hands, in the order of the boxes' hand numbers."""
 _ALONG_M = (-0.15, 0.0, 0.15)
 """Points of a blade by which its distance from a box is found, about the one nearest to the box's
 middle: within 2 cm of the exact distance."""
@@ -63,9 +63,9 @@ class Blades:
 
 
 def looked_away(place: Tensor) -> Tensor:
-    """(B,) how far heads look away from where boxes come from: 1 at 45 degrees, by the square.
+    """Return (B,) squared angles of heads from the direction of the boxes, 1 at 45 degrees.
 
-    Rolled heads count half.
+    Roll counts half.
     """
     ahead, up = place[:, -1, 0, 0], place[:, -1, 2, 2]
     # 2 (1 - cos) is the angle's square, nearly; it has no corner at 0.
@@ -127,14 +127,15 @@ def swing(before: Blades, after: Blades, shares: Tensor) -> Blades:
 
 
 def nearest(blades: Blades, middles: Tensor) -> tuple[Tensor, Tensor]:
-    """How far along a blade the point nearest to a middle is.
+    """Return the position along a blade of the point nearest to a box's middle.
 
     Args:
         blades: (B, 2, S, 3).
         middles: (B, K, S, 3) m.
 
     Returns:
-        (B, 2, K, S) in m from the root, and the middles from the root (B, 2, K, S, 3).
+        (B, 2, K, S) distances from the root, m, and (B, 2, K, S, 3) the middles relative to the
+        root.
     """
     from_root = middles[:, None] - blades.root[:, :, None]
     along = (from_root * blades.axis[:, :, None]).sum(-1)
@@ -144,16 +145,16 @@ def nearest(blades: Blades, middles: Tensor) -> tuple[Tensor, Tensor]:
 def distances(
     blades: Blades, middles: Tensor, turns: Tensor, half_m: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """How far the blades' middle lines are from cubes, m; below 0 inside.
+    """Return the distances of the blades' axes from cubes, m; below 0 inside.
 
     Args:
         blades: (B, 2, S, 3).
         middles: (B, K, S, 3) of the cubes.
-        turns: (B, K, 2) cosine and sine of their turn about z.
+        turns: (B, K, 2) cosine and sine of their rotation about z.
         half_m: (B, K) half of an edge.
 
     Returns:
-        (B, 2, K, S) distances, and how far along the blade the point nearest to the middle is.
+        (B, 2, K, S) distances, and the position along the blade of the point nearest to the middle.
     """
     along, from_root = nearest(blades, middles)
     shifts = torch.tensor(_ALONG_M)
@@ -186,7 +187,7 @@ def velocities(before: Blades, after: Blades, along: Tensor, axis: Tensor, step_
 
 
 _BEFORE_S = (0.5, 1.0)
-"""How long before a box arrives busy rounds begin."""
+"""Range of the time between the start of a busy round and the arrival of a box."""
 
 
 @dataclass(frozen=True)
@@ -217,13 +218,14 @@ class Lane(State):
         self.n, self.levels = n, levels
         self.generator = torch.Generator().manual_seed(seed)
         self.level = torch.zeros(n, dtype=torch.long)
-        """(B,) which level."""
+        """(B,) numbers of the levels."""
         self.time_s = torch.zeros(n)
         """(B,) the level's time."""
         self.box_gone = torch.zeros(n, levels.box_time.shape[1], dtype=torch.bool)
         self.mine_gone = torch.zeros(n, levels.mine_time.shape[1], dtype=torch.bool)
         self.wall_gone = torch.zeros(n, levels.wall_start.shape[1], dtype=torch.bool)
-        """What was cut, touched or missed; of walls, what the head was in."""
+        """Flags of boxes and mines that were cut, touched or missed, and of walls that the head was
+        in."""
 
     @property
     def speed(self) -> Tensor:
@@ -236,7 +238,7 @@ class Lane(State):
         return self.levels.condition[self.level]
 
     def begin(self, ids: Tensor, *, busy: float | None = None) -> None:
-        """Let rounds ``ids`` play levels drawn anew.
+        """Start rounds ``ids`` with newly sampled levels.
 
         Args:
             ids: (K,).
@@ -264,11 +266,11 @@ class Lane(State):
         self.wall_gone[ids] = self.levels.wall_end[level] <= self.time_s[ids, None]
 
     def _late(self, level: Tensor) -> Tensor:
-        """(K, 1) how long after its time a box passes the head plane, below 0, s."""
+        """Return (K, 1) the negative time from a box's time to its passing of the head plane, s."""
         return -CUT_PLANE_M / self.levels.speed[level, None]
 
     def advance(self, step_s: float) -> Tensor:
-        """Let time pass; returns (B,) whether a level is over."""
+        """Advance the time and return (B,) True for levels that are over."""
         self.time_s = self.time_s + step_s
         return self.time_s >= self.levels.length[self.level] - 1e-3
 
@@ -323,12 +325,13 @@ _STROKE_MPS, _DRAWN_M = 3.0, 0.4
 
 @dataclass(frozen=True)
 class Contact:
-    """Where blades and boxes are closest, or meet first, in a frame: (B, 2 blades, K boxes).
+    """Closest or first contact of blades and boxes in a frame, (B, 2 blades, K boxes).
 
     Attributes:
         apart: distance of the surfaces, m.
-        speed: of the blade across itself, m/s.
-        angle: between the blade's motion and the demanded direction, degrees; 0 for any.
+        speed: speed of the blade across its axis, m/s.
+        angle: angle between the blade's motion and the demanded direction, degrees; 0 if any
+            direction counts.
         forward: speed along the demanded direction, m/s.
     """
 
@@ -338,24 +341,24 @@ class Contact:
     forward: Tensor
 
     def cuts(self) -> Tensor:
-        """Which blades cut which boxes, by the true rules."""
+        """Return True where a blade cuts a box under the true rules."""
         return (self.apart <= 0.0) & (self.speed >= MIN_CUT_MPS)
 
     def chance(self, soft: Relaxation) -> Tensor:
-        """How likely each blade cuts each box, relaxed."""
+        """Return the relaxed probability that each blade cuts each box."""
         touch = torch.sigmoid((CONTACT_MARGIN_M - self.apart) / soft.contact_m - 1.0)
         speed = (self.speed - MIN_CUT_MPS - _SPEED_MARGIN_MPS) / soft.speed_mps
         return touch * torch.sigmoid(speed)
 
     def worth(self, soft: Relaxation) -> Tensor:
-        """What a cut by the right blade is worth, relaxed."""
+        """Return the relaxed points of a cut by the right blade."""
         off = ANGLE_LIMIT_DEG - _ANGLE_MARGIN_DEG - self.angle
         good = torch.sigmoid(off / soft.angle_deg)
         return good * points(self.speed, self.angle) - (1.0 - good) * soft.error
 
 
 def points(speed: Tensor, angle: Tensor) -> Tensor:
-    """What a correct slice is worth, not rounded."""
+    """Return the points of a correct slice, not rounded."""
     swift = ((speed - MIN_CUT_MPS) / (FULL_CUT_MPS - MIN_CUT_MPS)).clamp(0.0, 1.0)
     straight = (1.0 - angle / ANGLE_LIMIT_DEG).clamp(min=0.0)
     return BASE_POINTS + SPEED_POINTS * swift + ANGLE_POINTS * straight
@@ -368,7 +371,7 @@ def turns(cut: Tensor) -> Tensor:
 
 
 def aside(blades: Blades, across: Tensor, cut: Tensor, half: Tensor) -> Tensor:
-    """(B, 2, K) how far blades are from where boxes will be in the cut plane, m; 0 inside."""
+    """Return (B, 2, K) distances of blades from the boxes' places in the cut plane, m; 0 inside."""
     plane = torch.full_like(across[..., :1], CUT_PLANE_M)
     middles = torch.cat([across, plane], -1)[:, :, None]
     now = Blades(blades.root[:, :, None], blades.axis[:, :, None])
@@ -377,16 +380,16 @@ def aside(blades: Blades, across: Tensor, cut: Tensor, half: Tensor) -> Tensor:
 
 
 def off_stroke(blades: Blades, across: Tensor, cut: Tensor, until_s: Tensor) -> Tensor:
-    """(B, 2) how far each blade is from the stroke that would cut its next box, m.
+    """Return (B, 2) the distance of each blade from a stroke through its next box, m.
 
-    The stroke goes through the box's middle in the cut plane when the box is there, at even speed
-    from where it is drawn back to; in the middle itself where any direction will do.
+    The stroke passes the box's middle in the cut plane when the box is there, at constant speed
+    from its start; if any direction counts, the goal is the middle itself.
 
     Args:
         blades: (B, 2, 3).
         across: (B, 2, 2) x and y of the next box of each hand.
         cut: (B, 2, 2) demanded directions.
-        until_s: (B, 2) until they arrive.
+        until_s: (B, 2) times until they arrive.
     """
     drawn = (_STROKE_MPS * until_s).clamp(-_DRAWN_M, _DRAWN_M)
     plane = torch.full_like(across[..., :1], CUT_PLANE_M)
@@ -451,7 +454,7 @@ class ImaginedBeats(State):
         self.spawn_weights = torch.ones(conditions, 1)
         self.counts = torch.zeros(2, conditions, 1)
         self.events = torch.zeros(len(EVENTS))
-        """How often what happened since :meth:`clear_counts`; :data:`EVENTS` has the names."""
+        """Numbers of events since :meth:`clear_counts`, in the order of :data:`EVENTS`."""
         self._origin = torch.zeros(n, 3)
         self._tip_velocity = torch.zeros(n, 2, 3)
         self._before: Blades | None = None
@@ -460,7 +463,7 @@ class ImaginedBeats(State):
         self._box_left = torch.ones(n, boxes.shape[1])
         self._mine_left = torch.ones(n, mines.shape[1])
         self._wall_left = torch.ones(n, walls.shape[1])
-        """How likely each is still there, if contacts are soft."""
+        """Probability that each object is still present, with soft contacts."""
         self.names = _names()
 
     # --- rounds ------------------------------------------------------------------------------
@@ -470,7 +473,7 @@ class ImaginedBeats(State):
         self.sabers.calibrate(place, root, axis)
 
     def start(self, ids: Tensor, place: Tensor, fields: Tensor, cell: Tensor) -> None:
-        """See the protocol; which level it is, and where in it, is left to chance."""
+        """Start rounds at a random time of a random level."""
         with torch.no_grad():
             self.lane.begin(ids, busy=self.settings.values.busy_starts)
             self._box_left[ids], self._mine_left[ids], self._wall_left[ids] = 1.0, 1.0, 1.0
@@ -493,12 +496,12 @@ class ImaginedBeats(State):
             setattr(self, name, getattr(self, name).detach())
 
     def nearest(self, place: Tensor, condition: Tensor) -> tuple[Tensor, Tensor]:
-        """See the protocol: rounds may begin anywhere."""
+        """Return infinite distances, because rounds may begin anywhere."""
         count = len(place)
         return torch.full((count,), torch.inf), torch.zeros(count, dtype=torch.long)
 
     def condition_of(self, fields: Tensor) -> Tensor:
-        """See the protocol: a user step of one condition is as good as any other's."""
+        """Return condition 0 for all user steps, because conditions are equivalent here."""
         return torch.zeros(len(fields), dtype=torch.long)
 
     def clear_counts(self) -> None:
@@ -506,7 +509,7 @@ class ImaginedBeats(State):
         self.events.zero_()
 
     def adapt(self) -> None:
-        """See the protocol: levels come as they are."""
+        """Do nothing: levels determine the objects."""
 
     _state = (
         "_origin",
@@ -520,7 +523,7 @@ class ImaginedBeats(State):
     )
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from :meth:`state_dict`."""
+        """Restore a state of :meth:`state_dict`."""
         self._before = self._before or Blades(torch.zeros(0), torch.zeros(0))
         super().load_state_dict(state)
 
@@ -566,7 +569,7 @@ class ImaginedBeats(State):
     # --- a user step -------------------------------------------------------------------------
 
     def step(self, places: Tensor, done: float) -> Tensor:
-        """See the protocol; blades sweep straight from the end of a step to that of the next."""
+        """Advance by one user step; blades move on straight lines between the ends of steps."""
         return self.play(places[:, -1], self.settings.relaxation(done))
 
     def play(self, place: Tensor, soft: Relaxation) -> Tensor:
@@ -731,7 +734,7 @@ EVENTS = ("sliced", "missed", "wrong hand", "wrong direction", "mines", "avoided
 
 
 def _told(coming: Coming, middle: Tensor, cut: Tensor | None = None) -> Tensor:
-    """(B, K F) what is reported of boxes or mines; 0 where there is none."""
+    """Return (B, K F) privileged observations of boxes or mines; 0 if there is none."""
     parts = [torch.ones_like(coming.until_s)[..., None], coming.until_s[..., None], middle]
     if cut is not None:
         parts.append(cut)
@@ -744,7 +747,7 @@ def _of(fields: Tensor, names: tuple[str, ...]) -> Tensor:
 
 
 def _names() -> tuple[str, ...]:
-    """What :meth:`ImaginedBeats.observe` gives, by the true game's names."""
+    """Return the names of the values of :meth:`ImaginedBeats.observe`, as in the true game."""
     names = list(_HEAD)
     for k, hand in enumerate(HANDS):
         part = slice(3 * k, 3 * k + 3)

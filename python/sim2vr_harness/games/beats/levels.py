@@ -67,7 +67,9 @@ class Levels:
 
     @staticmethod
     def joined(parts: Sequence[Levels], least: int = 1) -> Levels:
-        """All levels of all parts, filled up with what never comes, at least one of each kind.
+        """Return all levels of all parts, padded with objects that never appear.
+
+        The result has at least one object of each kind.
 
         Args:
             parts: one level or several each.

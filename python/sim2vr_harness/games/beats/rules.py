@@ -8,24 +8,24 @@ import math
 CELL_WIDTH_M, CELL_HEIGHT_M, MIDDLE_ROW_M = 0.40, 0.35, -0.30
 COLUMNS, MIDDLE_ROW = 4, 1.0
 CUT_PLANE_M = 0.80
-"""Where a box's centre is at its time, in front of the origin."""
+"""Distance of a box's centre in front of the origin at its time, m."""
 BOX_HALF_M, LINK_HALF_M, MINE_RADIUS_M = 0.175, 0.0875, 0.12
 HEAD_RADIUS_M = 0.08
 WALL_DEPTH_M, WALL_BEHIND_M = 0.05, 0.5
-"""Least depth of a wall, and how far behind the head plane its back is when it is gone."""
+"""Least depth of a wall, and the distance of its back behind the head plane when it disappears."""
 
 BLADE_FROM_M, BLADE_M, BLADE_RADIUS_M = 0.08, 1.0, 0.015
-"""Where the blade begins on the grip's axis, its length and its radius."""
+"""Start of the blade on the grip's axis, its length and its radius."""
 
 MIN_CUT_MPS, FULL_CUT_MPS, ANGLE_LIMIT_DEG = 0.5, 5.0, 60.0
 STAB_MPS = 0.01
-"""Slower than this across its face, a blade goes through a box in no direction."""
+"""Speed across the box's face below which the motion of a blade has no direction."""
 BASE_POINTS, SPEED_POINTS, ANGLE_POINTS = 50.0, 75.0, 75.0
 
 FAR_M = 10.0
-"""How far the head's camera sees: what is nearer is reported."""
+"""Range of the head's camera; the game reports objects within it."""
 TOLD_BOXES, TOLD_MINES, TOLD_WALLS = 2, 3, 2
-"""How many boxes of each hand, mines and walls the privileged numbers tell of."""
+"""Numbers of boxes of each hand, of mines and of walls in the privileged observations."""
 
 _S = math.sqrt(0.5)
 DIRECTIONS = (

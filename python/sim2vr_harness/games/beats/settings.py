@@ -17,7 +17,7 @@ true score has none, so nothing else teaches to avoid errors."""
 
 @dataclass(frozen=True)
 class Relaxation:
-    """How soft a cut is, and what else is rewarded.
+    """Softness of cuts, and weights of the additional rewards.
 
     Attributes:
         contact_m: width of the step from apart to touching.
@@ -25,8 +25,8 @@ class Relaxation:
         angle_deg: width of the step from a wrong direction to a right one.
         near: points per user step for a blade that is near its next box when it arrives.
         error: cost of a wrong cut, in points.
-        hazard: cost of a mine or a wall's touch, in points.
-        stroke: points per user step for a blade that is on the stroke that would cut its next box.
+        hazard: cost of a contact with a mine or a wall, in points.
+        stroke: points per user step for a blade that follows a stroke through its next box.
     """
 
     contact_m: float
@@ -40,29 +40,30 @@ class Relaxation:
 
 @dataclass(frozen=True)
 class Shaping:
-    """Where rounds begin, how soft cuts are at the start, and what is paid beside the score."""
+    """Start times of rounds, softness of cuts at the start, and rewards beside the score."""
 
     busy_starts: float = 0.9
-    """Share of rounds that begin shortly before a box arrives, instead of at any moment."""
+    """Proportion of rounds that begin shortly before a box arrives, instead of at any time."""
     angle_deg: float = 25.0
     """Width of the soft step from a wrong direction to a right one, at the start."""
     near_reward: float = 20.0
     """Points per user step for a blade near its next box when that arrives, at the start. After
     four fifths of the imagined rollouts this and ``angle_deg`` are 5 and 15."""
     hazard_cost: float = 0.0
-    """Cost of a mine, and of a wall's touch, from the first rollouts on, in points; 0: as of
-    other errors, and as cheap at first. Who learns to avoid them last has little time for it."""
+    """Cost of a contact with a mine or a wall from the first rollouts on, in points. 0: the cost of
+    other errors, which is low at first. A policy that learns to avoid them last has little time
+    for it."""
     gaze_cost: float = 0.0
-    """Points per user step for a head that is turned by 45 degrees away from where boxes come from,
-    less by the square for less. The
-    teacher observes where they are; its student must look."""
+    """Cost in points per user step of a head that is turned by 45 degrees away from the origin of
+    the boxes, quadratic in the angle. The teacher observes the boxes' positions; its student must
+    see them."""
     wall_cost: float = 0.0
-    """Points per user step for a head that is 10 cm deep in a wall, in proportion to the depth; who
-    is not 6 cm clear of it pays, too. The cost of a touch is paid once, and has no gradient deep
-    inside."""
+    """Cost in points per user step of a head that is 10 cm deep in a wall, in proportion to the
+    depth, which counts from 6 cm in front of the wall. The cost of a contact is paid once, and has
+    no gradient deep inside."""
     early_error_cost: float = 20.0
-    """Cost of a wrong cut, a mine or a wall at the start, in points. In levels with every direction
-    a user who pays for wrong cuts before it makes right ones learns to keep its blades away."""
+    """Cost of a wrong cut, a mine or a wall at the start, in points. In levels with all directions
+    a policy that pays for wrong cuts before it makes right ones learns to keep its blades away."""
 
 
 _SHAPINGS = {
@@ -81,23 +82,25 @@ _SHAPINGS = {
 
 
 class GameModelSettings(Settings):
-    """How soft cuts are, and which levels are played."""
+    """Settings of the game model of Beats: softness of cuts and additional rewards."""
 
     shaping: Literal["none", "whole_levels"] = "none"
-    """``whole_levels``: for levels with boxes of every direction, mines and walls. Directions are
-    soft and errors cheap at first, hazards dear, and users look where boxes come from."""
+    """``whole_levels``: for levels with boxes of all directions, mines and walls. At first
+    directions are soft, errors cost little and hazards much; a gaze cost keeps the head turned to
+    the origin of the boxes."""
     stroke_reward: Weight = 0.0
-    """Points per user step, at first, for a blade that is where a stroke through its next box would
-    have it: drawn back half a second before, in the box's middle when it arrives. Less with the
-    distance, by half a metre below 0; nothing after four fifths of the imagined rollouts."""
+    """Points per user step, at first, for a blade on a stroke through its next box: drawn back half
+    a second before, and in the box's middle when it arrives. The reward decreases with the distance
+    from the stroke, is negative beyond half a metre, and is zero after four fifths of the imagined
+    rollouts."""
 
     @property
     def values(self) -> Shaping:
-        """What ``shaping`` stands for."""
+        """Values that ``shaping`` selects."""
         return _SHAPINGS[self.shaping]
 
     def relaxation(self, done: float) -> Relaxation:
-        """What is rewarded when this share of the rollouts is over."""
+        """Return softness and weights after this proportion of the imagined rollouts."""
         early, shaping = max(0.0, 1.0 - done / 0.8), self.values
 
         def towards(end: float, start: float) -> float:

@@ -21,7 +21,7 @@ from sim2vr_harness.games.pointing.settings import FAILING_BLOCKS, GameModelSett
 
 HIT_REWARD = 10.0
 TAP_START_M = 0.05
-"""Where a tap may begin: so far in front of a target."""
+"""Distance in front of a target at which a tap may begin."""
 TIME_TOLERANCE_S = 1e-3
 """A target may go away by so much before its time is over."""
 
@@ -33,15 +33,15 @@ def distance_reward(distance: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class PointingTask:
-    """What the options of a round say of its blocks.
+    """Blocks of a round, as its options define them.
 
     Attributes:
-        targets: on the circle.
-        blocks: (distance, width) of each, m.
-        timeout_s: after which a target goes away.
-        rearm_m: how far the tip must come out of the plane between selections.
-        error_cost: of a selection beside the target.
-        distance_weight: of :func:`distance_reward`, 0 or 1.
+        targets: number of targets on the circle.
+        blocks: (distance, width) of each block, m.
+        timeout_s: time after which a target disappears.
+        rearm_m: distance by which the tip must come out of the plane between selections.
+        error_cost: cost of a selection beside the target.
+        distance_weight: weight of :func:`distance_reward`, 0 or 1.
     """
 
     targets: int = 9
@@ -53,7 +53,7 @@ class PointingTask:
 
     @classmethod
     def of(cls, options: Mapping[str, Any]) -> PointingTask:
-        """The task of a round's options; those that are missing have the game's defaults."""
+        """Return the task of a round's options, with the game's defaults for missing ones."""
         distances = options.get("distances_m", (0.10, 0.18, 0.32))
         widths = options.get("widths_m", (0.02, 0.03, 0.045))
         return cls(
@@ -66,7 +66,7 @@ class PointingTask:
         )
 
     def center(self, block: int, target: int) -> tuple[float, float, float]:
-        """Of a target from the circle's centre, m, the app's axes."""
+        """Return a target's position relative to the circle's centre, m, in the app's axes."""
         radius = 0.5 * self.blocks[block][0] / math.cos(math.pi / (2 * self.targets))
         angle = 2.0 * math.pi * target / self.targets
         return radius * math.sin(angle), radius * math.cos(angle), 0.0
@@ -159,17 +159,17 @@ class ImaginedPointing(State):
         count = len(conditions)
         self.spawn_weights = torch.ones(count, 1)
         self.block_weights = torch.full((count, len(self._widths)), 1.0 / len(self._widths))
-        """How often blocks come up, by condition."""
+        """(C, blocks) sampling weights of blocks by condition."""
         self.counts = torch.zeros(2, count, 1)
         """Hits and failures since :meth:`clear_counts`, by condition."""
         self.block_counts = torch.zeros(2, count, len(self._widths))
-        """The same by condition and block."""
+        """Hits and failures since :meth:`clear_counts`, by condition and block."""
         self.score = torch.zeros(n)
         """The true game's reward of the latest user step."""
         self.condition, self.block, self.trial = (torch.zeros(n, dtype=torch.long),) * 3
         self._age_s = torch.zeros(n)
         self._hope = torch.zeros(n)
-        """What the selection of the present target is worth times how likely it is, softly."""
+        """(N,) relaxed expected reward of the selection of the current target."""
         self._armed = torch.zeros(n, dtype=torch.bool)
         self._tip, self._origin = torch.zeros(n, 3), torch.zeros(n, 3)
         width = ("target.present", "target.width_m")
@@ -184,7 +184,7 @@ class ImaginedPointing(State):
         self.stylus.calibrate(place, fields[:, len(_ROUND) : len(_ROUND) + 3])
 
     def start(self, ids: Tensor, place: Tensor, fields: Tensor, cell: Tensor) -> None:
-        """See the protocol; which target it is, and for how long, is left to chance."""
+        """Start rounds with a random target of a random age."""
         count, generator = len(ids), self.generator
         with torch.no_grad():
             condition = self.condition_of(fields)
@@ -201,7 +201,7 @@ class ImaginedPointing(State):
             self._set(ids, "_tip", self.stylus(place) - head_of(place))
 
     def begin(self, ids: Tensor) -> None:
-        """See the protocol: blocks begin with their first target."""
+        """Set rounds to the first target of their block."""
         self._set(ids, "trial", torch.zeros(len(ids), dtype=torch.long))
         self._set(ids, "_age_s", torch.zeros(len(ids)))
 
@@ -223,7 +223,7 @@ class ImaginedPointing(State):
         return distance, torch.zeros_like(condition)
 
     def condition_of(self, fields: Tensor) -> Tensor:
-        """(K,) which condition user steps were taken in."""
+        """Return (K,) the conditions of user steps."""
         return torch.cdist(fields[:, : len(_ROUND)], self._rules).argmin(1)
 
     def clear_counts(self) -> None:
@@ -231,7 +231,7 @@ class ImaginedPointing(State):
         self.block_counts.zero_()
 
     def adapt(self) -> None:
-        """Let blocks that fail come up more often."""
+        """Increase the sampling weights of blocks with many failures."""
         counts, share = self.block_counts, FAILING_BLOCKS
         total = counts.sum(0)
         fails = torch.where(total > 0, counts[1] / total.clamp(min=1.0), torch.ones(())) + 0.02
@@ -338,7 +338,7 @@ class ImaginedPointing(State):
 
 
 class Pointing:
-    """See :class:`~sim2vr_harness.games.imagined.ImaginedGame`."""
+    """Facts of Pointing for imagined rollouts: fields, devices, conditions and outcomes."""
 
     name = "pointing"
     settings = GameModelSettings
@@ -360,11 +360,11 @@ class Pointing:
     def options(
         self, condition: str, weights: Sequence[float] | None = None
     ) -> dict[str, OptionValue]:
-        """See the protocol: blocks come in the round's own order, whatever fails."""
+        """Return the condition's options; weights do not change the order of blocks."""
         return dict(describe_game(self.name).condition(condition).options)
 
     def outcomes(self, log: Mapping[str, float]) -> NDArray[np.float64]:
-        """See the protocol: hits, and targets that were missed or went away."""
+        """Return (2, 1) the numbers of hits, and of targets that were missed or timed out."""
         return np.array([[log.get("Points", 0.0)], [log.get("Failures", 0.0)]])
 
     def rounds(

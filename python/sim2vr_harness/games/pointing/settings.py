@@ -10,22 +10,23 @@ forgotten."""
 _DEPTH_M, _AIM_M = (0.004, 0.02), (0.003, 0.02)
 _NEAR_REWARD, _DISTANCE_REWARD, _ERROR_SHARE = (0.1, 2.0), (1.0, 7.0), (1.0, 0.1)
 """Widths of the soft steps, rewards and the factor on the cost of an error: from the middle of the
-imagined rollouts on, and at the start. Who cannot aim yet would avoid selections otherwise."""
+imagined rollouts on, and at the start. Otherwise policies that cannot aim yet would avoid
+selections."""
 _BEHIND_COST = 0.3
 """Cost per user step of a tip that stays behind the plane, or nearly, after a selection. The game's
-reward has no gradient that says so."""
+reward has no gradient for this."""
 
 
 @dataclass(frozen=True)
 class Relaxation:
-    """How soft a tap is, and what else is rewarded.
+    """Softness of taps, and weights of the additional rewards.
 
     Attributes:
         depth_m: width of the step from in front of the plane to behind it.
         aim_m: width of the step from beside the target to on it.
-        near: paid ahead for being about to tap the target.
-        distance: reward for the game's own term of distance, times this.
-        error: share of the game's cost of an error.
+        near: reward in advance for being about to tap the target.
+        distance: factor on the game's own distance reward.
+        error: proportion of the game's cost of an error.
         behind: cost per user step of a tip that has not come out of the plane again.
     """
 
@@ -38,10 +39,10 @@ class Relaxation:
 
 
 class GameModelSettings(Settings):
-    """There are none: one set of values serves all users."""
+    """Settings of the game model of Pointing: none, because one set of values serves all users."""
 
     def relaxation(self, done: float) -> Relaxation:
-        """What is rewarded when this share of the rollouts is over."""
+        """Return softness and weights after this proportion of the imagined rollouts."""
         early = max(0.0, 1.0 - 2.0 * done)
 
         def towards(end: float, start: float) -> float:

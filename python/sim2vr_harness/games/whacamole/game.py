@@ -44,15 +44,18 @@ from sim2vr_harness.games.whacamole.settings import (
 )
 
 _STROKES_S, _STROKE_MPS, _THROUGH_M, _STROKE_OFF_M = (0.6, 1.0), 1.5, 0.03, 0.3
-"""When strokes go through a target's middle, after it appeared; how fast, and how far."""
+"""Parameters of a stroke through a target's middle: times after its spawn (s), speed, depth behind
+the middle (m), and distance from the stroke at which the reward is 0 (m)."""
 _CENTRE_M = 0.02
-"""Beside the middle of a target: people's end points spread by 1.5 cm along each way."""
+"""Scale of the distance from a target's middle; people's end points have an SD of 1.5 cm per
+axis."""
 _HARD_MPS = 3.0
-"""A hit that cannot be harder."""
+"""Speed of the hardest hit; faster hits earn no more."""
 _CLEAR_M, _AWAY_M = START_M, 0.5 * CELL_M
-"""How far in front of the plane a hammer is clear of it; how far beside a target away from it."""
+"""Distances at which a hammer is clear: in front of the plane, and beside a target."""
 _SEEN_FRAMES = 3
-"""What has been there for 0.15 s can have been seen: people's hands begin to go there after .19."""
+"""Age from which a target can have been seen, in frames (0.15 s): people's hands begin to move
+towards it after 0.19 s."""
 
 
 @dataclass(frozen=True)
@@ -199,7 +202,9 @@ def points(marker: Tensor, axes: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def depths(frame: Tensor, cells: Tensor, axes: Tensor, box: Tensor) -> Tensor:
-    """How deep the hammer's box is in the targets' (separating axes), m; all > 0 inside.
+    """Return penetration depths of the hammer's box in the targets' (separating axes), m.
+
+    The boxes overlap if all depths are above 0.
 
     Args:
         frame: (B, 3, 3) axes of the targets, as rows.
@@ -208,8 +213,8 @@ def depths(frame: Tensor, cells: Tensor, axes: Tensor, box: Tensor) -> Tensor:
         box: (B, 3) middle of its box.
 
     Returns:
-        (B, C, 7): along the axes of the target and of the hammer, and the least along the nine
-        directions across an edge of each. Without the last, 8 % more boxes seem to overlap, and
+        (B, C, 7): depths along the axes of the target and of the hammer, and the least along the
+        nine cross products of their edges. Without the last, 8 % more boxes seem to overlap, and
         without the hammer's axes 60 %.
     """
     _, _, hammer, target = _sizes(axes.device)
@@ -276,12 +281,12 @@ class ImaginedWhacAMole(State):
     Args:
         n: number of users B.
         conditions: of each condition, the privileged numbers named ``round.*``.
-        settings: what is relaxed, and which cells come up.
+        settings: softness of hits and additional rewards.
         step_s: duration of a user step.
         frames: F, app frames of a step, in each of which the hammer may hit.
-        seed: of spawns.
-        gamma: how much of a reward is left to who learns a user step later.
-        options: of each condition, those that are set: where the area is.
+        seed: seed of spawns.
+        gamma: discount factor per user step.
+        options: options that are set in each condition, which determine the target area.
 
     Raises:
         ValueError: another duration than one frame.
@@ -312,7 +317,7 @@ class ImaginedWhacAMole(State):
         """Share of a frame's speed in the velocity that is judged: a half in each of the app's."""
         on_cpu = torch.get_default_device().type == "cpu"
         self.generator = torch.Generator().manual_seed(seed) if on_cpu else None
-        """Of spawns; on a GPU they come from torch's own, which a captured graph draws from."""
+        """Generator of spawns; on a GPU it is torch's own, which captured graphs need."""
         self._threshold = torch.tensor([c["round.strike_threshold_mps"] for c in conditions])
         self._constrained = torch.tensor([c["round.constrained"] for c in conditions])
         self._most = torch.tensor([int(c["round.max_targets"]) for c in conditions])
@@ -324,13 +329,13 @@ class ImaginedWhacAMole(State):
         self.spawn_weights = torch.full((len(conditions), CELLS), 1.0 / CELLS)
         """By condition and cell."""
         self.hit_values = torch.ones(len(conditions), CELLS)
-        """How many ordinary hits a hit is worth, by condition and cell."""
+        """(C, cells) value of a hit relative to an ordinary one, by condition and cell."""
         self.counts = torch.zeros(2, len(conditions), CELLS)
         """Hits and misses since :meth:`clear_counts`, by condition and cell."""
         self._earned = torch.zeros(len(conditions))
-        """What hits were worth for where and how hard they were since :meth:`clear_counts`."""
+        """(C,) summed value of hits, by place and speed, since :meth:`clear_counts`."""
         self._foregone = torch.zeros(len(conditions), LAST_FRAME + 1)
-        """What hitting a target takes away, in hits at that age; by condition and age."""
+        """Opportunity cost of hitting a target, in hits at that age, by condition and age."""
         self.names = _names()
         # Make the state of rounds in which nothing has happened.
         self.condition = torch.zeros(n, dtype=torch.long)
@@ -373,7 +378,7 @@ class ImaginedWhacAMole(State):
             self._inside[ids], self._hit[ids], self._left[ids] = False, False, 1.0
 
     def begin(self, ids: Tensor) -> None:
-        """See the protocol: the first target comes at once."""
+        """Set rounds to their start: the first target appears at once."""
         self._age[ids], self._ban_s[ids] = -1, -FRAME_S
 
     def cut(self) -> None:
@@ -381,7 +386,7 @@ class ImaginedWhacAMole(State):
         self._left, self._face = self._left.detach(), self._face.detach()
 
     def nearest(self, place: Tensor, condition: Tensor) -> tuple[Tensor, Tensor]:
-        """(K,) distance from the nearest point 10 cm in front of a cell, m, and (K,) that cell."""
+        """Return (K,) distances from the nearest point 10 cm before a cell, m, and (K,) cells."""
         with torch.no_grad():
             marker, _ = self.hammer(place)
             front = self._cells[condition] - START_M * self._axes[condition, 2][:, None]
@@ -389,12 +394,12 @@ class ImaginedWhacAMole(State):
         return distance, cell
 
     def condition_of(self, fields: Tensor) -> Tensor:
-        """(K,) which condition user steps were taken in."""
+        """Return (K,) the conditions of user steps."""
         return torch.cdist(fields[:, : len(_ROUND)], self._rules).argmin(1)
 
     @staticmethod
     def velocity_of(fields: Tensor) -> Tensor:
-        """(K, 3) the filtered velocity of the hammer's root after user steps, m/s."""
+        """Return (K, 3) filtered velocities of the hammer's root after user steps, m/s."""
         first = FIELDS.index(_ROOT_VELOCITY[0])
         return fields[:, first : first + 3]
 
@@ -403,7 +408,7 @@ class ImaginedWhacAMole(State):
         self._earned.zero_()
 
     def adapt(self) -> None:
-        """Let cells that are missed come up more often, and be worth more."""
+        """Increase the spawn weights and values of cells with many misses."""
         counts, share = self.counts, FAILING_CELLS
         total = counts.sum(0)
         fails = torch.where(total > 0, counts[1] / total.clamp(min=1.0), 1.0) + 0.02
@@ -416,12 +421,12 @@ class ImaginedWhacAMole(State):
         self._foregone.lerp_(self._later(), 0.5)
 
     def _later(self) -> Tensor:
-        """(C, ages) what targets that are spared at an age will bring, in hits at that age.
+        """Return (C, ages) the expected value of not hitting a target, in hits at that age.
 
-        They are hit as surely and as well as others were, at the age at which that is worth most,
-        of those that are waited for; where it is worth less than a hit at once, there is nothing to
-        wait for. (Of those that had not been hit by an age, most are hard to hit: who strikes soon
-        would never learn to wait.)
+        It assumes that the target is hit later, with the observed success rate and quality, at the
+        most valuable age for which the policy waits; it is 0 if a hit at once is worth more. (The
+        success rate of targets that were not hit by some age would be a poor estimate: most of them
+        are hard to hit, so a policy that strikes early would never learn to wait.)
         """
         ages = torch.arange(LAST_FRAME + 1)
         now = self._worth_at(ages) * self._gamma**ages
@@ -438,7 +443,7 @@ class ImaginedWhacAMole(State):
     )
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from :meth:`state_dict`, also on a device of the other kind."""
+        """Restore a state of :meth:`state_dict`, also on a device of the other kind."""
         super().load_state_dict(state if self.generator else {**state, "generator": None})
 
     # --- what is observed --------------------------------------------------------------------
@@ -549,7 +554,7 @@ class ImaginedWhacAMole(State):
         )
 
     def _judge(self, depth: Tensor, strike: Tensor, soft: Relaxation) -> _Touch:
-        """What hits in a frame, by the true rules; and what it is worth, relaxed."""
+        """Return the hits of a frame under the true rules, and their relaxed value."""
         condition = self.condition
         inside = (depth > 0.0).all(2) & (self._age >= 0)
         counts = (self._age >= GROWING_FRAMES) & ~self._inside & ~self._hit
@@ -567,7 +572,7 @@ class ImaginedWhacAMole(State):
     def _shaped(
         self, targets: Targets, marker: Tensor, depth: Tensor, touch: _Touch, soft: Relaxation
     ) -> Tensor:
-        """(B,) what helps to find hits, once a user step: by its last frame."""
+        """Return (B,) the shaping rewards of a user step, from its last frame."""
         condition = self.condition
         alive = self._age >= GROWING_FRAMES
         towards = targets.strike_mps(self._velocity) - self._threshold[condition]
@@ -621,7 +626,7 @@ def _product(values: Tensor) -> Tensor:
 
 
 def _names() -> tuple[str, ...]:
-    """What :meth:`ImaginedWhacAMole.observe` gives, by the true game's names."""
+    """Return the names of the values of :meth:`ImaginedWhacAMole.observe`, as in the true game."""
     pose = (*POSE_FIELDS[:3], *_ROOT_VELOCITY, *POSE_FIELDS[3:])
     state = ("present", "alive", "life_s")
     cells = [f"cell{cell}.{name}" for cell in range(CELLS) for name in state]
@@ -631,7 +636,7 @@ def _names() -> tuple[str, ...]:
 
 
 class WhacAMole:
-    """See :class:`~sim2vr_harness.games.imagined.ImaginedGame`."""
+    """Facts of Whac-A-Mole for imagined rollouts: fields, devices, conditions and outcomes."""
 
     name = "whacamole"
     settings = GameModelSettings

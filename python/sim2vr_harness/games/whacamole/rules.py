@@ -14,12 +14,12 @@ Triple = tuple[float, float, float]
 
 CELLS, COLUMNS = 9, 3
 MOST_TARGETS = 3
-"""Most targets of which a teacher learns in the order of their expiry."""
+"""Largest number of targets that a teacher observes in the order of their expiry."""
 
 FRAME_S = 0.049999997
 """A user step in the app's binary32 clock."""
 LIFE_S = 1.098
-"""What a target has left in the frame in which it appears, growing included."""
+"""Remaining life of a target in the frame in which it appears, including growth."""
 GROWING_FRAMES, LAST_FRAME = 2, 21
 """Frames until a target can be hit, and the last one in which it is there."""
 FADING_FRAMES = 7
@@ -45,7 +45,7 @@ CELL_M = 0.125
 """Distance of neighbouring cells, unless an option changes it."""
 TARGET_RADIUS_M = 0.025
 VOLUME_BEHIND_M = 0.010
-"""How far the middle of a target's hit volume lies behind the area's plane."""
+"""Distance of the middle of a target's hit volume behind the area's plane."""
 TARGET_HALF_M = (0.0225, 0.0225, 0.0125)
 HAMMER_HALF_M = (0.05, 0.0275, 0.0275)
 """Half sizes of the boxes that meet in a hit, along the axes of each."""
@@ -53,17 +53,17 @@ MARKER_M = (-0.0482, 0.1385, -0.0005)
 BOX_M = (-0.000401, 0.139758, -0.000818)
 """The marker, and the middle of the hammer's box, from its root along its axes."""
 START_M = 0.10
-"""Where a stroke may begin: so far in front of a cell."""
+"""Distance in front of a cell at which a stroke may begin."""
 
 
 @dataclass(frozen=True)
 class Area:
-    """Where the target area is.
+    """Pose of the target area.
 
     Attributes:
-        middle_m: from the head, the app's axes, m.
+        middle_m: its middle relative to the head, in the app's axes, m.
         up, behind: the area's axes.
-        strike: the direction whose speed a hit is judged by.
+        strike: the direction along which the speed of a hit is measured.
         cell_m: distance of neighbouring cells.
     """
 

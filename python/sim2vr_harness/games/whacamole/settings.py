@@ -28,21 +28,21 @@ game's own rewards."""
 
 @dataclass(frozen=True)
 class Relaxation:
-    """How soft a hit is, and what else is rewarded.
+    """Softness of hits, and weights of the additional rewards.
 
     Attributes:
         overlap_m: width of the step from apart to overlapping.
         speed_mps: width of the step from too slow to fast enough.
         near: reward for being near a living target at speed.
-        distance: reward for the game's own term of distance to living targets, times this.
+        distance: factor on the game's own reward for the distance to living targets.
         dwell: cost of staying in a target, which must be left before it can be hit: a hit has no
-            gradient that says so.
-        stroke: reward for being on the stroke that would hit the oldest target.
+            gradient for this.
+        stroke: reward for a hammer on a stroke that hits the oldest target.
         plane: cost of being in the targets' plane, or behind it, away from targets.
-        blind: cost of going towards the targets where none is that can have been seen.
-        centre: share of a hit's worth that is for the middle of the target.
-        face: share of a hit's worth that is for striking with the hammer's face.
-        foregone: share of what a hit takes away that counts against it.
+        blind: cost of moving towards the targets' plane where no target can have been seen.
+        centre: proportion of a hit's reward that depends on the distance from the target's middle.
+        face: proportion of a hit's reward that depends on the orientation of the hammer's face.
+        foregone: proportion of a hit's opportunity cost that is subtracted from its reward.
     """
 
     overlap_m: float
@@ -64,41 +64,42 @@ class Shaping:
 
     plane: float = 0.0
     """Cost per user step of a hammer that is in the targets' plane and not at a target; twice as
-    much 0.1 m behind the plane, nothing 0.1 m before it. Who may hit at any speed roams the plane
-    otherwise, and meets targets by chance before they can have been seen. Nothing at first, all of
-    it from the middle of the imagined rollouts on: who cannot aim yet would stay away for good."""
+    much 0.1 m behind the plane, nothing 0.1 m before it. Otherwise policies that may hit at any
+    speed roam the plane and meet targets by chance before they can have been seen. Zero at first,
+    in full from the middle of the imagined rollouts on, because policies that cannot aim yet would
+    stay away for good."""
     blind: float = 0.0
-    """Cost per user step for each m/s that the hammer goes towards the targets while none that has
-    been there for 0.15 s, as long as people's eyes take, is before it. Who may hit at any speed
-    sets out before there is anything to see otherwise, and strikes as soon as there is. Nothing at
-    first, all of it from the middle of the imagined rollouts on."""
+    """Cost per user step for each m/s of the hammer towards the targets' plane while there is no
+    target in front of it that has been visible for 0.15 s, the visual latency of people. Otherwise
+    policies that may hit at any speed set out before a target appears, and strike as soon as one
+    does. Zero at first, in full from the middle of the imagined rollouts on."""
     centre: float = 0.0
-    """Share of a hit's worth that is for the middle of the target: all of it there, .6 of it 2 cm
-    beside. A policy with exact positions hits targets at their rims, and its student misses them.
-    Nothing at first, all of it from the middle of the imagined rollouts on."""
+    """Proportion of a hit's reward that depends on the distance from the target's middle: in full
+    there, 0.6 of it 2 cm beside. A policy with exact positions hits targets at their rims, and its
+    student misses them. Zero at first, in full from the middle of the imagined rollouts on."""
     face: float = 0.0
-    """Share of a hit's worth that is for striking with the hammer's face: all of it where that goes
-    first, half of it where the hammer is sideways. The game looks at a box around its head, whose
-    sides hit as well; people turn its face to the targets (the cosine between them is .95). Nothing
-    at first, all of it from the middle of the imagined rollouts on."""
+    """Proportion of a hit's reward that depends on the hammer's face: in full if the face leads,
+    half of it if the hammer is sideways. The game tests a box around the head, whose sides hit as
+    well; people turn the face to the targets (the cosine between them is 0.95). Zero at first, in
+    full from the middle of the imagined rollouts on."""
     delay_gain_per_s: float = 0.0
-    """How much more a hit is worth the older its target: times e for each 1/this, in seconds; 1
-    after a third of its life. What comes later counts less to a learner (``gamma``), by 0.82 a
-    second with .96 a step; with 0.82 here a hit is worth the same whenever it comes. With more, old
-    targets, which will go, are worth more than new ones, as to who wants none to get away."""
+    """Growth rate of a hit's reward with the age of its target, 1/s; the factor is 1 after a third
+    of its life. The discount factor (``gamma``) reduces later rewards, at 0.96 per step by
+    0.82 1/s; with 0.82 here a hit is worth the same at any time. With more, old targets, which soon
+    expire, are worth more than new ones."""
     delay_until_s: float = LIFE_S
-    """Age of a target up to which it is waited for (``foregone``), s. Of those that are older
-    the oldest are worth most, too, but none is left for later."""
+    """Age of a target up to which the policy waits for it (``foregone``), s. Among older targets
+    the oldest are still worth most, but none is left for later."""
     foregone: float = 0.0
-    """Share of what a hit takes away that counts against it: the same target cannot be hit any more
-    later, when that would be worth most (``delay_gain_per_s``, up to ``delay_until_s``), as surely
-    and as well as targets were hit in the last cycle; nothing where it would be worth less then. A
-    hit has a gradient where it happens only, so users do not learn to wait otherwise. Nothing at
-    first, all of it from the middle of the imagined rollouts on. ``keep_best`` chooses policies
-    that do not wait yet, and has to be off."""
+    """Proportion of a hit's opportunity cost that is subtracted from its reward. The opportunity
+    cost is the highest expected reward of a later hit on the same target (``delay_gain_per_s``, up
+    to ``delay_until_s``), with the success rate and the quality of hits in the last cycle; it is 0
+    if a later hit would be worth less. A hit has a gradient only where it happens, so policies do
+    not learn to wait otherwise. Zero at first, in full from the middle of the imagined rollouts
+    on. ``keep_best`` selects policies that do not wait yet, and has to be off."""
     hit_reward: float = 10.0
-    """What a hit is worth; 10 in the game. Costs count the less the more this is: where
-    ``foregone`` leaves little of it, users give up otherwise."""
+    """Reward for a hit; 10 in the game. A larger value reduces the relative weight of costs;
+    otherwise policies stop playing when ``foregone`` leaves little of the reward."""
 
 
 _SHAPINGS = {
@@ -119,35 +120,35 @@ swing as people do."""
 
 
 class GameModelSettings(Settings):
-    """How soft hits are, and which cells come up."""
+    """Settings of the game model of Whac-A-Mole: softness of hits and additional rewards."""
 
     stroke_reward: Weight = 0.0
-    """Reward per user step, at first, for a hammer that is where a stroke at the oldest target
-    would have it: in front of the cell, and in it 0.6 s after the target appeared. Less with the
-    distance, by 0.3 m below 0."""
+    """Reward per user step, at first, for a hammer on a stroke at the oldest target: in front of
+    the cell, and in it 0.6 s after the target appeared. The reward decreases with the distance from
+    the stroke and is negative beyond 0.3 m."""
     dwell_cost: Weight = 0.0
     """Cost per user step of a hammer that dwells in a target without having hit it. Without this
     cost, users that may hit at any speed wait where targets grow into the hammer."""
     shaping: Literal["none", "unhurried"] = "none"
-    """``unhurried``: users who may hit at any speed wait for targets, aim at their middle and
-    strike with the hammer's face, as people do. Set ``keep_best: false`` with it: policies that do
-    not wait score best."""
+    """``unhurried``: users that may hit at any speed wait for targets, aim at their middle and
+    strike with the hammer's face, as people do. Set ``keep_best: false`` with it, because policies
+    that do not wait score best."""
     impact_speed_weight: Chance = 0.0
     """Proportion of a hit's reward that depends on the speed of the hammer's head towards the
-    targets; all of it is paid from 3 m/s on. The game judges a point near the hand, which players
-    cannot see: people strike with the head."""
+    targets; all of it is paid from 3 m/s on. The game tests a point near the hand, which players
+    cannot see; people strike with the head."""
     whole_steps: bool = False
-    """Whether hits are looked for once a user step, at its mean speed, where the app does in each
-    of several frames. Speeds of 10 ms are beyond what the body model knows, and what happens in
-    the last frame of a step has the best gradient."""
+    """True: hits are tested once per user step, at its mean speed; the app tests each of its
+    frames. The body model does not predict speeds over 10 ms, and contacts in the last frame of a
+    step have the best gradient."""
 
     @property
     def values(self) -> Shaping:
-        """What ``shaping`` stands for."""
+        """Values that ``shaping`` selects."""
         return _SHAPINGS[self.shaping]
 
     def relaxation(self, done: float) -> Relaxation:
-        """What is rewarded when this share of the rollouts is over."""
+        """Return softness and weights after this proportion of the imagined rollouts."""
 
         def left(until: float) -> float:
             return max(0.0, 1.0 - done / until) if until else 0.0

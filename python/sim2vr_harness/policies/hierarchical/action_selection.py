@@ -19,39 +19,41 @@ from sim2vr_harness.policies.hierarchical.primitives import (
 )
 
 _STILL_M, _PATIENCE_S = 0.05, 1.0
-"""Hands that come no farther than that in so long wait for something that does not come. (Speeds
-tell less: what the other arm does shakes a hand that waits.)"""
+"""Distance (m) and time (s) of the test for a hand that waits without effect: it moved less than
+this in that time. Speed is a weaker criterion, because the other arm shakes a hand that waits."""
 _TO_COME_M = 0.3
-"""So far beyond a hand's reach is what may come nearer, and is worth waiting for."""
+"""Distance beyond a hand's reach up to which an object may come nearer and is worth waiting for."""
 _LEFT_M, _LEFT_S = 0.08, 0.3
-"""How far around it, and how long, what a hand has waited at without effect is left alone. Places
-of cells are at the fronts of things, some cm before their middles; their neighbours show the same.
-"""
+"""Radius (m) and time (s) for which a hand avoids an object at which it waited without effect.
+Positions of cells lie on the fronts of objects, some cm before their middles, and neighbouring
+cells show the same object."""
 _PURSUED_M = 0.06
-"""Cells so near to what a hand pursues show the same thing."""
+"""Distance from a hand's target within which cells show the same object."""
 _SAME_M, _SHORT_M, _MOST_VAIN = 0.15, 0.05, 3
-"""Twice as far and as long each time that it comes back to about there and stops so far short
-again, up to so many times. (Who has come where it wants to be may have reasons to stay.)"""
+"""Rule for repeated waiting: radius and time double each time that the hand returns to within
+_SAME_M and again stops at least _SHORT_M short, at most _MOST_VAIN times. A hand that reached its
+target is exempt, because it may have reasons to stay."""
 
 
 _OWN_M, _SAME_THING_M, _BEFORE_M, _PARTLY = 0.15, 0.03, 0.03, (0.4, 0.85)
-"""What is so near to the tip of a tool may be the tool; how far beside the line of sight to a thing
-it may hide it; how far before it, and how much of the thing's width is left where it does."""
+"""Thresholds for occlusion by the own tool: distance from the tip within which a surface may be the
+tool (m), distance beside the line of sight within which the tool may hide an object (m), distance
+before the object (m), and the visible proportion of the object's width (from, to)."""
 Aims = tuple[Tensor, Tensor]
 """(N, H, 3) middles of things, and (N, H) their widths, m."""
 
 
 @dataclass
 class OptionScene:
-    """What N users see and where they are, at a decision.
+    """Images and positions of N users at a decision.
 
     Attributes:
-        sight: geometry of the pictures.
+        sight: geometry of the images.
         pictures: (N, 8, H, W) uint8, red, green, blue and depth now, and 0.2 s before.
-        head: (N, 3) where the heads were when that was drawn, m.
-        turned: (N, 3, 3) their rotations.
-        tips: (N, H, 3) m.
-        velocities: (N, H, 3) theirs, m/s.
+        head: (N, 3) positions of the heads when the images were rendered, m.
+        turned: (N, 3, 3) rotations of the heads at that time.
+        tips: (N, H, 3) positions of the tips, m.
+        velocities: (N, H, 3) velocities of the tips, m/s.
     """
 
     sight: DepthGrid
@@ -68,7 +70,7 @@ class OptionScene:
 
     @cached_property
     def something(self) -> Tensor:
-        """(N, cells) whether anything is seen in a cell."""
+        """(N, cells) True for cells with a visible surface."""
         return self.sight.something(self.pictures[:, 3])
 
     def inputs(self, net: ActionValueMap) -> tuple[Tensor, Tensor, Tensor]:
@@ -141,17 +143,17 @@ def mask_unreached(
     hold: int,
     primitives: PrimitiveController,
 ) -> Tensor:
-    """(N, H, cells) whether anything is in a cell that a hand has not just waited at.
+    """Return (N, H, cells) True for cells with a surface that a hand has not just waited at.
 
-    A hand that stops short of what it goes for would wait there for ever: it sees the same, and
-    decides the same. While learning, tries get it out of there.
+    A hand that stops short of its target would wait there for ever, because the same observation
+    leads to the same decision. In training, exploration resolves this.
 
     Args:
-        choice: what hands have been doing, changed in place.
-        tips: (N, H, 3) where the tips of their tools are, m.
-        something: (N, cells) whether anything is there.
-        places: (N, 3, rows, columns) of the cells, world, m.
-        hold: user steps for which a decision is seen through.
+        choice: current options of the hands, changed in place.
+        tips: (N, H, 3) positions of the tips of their tools, m.
+        something: (N, cells) True for cells with a surface.
+        places: (N, 3, rows, columns) positions of the cells, world, m.
+        hold: user steps for which an option is executed.
     """
     # Where a hand that points is does not matter, but what it points at.
     aims = points(choice.move)[..., None]
@@ -179,13 +181,13 @@ def mask_unreached(
 
 
 def remembered(choice: OptionChoice, aims: Aims, head: Tensor, tips: Tensor) -> Aims:
-    """Return aims, and of things that the user's own tool hides what was seen of them before.
+    """Return aims, with the last visible ones for objects that the user's own tool occludes.
 
     Args:
-        choice: what hands have been doing.
-        aims: of the present choices.
-        head: (N, 3) m.
-        tips: (N, H, 3) where the tips of the tools are, m.
+        choice: current options of the hands.
+        aims: aims of these options.
+        head: (N, 3) positions of the heads, m.
+        tips: (N, H, 3) positions of the tips of the tools, m.
     """
     place, width = aims
     before = choice.seen - head[:, None]

@@ -11,7 +11,7 @@ _UNIT_M, _FAR_UNIT_M = 0.4, 2.0
 """Units of positions: fine within reach, coarse farther away, where things come from."""
 _UNIT_MPS = 2.0
 _CHANNELS = 32
-"""Of the convolutions. Users decide on a CPU, several times a second."""
+"""Channels of the convolutions, few because policies run on a CPU several times per second."""
 
 
 class ActionValueMap(nn.Module):

@@ -16,18 +16,19 @@ CELL_PX = 4
 FAR_M = 10.0
 """Depth at which a picture's depth is 255 (docs/reference/protocol.md)."""
 _NOTHING = 255
-"""Depth of a pixel that shows nothing, or something farther away."""
+"""Depth value of a pixel without a surface in range."""
 _MIDDLE_FIRST = torch.tensor([5, 6, 9, 10, 1, 2, 4, 7, 8, 11, 13, 14, 0, 3, 12, 15])
 """Pixels of a cell, by their distance from its middle."""
 _AROUND_PX = 4
-"""How far beyond its cell a thing is followed."""
+"""Margin around a cell, in pixels, in which an object's outline is still traced."""
 _SAME_COLOUR, _SAME_DEPTH = 32, 3
-"""Differences, of 255, up to which neighbouring pixels show the same thing."""
+"""Differences, of 255, up to which neighbouring pixels show the same object."""
 _SAME_HUE, _COLOURED, _SHADED = 0.25, 40, 0.45
-"""Of pixels of one shaded thing: largest difference of hue (sixths of the circle), least colour
-(largest less smallest channel, of 255), and least brightness, as a share of the brighter one."""
+"""Criteria for pixels of one shaded object: largest difference of hue (sixths of the circle), least
+chroma (largest minus smallest channel, of 255), and least brightness relative to the brighter
+pixel."""
 _CLEAR, _ENOUGH_PX = 128, 4
-"""Differences of colour, and pixels in a cell, above which a thing does not stand out more."""
+"""Colour difference, and number of pixels in a cell, above which an object is not more salient."""
 
 
 class DepthGrid:
@@ -55,11 +56,11 @@ class DepthGrid:
         return self.rows * self.columns
 
     def places(self, depth: Tensor, head: Tensor, turned: Tensor) -> Tensor:
-        """(N, 3, rows, columns) what is nearest in each cell, MuJoCo's world frame, m.
+        """Return (N, 3, rows, columns) nearest points per cell in MuJoCo's world frame, m.
 
         Args:
             depth: (N, H, W) uint8, linear along the view's axis.
-            head: (N, 3) where the headset is.
+            head: (N, 3) position of the headset.
             turned: (N, 3, 3) its rotation: x forward, y left, z up.
         """
         nearest = self._nearest(depth)
@@ -100,9 +101,10 @@ class DepthGrid:
         return placed, width.reshape(cells.shape)
 
     def something(self, depth: Tensor) -> Tensor:
-        """(N, cells) whether anything is there, up to ``FAR_M`` away; depth as in :meth:`places`.
+        """Return (N, cells) True for cells with a surface within ``FAR_M``.
 
-        There is nothing to be done with an empty sky.
+        Cells without a surface, such as sky, are excluded from action selection. ``depth`` is as in
+        :meth:`places`.
         """
         there: Tensor = (self._nearest(depth) >> 4).flatten(1) < _NOTHING
         return there
@@ -183,7 +185,7 @@ def _things(windows: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
 
 
 def _shaded_alike(colour: Tensor, own: Tensor) -> Tensor:
-    """(K, W, W) whether colours (K, 3, W, W) are shades of others (K, 3, 1, 1): of the same hue."""
+    """Return (K, W, W) True where colours (K, 3, W, W) have the same hue as others (K, 3, 1, 1)."""
     hues, chromas, values = zip(*(_hue(each) for each in (colour, own)), strict=True)
     apart = (hues[0] - hues[1]).abs()
     apart = torch.minimum(apart, 6.0 - apart)

@@ -14,36 +14,36 @@ from sim2vr_harness.policies.hierarchical.motor_policy import (
 )
 
 LEAD_STEPS = 2
-"""User steps by which a path's goal runs ahead of where the hand shall be now."""
+"""User steps by which a path's goal is ahead of the hand's current position on the path."""
 _REST, _ARRIVE, _FOLLOW = 0, 1, 2
 _SHARES = (0.1, 0.62, 0.28)
-"""Of hands that rest, arrive and follow (hold still included), when a goal is drawn."""
+"""Proportions of sampled goals that rest, arrive and follow a path (including holding still)."""
 _STRUCK = 0.35
-"""Of hands that arrive, how many strike: from nearby, through a place, with time to wind up."""
+"""Proportion of arrivals that are strikes: from nearby, through a place, with time to wind up."""
 _STRIKE_M, _STRIKE_S, _STRIKE_MPS = (0.04, 0.35), (0.15, 0.7), (0.6, 4.0)
-"""From where, in what time, and how fast."""
+"""Ranges of the distance, time and speed of strikes."""
 _SWINGS = 0.5
-"""Of paths, how many are as fast as strokes; the others as slow as reaching."""
+"""Proportion of paths that are as fast as strikes; the others are as slow as reaching."""
 _SLOW_M, _SWING_M = 0.10, 0.15
 _SLOW_HZ, _SWING_HZ = (0.15, 1.35), (0.5, 3.0)
 _FASTEST_MPS = 3.0
-"""Of paths."""
+"""Largest speed of paths."""
 _HELD = 0.5
-"""Of those who have arrived without speed, how many are to stay there for a while."""
+"""Proportion of arrivals without speed after which the hand has to hold its position."""
 _LONGEST_S = 1.2
 _BEHIND = 0.12
-"""How often goals are drawn that are not in front of the body, relative to those that are."""
+"""Sampling weight of goals beside or behind the body, relative to goals in front of it."""
 _FRONT_M = 0.12
 _BONUS, _NEAR_M = 4.0, 0.02
 _LIKE, _STILL_MPS = 0.4, 0.3
-"""Share of the velocity requested, and m/s beside it, by which it may be wrong for that."""
+"""Tolerance of the velocity at arrival: a proportion of the requested speed, plus m/s."""
 _EARLY_S = 0.04
-"""Who goes through a place may come so much earlier or later, at the speed requested."""
+"""Tolerance of the arrival time for movements that pass through a place at the requested speed."""
 _BY_M, _BY_MPS, _BY_STRIKE_MPS, _BY_AXIS = 30.0, 1.0, 2.0, 2.0
-"""What arriving is worth within _NEAR_M, and what errors of place, velocity (of who trains in
-strikes, too) and direction cost."""
+"""Weights of the reward: cost of the errors of position, of velocity (without and with training in
+strikes) and of direction. _BONUS is the reward for an arrival within _NEAR_M."""
 _STEP_SHARE = 0.15
-"""Of that, for every user step of following."""
+"""Proportion of this reward for each user step of following a path."""
 _WAVES = 2
 _REGION_M, _REGIONS = 0.12, 20
 """Regions of goals: cubes of this size, so many along each side of a cube around the body."""
@@ -51,7 +51,7 @@ _MIDDLE_M = 1.0
 """Height of that cube's middle."""
 _CANDIDATES = 8
 _FORGET, _HARDEST = 0.1, 4.0
-"""How fast a region's error is forgotten, and how often the hardest come at most, relatively."""
+"""Update rate of a region's mean error, and the highest relative sampling weight of a region."""
 _USUAL_M = 0.04
 
 
@@ -71,7 +71,7 @@ class GoalSampler:
         self._strikes = strikes
         self._poses = poses
         self.tools = True
-        """Whether points of tools are to come to places, or the hands themselves."""
+        """True: points of tools are moved to the goals; False: the hands themselves."""
         self.generator = torch.Generator().manual_seed(seed)
         self.goals = MotorGoals.none(n, self.hands)
         shape = (n, self.hands)
@@ -80,7 +80,7 @@ class GoalSampler:
         self._until_s = torch.zeros(shape)
         self._center = torch.zeros(*shape, 3)
         self._hand_goal = torch.zeros(*shape, 3)
-        """(B, H, 3) where the hand itself can be for the tip to be where it shall."""
+        """(B, H, 3) a reachable position of the hand with the tip at its goal."""
         self._wrong_m = torch.full((_REGIONS**3,), 2.0 * _USUAL_M)
         """Mean errors of the arrivals in every region; where no one has been, more than usual."""
         self._waves = torch.zeros(*shape, 3, 3, _WAVES)
@@ -215,7 +215,7 @@ class GoalSampler:
         return place, (amplitude * rate * angle.cos()).sum(-1)
 
     def _show_paths(self) -> None:
-        """Let goals on paths run ahead of where the hand shall be."""
+        """Move goals on paths ahead of the hand's current position on the path."""
         follows = (self._kind == _FOLLOW)[..., None]
         lead = LEAD_STEPS * self._step_s
         place, velocity = self._path(self._clock_s + lead)
@@ -227,11 +227,11 @@ class GoalSampler:
     # --- a user step -------------------------------------------------------------------------
 
     def step(self, place: Tensor, soon: Tensor) -> Tensor:
-        """(B,) what a user step was worth that ends with the devices at (B, H, 4, 4).
+        """Return (B,) rewards of a user step that ends with the devices at (B, H, 4, 4).
 
         Args:
-            place: differentiable.
-            soon: where they will be ``MOMENT_S`` later if they go on as they move.
+            place: poses of the devices, differentiable.
+            soon: their poses ``MOMENT_S`` later at constant velocity.
         """
         goals, kind = self.goals, self._kind
         self._clock_s = self._clock_s + self._step_s
@@ -293,13 +293,13 @@ class GoalSampler:
     _STATE = ("_kind", "_clock_s", "_until_s", "_center", "_waves", "_hand_goal", "_wrong_m")
 
     def state_dict(self) -> dict[str, Tensor]:
-        """Everything that their future depends on."""
+        """Return the complete state of the goals."""
         own = {name: getattr(self, name).clone() for name in self._STATE}
         goals = {f"goals.{name}": value.clone() for name, value in self.goals.tensors().items()}
         return own | goals | {"generator": self.generator.get_state()}
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """Go on from :meth:`state_dict`."""
+        """Restore a state of :meth:`state_dict`."""
         for name in self._STATE:
             setattr(self, name, state[name].clone())
         for name in self.goals.tensors():

@@ -28,11 +28,11 @@ from sim2vr_harness.world_models.person_features import ImaginedPersons
 from sim2vr_harness.world_models.transitions import Motion
 
 RECOGNITION_S = 0.1
-"""From what is seen to a decision by it, beside the visual delay (docs/concepts/people.md)."""
+"""Visual recognition latency of a decision, added to the visual delay (docs/concepts/people.md)."""
 SAME_M = 0.06
-"""A target that has moved less is followed without a new decision."""
+"""Movement of a target up to which the hand follows it without a new decision."""
 _FIXATION_S = 0.2
-"""Correlation time of what is misjudged: about a fixation."""
+"""Correlation time of the errors in perceived goals, about the duration of a fixation."""
 
 
 @dataclass
@@ -59,13 +59,14 @@ class HumanGoals(MotorGoals):
 
 
 class GoalPerception:
-    """Where users believe that goals are: misjudged in proportion to the distance last seen.
+    """Perceived positions of goals, with errors in proportion to the distance last seen.
 
     Args:
-        weber: standard deviation of the error along each axis, of the distance from the hand.
-        least_m: standard deviation of the error of a goal at the hand.
-        late_steps: user steps by which the distance is seen late.
-        generators: of each user's errors; None: torch's global one.
+        weber: standard deviation of the error along each axis, as a proportion of the distance
+            from the hand.
+        least_m: standard deviation of the error of a goal at the hand, m.
+        late_steps: observation delay of the distance, in user steps.
+        generators: random generators of the users' errors; None: torch's global one.
     """
 
     def __init__(
@@ -82,7 +83,7 @@ class GoalPerception:
         self._weber, self._least_m, self.generators = weber, least_m, generators
         self._keep = float(torch.exp(torch.tensor(-step_s / _FIXATION_S)))
         self._error = torch.zeros(n, hands, 3)
-        """In standard deviations."""
+        """(B, H, 3) errors in standard deviations."""
         self._seen_m = torch.zeros(late_steps + 1, n, hands)
 
     def _drawn(self, users: Sequence[int]) -> Tensor:
@@ -92,7 +93,7 @@ class GoalPerception:
         return torch.stack([torch.randn(shape, generator=self.generators[i]) for i in users])
 
     def forget(self, ids: Tensor, far: Tensor) -> None:
-        """Let goals of users (K,) be new ones, at distances (K, H) from their hands."""
+        """Set new goals of users (K,), at distances (K, H) from their hands."""
         self._error = self._error.clone()
         self._error[ids] = self._drawn(ids.tolist())
         self._seen_m = self._seen_m.clone()
@@ -105,11 +106,11 @@ class GoalPerception:
         self._seen_m = torch.cat([self._seen_m[1:], far[None]])
 
     def error(self) -> Tensor:
-        """(B, H, 3) how far from their places goals seem to be, m."""
+        """Return (B, H, 3) errors of the perceived goals, m."""
         return (self._least_m + self._weber * self._seen_m[0])[..., None] * self._error
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything that its future depends on, but for torch's global generator."""
+        """Return the complete state, except torch's global generator."""
         own = {"error": self._error.clone(), "seen_m": self._seen_m.clone()}
         return own | {"drawn": [each.get_state() for each in self.generators or ()]}
 
@@ -166,12 +167,12 @@ class Turning:
         return torch.where(self._turns, velocity + _TAKEN * (wanted - velocity), wanted)
 
     def across(self, error: Tensor) -> Tensor:
-        """(B, H, 3) what is misjudged, without what is along rays."""
+        """Return (B, H, 3) the error without its component along rays."""
         return (self._plane @ error[..., None])[..., 0]
 
 
 def far_off(goals: HumanGoals, place: Tensor) -> Tensor:
-    """(B, H) how far devices at (B, H, 4, 4) are from goals, for the policy in space."""
+    """Return (B, H) distances of devices at (B, H, 4, 4) from goals, for the policy in space."""
     hand, tip = place[..., :3, 3], tips(place, goals.tip)
     way = Turning(goals, hand, tip).seen(goals.place - tip, tip, goals)[0]
     return way.norm(dim=-1)
@@ -182,7 +183,7 @@ _INPUTS = 13
 _MOST_MPS = 2.0
 """Largest change of velocity in a user step."""
 _LOGIT, _FIRST_LOGIT = 3.0, -0.8
-"""Of the decision that a movement is over: factor on the network's output, and its first bias."""
+"""Logit of the decision to end a movement: factor on the network's output, and initial bias."""
 
 
 class HandPolicy(nn.Module):
@@ -248,13 +249,13 @@ _PASSES = 3
 
 @dataclass(frozen=True)
 class InverseSettings:
-    """What commands are chosen by: sizes and weights of squared costs.
+    """Scales and weights of the squared costs that determine the controls.
 
     Attributes:
-        velocity_mps: error of a wanted velocity that costs 1.
-        speed_radps: joint speed away from the way back that costs 1.
-        return_hz: how fast joints go back to the middle of their ranges where nothing else counts.
-        limit: how many times as much that counts at the ends of their ranges as in the middle.
+        velocity_mps: error of the hand's velocity that costs 1.
+        speed_radps: deviation from the joint speed of the return movement that costs 1.
+        return_hz: rate at which joints return to the middle of their ranges if no other cost acts.
+        limit: weight of this return at the ends of the ranges, relative to the middle.
         effort: cost of the sum of squared controls, weighted by muscle volume.
         change: cost of the sum of squared changes of activation.
     """
@@ -294,7 +295,7 @@ class InverseModel:
         return place, (jacobian @ motion.speeds[:, None, :, None])[..., 0]
 
     def jacobian(self, motion: Motion, tip: Tensor) -> tuple[Tensor, Tensor]:
-        """(B, H, 3) where points are, and (B, H, 3, J) how they move with the joints."""
+        """Return (B, H, 3) positions of points, and (B, H, 3, J) their Jacobians by the joints."""
         count, joints = motion.angles.shape
         each = joints + 1
         away = torch.cat([torch.zeros(1, joints), _MOMENT_RAD * torch.eye(joints)])
@@ -392,14 +393,14 @@ _REMEMBERED = ("_did", "_bias", "_new", "_fresh", "velocity", "wanted")
 
 
 class HumanMotorPolicy(nn.Module):
-    """What all persons of a population move by.
+    """Motor policy that all persons of a population share.
 
     Args:
-        body: what persons share.
-        persons: how persons stand in tensors.
-        width: of the hidden layers of the policy in space.
-        body_width: of the forward model's hidden layers.
-        perception: arguments of :class:`GoalPerception`: how users misjudge goals.
+        body: the body model that persons share.
+        persons: representation of persons in tensors.
+        width: size of the hidden layers of the policy in Cartesian space.
+        body_width: size of the forward model's hidden layers.
+        perception: arguments of :class:`GoalPerception`, the errors in perceived goals.
     """
 
     def __init__(
@@ -510,16 +511,16 @@ class HumanHands:
     ) -> None:
         self.policy, self.perception = policy, perception
         self.vigour = 1.0
-        """What their weights of effort are divided by."""
+        """Divisor of the users' effort weights."""
         self._felt: Motion | None = None
         self._predicted: Motion | None = None
-        """The last user step's prediction, not corrected."""
+        """Prediction of the last user step, without correction."""
         self._did = torch.zeros(n, policy.drives.count)
         self._bias = torch.zeros(n, len(policy.body.independent_joints))
-        """What the forward model has got wrong of joint speeds lately, rad/s."""
+        """Running mean of the forward model's errors in joint speed, rad/s."""
         self._new = torch.ones(n, dtype=torch.bool)
         self._fresh = torch.ones(n, dtype=torch.bool)
-        """Whether users have not felt a movement of their own yet."""
+        """(N,) True for users that have not yet sensed a movement of their own."""
         self.velocity = torch.zeros(n, len(policy.hands), 3)
         """Velocities that hands were believed to have when they were chosen, m/s."""
         self.wanted = torch.zeros_like(self.velocity)
@@ -534,7 +535,7 @@ class HumanHands:
         return new
 
     def forget(self, ids: Sequence[int] | NDArray[np.int64]) -> None:
-        """Let users (K,) be in new episodes: they know their first posture."""
+        """Reset users (K,) for new episodes; their first posture is known."""
         self._new[torch.as_tensor(ids, dtype=torch.long)] = True
 
     def state_dict(self) -> dict[str, Any]:
@@ -555,7 +556,7 @@ class HumanHands:
             self.perception.load_state_dict(state["goals"])
 
     def aim_anew(self, ids: Tensor, far: Tensor) -> None:
-        """Let goals of users (K,) be new ones, at distances (K, H) from their hands."""
+        """Set new goals of users (K,), at distances (K, H) from their hands."""
         if self.perception is not None and len(ids):
             self.perception.forget(ids, far)
 

@@ -21,7 +21,7 @@ GOAL_SIZE = 22
 _FAR_M, _FAST_MPS, _LATE_S = 0.3, 1.5, 0.5
 """Units of what is observed."""
 WIDTH_M = 0.04
-"""Of targets whose width is not known."""
+"""Width of targets whose own width is not known."""
 WIDTHS_M = (0.01, 0.12)
 """Widths that human motor policies learn with: narrower or wider targets count as these."""
 MOMENT_S = 0.005
@@ -79,17 +79,17 @@ class MotorGoals:
 
 
 def tips(place: Tensor, tip: Tensor) -> Tensor:
-    """(B, H, 3) where points (B, H, 3) of devices at (B, H, 4, 4) are, m."""
+    """Return (B, H, 3) positions of points (B, H, 3) of devices at (B, H, 4, 4), m."""
     at: Tensor = place[..., :3, 3] + (place[..., :3, :3] @ tip[..., None])[..., 0]
     return at
 
 
 def describe(goals: MotorGoals, place: Tensor, soon: Tensor) -> Tensor:
-    """(B, H, GOAL_SIZE) what a motor layer knows of its goals.
+    """Return (B, H, GOAL_SIZE) the motor policy's observation of its goals.
 
     Args:
-        place: (B, H, 4, 4) where the hands' devices are.
-        soon: the same ``MOMENT_S`` later, if they go on as they move.
+        place: (B, H, 4, 4) poses of the hands' devices.
+        soon: their poses ``MOMENT_S`` later at constant velocity.
     """
     now = tips(place, goals.tip)
     velocity = (tips(soon, goals.tip) - now) / MOMENT_S
@@ -160,12 +160,12 @@ class MotorPolicy(nn.Module):
         return now, soon
 
     def observe(self, angles: Tensor, speeds: Tensor, drives: Tensor, goals: Tensor) -> Tensor:
-        """(B, size) what it acts on; ``goals`` (B, H * GOAL_SIZE) as :func:`describe` has them."""
+        """Return (B, size) observations; ``goals`` (B, H * GOAL_SIZE) as from :func:`describe`."""
         unit = 2.0 * (angles - self._low) / self._span - 1.0
         return torch.cat([unit, speeds, self.drives.observe(drives), goals], 1)
 
     def normalised(self, observation: Tensor) -> Tensor:
-        """(B, size) observations in units of what is usual."""
+        """Return (B, size) observations, standardised by the usual mean and SD."""
         return ((observation - self.mean) / self.std).clamp(-_CLIP, _CLIP)
 
     def forward(self, observation: Tensor) -> Tensor:
@@ -185,7 +185,7 @@ class MotorPolicy(nn.Module):
         return angles, speeds, drives
 
     def act(self, users: UserBatch, goals: MotorGoals) -> NDArray[np.float32]:
-        """(B, A) what the bodies shall do now, in [-1, 1]."""
+        """Return (B, A) the actions of this user step, in [-1, 1]."""
         with torch.inference_mode():
             motion = self.motion(users)
             return self.decide(motion, self.places(*motion[:2]), goals)
@@ -204,7 +204,7 @@ class MotorPolicy(nn.Module):
         return result
 
     def header(self) -> dict[str, Any]:
-        """What it is made for; a layer is loaded for the same only."""
+        """Return the body, hands, step and width, which must match when weights are loaded."""
         return {
             "actions": list(self.body.action_names),
             "joints": list(self.body.independent_joints),
@@ -214,17 +214,17 @@ class MotorPolicy(nn.Module):
         }
 
     def weights(self) -> Mapping[str, Tensor]:
-        """What is learned; where the hands are follows from the body."""
+        """Return the learned weights, without the kinematic chains, which follow from the body."""
         own = self.state_dict()
         return {name: own[name] for name in own if not name.startswith("chains.")}
 
     def take(self, weights: Mapping[str, Tensor]) -> None:
-        """Take over :meth:`weights` of a layer of the same body, step and width."""
+        """Load the :meth:`weights` of a policy for the same body, step and width."""
         self.load_state_dict({**self.state_dict(), **weights})
 
 
 INSIDE = 0.94
-"""Share of the joints' ranges that postures are drawn from."""
+"""Proportion of the joints' ranges from which postures are sampled."""
 _COUNT = 20_000
 
 

@@ -53,21 +53,21 @@ if TYPE_CHECKING:
     from sim2vr_harness.runs.config import TrainingConfig
 
 BEFORE_S = 0.2
-"""How far apart the two pictures are that are looked at, s."""
+"""Time between the two images of an observation, s."""
 _QUIET = -20.0
 """Logarithm of the deviation of actions: what is decided is done."""
 
 
 @dataclass
 class Moment:
-    """What N users sense in a user step.
+    """Observations of N users in a user step.
 
     Attributes:
-        motion: of the bodies, and who they are.
-        placed: (N, H, 4, 4) each, where the hands' devices are, and ``MOMENT_S`` later.
-        head: (N, 4, 4) the headsets.
-        follows: (N,) how many user steps ago known targets were seen that are followed now.
-        decides: (N,) the same of what new decisions are made by.
+        motion: motion of the bodies, and their persons.
+        placed: two arrays (N, H, 4, 4), poses of the hands' devices now and ``MOMENT_S`` later.
+        head: (N, 4, 4) poses of the headsets.
+        follows: (N,) observation delay of targets that are already pursued, in user steps.
+        decides: (N,) observation delay of the image for new decisions, in user steps.
     """
 
     motion: Motion
@@ -78,14 +78,14 @@ class Moment:
 
 
 class Memory:
-    """What N users have decided and seen in their episodes.
+    """Decisions and past images of N users in their episodes.
 
     Attributes:
-        choice: what they do.
-        left: (N,) user steps for which that is seen through still.
+        choice: options that the users execute.
+        left: (N,) remaining user steps of these options.
         age: (N,) user steps since the first one.
-        seen: pictures (N, 8, H, W) of the last user steps and headsets (N, 4, 4) that they were
-            drawn for, the newest last.
+        seen: images (N, 8, H, W) of the last user steps and poses of the headsets (N, 4, 4) at
+            which they were rendered, the newest last.
     """
 
     def __init__(self, n: int, hands: int) -> None:
@@ -95,7 +95,7 @@ class Memory:
         self.seen: list[tuple[Tensor, Tensor]] = []
 
     def forget(self, users: list[int]) -> None:
-        """Let episodes of users begin anew."""
+        """Reset the memory of these users for a new episode."""
         self.choice.forget(users)
         self.left[users], self.age[users] = 0, -1
 
@@ -159,24 +159,24 @@ def as_reported(head: Tensor, observations: Observation) -> Tensor:
 
 
 class HierarchicalPolicy(nn.Module):
-    """What is worth doing, and the hands that do it, from what a user senses.
+    """Policy that selects options from images and executes them with a motor policy.
 
     Args:
-        config: of the run; its senses as :func:`require_senses` has them.
+        config: configuration of the run, with the senses that :func:`require_senses` demands.
     """
 
     manner = Manner()
-    """How hands do what is chosen."""
+    """Parameters with which the hands execute options."""
     late_steps = 0
-    """User steps by which users see late what they decide by."""
+    """Observation delay of the images for decisions, in user steps."""
     together = 1
-    """Users whose matrices are multiplied together, by whose number the last bits differ."""
+    """Number of users per matrix multiplication; the last bits of results depend on it."""
     layer: MotorPolicy
     tool: Tensor
     hold: Tensor
-    """(1,) user steps for which a decision is seen through."""
+    """(1,) user steps for which an option is executed before the next decision."""
     lifts: Tensor
-    """(1, 1, 1) whether hands stay before surfaces until they are there, 1 or 0."""
+    """(1, 1, 1) 1 for hands that stay before surfaces until they are beside the place, else 0."""
     rays: Tensor
     """(H, 2, 3) with which hands point (:mod:`~.pointing`). Only pages have rays of their own."""
     log_std: Tensor
@@ -235,7 +235,7 @@ class HierarchicalPolicy(nn.Module):
         return Memory(n, len(self.layer.hands))
 
     def restart(self, memory: list[Memory], users: Sequence[int]) -> None:
-        """Let the episodes of these users begin anew."""
+        """Reset these users for a new episode."""
         for number, part in enumerate(memory):
             own = [user - number * self.together for user in users]
             self._forget(part, [user for user in own if 0 <= user < part.n])
@@ -299,7 +299,7 @@ class HierarchicalPolicy(nn.Module):
         return OptionScene(self.values.sight, pictures, at, turned, *moving)
 
     def decide(self, moment: Moment, memory: Memory) -> None:
-        """Let users decide whose last decision has been seen through."""
+        """Select new options for the users whose last option is finished."""
         due = memory.left <= 0
         if due.any():
             with torch.no_grad():

@@ -48,12 +48,12 @@ def seen_late_steps(visual_delay_s: float, step_s: float) -> int:
 
 
 class PersonMemory(Memory):
-    """What N persons have decided, seen and felt.
+    """Decisions, images and proprioception of N persons in their episodes.
 
     Attributes:
-        bodies: what they feel and do.
+        bodies: proprioception and motor state of the persons.
         decided: (N,) user steps since the last new decision.
-        goal: (N, H, 3) of the last user step.
+        goal: (N, H, 3) goals of the last user step.
     """
 
     def __init__(self, n: int, bodies: HumanHands) -> None:
@@ -63,7 +63,7 @@ class PersonMemory(Memory):
         self.goal = torch.full_like(self.choice.place, torch.inf)
 
     def forget(self, users: list[int]) -> None:
-        """Let episodes of users begin anew."""
+        """Reset the memory of these users for a new episode."""
         super().forget(users)
         self.bodies.forget(users)
         self.decided[users], self.goal[users] = _LONG_AGO, torch.inf
@@ -89,7 +89,7 @@ class PersonPolicy(HierarchicalPolicy):
 
     manner = PERSONS
     vigour: Tensor
-    """(1,) what weights of effort are divided by: what earned most (docs/concepts/people.md)."""
+    """(1,) divisor of effort weights, the one with the highest score (docs/concepts/people.md)."""
     draws: np.random.Generator | None = None
     """Draws the seeds of what users misjudge in each episode; None: all of them are the run's."""
 
@@ -173,7 +173,7 @@ class PersonPolicy(HierarchicalPolicy):
 
 
 def _differs(after: OptionChoice, before: OptionChoice) -> NDArray[np.bool_]:
-    """(N,) whose choice is another decision: another move, or another target."""
+    """Return (N,) True for users with a new decision: another move, or another target."""
     moved = (after.place - before.place).norm(dim=-1) > SAME_M
     found: NDArray[np.bool_] = (
         ((after.move != before.move) | (moved & (after.move >= 0))).any(1).numpy()

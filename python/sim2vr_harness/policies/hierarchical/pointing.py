@@ -23,7 +23,7 @@ AIM_RAYS = torch.stack([torch.zeros(3), torch.from_numpy(AIM_DIRECTION).float()]
 
 _POINT_M = 0.8
 _TO_REST = 0.2
-"""How much of the way to its place of rest the hand is drawn. All of it would turn the ray."""
+"""Proportion of the way to its rest position that a pointing hand moves; 1 would turn the ray."""
 _GAIN, _KEPT = 0.12, 0.98
 """Share of the error that is added to the correction in a user step, and that is kept of it."""
 _NEAR = 0.2

@@ -43,36 +43,36 @@ __all__ = [
 ]
 
 _TOUCH_MPS, _STRAIGHT_MPS, _STRIKE_MPS = 0.9, 2.0, 1.2
-"""How fast hands come, at least: that lift off before they touch, that go straight, that strike."""
+"""Lowest approach speeds of hands: touch after lifting off, touch on a straight path, strike."""
 _DEEPER_M, _AHEAD_M = 0.025, 0.03
-"""How far behind their places hands aim that touch (a little more than half a step of depth), and
-how far before them those that push with the hand's speed: tools have fronts, which are there
-first."""
+"""Offsets of the goal along the direction of movement. Hands that touch aim behind the place by a
+little more than half a depth step. Hands that push at the hand's speed aim before the place,
+because the front of a tool arrives first."""
 _FURTHER = 1.25
-"""How much farther back than its run-up a hand goes to begin."""
+"""Distance at which a hand begins a strike, as a multiple of the run-up."""
 _REACHED_M = 0.06
 _DEPTH_WEIGHT = 0.2
-"""How much less depth counts than height and side, where a place is out of reach."""
+"""Weight of depth relative to height and side in the search for the nearest reachable place."""
 
 
 @dataclass(frozen=True)
 class Manner:
-    """How hands do what is chosen.
+    """Parameters of the motion primitives.
 
     Attributes:
         push_mps: speed through a place, away from the head.
-        swing_mps: the same sideways.
-        run_up_m: over which a hand gains its speed.
-        slowest: share of the speed it should have by then, below which it begins again.
-        lift_m: most that a hand that comes to a place stays before its surface until it is there,
+        swing_mps: speed through a place, sideways.
+        run_up_m: distance over which a hand accelerates.
+        slowest: proportion of the expected speed below which the hand starts the movement again.
+        lift_m: largest distance that a hand keeps from the surface until it is beside the place,
             so that it touches nothing on the way.
         by_hand: whether the hand has the speed of a push and carries its tool along, to a little
-            before the place; else the tip has it, which a turn of the wrist can do.
-        commitment: how much more another option has to be worth than the one that is pursued, as
-            a share of a good reward.
-        by_width: whether a hand stays before a thing until it is well inside its width.
-        turns_rays: whether hands that point turn their rays, in angles; else the ray's point 80 cm
-            ahead is brought to the line to the place.
+            before the place; else the tip has this speed, which the wrist can produce.
+        commitment: difference in value at which another option replaces the current one, as a
+            proportion of a good reward.
+        by_width: whether a hand stays before an object until it is well inside its width.
+        turns_rays: whether hands that point control the angles of their rays; else they bring the
+            ray's point 80 cm ahead to the line to the place.
     """
 
     push_mps: float = 2.5
@@ -87,7 +87,7 @@ class Manner:
 
 
 MEASURED = Manner(by_width=True)
-"""How the measured body moves that learns before persons do."""
+"""Parameters for the measured body, which is trained before the persons."""
 PERSONS = Manner(
     push_mps=3.0,
     swing_mps=2.0,
@@ -98,7 +98,7 @@ PERSONS = Manner(
     turns_rays=True,
     commitment=0.1,
 )
-"""How persons do (docs/concepts/people.md)."""
+"""Parameters for persons (docs/concepts/people.md)."""
 _AIMED = 0.6
 """Share of a thing's width that a hand aims at which comes to it, or whose ray does."""
 _ENTERS, _ENTERED, _LIFTED_M, _WELL_BEHIND_M = 0.8, 0.5, 0.02, 0.04
@@ -120,34 +120,34 @@ _ARRIVED_M = 0.035
 _BACK = torch.tensor([-0.3, 0.0, 0.0])
 """The way of a closed hand that pulls, m."""
 _PULLED_S = 1.2
-"""A hand that pulls opens after so long, also where it has not come so far."""
+"""Time after which a hand that pulls opens, even if it has not moved the full distance."""
 _ON_M, _ON_RAD = 0.012, 0.014
-"""A ray has met its place that passes it by less than either of these, or well inside its width."""
+"""Tolerances within which a ray is on its place (either one), besides the inside of its width."""
 _PULL_S, _LET_GO_S, _AGAIN_S = 0.1, 0.1, 0.6
-"""How long a trigger is pulled, is let go of at least, and until it is pulled at the same place."""
+"""Duration of a trigger pull, the shortest release, and the pause between pulls at one place."""
 _SAME_M = 0.06
 
 
 def is_swing(move: Tensor) -> Tensor:
-    """Whether moves, by number, go through a place sideways."""
+    """Return True for each move, by number, that goes through a place sideways."""
     return (move >= len(MOVES) - len(SIDEWAYS)) & (move < len(MOVES))
 
 
 def points(move: Tensor) -> Tensor:
-    """Whether moves, by number, point at a place."""
+    """Return True for each move, by number, that points at a place."""
     return move == _POINT
 
 
 def _at(place: Tensor, point: Tensor) -> Tensor:
-    """(N, H, 3) where points (H, 3) of devices at (N, H, 4, 4) are."""
+    """Return (N, H, 3) positions of points (H, 3) of devices at (N, H, 4, 4)."""
     return tips(place, point.expand(len(place), *point.shape))
 
 
 class _Reach:
-    """Where a point of a device can be.
+    """Reachable positions of a point of a device.
 
     Args:
-        points: (P, 3) some of the places, m.
+        points: (P, 3) samples of these positions, m.
     """
 
     def __init__(self, points: Tensor) -> None:
@@ -157,9 +157,9 @@ class _Reach:
         self._beside = cKDTree(self._points * self._scale)
 
     def within(self, wanted: NDArray[np.float64], radius_m: float) -> NDArray[np.bool_]:
-        """(K,) which places (K, 3) are nearer than that to one that can be reached.
+        """Return (K,) True for places (K, 3) within the radius of a reachable position.
 
-        A search that ends at the radius takes an eighth of one for the distance.
+        A search bounded by the radius takes an eighth of the time of one for the distance.
         """
         away: NDArray[np.float64] = self._near.query(wanted, distance_upper_bound=radius_m)[0]
         return away < radius_m
@@ -175,25 +175,26 @@ class _Reach:
 
 
 class OptionChoice:
-    """What N users' H hands do: a move and a place each.
+    """Options of N users' H hands: a move and a place each.
 
     Attributes:
-        move: (N, H) number of a move, -1: rest.
-        seen: (N, H, 3) where what it is done with is, MuJoCo's world frame, m.
-        place: (N, H, 3) the same, or where a hand waits for what is beyond its reach; 0: nowhere.
-        width: (N, H) how wide that seems to be, m.
-        rested: (N, H) user steps for which a hand has stayed where it is, going for something.
-        at: (N, H, 3) where it was then.
-        left: (N, H, 3) what a hand was still at for too long.
-        leaving: (N, H) user steps for which that is not gone for again.
-        vain: (N, H) how often a hand has come back to it and stopped short of it again.
-        correction: (N, H, 3) of the direction of a ray that points.
+        move: (N, H) number of the move, -1: rest.
+        seen: (N, H, 3) position of the target in MuJoCo's world frame, m.
+        place: (N, H, 3) the same, or the position at which a hand waits for a target beyond its
+            reach; 0: none.
+        width: (N, H) apparent width of the target, m.
+        rested: (N, H) user steps for which a hand with a target has not moved.
+        at: (N, H, 3) position of the hand at the start of this time.
+        left: (N, H, 3) target at which the hand waited for too long.
+        leaving: (N, H) user steps for which the hand avoids this target.
+        vain: (N, H) number of times that a hand came back to it and stopped short of it again.
+        correction: (N, H, 3) correction of the direction of a ray that points.
         pulled: (N, H) user steps until a trigger is pulled again at the same place.
         pulled_at: (N, H, 3) the place at which it was pulled.
         closed: (N, H) user steps for which the hand has held its squeeze closed; 0: it is open.
-        closed_at: (N, H, 3) where it closed.
+        closed_at: (N, H, 3) position at which the hand closed.
         free: (N, H) number of the option without a place that a hand has begun.
-        free_left: (N, H) user steps for which it works its input still.
+        free_left: (N, H) remaining user steps for which this option holds its input.
     """
 
     def __init__(self, n: int, hands: int) -> None:
@@ -226,7 +227,7 @@ class OptionChoice:
             value[users] = vars(other)[name][users]
 
     def forget(self, users: Sequence[int]) -> None:
-        """Let users rest, whose rounds begin."""
+        """Set users to rest at the start of their rounds."""
         self.put(np.asarray(users, np.int64), OptionChoice(*self.move.shape))
 
 
@@ -262,10 +263,10 @@ class PrimitiveController:
         ]
 
     def within_reach(self, hand: int, places: Tensor, swings: Tensor) -> Tensor:
-        """(K, 3) places (K, 3), or where the hand waits for what is beyond its reach.
+        """Return (K, 3) places, or for those beyond reach the positions at which the hand waits.
 
         Args:
-            swings: (K,) bool, who swings through it.
+            swings: (K,) bool, True for swings through the place.
         """
         found, middle = places.numpy().astype(np.float64), swings.numpy()
         for reach, which in zip(self._reach[hand], (~middle, middle), strict=True):
@@ -274,17 +275,17 @@ class PrimitiveController:
         return torch.from_numpy(found).float()
 
     def near(self, places: Tensor, radius_m: float) -> NDArray[np.bool_]:
-        """(K,) which places (K, 3) lie nearer than that to what a hand's tip can reach."""
+        """Return (K,) True for places (K, 3) within the radius of a tip's reachable positions."""
         wanted = places.numpy().astype(np.float64)
         each = [tip.within(wanted, radius_m) for tip, _ in self._reach]
         return np.logical_or.reduce(each)
 
     def tips(self, place: Tensor, soon: Tensor) -> tuple[Tensor, Tensor]:
-        """(N, H, 3) where tips are, m, and how they move, m/s.
+        """Return (N, H, 3) positions, m, and velocities, m/s, of tips.
 
         Args:
-            place: (N, H, 4, 4) where the devices are.
-            soon: the same ``MOMENT_S`` later.
+            place: (N, H, 4, 4) poses of the devices.
+            soon: their poses ``MOMENT_S`` later.
         """
         now = _at(place, self.tool[:, 0])
         return now, (_at(soon, self.tool[:, 0]) - now) / MOMENT_S
@@ -433,12 +434,14 @@ class PrimitiveController:
 
 
 def _inside(beside: Tensor, radius: Tensor, lift_m: Tensor) -> Tensor:
-    """(N, H, 1) how far behind surfaces hands aim that heed widths; before it: negative, m.
+    """Return (N, H, 1) depths of goals behind surfaces for hands with ``by_width``, m.
+
+    Depths are negative before the surface.
 
     Args:
-        beside: (N, H, 1) from the middles of things, m.
-        radius: (N, H, 1) of the things, m.
-        lift_m: (1, 1, 1) most that hands stay before the surface.
+        beside: (N, H, 1) distances from the middles of objects, m.
+        radius: (N, H, 1) radii of the objects, m.
+        lift_m: (1, 1, 1) largest distance of hands before the surface.
     """
     share = beside / radius
     behind = _WELL_BEHIND_M * ((_ENTERS - share) / (_ENTERS - _ENTERED)).clamp(max=1.0)

@@ -27,28 +27,30 @@ be fewer pictures."""
 _NEAR_M = 2.5
 _CERTAIN = (0.03, 0.3, 0.5)
 _LIKELY = (0.02, 0.1, 0.15)
-"""In which share of the pictures a part of a tool is seen, at least; how often beside the part that
-is seen most; and in which share of those in which it could be. Hands that move through all their
-reach are in sight now and then only. What is likely counts where it goes on what is certain: the
-end of a long blade is seen less than its root, and thinner than a pixel; just beyond it both shares
-are a third of that."""
+"""Lowest frequencies with which certain and probable parts of a tool are visible: in all images,
+relative to the most visible part, and in the images in which the part can be visible. Hands that
+move through all their reach are visible only now and then. Probable parts count if they continue
+certain ones: the end of a long blade is less visible than its root, and thinner than a pixel; just
+beyond the end both frequencies are a third of that."""
 _STANDS_LOOKS = 3
-"""What is seen fewer times is not said to stand."""
+"""Number of sightings from which on a cell counts as part of a static object."""
 _MARGIN_M = 0.08
 _JOINED_M, _AT_HAND_M, _AHEAD_M = 0.1, 0.15, 0.05
-"""What is in the hand hangs together, gaps no wider than this, and begins at the hand. What is
-likely lies in line with what is certain."""
+"""Criteria for a tool in the hand: its points are connected, with gaps of at most _JOINED_M, and
+begin within _AT_HAND_M of the hand. Probable points lie within _AHEAD_M of the line of the certain
+ones."""
 _HANDLE = 0.25
-"""Share of a tool, from the hand on, that is not swung at things."""
+"""Proportion of a tool, from the hand on, that is not used to hit objects."""
 _RAY_M, _ENDLESS_M = 0.6, 1.2
-"""What lies on the aim ray is a ray from the one length on where a trigger is worked, and anything
-from the other on, anywhere: hardly a tool is that long."""
+"""Lengths that separate rays from tools. From the first on, points on the aim ray are a ray if the
+app uses a trigger. From the second on, anything is a ray, because few tools are that long."""
 _ON_RAY = 0.8
-"""Share of its points that lie on the aim ray, at least."""
+"""Lowest proportion of a ray's points that lie on the aim ray."""
 _END_M = 0.045
-"""The tip is the middle of the last so many metres of what is in the hand."""
+"""Length of the end of a tool whose mean position is the tip, m."""
 _THIN_M, _THIN_END_M = 0.03, 0.01
-"""What is nowhere wider than a cube about its axis ends in a point, its last metres."""
+"""Distance from its axis below which the end of a tool is thin, and the length of a thin tool's end
+whose mean position is the tip, m."""
 
 
 @dataclass(frozen=True)
@@ -56,15 +58,15 @@ class _Grid:
     """Cubes about the middle of a frame, numbered.
 
     Attributes:
-        edge_m: of a cube.
-        side: how many there are along each axis.
+        edge_m: edge of a cube.
+        side: number of cubes along each axis.
     """
 
     edge_m: float
     side: int
 
     def numbers(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
-        """(...) of the cubes that points (..., 3) are in; -1 outside."""
+        """Return (...) numbers of the cubes that contain points (..., 3); -1 outside."""
         index = np.floor(points / self.edge_m + 0.5 * self.side).astype(np.int64)
         x, y, z = np.moveaxis(index, -1, 0)
         inside = ((index >= 0) & (index < self.side)).all(-1)
@@ -72,24 +74,24 @@ class _Grid:
         return numbers
 
     def centers(self, numbers: NDArray[np.int64]) -> NDArray[np.float64]:
-        """(K, 3) the middles of cubes (K,), m."""
+        """Return (K, 3) middles of cubes (K,), m."""
         index = np.stack(np.unravel_index(numbers, (self.side,) * 3), 1)
         return np.asarray((index + 0.5 - 0.5 * self.side) * self.edge_m, dtype=np.float64)
 
 
 _VOXELS, _BLOCKS = _Grid(0.03, 90), _Grid(0.06, 2000)
-"""Of a device's frame, and of the world, in which something stands or not."""
+"""Cubes in a device's frame, and in the world for the test for static surfaces."""
 
 
 class Tool:
-    """What is fixed to a device.
+    """Visible object that is fixed to a device.
 
     Attributes:
-        points: (K, 3) where it is, in the device's frame (x forward, y left, z up), m.
-        tip: (3,) the middle of its far end; 0 where nothing is seen in the hand.
-        middle: (3,) the middle of its outer three quarters. A long blade that swings through a
-            place with its tip misses if it is a little short.
-        why: for people: what it was taken for, and by what.
+        points: (K, 3) its points in the device's frame (x forward, y left, z up), m.
+        tip: (3,) the middle of its far end; 0 if no tool is visible in the hand.
+        middle: (3,) the middle of its outer three quarters. A long blade that strikes with its
+            tip misses if it is a little short.
+        why: explanation for readers: the class of the object, and the criterion.
     """
 
     def __init__(self, points: NDArray[np.float64], why: str = "") -> None:
@@ -211,10 +213,10 @@ def _placed(simulation: Any, layer: MotorPolicy) -> tuple[Tensor, Tensor]:
 def _stands(
     looks: Sequence[tuple[NDArray[np.float32], NDArray[np.float64]]],
 ) -> NDArray[np.bool_]:
-    """(looks, height, width) what one user sees where something is in half of all looks there.
+    """Return (looks, height, width) True for pixels of one user that show static surfaces.
 
-    A wall comes near the hand again and again, and is seen wherever the hand is; a tool is not
-    where it was.
+    A surface is static if it is visible in half of all looks at its place. A wall is often near the
+    hand, and is visible wherever the hand is; a tool moves with the hand.
     """
     blocks = []
     for far, camera in looks:
@@ -287,7 +289,7 @@ def _joined(
 
 
 def _points(far: NDArray[np.float32]) -> NDArray[np.float64]:
-    """(height, width, 3) where what is seen is in the camera's frame, m."""
+    """Return (height, width, 3) positions of the visible surfaces in the camera's frame, m."""
     height, width = far.shape
     focal = 0.5 * height
     y, x = np.mgrid[0:height, 0:width] + 0.5
@@ -304,7 +306,7 @@ def _moved(points: NDArray[np.float64], pose: NDArray[np.floating[Any]]) -> NDAr
 
 
 def _seen_through(far: NDArray[np.float32], points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether the picture shows something behind points (K, 3) of the camera's frame."""
+    """Return (K,) True for camera-frame points (K, 3) behind which the image shows a surface."""
     height, width = far.shape
     focal = 0.5 * height
     ahead = points[:, 0] > 0.05

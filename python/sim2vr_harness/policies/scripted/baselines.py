@@ -17,7 +17,7 @@ from sim2vr_harness.policies.scripted.player import (
 from sim2vr_harness.policies.scripted.steps import FORMS, is_script, read_steps
 
 USERS = ("still", "random", *FORMS)
-"""What plays without training."""
+"""Forms of ``--user`` for users without training."""
 
 
 def scripted_policy(user: str, simulation: Any) -> Policy:

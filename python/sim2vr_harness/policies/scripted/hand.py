@@ -41,9 +41,9 @@ class Hand:
         self._users, self.device, self._user = simulation.users, f"controller_{side}", user
         self._controller = PostureController(self._users.who.body(user), self.device)
         self.ray: DeviceRay = AIM_RAY
-        """With which it points."""
+        """Ray with which the hand points."""
         self.place: FloatArray | None = None
-        """(3,) what it follows, MuJoCo's world, m."""
+        """(3,) goal of the hand in MuJoCo's world, m."""
         self._by: By = "touch"
         self._found: FoundPosture | None = None
         self._tip_m: FloatArray = np.zeros(3)

@@ -12,26 +12,27 @@ _SAME_DEG = 1.0
 
 @dataclass
 class StepOutcome:
-    """What a step did.
+    """Result of a step.
 
     Attributes:
         step: As written.
-        done: Whether it arrived everywhere, and worked its inputs.
+        done: Whether the hand arrived at every place and operated its inputs.
         by: ``touch`` or ``ray``.
         arrived_s: Seconds until the hand or its ray was on the place and stayed there.
         gap_m: Of a touch: distance from the place on arrival, or the least one without arrival.
         angle_deg: By ray: angle between the ray and the place, in the same way.
-        time_s: Seconds until the inputs were worked, or the arrival; of a person from the press
-            before, which may have brought the target up, else from when the step was begun.
-        missed: Whether hand or ray were beside the object then, by more than half its width.
+        time_s: Seconds until the inputs were operated, or until the arrival; for a person from the
+            previous press, which may have spawned the target, else from the start of the step.
+        missed: Whether hand or ray were beside the object at that time, by more than half its
+            width.
         ray_off_deg: By ray: angle between the app's own ray and the controller's aim ray.
-        inputs: That were worked.
+        inputs: Inputs that were operated.
         moved_s: As ``arrived_s``, of the second place of ``grab``.
         moved_gap_m: As ``gap_m``, of the second place of ``grab``.
-        object_moved_m: How far from its first place the object of ``grab`` was at most.
+        object_moved_m: Largest distance of the object of ``grab`` from its first place.
         changed: Value -> before and after, of those that changed.
         watched: Values that could have changed.
-        problem: Why it is not done; empty otherwise.
+        problem: The reason why the step is not done; empty otherwise.
     """
 
     step: str

@@ -31,9 +31,9 @@ class PersonHand(Hand):
     """A hand that a person moves: the motor policy decides when it is there."""
 
     width_m = WIDTH_M
-    """Of what it goes for."""
+    """Width of the target, m."""
     new = over = False
-    """Whether its place is a new target; whether the person takes the movement to be over."""
+    """Flags: the place is a new target; the person considers the movement finished."""
 
     def follow(self, place: FloatArray, by: By) -> None:
         """Move towards a place, (3,) MuJoCo's world, from this user step on."""
@@ -44,12 +44,12 @@ class PersonHand(Hand):
 
     @property
     def turns(self) -> bool:
-        """Whether it points."""
+        """True if the hand points with its ray."""
         return self._by == "ray"
 
     @property
     def believed_width_m(self) -> float:
-        """The width, within those that the motor policy has learned; of rays by their angle."""
+        """Width of the target within the trained range of widths; for rays by their angle."""
         if self._by == "touch" or self.place is None:
             return float(np.clip(self.width_m, *WIDTHS_M))
         scale = REFERENCE_M / max(float(np.linalg.norm(self.place - self.position)), _LEAST_M)
@@ -57,7 +57,7 @@ class PersonHand(Hand):
 
     @property
     def tip(self) -> FloatArray:
-        """(3,) what it brings to the place, in the device's axes, m."""
+        """(3,) point that the hand brings to the place, in the device's axes, m."""
         if self._by == "touch" or self.place is None:
             return self._tip_m
         far = np.linalg.norm(self.place - self.position - self.ray.origin_m)
@@ -85,7 +85,7 @@ class PersonMotor:
         ]
 
     def begin(self, user: int, rng: np.random.Generator | None) -> None:
-        """Let the episode of a user begin: what it misjudges is drawn; None: always the same."""
+        """Begin an episode of a user with sampled perceptual errors; None: always the same ones."""
         part, row = divmod(user, _TOGETHER)
         self._parts[part].forget([row])
         self._generators[part][row].manual_seed(0 if rng is None else int(rng.integers(2**31)))

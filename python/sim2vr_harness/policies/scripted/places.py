@@ -16,13 +16,13 @@ from sim2vr_harness.users.kinematics.posture_controller import DeviceRay, page_r
 FloatArray = NDArray[np.float64]
 
 _SHOWN = 20
-"""Names that an error lists at most."""
+"""Largest number of names in an error message."""
 LIT = "lit"
-"""What is lit, where no object has this name."""
+"""Name for the highlighted object, unless an object of the scene has this name."""
 _ALIKE = 3
-"""So many objects of a size at least, of which one has another colour."""
+"""Lowest number of objects of one size among which one of another colour is highlighted."""
 _BESIDE_M, _WIDEST_M = 0.1, 1.0
-"""What is shown at a place is not farther from it, and not wider: it is no wall."""
+"""Largest distance from a place, and largest width, of the object at it; wider ones are walls."""
 
 
 def _app_of(simulation: Any, user: int) -> Any:

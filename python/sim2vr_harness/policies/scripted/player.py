@@ -31,7 +31,7 @@ from sim2vr_harness.users.kinematics.posture_controller import AIM_RAY
 FloatArray = NDArray[np.float64]
 
 _NEAR_M, _NEAR_DEG = 0.02, 1.0
-"""So near counts as arrived, for :data:`_SETTLED` user steps in a row."""
+"""Distance that counts as arrived if it holds for :data:`_SETTLED` successive user steps."""
 _SETTLED = 3
 _TOUCHED_M, _JUMP_M = 0.1, 0.05
 """An object counts as touched that jumps by more than the second in a user step, or vanishes, while
@@ -92,7 +92,7 @@ class ScriptedPolicy:
                 if place is not None:
                     places.check(place)
         self.episodes: list[Episode] = self.begin(simulation.n)
-        """Of the users, those that were begun last."""
+        """Last episode of each user."""
 
     def begin(self, n: int) -> list[Episode]:
         """Begin an episode of every user."""
@@ -165,12 +165,12 @@ class Episode:
             math.ceil(late_s * hz - 1e-9) for late_s in (delay_s, delay_s + RECOGNITION_S)
         )
         self._now = self._since = 0
-        """User step, and the one from which on the step's target may be there."""
+        """Current user step, and the first one in which the step's target can be present."""
         self._watching: Place | None = None
         self._seen: list[FloatArray | None] = []
-        """Where the target was in the last user steps, the newest last."""
+        """Positions of the target in the last user steps, the newest last."""
         self._aim: FloatArray | None = None
-        """Where a person believes it to be."""
+        """Position of the target as the person perceives it."""
         self._known: set[str] = set()
         self._values: dict[str, float] = {}
         self._before: dict[str, float] = {}

@@ -26,7 +26,7 @@ FORMS = (
     "reach NAME",
     "SCRIPT.yaml",
 )
-"""What a scripted user can be; NAME is an object, or X Y Z in metres."""
+"""Forms of a scripted user; NAME is an object, or X Y Z in metres."""
 
 _KINDS = tuple(dict.fromkeys(form.split()[0] for form in FORMS[:-1]))
 _FARTHEST_M = 1000.0
@@ -36,17 +36,17 @@ _AXES = 3
 
 @dataclass(frozen=True)
 class Step:
-    """What a scripted user does next.
+    """A step of a scripted user.
 
     Attributes:
         text: As written.
         kind: ``touch``, ``point``, ``press`` or ``grab``.
-        place: Where.
-        to: Where ``grab`` moves to.
-        by: ``touch`` or ``ray``; None: by touch what is within reach, by ray what is not.
-        seconds: To arrive in, and with ``grab`` again to move in.
-        hand: Which hand; None: the one that the task needs, or the right one.
-        inputs: Names of the inputs that ``press`` and ``grab`` work, without the hand; None: the
+        place: Target of the step.
+        to: Second place, to which ``grab`` moves the object.
+        by: ``touch`` or ``ray``; None: touch for targets within reach, else ray.
+        seconds: Time limit to arrive, and with ``grab`` again to move.
+        hand: Hand that acts; None: the one that the task needs, or the right one.
+        inputs: Names of the inputs that ``press`` and ``grab`` operate, without the hand; None: the
             task's trigger or squeeze.
         tool: Name of an object that the controller holds and that goes to ``place`` instead.
         entry: Number of its entry in the script.
@@ -67,7 +67,7 @@ class Step:
 
 
 def is_script(user: str) -> bool:
-    """Whether ``--user`` names a scripted user: a step in words, or a YAML file."""
+    """Return True if ``--user`` names a scripted user: a step in words, or a YAML file."""
     words = user.split()
     if user.endswith((".yaml", ".yml")):
         return True
@@ -106,15 +106,15 @@ class _Entry(Settings):
     do: str | tuple[str, ...]
     """A step in words, or a list of them."""
     repeats: int = Field(default=1, ge=1, le=1000)
-    """How often."""
+    """Number of times that the entry is executed."""
     until: Annotated[str | None, Field(max_length=200)] = None
-    """Begin again until this number of the app, or event of the task, has changed."""
+    """Repeat until this number of the app, or event of the task, has changed."""
     seconds: float = Field(default=5.0, ge=0.1, le=600.0)
-    """Time to arrive in."""
+    """Time limit to arrive, s."""
     hand: Hand | None = None
-    """Which hand."""
+    """Hand that acts; None: the one that the task needs, or the right one."""
     input: Annotated[str | None, Field(max_length=40)] = None
-    """What ``press`` and ``grab`` work: trigger, squeeze, a, ..."""
+    """Input that ``press`` and ``grab`` operate: trigger, squeeze, a, ..."""
     tool: Annotated[str | None, Field(max_length=200)] = None
     """An object in the hand that touches instead of the controller."""
 

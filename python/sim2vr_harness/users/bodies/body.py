@@ -16,7 +16,7 @@ IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
 
 DEVICES: tuple[str, ...] = ("headset", "controller_right", "controller_left")
-"""What a body can wear, in the order in which it is reported to an app."""
+"""Devices that a body can wear, in the order in which they are reported to an app."""
 
 
 def held(devices: Iterable[str]) -> tuple[str, ...]:
@@ -46,16 +46,16 @@ class Coupling:
 
 @dataclass(frozen=True)
 class ResetRule:
-    """How an episode starts: every independent joint near a posture.
+    """Start state of an episode: every independent joint near a posture.
 
     Attributes:
-        posture: angles (rad, slides m) of joints to start near; 0 for those left out.
+        posture: start angles (rad, slides m) of joints; 0 for those left out.
         position_range: angles are uniform in +- this about the posture.
         velocity_range: velocities are uniform in +- this (rad/s, slides m/s).
-        activation_range: muscles' activations are uniform in it; [0, 1] in the reference.
-        held: position servos that begin aiming at the angle that their joint has; the targets of
-            the others are uniform in their range, as in the reference.
-        fit_couplings: whether the dependent joints follow their couplings at the start; the
+        activation_range: range in which muscles' activations are uniform; [0, 1] in the reference.
+        held: position servos whose first target is the angle of their joint; the targets of the
+            others are uniform in their range, as in the reference.
+        fit_couplings: True: the dependent joints satisfy their couplings at the start; the
             reference starts them at 0 and lets the soft couplings pull (User-in-the-Box).
     """
 
@@ -69,12 +69,13 @@ class ResetRule:
 
 @dataclass(frozen=True)
 class EffortInputs:
-    """What the effort models need to know of a body.
+    """Data of a body that the effort models need.
 
     Attributes:
         lifting: actuators that hold the arm up, for consumed endurance.
-        loads: motors whose share of their peak force tires as a muscle's activation does.
-        peak_forces: peak force (N) or torque (Nm) of actuators that do not say so themselves.
+        loads: motors whose force relative to its peak causes fatigue, as a muscle's activation
+            does.
+        peak_forces: peak force (N) or torque (Nm) of actuators whose model does not define it.
     """
 
     lifting: tuple[str, ...] = ()
@@ -100,20 +101,20 @@ def polynomial(coefficients: Sequence[float] | FloatArray, x: Any) -> Any:
 
 @dataclass(frozen=True)
 class BodyPlan:
-    """What the parts of a body are for.
+    """Roles of the parts of a body.
 
     Attributes:
-        name: what configurations and results call the body.
+        name: name of the body in configurations and results.
         devices: names of the worn devices, from `DEVICES`.
         actuator_groups: groups of actuators; a policy's actions are theirs, in this order.
         end_effectors: sites whose positions the user senses.
         timestep: physics step in s.
         observed_joints: the joints that the user senses; None: the independent ones.
-        reset_rule: how an episode starts.
-        postures: name -> angles (rad; slides m) of joints, to begin episodes in.
-        effort_inputs: what the effort models need.
-        nod: the hinge that tips the head forward, worked by a position servo; None: no neck.
-        ipd_m: distance of the pupils.
+        reset_rule: start state of an episode.
+        postures: name -> start angles (rad; slides m) of joints.
+        effort_inputs: data for the effort models.
+        nod: the hinge that tips the head forward, driven by a position servo; None: no neck.
+        ipd_m: interpupillary distance.
     """
 
     name: str
@@ -317,12 +318,12 @@ class Body:
 
     @cached_property
     def observed_ranges(self) -> FloatArray:
-        """The same of the observed joints."""
+        """Ranges of the observed joints."""
         return self._ranges(self.observed_joints)
 
     @cached_property
     def couplings(self) -> tuple[Coupling, ...]:
-        """How the dependent joints follow, drivers before what they drive."""
+        """Couplings of the dependent joints, sorted so that drivers come first."""
         model = self.physics_model
         found: dict[str, Coupling] = {}
         for i in range(model.neq):

@@ -22,25 +22,25 @@ Names = Annotated[tuple[str, ...], Field(min_length=1)]
 
 
 class PlaceDescription(Settings):
-    """Where the body is: moved as a whole in the world (x forward, y left, z up)."""
+    """Pose of the whole body in the world (x forward, y left, z up)."""
 
     pos_m: Three = (0.0, 0.0, 0.0)
     yaw_deg: float = Field(default=0.0, ge=-360.0, le=360.0)
-    """Turned about the vertical first, to the left positive."""
+    """Rotation about the vertical, applied first; positive to the left."""
 
 
 class DeviceDescription(Settings):
-    """Where a device is worn: the frame (x forward, y left, z up) of the tracked device."""
+    """Frame of a worn device (x forward, y left, z up)."""
 
     site: str | None = None
-    """A site of the model that has this frame; or else:"""
+    """Site of the model with this frame; give either this or ``body``."""
     body: str | None = None
-    """The body that wears it."""
+    """Segment that wears the device; give either this or ``site``."""
     pos_m: Three = (0.0, 0.0, 0.0)
-    """In the frame of the body or site."""
+    """Position in the frame of the segment or site."""
     quat_wxyz: Four = (1.0, 0.0, 0.0, 0.0)
     weight: bool = True
-    """False: only its pose is known, it weighs nothing."""
+    """False: the device has a pose, but no mass."""
 
     @model_validator(mode="after")
     def _one_place(self) -> DeviceDescription:
@@ -61,36 +61,36 @@ class ActuatorsDescription(Settings):
     names: Names
     """Names or patterns such as ``BIC*``."""
     rule: Literal["muscle", "motor", "direct"] | None = None
-    """What an action does; None: ``muscle`` for muscles, ``motor`` for the others."""
+    """Rule from actions to controls; None: ``muscle`` for muscles, ``motor`` for the others."""
 
 
 class ResetDescription(Settings):
-    """How an episode starts."""
+    """Start state of an episode."""
 
     posture: dict[str, Angle] = Field(default_factory=dict)
-    """Angles (rad; slides m) to start near; 0 for joints left out."""
+    """Start angles (rad; slides m) of joints; 0 for those left out."""
     position_range: float = Field(default=0.05, ge=0.0, le=10.0)
     velocity_range: float = Field(default=0.05, ge=0.0, le=100.0)
     activation_range: ActivationRange = (0.0, 1.0)
-    """Activations of muscles are uniform in it."""
+    """Range in which activations of muscles are uniform."""
     fit_couplings: bool = True
 
 
 class EffortDescription(Settings):
-    """What the effort models look at."""
+    """Data of the body for the effort models."""
 
     lifting: tuple[str, ...] = ()
     """Actuators (or patterns) that hold the arm up."""
     peak_forces: dict[str, Annotated[float, Field(gt=0.0, le=1e6)]] = Field(default_factory=dict)
-    """Peak forces (N; motors Nm) of those that do not say so themselves."""
+    """Peak forces (N; motors Nm) of actuators whose model does not define them."""
 
 
 class SegmentDescription(Settings):
-    """A segment that a person can have longer or shorter."""
+    """A segment whose length can differ between persons."""
 
     bodies: Names
     start: str
-    """Body or site where it begins; its length is from there to ``end``."""
+    """Body or site at its beginning; its length is the distance from there to ``end``."""
     end: str
 
     @model_validator(mode="after")
@@ -101,7 +101,7 @@ class SegmentDescription(Settings):
 
 
 class AnatomyDescription(Settings):
-    """The persons that the body was measured on."""
+    """Anatomy of the persons on whom the body was measured."""
 
     stature_m: float | None = Field(default=None, ge=0.3, le=3.0)
     mass_kg: float | None = Field(default=None, ge=1.0, le=500.0)
@@ -131,10 +131,11 @@ class BodyDescription(Settings):
     place: PlaceDescription = PlaceDescription()
     devices: dict[Literal["headset", "controller_right", "controller_left"], DeviceDescription]
     posture: Posture | None = None
-    """Of a body with legs: root and legs are locked in it, actuators that move nothing else go."""
+    """Posture of a body with legs: root and legs are locked in it, and actuators that move only
+    these are removed."""
     locked_joints: dict[str, Angle] = Field(default_factory=dict)
-    """Joints (or patterns) that do not move, and their angles (rad; slides m); 0 locks free joints
-    and balls where they are."""
+    """Joints (or patterns) that are locked, and their angles (rad; slides m); 0 locks free joints
+    and balls at their pose in the model."""
     actuators: tuple[ActuatorsDescription, ...] | None = Field(default=None, min_length=1)
     """None: all there are. Those left out are taken away; at least one stays."""
     observed_joints: Names | None = None

@@ -12,13 +12,13 @@ from sim2vr_harness.base.settings import Chance, Settings
 LEAST_STEP_S, MOST_STEP_S = 1e-4, 0.02
 
 PhysicsStep = Annotated[float, Field(ge=LEAST_STEP_S, le=MOST_STEP_S)]
-"""In s. A body falls apart above it; below, a user step takes minutes."""
+"""Physics step, s. Above its range simulations diverge; below, a user step takes minutes."""
 
 Length = Annotated[float, Field(gt=0.0, le=1000.0)]
-"""In m; a body says more exactly what its segments can have."""
+"""Length, m; a body has narrower bounds for its segments."""
 SegmentFactor = Annotated[float, Field(ge=0.5, le=2.0)]
 Angle = Annotated[float, Field(ge=-100.0, le=100.0)]
-"""In rad; of a slide a place in m."""
+"""Angle, rad; for slides a position, m."""
 
 
 def _in_order(limits: tuple[float, float]) -> tuple[float, float]:
@@ -28,18 +28,18 @@ def _in_order(limits: tuple[float, float]) -> tuple[float, float]:
 
 
 ActivationRange = Annotated[tuple[Chance, Chance], AfterValidator(_in_order)]
-"""From the least to the greatest activation, within [0, 1]."""
+"""Lowest and highest activation, within [0, 1]."""
 
 
 class JointOptions(Settings):
-    """What a joint has beside bones and muscles; None keeps the body's own."""
+    """Passive properties of a joint; None keeps the body's own."""
 
     armature: float | None = Field(default=None, ge=0.0, le=100.0)
-    """Inertia about the joint's axis beside that of the segments, kg m^2 (of a slide kg)."""
+    """Inertia about the joint's axis in addition to the segments', kg m^2 (of a slide kg)."""
     damping: float | None = Field(default=None, ge=0.0, le=1e4)
     """Damping of the joint, Nms/rad (of a slide Ns/m)."""
     stiffness: float | None = Field(default=None, ge=0.0, le=1e6)
-    """Stiffness towards the joint's rest, Nm/rad (of a slide N/m)."""
+    """Stiffness towards the joint's rest position, Nm/rad (of a slide N/m)."""
 
 
 class Physique(Settings):
@@ -75,18 +75,18 @@ class Physique(Settings):
 
 
 class ResetOptions(Settings):
-    """How episodes begin, where that differs from the body's own (docs/reference/bodies.md)."""
+    """Changes to the body's start state of episodes (docs/reference/bodies.md)."""
 
     posture: str | None = None
-    """The name of one of the body's postures to start near; None keeps the body's own."""
+    """Name of one of the body's postures as start posture; None keeps the body's own."""
     angles: dict[str, Angle] = Field(default_factory=dict)
-    """Angles (rad; slides m) of single joints in it."""
+    """Angles (rad; slides m) of single joints in this posture."""
     position_range: float | None = Field(default=None, ge=0.0, le=10.0)
     """Angles are uniform in +- this about the posture."""
     velocity_range: float | None = Field(default=None, ge=0.0, le=100.0)
     """Velocities are uniform in +- this (rad/s; slides m/s)."""
     activation_range: ActivationRange | None = None
-    """Muscles' activations are uniform in it."""
+    """Range in which muscles' activations are uniform."""
     hold: bool = False
     """Position servos begin aiming at their joints' angles; without, anywhere in their range."""
 

@@ -42,7 +42,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class Anatomy:
-    """Who the body was measured on. None: unknown, so that it cannot be scaled by it."""
+    """Anatomy of the persons on whom the body was measured; None: unknown, so no scaling by it."""
 
     stature_m: float | None = None
     mass_kg: float | None = None
@@ -244,17 +244,17 @@ def tailored_body(
     options: BodyOptions,
     anatomy: Anatomy,
 ) -> Body:
-    """Makes the body for the person of `options`.
+    """Build the body for the person of `options`.
 
     Args:
-        plan: what the body's parts are for, before it is mirrored.
-        build: makes a fresh specification of the body as it was measured, with drawn shapes or
-            without, devices included.
-        options: who the person is, how episodes begin.
-        anatomy: who the body was measured on.
+        plan: roles of the body's parts, before mirroring.
+        build: returns a new specification of the body as it was measured, with or without visual
+            shapes, including devices.
+        options: the person and the start state of episodes.
+        anatomy: anatomy of the persons on whom the body was measured.
 
     Raises:
-        ValueError: a person that the body cannot be, or a posture that it does not have.
+        ValueError: the body cannot be scaled to the person, or lacks the posture.
     """
     person = options.person
     mirrored = person.handedness is not None and person.handedness != _own_hand(plan)

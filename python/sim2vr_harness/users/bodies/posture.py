@@ -17,8 +17,8 @@ from sim2vr_harness.users.bodies.rules import moment_arms
 
 Posture = Literal["seated", "standing"]
 Lock = float | tuple[float, float, float, float]
-"""Where a joint is locked: hinges at an angle (rad), slides at a place (m), as qpos has it; balls
-at a rotation (w x y z); free joints and balls at 0, which is where the model has them."""
+"""Position at which a joint is locked: an angle of hinges (rad) or a position of slides (m), as in
+qpos; a rotation of balls (w x y z); 0 for free joints and balls: their pose in the model."""
 
 _JOINT = mujoco.mjtJoint
 _FREE, _BALL = int(_JOINT.mjJNT_FREE), int(_JOINT.mjJNT_BALL)
@@ -119,7 +119,7 @@ def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:
 
 
 def _at_rest(model: mujoco.MjModel, joint: int) -> float:
-    """Where a joint is in the reference posture, within its limits; free joints and balls: 0."""
+    """Return a joint's position in the reference posture, within limits; 0 for free and balls."""
     if model.jnt_type[joint] in (_FREE, _BALL):
         return 0.0
     return _limited(model, joint, float(model.qpos0[model.jnt_qposadr[joint]]))

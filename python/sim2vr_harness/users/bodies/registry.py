@@ -551,5 +551,5 @@ def foreign_package(name: str | Path) -> str | None:
 
 
 def is_file(name: str | Path) -> bool:
-    """Whether a body's name is that of a file."""
+    """Return True if a body's name is that of a file."""
     return Path(name).suffix.lower() in (".yaml", ".yml")

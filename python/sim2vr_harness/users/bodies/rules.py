@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 
 
 class ActionRule(ABC):
-    """How actions become controls of the actuators of one group.
+    """Rule that converts actions to controls of the actuators of one group.
 
     Args:
         model: the compiled body.
@@ -33,9 +33,9 @@ class ActionRule(ABC):
 
     name: ClassVar[str]
     remembers: ClassVar[bool] = False
-    """Whether an actuator has a number of its own that lasts from step to step."""
+    """True if each actuator has a state that persists from step to step."""
     rest: FloatArray
-    """(A,) actions of a user that does nothing."""
+    """(A,) actions of an idle user."""
 
     def __init__(self, model: mujoco.MjModel, actuators: Sequence[str]) -> None:
         self.ids = np.array([model.actuator(name).id for name in actuators], dtype=np.int64)

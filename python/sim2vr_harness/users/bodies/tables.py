@@ -47,9 +47,9 @@ class JointRow:
     damping: float
     armature: float
     kind: str = "hinge"
-    """Or ``slide``."""
+    """``hinge`` or ``slide``."""
     pos: Vector = (0.0, 0.0, 0.0)
-    """Where it is in the body's frame, m."""
+    """Position in the segment's frame, m."""
 
 
 @dataclass(frozen=True)

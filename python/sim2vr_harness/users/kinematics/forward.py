@@ -77,7 +77,7 @@ class Chain:
         independent = {name: k for k, name in enumerate(body.independent_joints)}
 
         def follows(name: str) -> tuple[int, FloatArray]:
-            """Which independent joint a joint follows, and how."""
+            """Return the independent joint that a joint follows, and the polynomial."""
             if name in independent:
                 return independent[name], np.array([0.0, 1.0])
             if name not in couplings:
@@ -214,11 +214,11 @@ class Linkage:
         return part
 
     def place(self, q: FloatArray) -> FloatArray:
-        """(B, 3) where the point is, MuJoCo's world, m, for angles (B, J)."""
+        """Return (B, 3) positions of the point in MuJoCo's world, m, for angles (B, J)."""
         return self._evaluated(np.asarray(q, dtype=np.float64), slopes=False)[:, :, 0]
 
     def place_and_slope(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The same, and its derivative (B, 3, J) by the angles."""
+        """Return the position and its derivative (B, 3, J) with respect to the angles."""
         found = self._evaluated(np.asarray(q, dtype=np.float64), slopes=True)
         return found[:, :, 0], found[:, :, 1:]
 

@@ -14,13 +14,14 @@ Reference = tuple[tuple[float, ...], Body]
 
 
 class Chains(nn.Module):
-    """Where some devices are, in their order.
+    """Forward kinematics of some devices, in their order.
 
     Args:
         user: the body.
-        devices: by the names of their sites.
+        devices: names of the devices' sites.
         references: bodies of other sizes. Persons of other sizes have the same rotations, and
-            translations that are linear in the sizes, which follow from these.
+            translations that are linear in the sizes; the coefficients are computed from these
+            bodies.
     """
 
     def __init__(
@@ -40,17 +41,17 @@ class Chains(nn.Module):
 
 
 class _Device(nn.Module):
-    """Where a device is: the product of the transforms of a :class:`.Chain`."""
+    """Forward kinematics of a device, the product of the transforms of a :class:`.Chain`."""
 
     fixed: Tensor
     by_sin: Tensor
     by_cos: Tensor
     by_length: Tensor | None
-    """(K, 4, 4) by the length of slides, where there are any."""
+    """(K, 4, 4) coefficients of the length of slides; None without slides."""
     polynomials: Tensor
     tail: Tensor
     still: Tensor | None
-    """(1, 4, 4) of a device that no joint moves, where all users are alike."""
+    """(1, 4, 4) transform of a device that no joint moves, if all users are alike."""
     by_size: Tensor
     """(1 + S, 3 K + 1, 3) translations of the parts of K joints and of the tail, by 1 and sizes."""
 

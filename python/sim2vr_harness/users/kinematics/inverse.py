@@ -14,7 +14,7 @@ CLOSE_M = 1e-3
 _DAMPING = 1e-3
 _KEPT = 0.8
 _LEAST, _MOST = 1e-9, 1e9
-"""Of the damping, m^2."""
+"""Bounds of the damping, m^2."""
 
 
 def solve(
@@ -32,11 +32,11 @@ def solve(
         linkage: moves the point; one of a :class:`.StackedLinkage` has B rows.
         places: (B, 3) MuJoCo's world, m.
         start: (B, K) angles.
-        close_m: nearer than this is near enough.
-        gain_m: who gets nearer by less than this four times is as near as it gets.
+        close_m: distance at which the search stops.
+        gain_m: smallest improvement; the search stops after four iterations below it.
 
     Returns:
-        Angles (B, K) within the limits, and how far the point then is from its place, (B,) m.
+        Angles (B, K) within the limits, and the remaining distances (B,) from the places, m.
     """
     q = np.clip(start, *np.moveaxis(linkage.limits, -1, 0))
     place, slope = linkage.place_and_slope(q)

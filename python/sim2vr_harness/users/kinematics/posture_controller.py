@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ControlSettings:
-    """How postures are found and approached."""
+    """Settings of the search for postures and of the movement towards them."""
 
     place_per_m: float = 20.0
     aim_per_rad: float = 30.0
@@ -34,15 +34,15 @@ class ControlSettings:
     limits: float = 0.3
     near_per_rad: float = 0.05
     comfort_m: tuple[float, float, float] = (0.25, 0.25, -0.3)
-    """From the headset: forward, to the hand's side, up; where a hand that points is held."""
+    """Position of a hand that points, relative to the headset: forward, to the hand's side, up."""
     starts: int = 3
-    """Random starts of the search, beside the present posture; the least effort wins."""
+    """Random starts of the search in addition to the current posture; the lowest cost wins."""
     frequency_rad_s: float = 9.0
-    """Of the springs."""
+    """Natural frequency of the springs."""
     furthest_rad: float = 0.5
-    """Springs pull no harder than at this error."""
+    """Error at which the springs' force reaches its maximum."""
     servo_rad: float = 0.08
-    """By which the target of a motor of trunk or neck moves in a user step."""
+    """Largest change of a trunk or neck motor's target in a user step."""
     ease: float = 0.1
     """Weight of activations beside accelerations."""
     holding_ease: float = 0.02
@@ -86,7 +86,7 @@ class DeviceRay(NamedTuple):
 
     @property
     def key(self) -> bytes:
-        """The same for equal rays."""
+        """Key that is the same for equal rays."""
         return np.concatenate(self).tobytes()
 
 
@@ -217,7 +217,7 @@ class PostureController:
     def _reached(
         self, angles: FloatArray, tip_m: ArrayLike, ray: DeviceRay
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Where tip and device are, and origin and direction of the ray."""
+        """Return the positions of tip and device, and origin and direction of the ray."""
         data = self._tried
         data.qpos[:] = self._body.coupled_qpos(angles)
         mujoco.mj_kinematics(self._model, data)

@@ -101,7 +101,7 @@ class SegmentDescription(Settings):
 
 
 class AnatomyDescription(Settings):
-    """Anatomy of the persons on whom the body was measured."""
+    """Anatomy of the persons whose body was measured."""
 
     stature_m: float | None = Field(default=None, ge=0.3, le=3.0)
     mass_kg: float | None = Field(default=None, ge=1.0, le=500.0)

@@ -42,7 +42,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class Anatomy:
-    """Anatomy of the persons on whom the body was measured; None: unknown, so no scaling by it."""
+    """Anatomy of the persons whose body was measured; None: unknown, so no scaling by it."""
 
     stature_m: float | None = None
     mass_kg: float | None = None
@@ -251,7 +251,7 @@ def tailored_body(
         build: returns a new specification of the body as it was measured, with or without visual
             shapes, including devices.
         options: the person and the start state of episodes.
-        anatomy: anatomy of the persons on whom the body was measured.
+        anatomy: anatomy of the persons whose body was measured.
 
     Raises:
         ValueError: the body cannot be scaled to the person, or lacks the posture.

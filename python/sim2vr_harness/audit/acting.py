@@ -31,12 +31,12 @@ before."""
 
 @dataclass(frozen=True)
 class Acted:
-    """What came of acting it out.
+    """Outcome of a simulated reach.
 
     Attributes:
-        seconds: Until the hand was there, over all attempts; None: it did not get there.
-        attempts: How many.
-        gap: Least distance, m; of a ray the angle, degrees.
+        seconds: Time until the hand arrived, over all attempts; None: it did not arrive.
+        attempts: Number of attempts.
+        gap: Least distance, m; for a ray the least angle, degrees.
     """
 
     seconds: float | None
@@ -45,7 +45,7 @@ class Acted:
 
     @property
     def done(self) -> bool:
-        """Whether the hand got there."""
+        """Return whether the hand arrived."""
         return self.seconds is not None
 
 

@@ -276,7 +276,7 @@ def run(
 
 
 _do: Callable[[int], object] = int
-"""What the processes do; they are forked with it, as bodies cannot be sent."""
+"""Function that the worker processes call; they inherit it by fork, as bodies cannot be pickled."""
 
 
 def _part(number: int) -> object:

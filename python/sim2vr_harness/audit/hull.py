@@ -56,13 +56,14 @@ _INSIDE, _OUTSIDE, _ROOM, _BONES = "#1a9e3f", "#c9211e", "#2a6fd6", "#444b55"
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether a place can be reached.
+    """Reachability of a place.
 
     Attributes:
-        margin_m: inside: how far the place can be moved in any direction and still be reached, as
-            far as was looked; outside: minus the distance to the nearest place that can be reached.
+        margin_m: inside: distance by which the place can be moved in any direction and still be
+            reached, up to the searched distance; outside: minus the distance to the nearest
+            reachable place.
         nearest_m: (3,) the reachable place nearest to it, MuJoCo's world.
-        posture: (K,) angles that bring the point there.
+        posture: (K,) joint angles that bring the point there.
     """
 
     margin_m: float
@@ -71,7 +72,7 @@ class Verdict:
 
     @property
     def inside(self) -> bool:
-        """Whether the place can be reached."""
+        """Return whether the place can be reached."""
         return self.margin_m >= 0.0
 
 
@@ -91,7 +92,7 @@ class Volume:
 
     @property
     def litres(self) -> float:
-        """How much room it is."""
+        """Reachable volume, litres."""
         return float(self.reached.sum() * self.cell_m**3 * 1000.0)
 
     def middles(self, cells: NDArray[np.integer]) -> FloatArray:
@@ -194,9 +195,10 @@ class Reach:
         ]
 
     def _margins(self, places: FloatArray, postures: FloatArray) -> FloatArray:
-        """How far from places everything can be reached, (T,) m; see :attr:`Verdict.margin_m`.
+        """Return the radius around each place within which everything can be reached, (T,) m.
 
-        A direction that holds at a radius is taken to hold at every smaller one.
+        See :attr:`Verdict.margin_m`. A direction that is reachable at a radius is assumed to be
+        reachable at every smaller one.
         """
         n = len(places)
         # Directions all around, by Fibonacci's spiral, and last the one that points out where
@@ -306,15 +308,15 @@ def shell(volume: Volume) -> tuple[FloatArray, NDArray[np.int64]]:
 
 @dataclass(frozen=True)
 class Measured:
-    """What came out.
+    """Measured reach of a body.
 
     Attributes:
-        body: whose reach it is.
+        body: the measured body.
         reach: everything that the joints' limits allow.
         extent_m: (2, 3) least and greatest right, up, ahead: the app's frame, m.
         volume: the cells that can be reached.
-        targets: the places requested, in the world.
-        verdicts: on each of them.
+        targets: the requested places, in the world.
+        verdicts: one for each of them.
         people: (N, T) margins of N persons at the targets, m; see :func:`people_margins`.
     """
 

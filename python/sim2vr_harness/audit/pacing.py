@@ -25,7 +25,7 @@ MODELS = ("3CC-r, shoulder", "NICER", "Consumed Endurance")
 
 @dataclass(frozen=True)
 class PaceSettings:
-    """How an arm is used at a pace."""
+    """Settings of an arm's use at a given pace."""
 
     most_minutes: float = 30.0
     """After so long without exhaustion the time is taken as endless."""

@@ -25,7 +25,7 @@ from sim2vr_harness.users.kinematics.posture_controller import AIM_RAY, DeviceRa
 FloatArray = NDArray[np.float64]
 
 MOST_SEARCH_S = 300.0
-"""How long a page's things are watched and operated at most; docs/guide/audit.md states it."""
+"""Longest search of a page for objects that react, s; docs/guide/audit.md states it."""
 PROGRESS_S = 5.0
 _MOST_TRIED = 160
 _MOST_ROUNDS = 24
@@ -33,7 +33,7 @@ _MOST_ROUNDS = 24
 _MOST_AGAIN = 4
 """A thing that looks different is operated again so often."""
 _AGAIN_S = 1.0
-"""How long nothing happens in these rounds."""
+"""Time without input after a page is opened again, s."""
 _LARGEST_M = 2.0
 """Half of the size, from which a thing is a room or a ground."""
 _APART_M = 0.02
@@ -54,7 +54,7 @@ BUTTONS: Mapping[str, tuple[str, ...]] = {
     "squeeze": ("squeeze",),
     "buttons": ("thumbstick_click", "a", "b"),
 }
-"""What is pressed at once: the trigger, the squeeze, or all other buttons."""
+"""Inputs that are pressed together: the trigger, the squeeze, or all other buttons."""
 _LEFT_NAMES = {"a": "x", "b": "y"}
 _AIM_FROM_M = np.array([0.15, 0.9, 0.2])
 _GAZE_STEPS = 50
@@ -62,16 +62,17 @@ _GAZE_STEPS = 50
 _PULL_M = np.array([0.0, 0.0, 0.15])
 _DRAGGED_M = 0.05
 _BESIDE_M, _BESIDE_RAD = 0.3, 0.25
-"""How far beside a thing's size the control is: to touch it, to point at it."""
+"""Distance and angle beside the object at which the control is placed, for touching and
+pointing."""
 _SIDES = 8
 
 
 @dataclass(frozen=True)
 class Way:
-    """How a thing is operated.
+    """Way of operating an object.
 
     Attributes:
-        how: The hand touches it, its ray or the head points at it.
+        how: The hand touches it, or the hand's ray or the head points at it.
         side: Of the hand.
         button: A key of :data:`BUTTONS`.
     """
@@ -97,7 +98,7 @@ class _Moment:
 
 @dataclass
 class _Effects:
-    """What the page did: kinds, and which objects changed."""
+    """Reactions of the page: their kinds, and the objects that changed."""
 
     kinds: set[str] = field(default_factory=set)
     objects: set[int] = field(default_factory=set)
@@ -332,12 +333,12 @@ class FoundThing:
 
     @property
     def reacts(self) -> bool:
-        """Whether the page reacts if it is operated."""
+        """Return whether the page reacts if the object is operated."""
         return bool(self.signs)
 
     @property
     def told(self) -> str:
-        """What was done to it, and what the page did."""
+        """Description of the action on the object and of the page's reaction."""
         if self.way is None or not self.signs:
             return self.obstacle
         button = "" if self.way.how == "look" else f" + {self.way.side} {self.way.button}"
@@ -346,7 +347,7 @@ class FoundThing:
 
     @property
     def radius_m(self) -> float:
-        """How near is enough: to touch a flat thing its thickness counts, for a ray its width."""
+        """Distance that counts as near: the thickness for touching, the width for a ray."""
         return self.half_m[0 if self.how == "touch" else 1]
 
 
@@ -622,7 +623,7 @@ def _watched(
 
 
 def _surrounds(thing: Thing | None) -> bool:
-    """Whether something is a room, a sky or a ground."""
+    """Return whether an object is a room, a sky or a ground."""
     if thing is None:
         return False
     half = np.array(thing.half_m)

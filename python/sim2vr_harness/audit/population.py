@@ -122,7 +122,7 @@ class Subject:
 
     @property
     def mirrored(self) -> bool:
-        """Whether the left hand is preferred."""
+        """Return whether the left hand is preferred."""
         return self.person.handedness == "left"
 
 

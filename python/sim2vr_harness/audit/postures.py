@@ -195,11 +195,11 @@ def told(arms: Sequence[Held], load_kg: float) -> list[str]:
 
 @dataclass(frozen=True)
 class Mechanics:
-    """What P postures ask of K joints, and what M muscles can do in them.
+    """Torques that P postures require of K joints, and torques that M muscles produce in them.
 
     Attributes:
-        hands: (P, 3) where the hand of the first arm is, m.
-        needed: (P, K) torques against gravity and what is passive, Nm.
+        hands: (P, 3) position of the first arm's hand, m.
+        needed: (P, K) torques against gravity and passive forces, Nm.
         effects: (P, M, K) torques of fully active muscles, Nm.
         inertia: (K, K) of the last posture.
     """
@@ -382,7 +382,7 @@ class PostureHolder:
 
 @dataclass(frozen=True)
 class BalanceSettings:
-    """What counts as held by the model's muscles, and how the search for it goes."""
+    """Settings of the search for postures in static equilibrium, with its tolerances."""
 
     near_m: float = 0.02
     """So near counts as there, when it is acted out, too."""
@@ -424,11 +424,11 @@ _LEANS_DEG = [
 
 @dataclass(frozen=True)
 class Balance:
-    """What muscles do for a posture.
+    """Muscle equilibrium of a posture.
 
     Attributes:
         angles: (J,) of the independent joints.
-        gap_m: Of the hand from the place.
+        gap_m: Distance of the hand from the place.
         left_nm: Largest torque that stays unbalanced.
         way_nm: Largest torque that muscles lack on the way there; infinite: not near, or
             unbalanced.
@@ -443,11 +443,11 @@ class Balance:
 
     @property
     def balanced(self) -> bool:
-        """Whether the posture is in equilibrium."""
+        """Return whether the posture is in equilibrium."""
         return self.left_nm <= BALANCE.left_nm
 
     def holds(self, close_m: float) -> bool:
-        """Whether muscles bring the hand so near and hold it there."""
+        """Return whether muscles bring the hand within ``close_m`` and hold it there."""
         return self.balanced and self.gap_m <= close_m and self.way_nm <= BALANCE.swing_nm
 
     def rank(self, close_m: float) -> tuple[bool, bool, float]:
@@ -496,7 +496,7 @@ class Balancer:
         return self._muscles.mechanics(angles, self.columns, self._load_kg, self._strength)
 
     def holds(self, angles: FloatArray) -> bool:
-        """Whether muscles bring the arm to a posture (J,) and hold it."""
+        """Return whether muscles bring the arm to a posture (J,) and hold it."""
         still = _State(self, np.array(angles), np.zeros(3)).left_nm <= BALANCE.left_nm
         return still and self._on_the_way(angles) <= BALANCE.swing_nm
 

@@ -109,7 +109,7 @@ class Crowd:
     def __init__(self, subjects: Sequence[Subject], stance: Stance, limitation: Limitation) -> None:
         self.subjects = subjects
         self.one_hand = limitation.one_hand
-        """Whether only the preferred hand can be used."""
+        """True if only the preferred hand can be used."""
         self._limitation = limitation
         first = subjects[0].body
         self._joints = first.independent_joints

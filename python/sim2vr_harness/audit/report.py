@@ -46,7 +46,7 @@ LIMITS = (
     "Persons with limitations are the sampled persons with narrower joint limits, weaker muscles "
     "or one hand, not patients.",
 )
-"""What the model leaves out."""
+"""Limitations of the model, as a report states them."""
 
 _CLASSES = (
     (GOAL, "95 % or more can use it", "#009e73"),

@@ -200,9 +200,9 @@ def _target(audit: Audit, column: int) -> dict[str, Any]:
 
 
 def _operated(acted: Sequence[Acted | None], able: Bools) -> dict[str, Any] | None:
-    """How many got there who acted it out, in what time (median) and attempts (mean).
+    """Return the number of successful simulated reaches, their time (median) and attempts (mean).
 
-    ``able``: (N,) who can, as the muscles' equilibrium predicts.
+    ``able``: (N,) True if the muscles' equilibrium predicts success.
     """
     tried = [(each, bool(yes)) for each, yes in zip(acted, able, strict=False) if each is not None]
     if not tried:

@@ -71,7 +71,7 @@ class TargetSettings(Settings):
     """One target in a file of targets."""
 
     name: str = Field(min_length=1, max_length=80)
-    """What the report calls it."""
+    """Name of the target in the report."""
     place: tuple[Coordinate, Coordinate, Coordinate] | None = None
     """Right, up, ahead in m; origin on the floor below the body."""
     object: str | None = None
@@ -84,7 +84,7 @@ class TargetSettings(Settings):
     hand: Hand = "either"
     """``preferred``: the hand that the person prefers; ``both``: both hands at once."""
     hold_s: float = Field(default=1.0, ge=0.0, le=3600.0)
-    """How long the posture is held, s."""
+    """Time for which the posture is held, s."""
     load_kg: float = Field(default=0.0, ge=0.0, le=50.0)
     """Mass in each hand beside the controller, kg."""
     grip_n: float = Field(default=0.0, ge=0.0, le=2000.0)
@@ -133,7 +133,7 @@ class Target:
     head_offset_m: FloatArray | None = None
 
     def same_as(self, other: Target) -> bool:
-        """Whether both are one place, in the world or as the game placed it by the head."""
+        """Return whether both are one place, in the world or relative to the head if so placed."""
         near = _same(self.place_m, other.place_m)
         if near or self.head_offset_m is None or other.head_offset_m is None:
             return near
@@ -371,13 +371,14 @@ def _watch_on(config: EnvConfig, tracks: _Tracks, seconds: float, seed: int) -> 
 
 
 class _Tracks:
-    """Where objects of a round come nearest to the head, that fit a pattern or move.
+    """Positions nearest to the head of a round's objects that match a pattern or move.
 
     Attributes:
-        paths: of all objects that there were.
-        devices: Where they were as it began.
-        moments: How many there were.
-        last_came: Number of the moment at which something came or was put elsewhere last.
+        paths: of all objects that appeared.
+        devices: Poses of the devices at the start of the round.
+        moments: Number of recorded frames.
+        last_came: Number of the last frame in which an object appeared or came to rest at a new
+            place.
     """
 
     def __init__(self, first: AppScene, pattern: str | None) -> None:
@@ -434,7 +435,7 @@ class _Tracks:
         ]
 
     def _thing(self, key: tuple[int, int]) -> bool:
-        """Whether it is small, above the floor, and no board that smaller ones lie on."""
+        """Return whether an object is small, above the floor, and does not carry smaller ones."""
         (radius, height), place = self._size[key], self._best[key][2]
         carried = any(
             self._size[other][0] < radius and np.linalg.norm(where - place) < radius
@@ -445,7 +446,7 @@ class _Tracks:
 
 
 class Resting:
-    """Where an object rests after it was put elsewhere at once."""
+    """Resting positions of an object that the app moves in one step."""
 
     def __init__(self, place: FloatArray) -> None:
         self._place, self._steps, self._jumped = place, 0, False
@@ -485,14 +486,14 @@ def _head(scene: AppScene) -> FloatArray:
 
 
 def tool_point(scene: AppScene, pattern: str) -> Point:
-    """Where a tool is on the controller that carries it.
+    """Return the point of a tool on the controller that carries it.
 
     Args:
         scene: Of a round that has begun.
         pattern: Name of the tool's object, with ``*`` and ``?``; it must be below a controller.
 
     Raises:
-        InputError: No object, or several, fit.
+        InputError: No object matches, or several do.
     """
     carried = [
         (one, path)

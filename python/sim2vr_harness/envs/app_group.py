@@ -69,7 +69,7 @@ class AppGroup(Protocol):
     failures: list[AppFailure]
     """Every app that failed so far, the oldest first."""
     drawn_by_gpu: bool
-    """Whether a GPU draws inside this process: it draws while the bodies of other users move."""
+    """True if a GPU draws inside this process: it draws while the bodies of other users move."""
     reward: NDArray[Any]
     """(N,) of the last step or reset."""
     finished: NDArray[np.uint8]
@@ -86,7 +86,7 @@ class AppGroup(Protocol):
 
     @property
     def haptics(self) -> Mapping[int, tuple[HapticPulse, ...]]:
-        """What the users' last step or reset brought to the controllers, of those that got any."""
+        """Haptic pulses of the last step or reset, for the users that received any."""
 
     @property
     def sounds(self) -> Mapping[int, tuple[SoundEvent, ...]]:
@@ -95,15 +95,15 @@ class AppGroup(Protocol):
     def head_requests(
         self, ids: IntArray, seeds: IntArray, options: Mapping[str, OptionValue] | None
     ) -> NDArray[np.float64]:
-        """How the apps wish the heads to be held in the rounds to come.
+        """Return the head pitch that the apps request for the next episodes.
 
         Args:
             ids: (M,) users.
-            seeds: (M,) of the rounds that :meth:`reset` will start.
-            options: likewise.
+            seeds: (M,) of the episodes that :meth:`reset` will start.
+            options: game options of these episodes.
 
         Returns:
-            (M,) pitch in degrees, up positive; NaN: no wish.
+            (M,) pitch in degrees, up positive; NaN: no request.
 
         Raises:
             ValueError: an option that cannot be used.
@@ -251,7 +251,7 @@ class ClientGroup:
     def head_requests(
         self, ids: IntArray, seeds: IntArray, options: Mapping[str, OptionValue] | None
     ) -> NDArray[np.float64]:
-        """See :class:`AppGroup`; apps that have no such request have no wish."""
+        """Return the requested head pitches; NaN for apps that do not support the request."""
         requests = [
             self._at_a_start(i, partial(_head_request, seed=int(seed)), options)
             for i, seed in zip(ids.tolist(), seeds, strict=True)
@@ -273,12 +273,12 @@ class ClientGroup:
     def _at_a_start(
         self, i: int, ask: Callable[..., T], options: Mapping[str, OptionValue] | None
     ) -> T:
-        """What the app answers at the start of a round; a new app where the one before failed.
+        """Return the app's answer at the start of an episode; a failed app is replaced first.
 
         Args:
             i: user.
             ask: (app, options) -> answer.
-            options: game options of this round on; a new app gets those before, too.
+            options: game options from this episode on; a new app also receives the earlier ones.
         """
         for _ in range(RESET_ATTEMPTS):
             with self._noting_failure(i, 0):

@@ -98,7 +98,7 @@ def app_factory(config: EnvConfig, n: int, ipd_m: float = IPD_M) -> AppFactory:
 
 
 def judged(app: AppConfig) -> bool:
-    """Whether a task says what an app is worth; always where its transport brings no reward."""
+    """Return whether a task defines the reward; always true if the transport reports none."""
     return app.task is not None or not transport_named(app.transport).reports_reward
 
 
@@ -113,10 +113,10 @@ def _require(transport: Transport, capability: str, wanted: bool, got: str) -> N
 
 
 def knows_options(app: AppConfig) -> bool:
-    """Whether the app is known to take game options at every reset, as our runtime does.
+    """Return whether the app accepts game options at every reset, as our runtime does.
 
-    A SIM2VR app of others takes them at its start, as arguments; of one that runs somewhere
-    already, nothing is known.
+    Other SIM2VR apps accept them at their start, as arguments. For an app that is already running
+    elsewhere the answer is unknown, and False is returned.
     """
     return transport_named(app.transport).knows_options(_place(app))
 

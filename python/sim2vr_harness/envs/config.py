@@ -106,7 +106,7 @@ class EffortConfig(Settings):
         }
 
     def options(self) -> dict[str, float]:
-        """What is set, as `make_effort` takes it."""
+        """Return the options that are set, as arguments of `make_effort`."""
         known = effort_options(self.model)
         usual = {} if self.preset == "reference" else FATIGUE_PRESETS[self.preset]
         return {k: value for k, value in {**usual, **self._given()}.items() if k in known}
@@ -132,7 +132,7 @@ class UserConfig(Settings):
     """The body: a name (`sim2vr_harness.users.list_bodies()`) or a YAML file
     (docs/reference/bodies.md)."""
     person: Physique = Physique()
-    """How the person differs from the one that the body was measured on."""
+    """Differences between the person and the one that the body was measured on."""
     people: PeopleSettings | None = None
     """Users are people who differ, another one in every episode; None: all are average."""
     skull_rotation_deg: float = Field(default=10.0, ge=-90.0, le=90.0)
@@ -141,9 +141,9 @@ class UserConfig(Settings):
     """Of bodies without a neck: ``reflex`` has the headset follow the hand and sway, as people's
     heads do (docs/concepts/people.md)."""
     torso: bool = False
-    """Whether trunk and neck move, by six motors more (docs/reference/bodies.md)."""
+    """True: trunk and neck move, with six additional motors (docs/reference/bodies.md)."""
     reset: ResetOptions = ResetOptions()
-    """How episodes begin, where that differs from the body's own way."""
+    """Differences from the body's own way to start episodes."""
     effort: EffortConfig = EffortConfig()
     """The effort model, whose cost is subtracted from the reward."""
     noise: NoiseConfig = NoiseConfig()
@@ -152,8 +152,8 @@ class UserConfig(Settings):
     """Physics step, 0.0001 to 0.02 s; None takes the model's 2 ms. Coarser physics is for trainings
     only."""
     devices: tuple[str, ...] | None = None
-    """What the user wears of what the body can: headset, controller_right, controller_left; None:
-    all of it. The body says where (docs/reference/bodies.md)."""
+    """Devices that the user wears: headset, controller_right, controller_left; None: all that the
+    body supports. Their positions on the body are in docs/reference/bodies.md."""
     inputs: tuple[str, ...] = ()
     """Inputs of the controllers that the fingers work, such as right.trigger and left.x: one more
     action each, after those of the body."""
@@ -203,8 +203,8 @@ class FoveationConfig(Settings):
     gaze: Literal["ahead", "moves"] = "ahead"
     """``moves``: two more actions, the last ones, direct it: right and up."""
     gaze_range_deg: float = Field(default=45.0, ge=0.1, le=90.0)
-    """How far the eyes turn from straight ahead, to every side, where an action is 1; people's
-    turn by 40 to 55 degrees (Guitton and Volle 1987)."""
+    """Rotation of the eyes from straight ahead, to every side, for an action of 1; people's turn by
+    40 to 55 degrees (Guitton and Volle 1987)."""
     e2_deg: float = Field(default=2.3, ge=0.01, le=180.0)
     """Eccentricity at which the smallest detail is twice the fovea's."""
     detail_deg: float | None = Field(default=None, ge=1e-4, le=90.0)
@@ -227,9 +227,9 @@ class VisionConfig(Settings):
     foveation: FoveationConfig | None = None
     """Off by default: sharp all over."""
     zoom: Literal[1, 3, 5] = 1
-    """How many times as wide and as high apps draw. The sense ``vision`` has every so many pixels
-    of it, the same picture as without (but for single pixels at edges); the sense ``fovea`` has its
-    middle, every pixel, as many pixels as ``vision``."""
+    """Factor by which the images that apps draw are wider and higher. The sense ``vision`` samples
+    every ``zoom``-th pixel, which gives the same image as without zoom (except for single pixels at
+    edges); the sense ``fovea`` has every pixel of the middle, as many pixels as ``vision``."""
 
     @property
     def drawn(self) -> tuple[int, int]:
@@ -250,11 +250,11 @@ class AppConfig(Settings):
     """The game's options; each game has defaults and validates its own (docs/reference/games/).
     ``hand_lag_s``, of every app: by how much it sees hands late, s."""
     renderer: Literal["automatic", "egl", "osmesa", "null"] = "automatic"
-    """How images are drawn: on a GPU (``egl``), on the CPU (``osmesa``), or not at all
-    (``null``)."""
+    """Renderer of the images: a GPU (``egl``), the CPU (``osmesa``), or none (``null``)."""
     transport: str = "in_process"
-    """Where the app runs: in this process, or outside, reached by SIM2VR's protocol (protocol1), by
-    our faster one (protocol2), or by another transport of the table; see docs/reference/apps.md."""
+    """Connection to the app: in this process, or to an app outside by SIM2VR's protocol
+    (protocol1), by our faster one (protocol2), or by another transport of the table; see
+    docs/reference/apps.md."""
     transport_options: dict[str, OptionValue] = Field(default_factory=dict)
     """Settings of a transport of one's own wants to know beyond the settings below."""
     executable: str | None = None
@@ -271,9 +271,9 @@ class AppConfig(Settings):
     timeout_s: float = Field(default=60.0, ge=0.001, le=86_400.0)
     """An app outside that does not answer for so long has failed and is started again."""
     start_timeout_s: float = Field(default=60.0, ge=0.001, le=86_400.0)
-    """How long an app outside may take to start."""
+    """Longest time that an app outside may need to start, s."""
     time_scale: int = Field(default=5, ge=1, le=100)
-    """How many times faster than real time a Unity app may run at most."""
+    """Highest speed of a Unity app, as a multiple of real time."""
     processes: int = Field(default=0, ge=0, le=1024)
     """Protocol 2: server processes that share the users; 0 takes one per core at most."""
     page: str | None = None
@@ -285,7 +285,7 @@ class AppConfig(Settings):
     browser: str | None = None
     """WebXR: the program that shows pages; None takes a Chromium that is found."""
     task: TaskRules | str | None = None
-    """What the app is worth, where it does not say so itself or another thing counts: rules, a YAML
+    """Reward of the app, if the app does not publish one or another reward is wanted: rules, a YAML
     file of them, or ``FILE.py:CLASS`` (docs/reference/webxr.md). Works with every transport."""
 
     @model_validator(mode="before")
@@ -347,7 +347,7 @@ class AppConfig(Settings):
 
 
 def page_name(page: str) -> str:
-    """What to call the app that a page is: its file's name, or its folder's for an index."""
+    """Return the name of the app that a page is: its file's name, or its folder's for an index."""
     parts = [part for part in re.split(r"[/\\\\]", page.partition("?")[0]) if part not in ("", ".")]
     last = parts[-1] if parts else "page"
     stem = re.sub(r"\.html?$", "", last, flags=re.IGNORECASE)
@@ -357,7 +357,7 @@ def page_name(page: str) -> str:
 
 
 def program_name(command: Sequence[str]) -> str:
-    """What to call the app that a command starts: its script, or the program itself."""
+    """Return the name of the app that a command starts: its script, or the program itself."""
     scripts = [word for word in command[1:] if word.endswith((".py", ".qml"))]
     return page_name((scripts or [command[0]])[0].removesuffix(".py").removesuffix(".qml"))
 
@@ -370,10 +370,10 @@ class EnvConfig(Settings):
     user: UserConfig = UserConfig()
     """The simulated user's body, effort and motor noise."""
     vision: VisionConfig = VisionConfig()
-    """How the headset's picture is drawn and looked at; whether there is one, how late and how
-    noisy it is, is said under :attr:`senses`."""
+    """Rendering and sampling of the headset's image. :attr:`senses` sets whether the user perceives
+    it, with which delay and noise."""
     senses: tuple[SenseConfig, ...] = Field(default=DEFAULT_SENSES, min_length=1)
-    """What the user perceives: one entry of the observation each."""
+    """Senses of the user: each is one entry of the observation."""
     action_frequency_hz: int = Field(default=20, ge=1, le=500)
     """User steps per second; one image each."""
     frames_per_step: int = Field(default=1, ge=1, le=10_000)
@@ -398,7 +398,7 @@ class EnvConfig(Settings):
 
     @property
     def gaze_moves(self) -> bool:
-        """Whether two of the actions direct the gaze."""
+        """Return whether two of the actions direct the gaze."""
         return self.vision.foveation is not None and self.vision.foveation.gaze == "moves"
 
 

@@ -66,7 +66,7 @@ class Window:
         return {"_title": self._title, "_fps": self._fps}
 
     def __setstate__(self, made: dict[str, Any]) -> None:
-        """See :meth:`__getstate__`."""
+        """Restore a copy from :meth:`__getstate__`."""
         self.__init__(made["_title"], made["_fps"])  # type: ignore[misc]
 
 

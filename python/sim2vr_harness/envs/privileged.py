@@ -32,13 +32,13 @@ OBSERVATION = "teacher"
 
 @dataclass(frozen=True)
 class Lag:
-    """How late a user's senses are, in whole user steps.
+    """Delays of a user's senses, in whole user steps.
 
     Attributes:
-        game: of what is seen, until it is recognised.
-        body: of what is felt.
-        actions: of how many last user steps the user knows what it did.
-        recognition: how many of ``game`` pass after a picture shows a thing.
+        game: of vision, until an object is recognised.
+        body: of proprioception.
+        actions: number of last user steps whose actions are observed.
+        recognition: the part of ``game`` between an object's first image and its recognition.
     """
 
     game: int = 0
@@ -85,7 +85,7 @@ class Lag:
 
     @property
     def none(self) -> bool:
-        """Whether the present is known, and no action is remembered."""
+        """Return whether nothing is delayed and no action is observed."""
         return self == Lag()
 
     @property
@@ -96,14 +96,14 @@ class Lag:
 
 @dataclass(frozen=True)
 class Layout:
-    """What an observation is made of, of all numbers of a moment (the body's, then the game's).
+    """Layout of an observation: columns of all numbers of a moment (the body's, then the game's).
 
     Attributes:
         names: of its entries.
-        felt: columns of what is known as late as the body is; numbers, or a tensor of them.
-        seen: columns of what is known as late as pictures are, likewise.
-        actions: last user steps whose actions follow, the newest first.
-        lag: how late.
+        felt: columns with the delay of proprioception; numbers, or a tensor of them.
+        seen: columns with the delay of vision, likewise.
+        actions: number of last user steps whose actions follow, the newest first.
+        lag: the delays.
     """
 
     names: tuple[str, ...]
@@ -135,14 +135,14 @@ class Layout:
 
 
 class PrivilegedSenses:
-    """What the teachers of N users observe.
+    """Privileged observations of the teachers of N users.
 
     Args:
-        simulation: users whose apps run in this process. Where senses are late it is watched from
-            its next reset on.
+        simulation: users whose apps run in this process. If senses are delayed, its states are
+            recorded from its next reset on.
         hidden: patterns of names that are left out.
-        felt: patterns of the game's numbers that the body tells, too.
-        lag: how late the teachers know what they do.
+        felt: patterns of the game's numbers that proprioception also reports.
+        lag: delays of the observations.
     """
 
     name = "teacher's knowledge"

@@ -105,14 +105,14 @@ class ResolvedEnv:
 
     @cached_property
     def facts(self) -> GameFacts:
-        """What is known of the game that the app plays.
+        """Facts about the game that the app plays.
 
-        Where a task judges the app, what the task says: it replaces what the game publishes.
+        If a task judges the app, the task's facts replace those that the game publishes.
 
         Raises:
-            ValueError: The runtime has no such game; names the nearest. Or a library of games is
-                named whose code may not run.
-            RuntimeError: The app that was asked does not answer.
+            ValueError: The runtime has no such game; the message names the nearest. Or a library of
+                games is named whose code may not run.
+            RuntimeError: The app does not answer.
         """
         return self._facts(ask=True)
 
@@ -140,7 +140,7 @@ class ResolvedEnv:
 
     @cached_property
     def observation_space(self) -> spaces.Dict:
-        """What the users observe."""
+        """Observation space of the users."""
         body = self.body
         substeps = checked_substeps(self.config, body.timestep)
         actions = len(make_actions(self.config, 1, body).names)
@@ -296,7 +296,7 @@ def _body_wearing(devices: tuple[str, ...], usual: str) -> str:
 
 
 def _beyond_muscles(body: Body) -> dict[str, Any]:
-    """What a body has besides muscles, a headset and a right controller."""
+    """Return a body's features other than muscles, a headset and a right controller."""
     terms: dict[str, Any] = {}
     if body.action_names != body.muscles:
         terms["actuators"] = [[group.rule, *group.actuators] for group in body.actuator_groups]

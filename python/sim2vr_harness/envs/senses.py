@@ -41,7 +41,7 @@ def make_actions(config: EnvConfig, n: int, body: Body) -> Actions:
 
 
 def _gaze_range_deg(config: EnvConfig) -> float:
-    """How far the eyes turn; 0: they do not."""
+    """Return the rotation range of the eyes, degrees; 0: the eyes do not move."""
     fovea = config.vision.foveation
     return 0.0 if fovea is None or not config.gaze_moves else fovea.gaze_range_deg
 
@@ -112,11 +112,11 @@ def _person_delays(config: EnvConfig, n: int, who: Persons | None) -> dict[str, 
 
 
 class Senses:
-    """What N users perceive of their bodies and apps.
+    """Perception of N users: their bodies and apps.
 
     Args:
         perception: the senses.
-        actions: where fingers and eyes are.
+        actions: supplies the positions of fingers and eyes.
 
     Raises:
         AppUnsupported: an app lacks what a sense needs.
@@ -144,7 +144,7 @@ class Senses:
 
     @property
     def pauses(self) -> dict[int, Callable[[], None]]:
-        """What to call at which substep of the next user step; see :meth:`UserBatch.step`."""
+        """Return the callbacks by substep of the next user step; see :meth:`UserBatch.step`."""
         return self.perception.pauses(self._moment)
 
     def reset(self, ids: NDArray[np.int64], seeds: NDArray[np.int64]) -> None:

@@ -100,22 +100,22 @@ class _PlainUnpickler(pickle.Unpickler):
 
 @dataclass
 class StepBatch:
-    """What one user step did to each of N users.
+    """Results of one user step for each of N users.
 
     Attributes:
         reward: (N,) float64, the game's reward minus the effort cost.
         terminated: (N,) bool, the game is over or the simulation diverged.
         truncated: (N,) bool, ``max_episode_seconds`` are over, or the app failed.
-        game_reward: (N,) float64, 0 where the app was not asked or did not answer.
+        game_reward: (N,) float64, 0 if the app received no request or did not answer.
         effort_cost: (N,) float64.
-        answered: (N,) bool, whose app played the step: not that of a user whose simulation
-            diverged, nor one that failed.
+        answered: (N,) bool, True if the app played the step: False for a user whose simulation
+            diverged or whose app failed.
         logs: the games' named numbers, ``logs[i]`` of user i.
         ends: users whose episode ended here -> ``termination`` (``finished``, ``diverged``,
             ``max_steps_reached``, ``app_left`` or ``app_failed``) and ``max_fatigued``; after
             ``app_left`` also ``app_left``, how the app ended its session by itself; after
-            ``app_failed`` also ``app_error``, what happened; where MuJoCo warned in the episode,
-            ``warnings``, how often by kind (see :attr:`UserBatch.warnings`).
+            ``app_failed`` also ``app_error``, what happened; if MuJoCo warned in the episode,
+            ``warnings``, the number of warnings by kind (see :attr:`UserBatch.warnings`).
     """
 
     reward: NDArray[np.float64]
@@ -515,7 +515,10 @@ class Simulation:
 
     @property
     def exact_states(self) -> bool:
-        """Whether :meth:`state_dict` holds the rounds; SIM2VR apps of others cannot save theirs."""
+        """Return whether :meth:`state_dict` includes the episodes.
+
+        Third-party SIM2VR apps cannot save theirs.
+        """
         return all("save" in app.capabilities for app in self.apps)
 
     def load_state_dict(self, state: Mapping[str, ArrayLike]) -> list[int]:
@@ -642,7 +645,7 @@ class AppSteps:
         return self._group.step(ids, times_ns, poses, steps, self._max_steps, drawn=drawn)
 
     def poses(self, ids: IntArray, sample: int) -> DevicePoses:
-        """Where these users' devices are, (K, 7); see :meth:`UserBatch.device_poses`."""
+        """Return the poses of these users' devices, (K, 7); see :meth:`UserBatch.device_poses`."""
         head, right, left = (
             pose_to_app(*(part[ids] for part in self._users.device_poses(name, sample)))
             if name in self._users.body.devices
@@ -653,7 +656,7 @@ class AppSteps:
         return DevicePoses(head, right, left)
 
     def step_poses(self, ids: IntArray) -> DevicePoses:
-        """Where these users' devices were in the F frames of the last step, (K, F, 7)."""
+        """Return the poses of these users' devices in the F frames of the last step, (K, F, 7)."""
         frames = self._config.frames_per_step
         samples = [self.poses(ids, k) for k in range(frames)]
         parts = ("head", "right_controller", "left_controller")

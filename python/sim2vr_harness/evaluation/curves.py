@@ -32,7 +32,7 @@ _Curve = tuple[list[float], list[float]]
 
 @dataclass(frozen=True)
 class _Run:
-    """What a run has written down: each stage's rows, empty where there is none."""
+    """Logged rows of a run: those of each stage, empty if there is none."""
 
     name: str
     facts: GameFacts
@@ -65,7 +65,7 @@ def curve(rows: Rows, key: str) -> _Curve:
 
 
 def _is_number(value: Any) -> TypeGuard[float]:
-    """Whether this is a number that can be drawn."""
+    """Return whether a value is a number that can be drawn."""
     return isinstance(value, (int, float)) and abs(value) <= _MOST_DRAWN
 
 

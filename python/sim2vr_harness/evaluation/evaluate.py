@@ -113,7 +113,7 @@ class DataRecorder:
 
     @property
     def watchers(self) -> list[Watcher]:
-        """Who is to look on while rounds are played."""
+        """Return the recorders that receive every step of the rounds."""
 
         def write(result: Round, table: Callable[[str], Any]) -> None:
             self._folder.write_moments("steps", result.key, table(result.key))
@@ -255,7 +255,7 @@ _PASSING_LOGS = ".logs"
 """Of rounds whose logs are read, and not kept."""
 
 _USER_BYTES = 2_000_000
-"""What a round needs beside others at least: body, app and its share of the renderers."""
+"""Least memory of a round in addition to others: body, app and its share of the renderers."""
 
 SimulationFactory = Callable[..., Any]
 """(ResolvedEnv, n, log_dir=Path | None) -> simulation."""
@@ -263,16 +263,16 @@ SimulationFactory = Callable[..., Any]
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What came out.
+    """Results of an evaluation.
 
     Attributes:
         summaries: condition -> means over its rounds, and ``rounds``, one entry each.
-        facts: What the game publishes.
-        user: Who played.
+        facts: Facts that the game publishes.
+        user: The user that played.
         step: User steps that the evaluated checkpoint was trained for.
         files: Results, tables, videos and logs that were written.
         rounds: Every round.
-        unpractised: What the user was not trained for, a line each.
+        unpractised: Settings that the user was not trained for, a line each.
         problems: Of a user without training: what is wrong with the app or its task, a sentence
             each.
         data: The tables, as data frames: of everything that is in the folder.
@@ -381,10 +381,10 @@ def evaluate(
 
 
 class _Plan:
-    """What is played: a request, checked, with every value filled in by the run's configuration.
+    """Plan of an evaluation: a checked request, completed from the run's configuration.
 
     Attributes:
-        kept: Whether what is written stays.
+        kept: True if the files that are written stay.
         settings: of the results; gets ``trained_steps`` once the policy is loaded.
     """
 

@@ -77,13 +77,13 @@ Results = Mapping[str, Mapping[str, Estimate]]
 
 @dataclass(frozen=True)
 class Planned:
-    """What will be played and measured.
+    """Planned rounds and measures.
 
     Attributes:
         groups: Conditions or cells.
         known: Names of the measures that an expectation can name.
         compared: Measures that are compared with a baseline.
-        complete: Whether ``known`` has all names; an app that publishes no measures adds those of
+        complete: True if ``known`` has all names; an app that publishes no measures adds those of
             its log while it runs.
     """
 

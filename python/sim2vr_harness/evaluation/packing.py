@@ -138,20 +138,20 @@ def _check_seeds(users: Sequence[TrainedUser]) -> None:
 
 
 def measured_keys(facts: GameFacts) -> tuple[str, ...]:
-    """What of an evaluation's summary goes on the card."""
+    """Return the keys of an evaluation's summary that the card lists."""
     measures = (measure.name for measure in measures_of(facts))
     grids = (measure.name for measure in facts.grids)
     return ("episodes", *measures, "seed", "return_terms", *grids)
 
 
 def seed_keys(facts: GameFacts) -> tuple[str, ...]:
-    """What of it the card keeps of every seed: how well it played, and where it did not."""
+    """Return the keys that the card lists for every seed: its measures, and its grids by cell."""
     measures = (*card_measures(facts), *facts.grids)
     return tuple(dict.fromkeys(measure.name for measure in measures))
 
 
 def card_measures(facts: GameFacts) -> tuple[Measure, ...]:
-    """What a list of users shows of each: the score and the first counter of the game."""
+    """Return the measures in a list of users: the score and the first counter of the game."""
     score = facts.score or "return"
     chosen = tuple(measure for measure in measures_of(facts) if measure.name == score)
     return (*chosen, *(measure for measure in facts.counters[:1] if measure.name != score))
@@ -163,7 +163,7 @@ def _mean_score(card: Mapping[str, Any], score: str) -> float:
 
 
 def _of_the_run(user: TrainedUser) -> dict[str, Any]:
-    """What a run's folder says of how the user was trained; empty for a packed user."""
+    """Return training information from a run's folder; empty for a packed user."""
     folder = RunFolder(user.source.parent.parent)
     if not folder.exists:
         return {}

@@ -20,15 +20,16 @@ from sim2vr_harness.policies.store import find_user, require_contract
 
 
 class UserPolicy:
-    """What a trained user does, given what it senses; on the CPU.
+    """Policy of a trained user, which computes actions from observations on the CPU.
 
     Args:
         run: ``pretrained:NAME`` or the NAME of a shipped user, the folder of a packed user, a
             run's folder, or one of its checkpoints.
-        trust_app: Whether the app that it names may be started, though you never have.
+        trust_app: True: the app that the run names may be started, even if you never started it
+            before.
 
     Raises:
-        InputError: It is none of them, or names an app that you have never started.
+        InputError: ``run`` is none of them, or names an app that you have never started.
     """
 
     def __init__(self, run: str | Path, *, trust_app: bool = False) -> None:

@@ -125,7 +125,7 @@ def _most_fatigued(summary: Mapping[str, Any], *, tight: bool) -> str:
 
 
 def _over_what(summaries: Mapping[str, Mapping[str, Any]]) -> str:
-    """What the means and deviations are taken over."""
+    """Return a sentence on the samples of the means and deviations."""
     people = {summary.get("persons") for summary in summaries.values()}
     if people != {None}:
         several = len(people) > 1

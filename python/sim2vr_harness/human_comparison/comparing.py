@@ -104,12 +104,12 @@ class SampleRow:
 
 @dataclass(frozen=True)
 class Total:
-    """What rows come to.
+    """Summary over rows of a comparison.
 
     Attributes:
-        cells: how many (measure, condition) there are.
-        inside: mean of their ``inside``; None without a range of people's.
-        distance: mean of their ``distance``; None as well.
+        cells: number of (measure, condition) pairs.
+        inside: mean of their ``inside``; None without a range of recorded people.
+        distance: mean of their ``distance``; None likewise.
     """
 
     cells: int
@@ -231,7 +231,7 @@ def _samples(
 
 
 def total(rows: Sequence[ComparisonRow]) -> Total | None:
-    """What rows come to, every one weighted alike; None of none."""
+    """Return the unweighted mean over rows; None if there are no rows."""
     if not rows:
         return None
     return Total(

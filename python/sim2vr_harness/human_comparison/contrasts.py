@@ -44,25 +44,25 @@ class ContrastRow:
 
     @property
     def same_sign(self) -> bool:
-        """Whether the user's difference goes the way people's does."""
+        """Return whether the user's difference has the same sign as the recorded people's."""
         return self.value * self.people_mean > 0.0 or self.value == self.people_mean
 
     @property
     def within(self) -> bool:
-        """Whether it lies in the interval of people's mean."""
+        """Return whether it lies in the confidence interval of the recorded people's mean."""
         return self.people_low <= self.value <= self.people_high
 
 
 @dataclass(frozen=True)
 class Fatigue:
-    """How tiring a condition is: mean over the muscles of the largest share of fatigued units.
+    """Fatigue of a condition: the largest proportion of fatigued units, averaged over the muscles.
 
     Attributes:
         group: of people who play by the same rule.
-        condition: as people call it.
+        condition: its name in the recordings of people.
         mean: over persons.
-        spread: standard deviation over persons; None of one.
-        persons: how many.
+        spread: standard deviation over persons; None for one person.
+        persons: number of persons.
     """
 
     group: str
@@ -74,16 +74,16 @@ class Fatigue:
 
 @dataclass(frozen=True)
 class FatigueDifference:
-    """How much more one condition tires than another, person by person.
+    """Paired difference in fatigue between two conditions.
 
     Attributes:
         group: of people who play by the same rule.
-        contrast: what minus what.
+        contrast: the two conditions, as minuend minus subtrahend.
         mean: of the differences.
-        spread: their standard deviation; None of one person.
-        effect: the mean divided by it; None of one person, or of none.
+        spread: their standard deviation; None for one person.
+        effect: the mean divided by it; None for one person, or if it is 0.
         rank_effect: z / sqrt(n) of Wilcoxon's signed-rank test, as people's ratings are tested;
-            None of one person, or without a difference.
+            None for one person, or without a difference.
     """
 
     group: str
@@ -163,10 +163,12 @@ def group_contrasts(
 def fatigue_of(
     fatigue: Mapping[Cell, Mapping[str, float]], behaviour: Behaviour
 ) -> tuple[list[Fatigue], list[FatigueDifference]]:
-    """How tiring conditions are, and how much more the last of those that tire differently is.
+    """Return the fatigue of conditions, and paired differences between them.
+
+    Each difference is the last of ``behaviour.tiring`` minus one of the others.
 
     Args:
-        fatigue: Condition -> person -> mean over the muscles of the largest share of fatigued
+        fatigue: Condition -> person -> mean over the muscles of the largest proportion of fatigued
             units.
     """
     rows, differences = [], []

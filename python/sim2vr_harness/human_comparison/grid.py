@@ -38,7 +38,9 @@ def angle_deg(one: FloatArray, other: FloatArray) -> FloatArray:
 
 
 def first_crossing(times: FloatArray, values: FloatArray, peak: int, share: float) -> float:
-    """When values last rose through a share of their peak, on straight lines; first time if never.
+    """Return the last time before the peak at which values rose through a share of it.
+
+    Values between samples are interpolated linearly. If they never did, the first time is returned.
 
     Args:
         times: (N,).
@@ -67,12 +69,12 @@ class Track:
 
     @property
     def first_s(self) -> float:
-        """When measuring begins."""
+        """Time at which measuring begins."""
         return float(self.played.times_s[0]) + SETTLING_S
 
     @property
     def middle_s(self) -> float:
-        """When the second half of what is measured begins."""
+        """Time at which the second half of the measured period begins."""
         return (self.first_s + float(self.played.times_s[-1])) / 2.0
 
     @cached_property

@@ -15,7 +15,7 @@ from sim2vr_harness.games.behaviour import Behaviour
 
 
 class MeasureContext(Enum):
-    """Where a measure makes sense; a game's description says which rounds those are."""
+    """Rounds in which a measure is defined; a game's description names their kind."""
 
     ALWAYS = "always"
     ONE_TARGET = "one target at a time"

@@ -105,5 +105,5 @@ class ComparisonReport:
         ]
 
     def fatigue(self, user: Source) -> tuple[list[Fatigue], list[FatigueDifference]]:
-        """How tiring a user's conditions are; see contrasts.fatigue_of."""
+        """Return the fatigue of a user's conditions; see contrasts.fatigue_of."""
         return fatigue_of(user.fatigue, self.behaviour)

@@ -31,7 +31,8 @@ _KINDS = {
 _BOX = {"good": "hit", "bad": "miss", "miss": "miss"}
 """Outcomes of Beat Saber's boxes; they have the time of their spawn."""
 _NUMBERS = ("target_id", "number", "value")
-"""How events call the number of their target; without one, the oldest target ends first."""
+"""Names of the field for the target's number in events; without it, the oldest target ends
+first."""
 
 _ELSEWHERE = (0.0, 0.0)
 
@@ -83,7 +84,7 @@ class Targets:
 
     @property
     def n(self) -> int:
-        """How many came up."""
+        """Number of targets that appeared."""
         return len(self.spawn_s)
 
 
@@ -153,20 +154,20 @@ def targets_of(
 
 @dataclass(frozen=True)
 class PlayedRound:
-    """What is measured: tool, hand and head of N frames, and what happened to the targets.
+    """Recorded data of a round: tool, hand and head of N frames, and outcomes of the targets.
 
     Attributes:
-        source: file or folder that it was read from.
+        source: file or folder of the recording.
         group: of people who play by the same rule.
-        condition: as people call it.
-        person: who played.
+        condition: its name in the recordings of people.
+        person: the player.
         times_s: (N,) times of the frames of play, game time.
         tool_m: (N, 3) the tool in the plane's frame: x right, y up, z along its normal away from
             the player.
         root_m: (N, 3) the point whose speed the game tests, in the same frame.
         controller: (N, 4) rotation of the controller that holds the tool, x y z w, app's world.
         head: (N, 7) pose of the head, app's world: m, x y z w.
-        targets: what came up.
+        targets: targets that appeared.
         contacts: touches that were too slow to count.
         ahead_m: of a session, (N, 3) the point 0.3 m ahead on the hand's ray; else None.
         other_m: of a session with two hands, (N, 3) the hand that moved less; else None.
@@ -284,7 +285,7 @@ def name_of_condition(session: Session) -> str:
 
 
 def has_targets(session: Session) -> bool:
-    """Whether a session's events name targets that were hit or missed."""
+    """Return whether a session's events name targets that were hit or missed."""
     return any(event is not None for event in map(ending, session.events))
 
 

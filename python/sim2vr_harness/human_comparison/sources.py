@@ -436,7 +436,7 @@ def game_of(user: str) -> str | None:
 
 
 def _is_recorded(user: str) -> bool:
-    """Whether a user is given by its rounds, not by its weights."""
+    """Return whether a user is given by its rounds, not by its weights."""
     path = Path(user)
     if path.is_dir():
         return not (is_packed(user) or RunFolder(path).exists)

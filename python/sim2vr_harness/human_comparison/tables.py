@@ -172,7 +172,7 @@ def _totals(report: ComparisonReport) -> Table:
 
 
 def _in_one_table(report: ComparisonReport) -> Iterator[RenderableType]:
-    """What is shown first of every user, a column each."""
+    """Yield the first table: the headline measures, a column for each user."""
     for group in report.behaviour.groups:
         users = [each for each in report.compared if group in each.groups]
         if len(users) < 2:

@@ -38,7 +38,7 @@ DAMAGE = (
     *(ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, RuntimeError),
     *(TypeError, ValueError, UnpicklingError, struct.error),
 )
-"""What taking in a state that can be decoded, and is of something else, may raise."""
+"""Exceptions that loading a decodable state of another object may raise."""
 
 
 def in_words(error: Exception) -> str:

@@ -70,7 +70,7 @@ class PolicyConfig(Settings):
     log_std_init: float = Field(default=0.0, ge=-20.0, le=5.0)
     """Logarithm of the actions' standard deviation at the start."""
     vision_precision: Literal["float32", "bfloat16"] = "float32"
-    """What the vision encoder computes in. Weights, optimiser and everything behind the image's
+    """Numeric format of the vision encoder. Weights, optimiser and everything behind the image's
     features are float32 either way. bfloat16 is quicker on CPUs with AVX-512 BF16 or AMX."""
     scale_proprioception: bool = False
     """True: proprioception is standardised with numbers kept beside the weights, which
@@ -80,7 +80,7 @@ class PolicyConfig(Settings):
 
 
 class CheckpointConfig(Settings):
-    """What is kept of the run, and how often."""
+    """Checkpoints of the run: their interval and number."""
 
     every_steps: int = Field(default=1_000_000, ge=1, le=MOST_STEPS)
     """User steps between two checkpoints, rounded up to whole iterations; one more is written
@@ -109,7 +109,7 @@ class WandbConfig(Settings):
     """Weights & Biases (needs the extra ``sim2vr-harness[wandb]``)."""
 
     enabled: bool = False
-    """Whether metrics are sent to Weights & Biases."""
+    """True: metrics are sent to Weights & Biases."""
     project: str = "sim2vr"
     """Project on Weights & Biases."""
     entity: str | None = None
@@ -128,7 +128,7 @@ class TrainingConfig(Settings):
     total_timesteps: int = Field(default=100_000_000, ge=1, le=MOST_STEPS)
     """User steps of the complete training, over which the learning-rate schedule runs."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
-    """Where torch computes; ``auto`` takes a GPU that torch finds."""
+    """Device on which torch computes; ``auto`` uses a GPU if torch finds one."""
     recipe: Literal["ppo", "distill", "skills", "adapt"] = "ppo"
     """The stages of the run. ``ppo``: PPO from pixels alone, as the reference. ``distill``: first
     imagined rollouts, a teacher and a student, whose weights PPO begins with; for games that have a
@@ -149,7 +149,7 @@ class TrainingConfig(Settings):
     ppo: PPOConfig = PPOConfig()
     """PPO with the policy from senses to actions."""
     checkpoint: CheckpointConfig = CheckpointConfig()
-    """What is kept of the run."""
+    """Checkpoints of the run."""
     evaluation: EvaluationConfig = EvaluationConfig()
     """Rounds played with the trained user."""
     wandb: WandbConfig = WandbConfig()
@@ -388,7 +388,7 @@ def _settle_words(overrides: Sequence[str], tree: dict[str, Any]) -> None:
 
 _GAME_OPTIONS = ["env", "app", "options"]
 _WORDS = ("yes", "no", "on", "off")
-"""What YAML 1.1 takes for truths, and people for words."""
+"""Words that YAML 1.1 reads as booleans and people mean as words."""
 _TRANSPORT_OPTIONS = ["env", "app", "transport_options"]
 
 

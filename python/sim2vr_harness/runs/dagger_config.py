@@ -20,7 +20,7 @@ class StudentConfig(Settings):
     app_options: dict[str, OptionValue] = Field(default_factory=dict)
     """Options of the game in this stage that differ from ``env.app.options``."""
     samples_per_frame: float = Field(default=3.0, gt=0.0, le=1000.0)
-    """How often a frame is learned from, on average, per frame that is collected."""
+    """Mean number of times that each collected frame is used for training."""
     batch_size: int = Field(default=500, ge=1, le=MOST_BATCH)
     """User steps per minibatch."""
     learning_rate: LearningRate = 1e-3

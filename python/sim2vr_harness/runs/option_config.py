@@ -74,12 +74,12 @@ class PeopleTraining:
 
     @property
     def perception(self) -> dict[str, float]:
-        """How goals are misjudged."""
+        """Noise and delay of perceived goals."""
         return {"weber": self.weber, "least_m": self.least_m, "late_steps": self.late_steps}
 
 
 class QLearningConfig(Settings):
-    """How a user with a motor layer finds out what is worth doing with what it sees."""
+    """Q-learning over motor options at image cells, for a user with a motor layer."""
 
     users: int = Field(default=32, ge=1, le=MOST_USERS)
     """Environments in which users play at the same time."""
@@ -102,9 +102,10 @@ class SkillsConfig(Settings):
     """Users who bring a motor layer to a game and learn what is worth doing with what they see."""
 
     user: Literal["hierarchical", "person"] = "hierarchical"
-    """Who plays in the end. ``hierarchical``: the Q-network, with the motor layer below it; it
-    completes each action that it has selected. ``person``: the same, but it sees late, needs time
-    to decide, and moves by the human motor policy of its body; ``train GAME --people`` sets it."""
+    """Policy that plays. ``hierarchical``: the Q-network, with the motor layer below it; it
+    completes each action that it has selected. ``person``: the same with the limits of people:
+    vision is delayed, decisions take time, and the human motor policy of the body moves it; ``train
+    GAME --people`` sets it."""
     motor: str | None = None
     """File of the motor layer; None: the one that ships for the body, or, where none does, one that
     the run makes first."""
@@ -114,14 +115,14 @@ class SkillsConfig(Settings):
     """Options of the hands (docs/concepts/training.md); None: touch, push and swing, and those that
     ``env.user.inputs`` allow."""
     tool: Literal["auto", "none"] | Annotated[float, Field(gt=0.0, le=3.0)] = "auto"
-    """What the hands hold: ``auto`` finds it in the pictures, ``none``: nothing, a length: a
-    straight tool that goes on forward from the controller, m."""
+    """Tool in the hands: ``auto`` finds it in the images, ``none``: no tool, a length: a straight
+    tool that extends the controller forward by so much, m."""
     q_learning: QLearningConfig = QLearningConfig()
     """Q-learning of what to do with what is seen."""
 
     @property
     def people(self) -> bool:
-        """Whether persons play, with the limits of people."""
+        """Return whether virtual participants play, with the limits of people."""
         return self.user == "person"
 
     @field_validator("tool", mode="before")

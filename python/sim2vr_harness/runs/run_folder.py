@@ -43,7 +43,7 @@ from sim2vr_harness.runs.config import (
 )
 
 STAGE_FOLDERS = ("imagined", "student")
-"""What stages call their folders in a run's; the last stage works in the run's own."""
+"""Folders of the stages in a run's folder; the last stage works in the run's own."""
 
 _PACKAGES = ("mujoco", "stable-baselines3", "torch", "gymnasium", "numpy", "scipy")
 
@@ -129,7 +129,7 @@ class RunFolder:
 
     @property
     def exists(self) -> bool:
-        """Whether the folder holds a run."""
+        """Return whether the folder holds a run."""
         return self.config_file.is_file()
 
     @classmethod
@@ -200,7 +200,7 @@ class RunFolder:
             )
 
     def _is_trace(self, file: Path) -> bool:
-        """Whether a training that was killed before it wrote config.yaml may have left this."""
+        """Return whether a training killed before it wrote config.yaml may have left this file."""
         if file == self.checkpoint_dir:
             return file.is_dir() and not any(file.iterdir())
         return file in (self.run_file, self.lock_file) or is_temporary(file)

@@ -62,8 +62,8 @@ class ImaginedConfig(Settings):
     restart_share: Chance = 0.2
     """Users who go on from a state of the true game after a window."""
     keep_best: bool = False
-    """Whether the teacher is the one of the cycle that played best in the true game (noise on the
-    actions, all conditions alike) instead of the last one."""
+    """True: the teacher is the policy of the cycle that played best in the true game (noise on the
+    actions, all conditions have the same weight); False: that of the last cycle."""
     average_updates: int = Field(default=0, ge=0, le=MOST_STEPS)
     """The policy that plays, and that the teacher is, has the mean weights of about the last so
     many updates; 0: those of the last. From one cycle to the next rates of the last weights in the
@@ -120,7 +120,7 @@ class ImaginedConfig(Settings):
 
 
 class CurriculumConfig(Settings):
-    """How the teacher's rounds in the true game differ from true ones; rewards and rules do not."""
+    """Starts of the teacher's rounds in the true game; rewards and rules do not change."""
 
     near_starts: Chance = 0.3
     """Share of episodes that start near a good start of an action, instead of the true start."""
@@ -140,4 +140,4 @@ class TeacherConfig(Settings):
     imagined: ImaginedConfig = ImaginedConfig()
     """Imagined rollouts, in which the teacher is trained."""
     curriculum: CurriculumConfig = CurriculumConfig()
-    """Where rounds in the true game start, and which targets come up."""
+    """Starts of rounds in the true game."""

@@ -28,7 +28,7 @@ from sim2vr_harness.users.bodies import allow_package, foreign_package, origin_o
 
 _KEYS = ("executable", "arguments", "game_library", "connect", "page", "map", "browser", "task")
 _told: list[dict[str, Any]] = []
-"""What was remembered in this process, for homes that cannot be written to."""
+"""Trust remembered in this process only, for homes that cannot be written to."""
 
 
 def state_folder() -> Path | None:
@@ -154,7 +154,7 @@ def _note(entry: dict[str, Any], *sources: Path) -> None:
 
 
 def _lies_in(real: str | None, source: Path) -> bool:
-    """Whether a program or library lies in a folder, or beside a file."""
+    """Return whether a program or library lies in a folder, or beside a file."""
     if not real or not source.exists():
         return False
     return Path(real).is_relative_to(
@@ -163,10 +163,11 @@ def _lies_in(real: str | None, source: Path) -> bool:
 
 
 def _entry(app: AppConfig) -> dict[str, Any]:
-    """What is trusted: the program by its path and by where that leads, and its arguments.
+    """Return what is trusted: the program by its path and its resolved path, and its arguments.
 
-    A library of games by where its path leads. Of a page its path, what it may load, the browser,
-    and its task's rules, which have JavaScript; of any app the file of a task in Python.
+    A library of games is trusted by its resolved path. A page is trusted by its path, what it may
+    load, the browser, and its task's rules, which have JavaScript. For any app, the file of a task
+    in Python is included.
     """
     program = None if app.executable is None else os.path.abspath(app.executable)
     entry: dict[str, Any] = {
@@ -198,7 +199,7 @@ def _known(entry: dict[str, Any]) -> bool:
 
 
 def _knows(wanted: dict[str, Any], keys: Collection[str]) -> bool:
-    """Whether an app was remembered that is the same in all that a file names."""
+    """Return whether a remembered app is the same in everything that a file names."""
     same = [*keys, *(["real"] if "executable" in keys else [])]
     return any(all(known.get(key) == wanted.get(key) for key in same) for known in _entries())
 

@@ -43,7 +43,7 @@ class Column:
 
 
 def column_name(text: str) -> str:
-    """What a thing is called in a table: ``hammer.depth_m`` -> ``hammer_depth_m``."""
+    """Return the column name for a text: ``hammer.depth_m`` -> ``hammer_depth_m``."""
     return re.sub(r"\W+", "_", text.strip()).strip("_").lower()
 
 

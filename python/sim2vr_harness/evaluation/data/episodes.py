@@ -28,7 +28,7 @@ EPISODE_COLUMNS = (
     Column("effort_weight", "number", "", "Factor on the cost of effort"),
     Column("log_folder", "text", "", "Where the game's CSV logs are, if they were kept"),
 )
-"""What every game's episodes have; people's fields, app options and measures come behind these."""
+"""Columns of episodes in every game; those of people, app options and measures follow them."""
 
 _PERSON_UNITS = {"stature_m": "m", "visual_delay_s": "s", "proprioceptive_delay_s": "s"}
 

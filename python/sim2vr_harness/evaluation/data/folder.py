@@ -24,7 +24,7 @@ FOLDER = "data"
 """In the folder of an evaluation."""
 _DICTIONARY = "dictionary.csv"
 _MANIFEST = "manifest.json"
-"""What the episodes were recorded with."""
+"""File of the versions and settings that the episodes were recorded with."""
 _ROW_TABLES = ("episodes", "events")
 """One file each."""
 _MOMENT_TABLES = ("steps", "frames")
@@ -33,7 +33,7 @@ _EXPECTED = "a table that an evaluation wrote, or another folder"
 
 
 class DataFolder:
-    """Where tables are written.
+    """Folder that tables are written to.
 
     ``episodes`` and ``events`` are one table each, ``steps`` and ``frames`` one per episode. Every
     table is a Parquet file, with units and descriptions of its columns as metadata;

@@ -35,7 +35,7 @@ EVENT_COLUMNS = (
     Column("velocity_y_mps", "number", "m/s", "That velocity, up"),
     Column("velocity_z_mps", "number", "m/s", "That velocity, forward"),
 )
-"""What every game's items have; further fields of the log become columns behind these."""
+"""Columns of items in every game; further fields of the log follow them."""
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _AXES = ("x", "y", "z")

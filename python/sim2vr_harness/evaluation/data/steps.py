@@ -26,7 +26,7 @@ _FATIGUE = {
 }
 """Of the model 3CC-r: name of the array -> prefix of the columns, and what it is."""
 _AID = "aid."
-"""What privileged numbers begin with that are for trainings only."""
+"""Prefix of privileged numbers that only training uses."""
 
 Take = Callable[[], NDArray[Any]]
 
@@ -87,7 +87,7 @@ class StepRecorder(Watcher):
 
 
 class BodySource:
-    """What N bodies do: the numbers of a moment, and what their columns are.
+    """Current numbers of N bodies, with descriptions of their columns.
 
     Args:
         users: The bodies.
@@ -159,7 +159,7 @@ class BodySource:
 
 
 class _Source:
-    """Where the numbers of N users come from, and what their columns are."""
+    """Sources of N users' numbers, with descriptions of their columns."""
 
     def __init__(self, simulation: Simulation, facts: GameFacts) -> None:
         self.dt_s = simulation.users.dt

@@ -287,7 +287,7 @@ _CUT_SHORT_M = 0.05
 
 
 def facts_of(one: Tracked) -> list[str]:
-    """Who followed what, how it was placed, and effort and fatigue."""
+    """Return lines on the recording, the body, its registration, and effort and fatigue."""
     first, last = one.followed.passes[0], len(one.followed.passes)
     lines = [
         f"{one.path.name}: {one.path.duration_s:.1f} s, followed by {one.body.name} "

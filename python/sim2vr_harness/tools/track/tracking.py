@@ -34,18 +34,18 @@ _PERCENT = 0.95
 
 @dataclass(frozen=True)
 class TrackingSettings:
-    """How a recording is followed.
+    """Settings for tracking a recording.
 
     Attributes:
-        refined: whether muscles are planned ahead then, for the path and little effort.
+        refined: True: trajectory optimisation of the muscles follows, for the path and low effort.
         yaw: degrees to the right of the recorded forward that the person faces, or ``head``.
         scale: of distances from the person's head.
-        offset_m: further shift of what is recorded in the body's world: forward, left, up.
-        stature_m: of the person; None: estimated where the person stood.
-        mass_kg: of the person; None: by the stature.
-        pointed: whether hands are to point as the person's did, too.
-        seed: of everything drawn.
-        play: whether the recorded game is played by the body's hand.
+        offset_m: further shift of the recording in the body's world: forward, left, up.
+        stature_m: of the person; None: estimated from the recording.
+        mass_kg: of the person; None: computed from the stature.
+        pointed: True: the hands' directions are tracked, too.
+        seed: of all random numbers.
+        play: True: the recorded game is played by the body's hand.
     """
 
     refined: bool = True
@@ -61,13 +61,13 @@ class TrackingSettings:
 
 @dataclass(frozen=True)
 class TrackingOutcome:
-    """How a round of Whac-A-Mole went.
+    """Outcome of a round of Whac-A-Mole.
 
     Attributes:
-        targets: that appeared.
-        hits: of them.
-        misses: that disappeared unhit.
-        contacts: touches too slow for a hit.
+        targets: number of targets that appeared.
+        hits: number of targets that were hit.
+        misses: number of targets that disappeared without a hit.
+        contacts: number of touches that were too slow for a hit.
     """
 
     targets: int
@@ -84,18 +84,18 @@ class TrackingOutcome:
 
 @dataclass(frozen=True)
 class HandError:
-    """How near a hand was; places at the ends of the user steps.
+    """Tracking error of a hand, at the ends of the user steps.
 
     Attributes:
         hand: the device.
-        median_m: all steps.
-        most_m: 95 % of all steps are below.
-        unreachable: share of the steps whose place lies beyond the joints' limits by more than
+        median_m: over all steps.
+        most_m: 95th percentile over all steps.
+        unreachable: proportion of the steps whose place lies beyond the joints' limits by more than
             ``REACHED_M``.
-        reachable_median_m: of the other steps; None without any.
-        reachable_most_m: 95 % of these are below.
+        reachable_median_m: over the other steps; None if there are none.
+        reachable_most_m: 95th percentile over these.
         layer_median_m: of the motor layer alone, all steps and hands.
-        layer_most_m: the same, 95 %.
+        layer_most_m: the same, 95th percentile.
     """
 
     hand: str
@@ -110,13 +110,13 @@ class HandError:
 
 @dataclass(frozen=True)
 class MuscleLoad:
-    """What a muscle did.
+    """Load of a muscle.
 
     Attributes:
         muscle: its name.
-        mean: activation.
-        most: activation that 95 % of the time is below.
-        fatigued: share of its motor units that are fatigued at the end (3CC-r); None: unknown.
+        mean: mean activation.
+        most: 95th percentile of the activation.
+        fatigued: proportion of its motor units that are fatigued at the end (3CC-r); None: unknown.
     """
 
     muscle: str

@@ -22,11 +22,11 @@ from sim2vr_harness.users import UserBatch
 FloatArray = NDArray[np.float64]
 
 WARM_UP_S = 1.5
-"""How long the body holds the first place before the recording begins."""
+"""Time for which the body holds the first place before the recording begins."""
 POSE_SAMPLES = 5
 """Poses of the devices kept of every user step."""
 _REFINED_TAKES = 150
-"""How many goes refinement takes as long as."""
+"""Duration of trajectory optimisation, as a number of tracking passes."""
 _LEVER_M = 0.1
 """Length at which the way a hand points counts beside its place, about that of a hand."""
 _SLOPE_S = 0.02
@@ -35,15 +35,15 @@ _SLOPE_S = 0.02
 
 @dataclass(frozen=True)
 class Wanted:
-    """What the H hands of a body are to do, in its world, every user step from the warm-up on.
+    """Reference trajectories of a body's H hands, in its world, per user step from the warm-up on.
 
     Attributes:
         hands: names of the devices.
-        followed: (H,) whether the hand was recorded; the others rest.
-        times_s: (J,) since the recording's first moment; less than 0 while warming up.
+        followed: (H,) True if the hand was recorded; the others rest.
+        times_s: (J,) since the recording's first frame; less than 0 during the warm-up.
         places: (J, H, 3) m.
         velocities: (J, H, 3) m/s.
-        axes: (J, H, 3) where the devices point; zeros where it does not matter.
+        axes: (J, H, 3) directions in which the devices point; zeros if the direction is free.
         first: the row at time 0.
     """
 
@@ -63,11 +63,11 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Pass:
-    """How near the hands were in one go at the recording, over all of it.
+    """Tracking error of the hands in one pass over the whole recording.
 
     Attributes:
-        median_m: error of the hands' places.
-        most_m: 95 % of the steps are below.
+        median_m: median position error of the hands.
+        most_m: 95th percentile over the steps.
     """
 
     median_m: float
@@ -76,21 +76,21 @@ class Pass:
 
 @dataclass(frozen=True)
 class Followed:
-    """What a body did, from the recording's first moment on; K user steps.
+    """Motion of a body that tracks a recording, from the recording's first frame on; K user steps.
 
     Attributes:
-        wanted: what it was to do.
-        places: (K + 1, H, 3) where the hands were; row 0 is time 0.
-        columns: of ``values``: devices, joints, muscles, fatigue, as evaluations have them.
+        wanted: the reference trajectories.
+        places: (K + 1, H, 3) positions of the hands; row 0 is time 0.
+        columns: of ``values``: devices, joints, muscles, fatigue, as in evaluations.
         values: (K, C) at the ends of the steps.
         effort: (K,) cost of the steps, weighted.
         angles: (K, J) of the independent joints.
         qpos: (K, nq) postures.
         activations: (K, M).
-        fatigued: (K, M) shares of fatigued motor units (3CC-r), or none where that is not known.
-        sampled_s: (S,) since the recording's first moment, several times a step.
-        sampled: device -> positions (S, 3) and rotations w x y z (S, 4) then.
-        passes: how near it was in every go; this is the one that missed least, on average.
+        fatigued: (K, M) proportions of fatigued motor units (3CC-r), or None if unknown.
+        sampled_s: (S,) since the recording's first frame, several times a step.
+        sampled: device -> positions (S, 3) and rotations w x y z (S, 4) at these times.
+        passes: errors of every pass; the motion is that of the pass with the least mean error.
     """
 
     wanted: Wanted
@@ -212,11 +212,11 @@ def follow(
 
 @dataclass(frozen=True)
 class _Went:
-    """How a go went.
+    """Result of one tracking pass.
 
     Attributes:
-        missed_m: mean of what was missed by, the way hands point included where it counts.
-        followed: what the body did.
+        missed_m: mean error, including the direction of the hands if it is tracked.
+        followed: motion of the body.
     """
 
     missed_m: float
@@ -224,7 +224,7 @@ class _Went:
 
     @property
     def error(self) -> Pass:
-        """How near the recorded hands were."""
+        """Return the tracking error of the recorded hands."""
         errors = self.followed.errors_m[:, self.followed.wanted.followed]
         return Pass(float(np.median(errors)), float(np.quantile(errors, 0.95)))
 
@@ -280,7 +280,7 @@ class _Follower:
 
 
 class _Record:
-    """What a body does in a go: its hands from now on, the rest from the recording's beginning."""
+    """Recorder of a pass: the hands from now on, the rest from the recording's beginning."""
 
     def __init__(self, users: UserBatch, wanted: Wanted) -> None:
         self._users, self._wanted = users, wanted

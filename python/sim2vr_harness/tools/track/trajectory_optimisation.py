@@ -34,8 +34,8 @@ little beside it is no longer good enough; after another, or later two in a row,
 _NEARER = 0.1
 """Share of the usual distances up to which what was measured is good enough then."""
 _LOST_M = 0.1
-"""Who would be farther off than this, along an axis, in what is done plans afresh, too: plans get
-stuck where nothing slight is any better."""
+"""Planned error along an axis, m, from which a second plan is computed from scratch: plans get
+stuck in local minima."""
 _FAR_M = 0.04
 """An error of this size costs half as much again as its square, a larger one more: what is far off
 matters more than what is nearly there."""
@@ -77,7 +77,7 @@ class _Plan:
 
 
 class _Costs:
-    """What a step costs beside the squared errors after it: effort, and joints at their stops."""
+    """Costs of a step besides the squared errors after it: effort, and joints at their limits."""
 
     def __init__(self, body: Body) -> None:
         low, high = body.joint_ranges.T
@@ -182,7 +182,7 @@ class Refinement:
         return plan
 
     def _begun(self, start: DynamicsState, step: int, old: _Plan | None) -> _Plan:
-        """What is left of the plan before, and then what the motor layer does."""
+        """Return the rest of the previous plan, followed by the motor layer's actions."""
         bodies = self._one
         left = 0 if old is None else len(old.shares) - _DONE
 
@@ -222,7 +222,7 @@ class Refinement:
         count: int,
         shares: Callable[[int], FloatArray],
     ) -> list[_Plan]:
-        """What N bodies do who begin alike, with (N, A) controls of every step."""
+        """Simulate N bodies from the same state, with (N, A) controls for every step."""
         start.times(bodies.n).put(bodies)
         moments, controls, missed = [DynamicsState.of(bodies)], [], []
         for k in range(count):
@@ -282,7 +282,7 @@ def _changes(
 
 
 def _apart(errors: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What errors along each axis cost, m^2, and the slope and the bend of that."""
+    """Return the cost of errors along each axis, m^2, with its first and second derivatives."""
     far = (errors / _FAR_M) ** 2
     return errors**2 * (1.0 + 0.5 * far), 2.0 * errors * (1.0 + far), 2.0 + 6.0 * far
 
@@ -327,15 +327,15 @@ def least_within(
 _ANGLE, _SPEED, _DRIVE = 1e-3, 1e-2, 0.03
 """Perturbations in rad (of a slide m), rad/s, and shares of the controls' ranges."""
 _SAME = 0.1, 1.0
-"""Who is less than this beside the angles, rad (of a slide m), and the speeds, rad/s, at which a
-response was measured responds the same, but for the activations: muscles pull in proportion."""
+"""Largest differences in the angles, rad (of a slide m), and in the speeds, rad/s, for which a
+measured response is reused, except for the activations: muscles pull in proportion."""
 _SLIGHT = 1e-5
 """Change of an angle, an activation or a control, where what follows is known in formulas."""
 
 
 @dataclass(frozen=True)
 class DynamicsState:
-    """Where bodies are; N of them, or none of the leading axes for one.
+    """State of N bodies; without the leading axes, of one body.
 
     Attributes:
         qpos: (..., nq).
@@ -364,7 +364,7 @@ class DynamicsState:
 
     @staticmethod
     def of(bodies: UserBatch) -> DynamicsState:
-        """Where N bodies are now."""
+        """Return the present state of N bodies."""
         return DynamicsState(bodies.qpos, bodies.qvel, bodies.act, bodies.motor)
 
 
@@ -395,10 +395,10 @@ class Response:
 
 @dataclass(frozen=True)
 class _Measured:
-    """What perturbations of a step came to.
+    """Effects of finite-difference perturbations of a step.
 
     Attributes:
-        point: (2 J,) angles and speeds there.
+        point: (2 J,) angles and speeds of the unperturbed state.
         moved: (2 J + A, X) change of the motion after it by each joint, speed and drive, where a
             muscle's is its activation and its control at once.
         errors: (2 J + A, E).
@@ -439,15 +439,15 @@ class Perturbations:
     def response(
         self, moment: DynamicsState, shares: FloatArray, step: int, nearness: float = 1.0
     ) -> Response:
-        """What a step from somewhere with (A,) controls, shares of their ranges, responds.
+        """Return the response of a step from a state with (A,) controls, as shares of their ranges.
 
-        Of a step that was measured before it is what was found then, if little has changed since,
-        shared out anew between activations and controls.
+        If the step was measured before and little has changed since, the earlier measurement is
+        used, divided anew between activations and controls.
 
         Args:
             moment: of one body.
             shares: (A,) controls.
-            nearness: share of the usual distances up to which what was found counts.
+            nearness: factor on the distances up to which an earlier measurement is used.
         """
         point = motion_of(moment, self._bodies)[: 2 * self._joints]
         known = self._known.get(step)
@@ -521,11 +521,14 @@ class _Muscles:
     def parts(
         self, act: FloatArray, control: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """What of a muscle's pull in a step is owed to its activation before; the rest to control.
+        """Return the shares of a muscle's pull in a step that are due to its earlier activation.
+
+        The rest is due to its control.
 
         Returns:
-            (M,) each: the shares in what changes speeds (any time counts alike) and in what moves
-            joints (early pulls count more), and the activation after by that before and by control.
+            (M,) each: the shares in the change of speeds (all times have the same weight) and in
+            the movement of joints (early pulls weigh more), and the derivatives of the activation
+            after the step by the one before and by the control.
         """
         now = np.stack([act, act + _SLIGHT, act])
         aim = np.stack([control, control, control + _SLIGHT])

@@ -39,7 +39,7 @@ _SEEN_GROUPS = (0, 1, 2)
 
 @dataclass(frozen=True)
 class BodyShape:
-    """What a part of the body looks like in one colour.
+    """Shape of a body part in one colour.
 
     Attributes:
         part: number of the part in the model.
@@ -58,7 +58,7 @@ class BodyShape:
 
 @dataclass(frozen=True)
 class Posture:
-    """Where a body's parts and muscles are.
+    """Poses of a body's parts, and paths of its muscles.
 
     Attributes:
         positions: (parts, 3) MuJoCo's world, m.
@@ -425,7 +425,7 @@ class Viewer:
 
     @property
     def address(self) -> str:
-        """Where to look; it holds the token without which the server sends nothing of the show."""
+        """Address of the page, with the token without which the server sends no frames."""
         return page_of(self._gate.address(self._server.get_port(), "ws"))
 
     def _build(self) -> None:
@@ -567,7 +567,7 @@ class Viewer:
 
 
 def middle_of(moment: ViewerFrame, otherwise: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Where the things of a moment are, MuJoCo's world: people sit and stand anywhere."""
+    """Return the middle of a frame's objects, MuJoCo's world: users sit and stand anywhere."""
     places = []
     for one in moment.scene.drawn(player=True):
         position, _, scale = one.in_mujoco()

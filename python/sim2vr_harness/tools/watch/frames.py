@@ -32,15 +32,15 @@ HEADSET_SIZE = (240, 160)
 
 @dataclass(frozen=True)
 class ViewerFrame:
-    """What there is to see.
+    """Content of one frame of the viewer.
 
     Attributes:
         time_s: since the round began.
         scene: of the app.
         headset: (H, W, 3) uint8.
-        text: the game's numbers now, for people.
-        events: what happened since the moment before, a line each.
-        qpos: (nq,) of the user's body; None: no one knows the body.
+        text: the game's present numbers, as text.
+        events: events since the frame before, one line each.
+        qpos: (nq,) of the user's body; None: the body is unknown.
         activations: (M,) of its muscles.
         bars: name -> 0 to 1.
         numbers: name -> value, to be plotted: reward, effort, the game's log.

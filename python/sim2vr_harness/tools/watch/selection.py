@@ -104,7 +104,7 @@ def _environment(
 
 
 def _recorded(path: Path) -> bool:
-    """Whether it is a round's log or a recording rather than a run."""
+    """Return whether a path is a round's log or a recording rather than a run."""
     if path.is_file():
         return path.suffix in (".csv", ".npz", ".json")
     if not path.is_dir() or (path / "config.yaml").exists() or (path / "card.json").exists():

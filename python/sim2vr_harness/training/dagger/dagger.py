@@ -85,7 +85,7 @@ class DaggerSettings:
 
 SETTINGS = DaggerSettings()
 _TARGETS = ("label", "facts", "numbers", "crop_places")
-"""What a stored frame holds beside the observation."""
+"""Fields that a stored frame has in addition to the observation."""
 
 
 class TeacherExpert:
@@ -296,7 +296,7 @@ class Student(State):
 
     @property
     def finished(self) -> bool:
-        """Whether all frames are collected and learned from."""
+        """Return whether all frames are collected and all updates on them are done."""
         return self.store.count >= self.config.frames
 
     # --- a round -----------------------------------------------------------------------------

@@ -39,18 +39,18 @@ _RANDOM_SECONDS = 1.0
 
 @dataclass(frozen=True)
 class CycleReport:
-    """What a cycle was like.
+    """Results of one training cycle.
 
     Attributes:
         cycle: its number, from 1.
-        step: user steps taken in the true game so far.
+        step: user steps simulated in the true game so far.
         updates: of the policy so far.
-        played: rate of successes in the true game, with noise on the actions, by condition; NaN
-            where nothing came up, and in the first cycle, in which users move at random.
+        played: success rate in the true game, with noise on the actions, by condition; NaN if no
+            target appeared, and in the first cycle, in which actions are random.
         imagined: the same in imagined rollouts.
-        worst_cell: the lowest of all cells' rates in imagined rollouts.
-        place_error_m: body model error: mean distance of the devices from where they go in one
-            user step.
+        worst_cell: the lowest success rate of any cell in imagined rollouts.
+        place_error_m: body model error: mean distance between predicted and simulated device
+            positions after one user step.
     """
 
     cycle: int
@@ -189,7 +189,7 @@ class GameTask(Task):
     def simulate(
         self, actions: NDArray[Any]
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[Any], NDArray[Any]]:
-        """See :class:`Task`; user steps that end an episode are not a body's."""
+        """Advance by one user step; steps that end an episode are not learned from."""
         sim = self.simulation
         over = sim.step(actions).over
         columns = [sim.senses.names.index(name) for name in sim.game.fields]
@@ -268,7 +268,7 @@ class GameTask(Task):
     # --- imagined users ----------------------------------------------------------------------
 
     def start(self, ids: Tensor, pool: TransitionStore, rows: Tensor) -> None:
-        """See :class:`Task`; some start near a target."""
+        """Start imagined episodes; some of them start near a target."""
         weights = self.game.spawn_weights.cpu()
         with rows.device:
             cells = torch.full((len(ids),), -1)

@@ -30,13 +30,13 @@ class Task(State, ABC):
     """
 
     policy: nn.Module
-    """What learns."""
+    """The policy that is trained."""
     actor: Sequence[nn.Parameter]
     """The policy's weights that gradients move."""
     body: BodyModel
     users: ImaginedUsers
     parts: Sequence[Part]
-    """What imagined user steps change, beside the users."""
+    """Further objects whose state imagined user steps change."""
     starts: int
     """Starts of all imagined users before the first update; 0: they continue from the rest pose,
     and the policy has its statistics of observations already."""
@@ -272,12 +272,12 @@ class ModelBasedTrainer(State, Generic[AnyTask]):
 
     @property
     def device(self) -> torch.device:
-        """Where imagined rollouts are computed."""
+        """Device on which imagined rollouts are computed."""
         return self._device.device
 
     @property
     def finished(self) -> bool:
-        """Whether all cycles are done."""
+        """Return whether all cycles are done."""
         return self.cycle >= self.config.cycles
 
     # --- a cycle -----------------------------------------------------------------------------

@@ -29,7 +29,7 @@ from sim2vr_harness.world_models.rollout_env import ImaginedUsers
 from sim2vr_harness.world_models.transitions import TransitionStore
 
 MOTOR_STATE = "the state of a motor training"
-"""What a file of a motor trainer's state is called in errors."""
+"""Name in error messages of the file that holds a motor trainer's state."""
 
 _EPISODE_STEPS, _RANDOM_EPISODE_STEPS = 60, 20
 _EFFORT = 0.3
@@ -70,16 +70,17 @@ def _settings(config: MotorTrainingConfig) -> ImaginedConfig:
 
 @dataclass(frozen=True)
 class MotorTrainingCycle:
-    """What a cycle was like; medians, over the simulated bodies in MuJoCo.
+    """Results of one cycle: medians over the simulated bodies in MuJoCo.
 
-    In the first one bodies move at random: nothing is asked of their hands, and errors are 0.
+    In the first cycle actions are random, so the hands have no goals and the errors are 0.
 
     Attributes:
         cycle: its number, from 1.
-        place_m: how far from their goals tips were at the time of arrival.
-        speed_mps: how far their velocities were from those wanted then.
-        follow_m: how far from the paths that they were to follow.
-        model_m: error of the body model: of the hands' places after a user step, mean.
+        place_m: distance between tip and goal at the time of arrival.
+        speed_mps: difference between actual and desired velocity at that time.
+        follow_m: distance of the tips from the paths that they track.
+        model_m: body model error: mean distance between predicted and simulated hand positions
+            after one user step.
     """
 
     cycle: int
@@ -175,7 +176,7 @@ class GoalTask(Task):
         self._age[:] = self.rng.integers(0, self._longest, self.batch.n)
 
     def motion(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-        """See :class:`Task`; float32."""
+        """Return angles, speeds and drives, as float32."""
         angles, speeds, drives = self.policy.motion(self.batch)
         return angles.numpy(), speeds.numpy(), drives.numpy()
 
@@ -194,7 +195,7 @@ class GoalTask(Task):
         return ~diverged, (self._age >= self._longest) | diverged, none, none
 
     def restart(self, ids: NDArray[np.int64]) -> None:
-        """See :class:`Task`; in any posture."""
+        """Start new episodes, each in a random posture."""
         low, high = self._user.joint_ranges.T
         middle, half = 0.5 * (low + high), 0.5 * INSIDE * (high - low)
         postures = middle + half * self.rng.uniform(-1.0, 1.0, (len(ids), len(low)))
@@ -228,7 +229,7 @@ class GoalTask(Task):
         return self.policy.places(motion.angles, motion.speeds)
 
     def observe(self) -> Tensor:
-        """See :class:`Task`; worked out once per user step."""
+        """Return what the policy observes, computed once per user step."""
         if self._observed is None:
             motion = self.users.motion
             goals = self.goals.observe(*self._places())
@@ -288,7 +289,7 @@ def motor_trainer(
 
 
 def needs_motor_policy(config: TrainingConfig, env: ResolvedEnv) -> bool:
-    """Whether a run has to make its motor layer first."""
+    """Return whether a run has to train its motor layer first."""
     if config.skills.motor is not None or config.skills.people:
         return False
     try:
@@ -311,7 +312,7 @@ class MotorStage(CycleStage):
 
     @property
     def layer_file(self) -> Path:
-        """Where the motor policy is, once there is one."""
+        """File of the motor policy; it exists once the stage is finished."""
         return self.folder / self.result
 
     def open(self) -> None:

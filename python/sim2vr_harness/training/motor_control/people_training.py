@@ -72,17 +72,17 @@ SETTINGS = ReachSettings()
 
 @dataclass(frozen=True)
 class Execution:
-    """How well hands do what is wanted, per user step.
+    """Accuracy with which hands execute a desired change of velocity, per user step.
 
-    Measured in reaches of ``mobl_arms_wrist`` (docs/evidence/people.md). Of the error that
-    grows with the change of velocity, half is taken to be noise; the rest is the same for a person
-    and a posture, and is adapted to.
+    Measured in reaches of ``mobl_arms_wrist`` (docs/evidence/people.md). Of the error that grows
+    with the change of velocity, half is assumed to be noise. The other half is the same for a
+    person and a posture, and is adapted to.
 
     Attributes:
-        gain: share of a wanted change of velocity that happens within the user step.
+        gain: proportion of a desired change of velocity that happens within the user step.
         constant_mps: standard deviation of the velocity beside that, along each axis.
-        change: the same, of the change of velocity that was wanted.
-        speed: the same, of the velocity.
+        change: the same, as a proportion of the desired change of velocity.
+        speed: the same, as a proportion of the velocity.
         kept: correlation of the error from one user step to the next.
     """
 
@@ -287,12 +287,14 @@ class Bodies:
 
 @dataclass(frozen=True)
 class PeopleCycle:
-    """What a cycle was like.
+    """Results of one training cycle.
 
     Attributes:
         cycle: its number, from 1.
-        model_m: error of the forward model: of the hands' places after a user step, mean.
-        velocity_mps: median error of the velocities that were wanted of hands, 0 in the first one.
+        model_m: forward model error: mean distance between predicted and simulated hand positions
+            after one user step.
+        velocity_mps: median difference between actual and desired hand velocity; 0 in the first
+            cycle.
     """
 
     cycle: int
@@ -339,7 +341,7 @@ class PeopleTrainer(State):
 
     @property
     def finished(self) -> bool:
-        """Whether all cycles are done."""
+        """Return whether all cycles are done."""
         return self.cycle >= self.config.cycles
 
     def step(self, on_progress: Callable[[str, float], None] = lambda doing, share: None) -> Any:

@@ -123,7 +123,7 @@ def draw_decisions(
 
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 SCENE = ("pictures", "head", "turned", "tips", "velocities")
-"""What a scene is made of, in the order of its fields."""
+"""Fields of a scene, in their order."""
 
 
 class ValueLearner(State):
@@ -146,7 +146,7 @@ class ValueLearner(State):
         self.since = 0
         """First decision that counts."""
         self.scale = 1.0
-        """What rewards are divided by."""
+        """Divisor of the rewards."""
         self.corrected = 0.0
         """Exponent of the importance weights: 0 at first, 1 at the end (Schaul et al. 2016)."""
 
@@ -257,7 +257,7 @@ class Exploration:
         self._policy, self._sight, self.rng = policy, policy.values.sight, rng
         self._options = policy.values.options
         self.colours = np.ones(SETTINGS.colours**3)
-        """How often each colour was seen."""
+        """Number of times that each colour was seen."""
 
     def draw(self, near: NDArray[np.float64], far: NDArray[np.float64]) -> int:
         """Draw a choice, by weights (cells,) of cells to touch and of cells to point at."""
@@ -277,7 +277,7 @@ class Exploration:
         return move * cells + min(cell, cells - 1)
 
     def steps(self, chosen: int) -> int:
-        """How long a try is seen through, user steps."""
+        """Return the duration of an exploratory action, in user steps."""
         placed, option = self._options.placed, chosen // self._sight.cells
         if option < len(placed) and placed[option] == "pull":
             return SETTINGS.pull_steps
@@ -371,9 +371,9 @@ class OptionQLearning(State):
             self.net = ActionValueMap(policy.values.sight, hands, policy.values.options)
         self._take_up(simulation, policy)
         self.persons = False
-        """Whether the present users are persons."""
+        """True if the present users are virtual participants."""
         self.manner_chosen = False
-        """Whether the manner of hands has been compared."""
+        """True if the manners of moving the hands have been compared."""
         self.step_count = self.compared = 0
         """User steps of learning, and of comparisons of manners and durations, of all users."""
         sight = self.net.sight
@@ -453,7 +453,7 @@ class OptionQLearning(State):
 
     @property
     def finished(self) -> bool:
-        """Whether all user steps are taken."""
+        """Return whether all user steps are done."""
         return self.step_count >= self.config.user_steps
 
     def step(self, doing: Callable[[str], None] = lambda part: None) -> QLearningReport:

@@ -45,7 +45,8 @@ HOLDS = (1, 3, 5)
 _HOLD_S = 128.0
 """Seconds of play of all users together that compare them: 4 to 10 of each user."""
 _VIGOURS, _MANNER_S = (1.0, 6.0, 36.0), 5.0
-"""What persons' weights of effort may be divided by, and seconds of play that compare manners."""
+"""Divisors of a participant's effort weight that are compared, and seconds of play per
+comparison."""
 _PICTURES = "pictures.bin"
 _SAVE_DECISIONS, _REPORT_DECISIONS = 100, 20
 _MEASURED_SHARE = 0.75
@@ -154,7 +155,7 @@ class QLearningStage(Stage):
 
     @property
     def finished(self) -> bool:
-        """Whether there is a user that has learned for so long."""
+        """Return whether a checkpoint has at least ``stop`` user steps."""
         return bool(self._run.checkpoints()) and self._run.step >= self.stop
 
     def _human(self) -> HumanMotorPolicy:
@@ -416,6 +417,6 @@ class QLearningStage(Stage):
 
 
 def _seeing(env: EnvConfig) -> EnvConfig:
-    """What users decide by is drawn, and no larger."""
+    """Return the environment settings without zoom: images have the size that the policy uses."""
     vision = env.vision.model_copy(update={"zoom": 1})
     return env.model_copy(update={"vision": vision})

@@ -221,17 +221,17 @@ class PPOStage(Stage):
 
     @property
     def begun(self) -> bool:
-        """Whether there is a checkpoint."""
+        """Return whether there is a checkpoint."""
         return bool(self._run.checkpoints())
 
     @property
     def finished(self) -> bool:
-        """Whether a checkpoint has as many user steps."""
+        """Return whether a checkpoint has at least ``stop`` user steps."""
         return self.begun and self._run.step >= self.stop
 
     @property
     def saved(self) -> str:
-        """How far the newest checkpoint is."""
+        """Progress at the newest checkpoint, as text."""
         return f"{self._run.step:,} of {self.stop:,} user steps" if self.begun else ""
 
     @property

@@ -42,7 +42,7 @@ class SimulationVecEnv(VecEnv):
         """The games' logs after the last step (``StepBatch.logs``), for displays; None before."""
         resolved = getattr(simulation, "resolved", None)
         self.facts = GameFacts("") if resolved is None else resolved.facts
-        """What the game publishes."""
+        """Facts that the game publishes."""
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Set the seeds of the next :meth:`reset`.

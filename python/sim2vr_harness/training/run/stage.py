@@ -30,16 +30,16 @@ class StageStopped(Exception):
 
 @dataclass(frozen=True)
 class Report:
-    """How far a training is; what a ``report`` callback gets.
+    """Progress of a training, as a ``report`` callback receives it.
 
     Attributes:
         stage: name of the stage.
-        number: which stage it is, from 1.
-        stages: how many the run has.
-        done: how far the stage is, of ``total``.
-        total: where the stage ends.
+        number: of the stage, from 1.
+        stages: number of stages of the run.
+        done: progress of the stage, out of ``total``.
+        total: value of ``done`` at which the stage ends.
         unit: what ``done`` counts: ``cycles``, ``frames`` or ``user steps``.
-        values: the row of the stage's log that this report goes with.
+        values: the row of the stage's log that belongs to this report.
     """
 
     stage: str
@@ -66,11 +66,11 @@ class Stage(ABC):
     title: str
     """One sentence for people: who learns what."""
     unit: str
-    """What it counts."""
+    """Unit of the stage's progress, such as ``cycles``."""
     result: str
     """Name of the file that holds what is learned, once the stage is over."""
     state_of = "the state of this stage"
-    """What the file of the learner's state is called in errors."""
+    """Name in error messages of the file that holds the learner's state."""
     log_file = "metrics.jsonl"
     leftovers: tuple[str, ...] = ()
     """Patterns of further files that no one needs once the stage is over."""
@@ -86,28 +86,31 @@ class Stage(ABC):
 
     @property
     def begun(self) -> bool:
-        """Whether the folder holds something of it to go on from; stages before it are over."""
+        """Return whether the folder holds a saved state or the result of this stage.
+
+        The stages before it are then finished.
+        """
         return self.finished or self.state_file.is_file()
 
     @property
     def finished(self) -> bool:
-        """Whether there is nothing left to do."""
+        """Return whether the stage has written its result."""
         return (self.folder / self.result).is_file()
 
     @property
     def saved(self) -> str:
-        """What the folder holds of it, for people: ``3 of 22 cycles``."""
+        """Saved progress as text, for example ``3 of 22 cycles``."""
         return f"{self._saved:,.0f} of {self.total:,.0f} {self.unit}" if self._saved else ""
 
     @property
     def work(self) -> float:
-        """Where the progress bar ends: ``total``, or what takes equally long per unit."""
+        """End of the progress bar: ``total``, or a quantity that takes equally long per unit."""
         return self.total
 
     @property
     @abstractmethod
     def done(self) -> float:
-        """How far the learner is, in ``unit``."""
+        """Progress of the learner, in ``unit``."""
 
     @abstractmethod
     def open(self) -> None:
@@ -231,12 +234,12 @@ class Stopwatch:
 
 
 class Callbacks:
-    """What a stage calls while it runs.
+    """Functions that a stage calls while it runs.
 
     Args:
-        display: shows how far it is.
+        display: shows the progress.
         report: called with every row of the stage's log.
-        stop: asked at every step; True ends the training.
+        stop: called at every step; True ends the training.
     """
 
     def __init__(
@@ -295,13 +298,13 @@ class Callbacks:
 
 @dataclass
 class StageOutcome:
-    """How a session ended.
+    """Outcome of a session.
 
     Attributes:
         status: ``finished``, ``interrupted`` (Ctrl-C, SIGTERM), ``stopped`` (by the callback) or
             ``failed``.
         stage: name of the last stage that ran; empty if there was nothing to do.
-        saved: what that stage has saved, for people.
+        saved: the saved progress of that stage, as text.
         seconds: wall time of each stage that ran.
     """
 

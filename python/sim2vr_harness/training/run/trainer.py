@@ -56,15 +56,15 @@ MakeSimulation = Callable[[TrainingConfig], SimulationLike]
 
 @dataclass(frozen=True)
 class Run:
-    """What a recipe makes stages of.
+    """Settings from which a recipe builds its stages.
 
     Attributes:
         config: of the run.
         folder: of the run.
         stop: user steps after which the last stage ends.
         make_simulation: makes the users of the last stage.
-        resumed: whether it goes on with what is in its folder; otherwise that is deleted before a
-            stage runs, and nothing of it counts.
+        resumed: True if training continues from the run's folder; otherwise the folder's contents
+            are ignored, and deleted before a stage runs.
     """
 
     config: TrainingConfig
@@ -290,18 +290,18 @@ CHANGEABLE = (
 
 @dataclass(frozen=True)
 class TrainResult:
-    """How a session ended.
+    """Outcome of a session.
 
     Attributes:
         folder: The run's folder.
-        checkpoint: The newest checkpoint: the trained user; None if the session was stopped before
-            there is one.
-        step: User steps of the last stage, taken in all sessions, as far as saved.
-        interrupted: Whether it was stopped by Ctrl-C, SIGTERM or the ``stop`` callback.
-        lost_steps: User steps of the unfinished iteration, which resuming takes again.
+        checkpoint: The newest checkpoint, which is the trained user; None if the session was
+            stopped before the first checkpoint.
+        step: User steps of the last stage in all sessions, as far as saved.
+        interrupted: True if the session was stopped by Ctrl-C, SIGTERM or the ``stop`` callback.
+        lost_steps: User steps of the unfinished iteration, which resuming repeats.
         seconds: Wall time of the session.
         stage: Name of the stage that the session ended in; empty if there was nothing to do.
-        saved: What that stage has saved, for people; empty if it has not come so far.
+        saved: The saved progress of that stage, as text; empty if nothing is saved yet.
     """
 
     folder: RunFolder

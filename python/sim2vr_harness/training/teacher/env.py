@@ -33,7 +33,7 @@ class InitialStates:
         self._postures = {name: dict(cells) for name, cells in postures.items()}
 
     def counts(self, condition: str) -> dict[int, int]:
-        """How many postures there are for each cell."""
+        """Return the number of postures for each cell."""
         return {cell: len(found) for cell, found in self._postures[condition].items()}
 
     def draw(
@@ -240,7 +240,7 @@ class TeacherSimulation(State):
         self._exploring_s = seconds
 
     def condition_of(self, user: int) -> int:
-        """Which of the conditions a user plays."""
+        """Return the index of the condition that a user plays."""
         return int(self._condition[user])
 
     def describe(self, number: int) -> ImaginedCondition:

@@ -36,12 +36,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class AppFailure:
-    """An app outside this process that died, hung or talked nonsense.
+    """Failure of an app outside this process: it died, hung or sent invalid data.
 
     Attributes:
-        user: whose app it was.
+        user: the user of the app.
         step: user steps of the round that it ended.
-        error: what happened, with the end of the app's log.
+        error: description of the failure, with the end of the app's log.
     """
 
     user: int
@@ -63,9 +63,9 @@ class AppGroup(Protocol):
     """N apps. A call moves those of some users and writes their rows of the results."""
 
     failed: dict[int, str]
-    """Users whose app has failed, and why; their next reset starts another one."""
+    """Users whose app has failed, with the reason; their next reset starts another app."""
     left: dict[int, str]
-    """Users whose app has left VR by itself, which ended their round, and how."""
+    """Users whose app has left VR by itself, which ended their round, with the way it did."""
     failures: list[AppFailure]
     """Every app that failed so far, the oldest first."""
     drawn_by_gpu: bool
@@ -139,22 +139,22 @@ class AppGroup(Protocol):
         *,
         drawn: int | IntArray = -1,
     ) -> IntArray:
-        """One user step of K frames.
+        """Advance the apps by one user step of K frames.
 
         Args:
             ids: (M,) users.
             times_ns: (M, K) game times.
             poses: (M, K, 7) each.
-            steps: (M,) which user step of the round this is.
-            last: the number of the step after which the user ends the round.
-            drawn: which of the K frames is drawn, -1 the last; (M,) where users differ.
+            steps: (M,) number of this user step in the round.
+            last: number of the step after which the user ends the round.
+            drawn: index of the drawn frame of the K, -1 the last; (M,) if users differ.
 
         Returns:
             The users whose apps answered, in the order of ``ids``.
         """
 
     def logs(self) -> Logs:
-        """The logs as they are now; later steps do not change what was returned."""
+        """Return copies of the present logs, which later steps do not change."""
 
     def save(self, i: int, step: int) -> bytes | None:
         """The state of user ``i``'s app; None if it cannot be saved, or has failed (just now)."""
@@ -170,11 +170,11 @@ def app_group(
     make_app: AppFactory | None = None,
     ipd_m: float = IPD_M,
 ) -> AppGroup:
-    """The apps that ``config.app`` asks for.
+    """Return the apps of ``config.app``.
 
     Args:
         log_dir: root of the apps' episode logs, or None.
-        make_app: how to get the app of each user; None goes by ``config.app.transport``.
+        make_app: makes the app of each user; None: by ``config.app.transport``.
         ipd_m: distance of the users' pupils.
 
     Raises:
@@ -398,14 +398,14 @@ class MirroredGroup:
         self._sounds: dict[int, tuple[SoundEvent, ...]] = {}
 
     def resume(self, mirrored: NDArray[np.bool_]) -> None:
-        """Go on with rounds whose apps have been loaded; (N,) who is a mirror image."""
+        """Continue rounds of loaded apps; (N,) True if the user is a mirror image."""
         self._mirrored[:] = mirrored
         self._begin()
         for rows, _ in self._parts(np.arange(len(mirrored)), None):
             self._take(rows)
 
     def mirror(self, ids: IntArray, mirrored: NDArray[np.bool_]) -> None:
-        """Say who of these users is a mirror image, from the next reset on; (M,) each."""
+        """Set which of these users are mirror images, from the next reset on; (M,) each."""
         self._mirrored[ids] = mirrored
 
     @property
@@ -473,7 +473,7 @@ class MirroredGroup:
     def _parts(
         self, ids: IntArray, options: Mapping[str, OptionValue] | None
     ) -> list[tuple[IntArray, dict[str, OptionValue]]]:
-        """Rows of ``ids`` of each hand that is there, and the options of their games."""
+        """Return rows of ``ids`` for each hand in use, and the options of their games."""
         mirrored = self._mirrored[ids]
         parts = []
         for hand, own in ((self._hand, ~mirrored), (_OTHER[self._hand], mirrored)):
@@ -491,7 +491,7 @@ class MirroredGroup:
         self._haptics, self._sounds = {}, {}
 
     def _take(self, ids: IntArray) -> None:
-        """Take over what a call has brought to users of one hand."""
+        """Copy the results of a call for users of one hand."""
         mirrored = bool(self._mirrored[ids[0]])
         pictures = self._group.pictures[ids]
         if mirrored and pictures.size:

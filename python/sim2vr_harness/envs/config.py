@@ -60,12 +60,12 @@ class EffortConfig(Settings):
     model: EffortName = "cumulative_fatigue_3ccr"
     """The effort model (docs/reference/bodies.md)."""
     weight: Weight | None = None
-    """Reward per unit of the model's cost; None takes the model's own: 0.1 for
-    cumulative_fatigue_3ccr, the reference's value for Whac-A-Mole."""
+    """Reward per unit of the model's cost; None: the model's own: 0.1 for cumulative_fatigue_3ccr,
+    the reference's value for Whac-A-Mole."""
     preset: FatiguePreset = "reference"
-    """cumulative_fatigue_3ccr: published values of ``r``, ``fatigue`` and ``recovery``.
-    ``shoulder`` lasts as long as people's shoulders do, ``reference`` is the SIM2VR paper's
-    (docs/reference/exertion.md)."""
+    """cumulative_fatigue_3ccr: published values of ``r``, ``fatigue`` and ``recovery``. With
+    ``shoulder`` endurance is that of people's shoulders, ``reference`` has the SIM2VR paper's
+    values (docs/reference/exertion.md)."""
     r: Rate | None = None
     """The same model: how many times faster units recover while the load is met; None: 7.5, or
     15 with the preset ``shoulder``."""
@@ -116,7 +116,7 @@ class NoiseConfig(Settings):
     """Motor noise on the muscle controls (off in the reference)."""
 
     signal_dependent: Literal["white", "red"] | None = None
-    """Noise that grows with the control: drawn afresh each step (white) or accumulating (red)."""
+    """Noise that grows with the control: independent in each step (white) or accumulating (red)."""
     constant: Literal["white", "red"] | None = None
     """Noise shared by all muscles, whatever their control."""
     signal_dependent_level: Weight = 0.103
@@ -134,12 +134,12 @@ class UserConfig(Settings):
     person: Physique = Physique()
     """Differences between the person and the one that the body was measured on."""
     people: PeopleSettings | None = None
-    """Users are people who differ, another one in every episode; None: all are average."""
+    """Population of virtual participants, sampled in every episode; None: all users are average."""
     skull_rotation_deg: float = Field(default=10.0, ge=-90.0, le=90.0)
     """Downward pitch of the skull and with it of the headset, degrees."""
     head: HeadMotion = "fixed"
-    """Of bodies without a neck: ``reflex`` has the headset follow the hand and sway, as people's
-    heads do (docs/concepts/people.md)."""
+    """Head motion of bodies without a neck: with ``reflex`` the headset follows the hand and sways,
+    as people's heads do (docs/concepts/people.md)."""
     torso: bool = False
     """True: trunk and neck move, with six additional motors (docs/reference/bodies.md)."""
     reset: ResetOptions = ResetOptions()
@@ -149,7 +149,7 @@ class UserConfig(Settings):
     noise: NoiseConfig = NoiseConfig()
     """Motor noise on the controls."""
     timestep_s: PhysicsStep | None = None
-    """Physics step, 0.0001 to 0.02 s; None takes the model's 2 ms. Coarser physics is for trainings
+    """Physics step, 0.0001 to 0.02 s; None: the model's 2 ms. Coarser physics is for training
     only."""
     devices: tuple[str, ...] | None = None
     """Devices that the user wears: headset, controller_right, controller_left; None: all that the
@@ -182,17 +182,17 @@ class UserConfig(Settings):
 
 
 def motor_noise(config: NoiseConfig) -> MotorNoiseSettings | None:
-    """Return what the settings say of motor noise; None: there is none."""
+    """Return the motor noise settings; None: no noise."""
     if config.signal_dependent is None and config.constant is None:
         return None
     return MotorNoiseSettings(**config.model_dump())
 
 
 def people_of(config: UserConfig) -> Population | None:
-    """The people that users are, None if they are all average.
+    """Return the population of the users, None if they are all average.
 
     Raises:
-        ValueError: ``person`` sets what people differ in.
+        ValueError: ``person`` sets a property that the population samples.
     """
     return None if config.people is None else Population(config.people, config.person)
 
@@ -256,7 +256,7 @@ class AppConfig(Settings):
     (protocol1), by our faster one (protocol2), or by another transport of the table; see
     docs/reference/apps.md."""
     transport_options: dict[str, OptionValue] = Field(default_factory=dict)
-    """Settings of a transport of one's own wants to know beyond the settings below."""
+    """Settings of a custom transport in addition to the settings below."""
     executable: str | None = None
     """The app to start for every user, for example a Unity build with the SIM2VR asset (protocol
     1), or an OpenXR program (openxr); None starts our own sim2vr-app."""
@@ -269,13 +269,14 @@ class AppConfig(Settings):
     """``HOST:PORT`` of an app that runs already, or a ZeroMQ endpoint such as ``ipc:///tmp/app``,
     instead of starting one."""
     timeout_s: float = Field(default=60.0, ge=0.001, le=86_400.0)
-    """An app outside that does not answer for so long has failed and is started again."""
+    """Longest time without an answer from an app outside, s; after it the app has failed and is
+    started again."""
     start_timeout_s: float = Field(default=60.0, ge=0.001, le=86_400.0)
     """Longest time that an app outside may need to start, s."""
     time_scale: int = Field(default=5, ge=1, le=100)
     """Highest speed of a Unity app, as a multiple of real time."""
     processes: int = Field(default=0, ge=0, le=1024)
-    """Protocol 2: server processes that share the users; 0 takes one per core at most."""
+    """Protocol 2: server processes that share the users; 0: at most one per core."""
     page: str | None = None
     """WebXR (docs/reference/webxr.md): a page in HTML, a folder with an index.html, or an address
     below one of ``map``."""
@@ -283,7 +284,7 @@ class AppConfig(Settings):
     """WebXR: beginning of an address -> local folder (or a whole address -> local file) that pages
     load from instead; all other addresses are refused."""
     browser: str | None = None
-    """WebXR: the program that shows pages; None takes a Chromium that is found."""
+    """WebXR: the browser that shows pages; None: an installed Chromium."""
     task: TaskRules | str | None = None
     """Reward of the app, if the app does not publish one or another reward is wanted: rules, a YAML
     file of them, or ``FILE.py:CLASS`` (docs/reference/webxr.md). Works with every transport."""
@@ -383,8 +384,8 @@ class EnvConfig(Settings):
     max_episode_seconds: float = Field(default=1000.0, gt=0.0, le=1e6)
     """An episode that the game has not ended by then is truncated."""
     cores: int = Field(default=0, ge=0, le=4096)
-    """Cores that physics, apps and torch may use; 0 takes every core that this process may run on.
-    Results are the same bits for any number."""
+    """Cores that physics, apps and torch may use; 0: every core that this process may run on.
+    Results are identical for any number."""
 
     @field_validator("senses")
     @classmethod

@@ -82,21 +82,21 @@ class Sim2VREnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     ``stateful_information`` (1,) the game's time feature. Reward: the game's, minus the cost of
     effort. 20 user steps per second of 25 physics steps each.
 
-    Environments can be pickled and copied in the middle of a round: the copy goes on exactly, in an
-    app of its own, and writes no logs.
+    Environments can be pickled and copied in the middle of a round: the copy continues exactly, in
+    an app of its own, and writes no logs.
 
     Args:
         condition: a condition that the game publishes; None leaves its options as they are.
-        config: the whole environment; None takes the defaults.
-        render_mode: what :meth:`render` draws, as (480, 640, 3) uint8: ``rgb_array`` the game and
-            the user's hand from outside, ``headset`` what the user sees, ``body`` the body;
+        config: the whole environment; None: the defaults.
+        render_mode: the image that :meth:`render` returns, (480, 640, 3) uint8: ``rgb_array`` the
+            game and the user's hand from outside, ``headset`` the user's view, ``body`` the body;
             ``human`` shows ``rgb_array`` in a window after every reset and step.
         log_dir: root of the episode logs, or None.
         game: another game than the configuration's.
-        unknown: refused; the error names the keywords above.
+        unknown: rejected; the error names the keywords above.
 
     Raises:
-        ValueError: a setting that cannot be used; names it, what was got and what was expected.
+        ValueError: a setting that cannot be used; names it, the given and the expected value.
         DependencyNotInstalled: ``human`` without pygame.
     """
 

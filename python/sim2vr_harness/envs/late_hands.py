@@ -75,10 +75,10 @@ class LateHands(RowState):
         self._ring.forget(ids)
 
     def sample(self, moment: StepContext, substep: int) -> None:
-        """Nothing: poses come with the user steps."""
+        """Do nothing: poses are recorded per user step."""
 
     def take(self, moment: StepContext, ids: IntArray | None) -> None:
-        """Nothing, likewise."""
+        """Do nothing: poses are recorded per user step."""
 
     def observe(self) -> NDArray[np.float64]:
         """(N, 2, 7) the present poses."""

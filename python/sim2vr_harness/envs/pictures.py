@@ -48,5 +48,5 @@ class Views:
             self._body_renderer = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """For pickle and copy: renderers are made anew."""
+        """Return the state for pickle and copy, without renderers, which a copy makes again."""
         return {"_simulation": self._simulation, "_body_renderer": None}

@@ -48,13 +48,13 @@ class Lag:
 
     @staticmethod
     def of(env: EnvConfig, recognition: int = 0) -> Lag:
-        """Of the senses in a configuration; of people whose delays differ, the mean person's.
+        """Return the delays of a configuration's senses; for people, those of the mean person.
 
-        The body counts as known now if the user's own actions since it was felt are.
+        The present body counts as known if the user's own actions since it was sensed are observed.
 
         Args:
             env: the configuration.
-            recognition: user steps that pass after a picture shows a thing.
+            recognition: user steps between an object's first image and its recognition.
         """
         found = {sense.sense: sense for sense in env.senses}
         people = env.user.people or PeopleSettings()
@@ -90,7 +90,7 @@ class Lag:
 
     @property
     def longest(self) -> int:
-        """User steps back to the oldest of what is known."""
+        """User steps back to the oldest observed state."""
         return max(self.game, self.body)
 
 
@@ -122,11 +122,11 @@ class Layout:
         """Return (B, F) observations.
 
         Args:
-            at: how many user steps back -> (B, M) all numbers of that moment.
-            did: how many user steps back, from 1 -> (B, A) what was done then.
-            join: puts (B, .) arrays beside each other.
-            pictured: (B, M) all numbers of the moment that is seen now; None: of a whole number of
-                user steps back, the lag.
+            at: number of user steps back -> (B, M) all numbers of that time.
+            did: number of user steps back, from 1 -> (B, A) actions of that step.
+            join: concatenates (B, .) arrays.
+            pictured: (B, M) all numbers of the frame that is seen now; None: those of a whole
+                number of user steps back, the lag.
         """
         if pictured is None:
             pictured = at(self.lag.game)
@@ -203,7 +203,7 @@ class PrivilegedSenses:
         return self.layout.names
 
     def be_late(self, share: float) -> None:
-        """Let the teachers know what they do by so large a share of their lag, 1 at first."""
+        """Set the teachers' delays to a share of their lag, 1 at first."""
         self.layout = replace(self.layout, lag=self._lag.reached(share))
 
     def values(self) -> NDArray[np.float32]:
@@ -257,11 +257,11 @@ class PrivilegedSenses:
 
 
 class _Memory(RowState):
-    """The last moments of N users, and what they did; a ``Sense`` that watches them.
+    """The last states and actions of N users, recorded as a ``Sense``.
 
-    Who sees late sees a frame of some moment within a user step (``Delayed``). A teacher beside it
-    knows what that frame shows: a few hundredths of a second earlier or later, and what it does
-    would follow from nothing that is seen.
+    A user with delayed vision sees a frame of some time within a user step (``Delayed``). The
+    teacher observes the state in that same frame: with a state some hundredths of a second earlier
+    or later, the teacher's actions would not follow from anything that the student sees.
     """
 
     _state = ("_moments", "_actions", "_pictured")
@@ -294,7 +294,7 @@ class _Memory(RowState):
                 ring.forget(ids)
 
     def sample(self, moment: StepContext, substep: int) -> None:
-        """Nothing: whole user steps are remembered."""
+        """Do nothing: whole user steps are recorded."""
 
     def take(self, moment: StepContext, ids: NDArray[np.int64] | None) -> None:
         rows = slice(None) if ids is None else ids
@@ -309,12 +309,12 @@ class _Memory(RowState):
         return newest
 
     def at(self, back: int) -> NDArray[np.float32]:
-        """(N, M) all numbers so many user steps ago."""
+        """Return all numbers of a number of user steps ago, (N, M)."""
         values: NDArray[np.float32] = self._moments.ago(back)
         return values
 
     def pictured(self) -> NDArray[np.float32] | None:
-        """(N, M) all numbers of what each user recognises in its picture; None if none is late."""
+        """Return all numbers of the recognised frames, (N, M); None if vision is undelayed."""
         if self._pictured is None or self._pictures is None:
             return None
         back = self._pictures.steps_back + self._recognition
@@ -322,7 +322,7 @@ class _Memory(RowState):
         return values
 
     def did(self, back: int) -> NDArray[np.float32]:
-        """(N, A) what was done in the last user step (1), or before."""
+        """Return the actions of the last user step (1), or of one before, (N, A)."""
         values: NDArray[np.float32] = self._actions.ago(back - 1)
         return values
 

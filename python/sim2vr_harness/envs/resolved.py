@@ -34,16 +34,16 @@ from sim2vr_harness.users import (
 )
 
 _OF_THE_BODY = ("skull_rotation_deg", "devices", "timestep_s", "torso", "reset")
-"""Settings of ``user`` that its body has, beside ``model`` and ``person``."""
+"""Settings of ``user`` that its body has, besides ``model`` and ``person``."""
 
 
 @dataclass(frozen=True)
 class ResolvedEnv:
     """A configuration with its body, game facts, people, spaces and contract.
 
-    Each of them is made once, when it is first read; code that needs one is given this object in
-    place of the configuration, and the methods that return another one share with it what their
-    change leaves as it is. Pickled, it is the configuration alone.
+    Each of them is made once, when it is first read. Code that needs one receives this object
+    instead of the configuration, and the methods that return another one share with it all parts
+    that their change does not affect. Pickled, it is the configuration alone.
     """
 
     config: EnvConfig
@@ -64,7 +64,7 @@ class ResolvedEnv:
         return cls(EnvConfig(user=user))
 
     def sharing(self, config: EnvConfig) -> "ResolvedEnv":
-        """Return that of another configuration; it shares what both have of body and game."""
+        """Return that of another configuration, sharing equal parts of body and game."""
         if config is self.config:
             return self
         other, own = type(self)(config), self.config
@@ -85,7 +85,7 @@ class ResolvedEnv:
 
     @cached_property
     def body(self) -> Body:
-        """The users' body, drawn parts and all; of people what they share.
+        """The users' body, including rendered parts; for people, the parts that they share.
 
         Raises:
             ValueError: it cannot be used; see `load_body`.
@@ -118,7 +118,7 @@ class ResolvedEnv:
 
     @cached_property
     def facts_unasked(self) -> GameFacts:
-        """:attr:`facts` as far as no running app is asked and no task's code runs.
+        """:attr:`facts`, without requests to a running app and without a task's code.
 
         Raises:
             ValueError: As of :attr:`facts`.
@@ -152,7 +152,7 @@ class ResolvedEnv:
         return spaces.Box(-1.0, 1.0, (self.body.action_size,), np.float32)
 
     def with_options(self, options: Mapping[str, OptionValue]) -> "ResolvedEnv":
-        """Return the environment with other options of its game, beside those that it has."""
+        """Return the environment with further options of its game."""
         return self.sharing(with_options(self.config, options))
 
     def with_condition(self, condition: str | None) -> "ResolvedEnv":
@@ -166,10 +166,10 @@ class ResolvedEnv:
         return self.with_options(self.facts.condition(condition).options)
 
     def with_game(self, game: str | None) -> "ResolvedEnv":
-        """Return the environment with another game; None leaves it.
+        """Return the environment with another game; None: the same game.
 
-        A configuration that names no body gets one that wears what the game is played with, and
-        one that names no inputs those that the game reads.
+        If the configuration names no body, the result has one that wears the game's devices, and if
+        it names no inputs, those that the game reads.
         """
         if game is None or game == self.config.app.game:
             return self
@@ -200,10 +200,10 @@ class ResolvedEnv:
         return self.changed(user=user.model_copy(update=changes)) if changes else self
 
     def without_training(self, overrides: Sequence[str] = ()) -> "ResolvedEnv":
-        """:meth:`with_task` for a user who needs no depth, which few OpenXR programs submit.
+        """Return :meth:`with_task` for a user without depth, which few OpenXR programs submit.
 
         Args:
-            overrides: ``KEY=VALUE`` that were given; channels among them stay.
+            overrides: ``KEY=VALUE`` that were given; channels among them are kept.
         """
         vision, given = self.config.vision, any("vision.channels" in one for one in overrides)
         if self.config.app.transport != "openxr" or given:
@@ -232,7 +232,7 @@ class ResolvedEnv:
         return env
 
     def require_worn(self, hand: str) -> None:
-        """Check that the body wears what its game is played with, with this hand.
+        """Check that the body wears the devices that its game needs, for this hand.
 
         Raises:
             ValueError: it does not.
@@ -281,9 +281,10 @@ class ResolvedEnv:
 
 @cache
 def _body_wearing(devices: tuple[str, ...], usual: str) -> str:
-    """The usual body; where it cannot wear the devices, the one with the fewest muscles that can.
+    """Return the usual body, or the one with the fewest muscles that can wear the devices.
 
-    The usual one, too, when no one can. Without muscles the usual effort has nothing to go by.
+    It is the usual one, too, if no body can wear them. Without muscles the usual effort model has
+    no input.
     """
     if set(devices) <= set(load_body(usual).devices):
         return usual

@@ -54,17 +54,17 @@ def make_perception(
     actions: int,
     who: Persons | None = None,
 ) -> Perception:
-    """The senses of N users.
+    """Return the senses of N users.
 
     Args:
-        config: what they are.
+        config: settings of the senses.
         proprioception: of their bodies.
         substeps: physics steps per user step.
-        actions: how many each of them has.
-        who: the users' persons; None: nothing will be sensed, the spaces alone are requested.
+        actions: number of actions of each user.
+        who: the users' persons; None: only the spaces are needed.
 
     Raises:
-        ValueError: a setting that cannot be used; names it, what was got and what was expected.
+        ValueError: a setting that cannot be used; names it, the given and the expected value.
     """
     vision, fovea = config.vision, config.vision.foveation
     foveation = None
@@ -148,12 +148,12 @@ class Senses:
         return self.perception.pauses(self._moment)
 
     def reset(self, ids: NDArray[np.int64], seeds: NDArray[np.int64]) -> None:
-        """Begins anew for these users, whose apps have shown their first frame."""
+        """Reset these users, whose apps have shown their first frame."""
         self.perception.reset(ids, seeds)
         self.take(ids)
 
     def take(self, ids: NDArray[np.int64]) -> None:
-        """Takes in what these users' bodies have done and their apps have replied."""
+        """Update the senses from these users' bodies and their apps' replies."""
         if len(ids) == 0:
             return
         moment = self._moment
@@ -179,7 +179,7 @@ class Senses:
         }
 
     def load_state_dict(self, i: int, state: Mapping[str, Any]) -> None:
-        """Restores what :meth:`state_dict` returned."""
+        """Restore a state of :meth:`state_dict`."""
         moment = self._moment
         self.perception.load_state_dict(i, state["senses"])
         moment.time_feature[i] = state["time_feature"]

@@ -97,15 +97,15 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         seed: int | Sequence[int | None] | None = None,
         options: Mapping[str, Any] | None = None,
     ) -> tuple[Observation, dict[str, Any]]:
-        """Starts episodes.
+        """Start episodes.
 
         Args:
             seed: user i gets seed + i, or the i-th of N.
-            options: game options from this round on; ``reset_mask`` (N,) bool starts only some
-                users anew.
+            options: game options from this round on; ``reset_mask`` (N,) bool resets only some
+                users.
 
         Raises:
-            ValueError: an option, a seed or a mask that cannot be used; rounds go on as they were.
+            ValueError: an option, a seed or a mask that cannot be used; rounds are unchanged.
         """
         game_options: dict[str, Any] = checked_options(options)
         mask = game_options.pop("reset_mask", np.ones(self.num_envs, dtype=bool))
@@ -138,7 +138,7 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """One step of all users; see the class for what happens at the end of episodes."""
+        """Advance all users by one step; see the class for the end of episodes."""
         waiting = np.zeros(0, dtype=np.int64)
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             waiting = np.flatnonzero(self.simulation.over)

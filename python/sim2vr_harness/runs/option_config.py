@@ -41,7 +41,8 @@ class PeopleTraining:
     """Cycles of training: in each, persons move, and the forward model of the body is fitted to it.
     The last one ends with the training of the policy in space."""
     bodies: int = 48
-    """Arms that move in a cycle: of so many simulated persons, or of half as many with two."""
+    """Arms that move in a cycle: of this number of virtual participants, or of half as many with
+    two."""
     random_steps: int = 400
     """User steps of each person in the first cycle, at random."""
     goal_steps: int = 120
@@ -99,7 +100,7 @@ OptionName = Literal[
 
 
 class SkillsConfig(Settings):
-    """Users who bring a motor layer to a game and learn what is worth doing with what they see."""
+    """Training of users with a motor layer that learn which actions are worthwhile in a game."""
 
     user: Literal["hierarchical", "person"] = "hierarchical"
     """Policy that plays. ``hierarchical``: the Q-network, with the motor layer below it; it
@@ -118,7 +119,7 @@ class SkillsConfig(Settings):
     """Tool in the hands: ``auto`` finds it in the images, ``none``: no tool, a length: a straight
     tool that extends the controller forward by so much, m."""
     q_learning: QLearningConfig = QLearningConfig()
-    """Q-learning of what to do with what is seen."""
+    """Q-learning of the values of motor options."""
 
     @property
     def people(self) -> bool:

@@ -47,7 +47,7 @@ from sim2vr_harness.training.run.stage import Callbacks, Stage
 from sim2vr_harness.training.teacher.env import game_of, privileged_senses
 
 PICTURE_FILES = "frames.*.bin"
-"""Files of what the student has seen, the star being the sense's key."""
+"""Files of the student's recorded images; ``*`` stands for the sense's key."""
 COLLECTED = 0.4
 """Proportion of a round's time that is over after collecting."""
 
@@ -74,13 +74,13 @@ class DaggerSettings:
     checkpoint_rounds: int = 20
     """Rounds of collecting between two checkpoints: 41,000 frames of 64 users."""
     statistics_episodes: int = 100
-    """Latest episodes that the printed statistics are taken over."""
+    """Number of latest episodes in the printed statistics."""
     farthest: float = 3.0
     """Standard deviations from the mean at which the teacher's numbers are cut."""
     nearest_m: float = 0.1
     """Nearer things, or those behind the eyes, get no attention crop."""
     scale_steps: int = 120
-    """User steps from which the scale of the proprioception is taken."""
+    """User steps from which the scale of the proprioception is estimated."""
 
 
 SETTINGS = DaggerSettings()
@@ -89,7 +89,7 @@ _TARGETS = ("label", "facts", "numbers", "crop_places")
 
 
 class TeacherExpert:
-    """A trained teacher beside a student, which acts on more than the student observes."""
+    """A trained teacher that acts on more than the student observes."""
 
     crop_columns: tuple[tuple[int, ...], ...]
     """Of each of :meth:`crop_places`, which of :meth:`numbers` are about it."""
@@ -109,7 +109,7 @@ class TeacherExpert:
         self._facts = [name for name in self._senses.names if fnmatch.fnmatchcase(name, game.facts)]
 
     def actions(self, simulation: Any) -> NDArray[np.float32]:
-        """(N, A) what the teacher would do now, in [-1, 1]."""
+        """Return the teacher's actions in the present state, (N, A) in [-1, 1]."""
         return self._policy.act({OBSERVATION: self._senses.observe()})
 
     def facts(self, simulation: Any) -> NDArray[np.float32]:
@@ -120,7 +120,7 @@ class TeacherExpert:
         return np.clip(np.stack(columns, axis=1), 0.0, 1.0)
 
     def numbers(self, simulation: Any) -> NDArray[np.float32]:
-        """(N, K) what the teacher observes of the game, as its network takes it."""
+        """Return the teacher's observations of the game, standardised for its network, (N, K)."""
         with torch.inference_mode():
             told = {OBSERVATION: torch.from_numpy(self._senses.observe())}
             scaled: NDArray[np.float32] = self._policy.normaliser(told).numpy()
@@ -156,15 +156,16 @@ class TeacherExpert:
 
 
 def seen_at(told: NDArray[np.floating[Any]], head_xyzw: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return where in the picture things are.
+    """Return the positions of objects in the image.
 
     Args:
-        told: (N, G, 4) whether there is one, and where it is from the head, m, in the app's frame.
+        told: (N, G, 4) 1 if there is an object, else 0, and its position relative to the head, m,
+            in the app's frame.
         head_xyzw: (N, 4) orientations of the heads, app frame.
 
     Returns:
-        (N, G, 3) tangents of the angles right and up of straight ahead, at most 10, and 1 if there
-        is one before the eyes, else 0.
+        (N, G, 3) tangents of the angles right and up of straight ahead, at most 10, and 1 if the
+        object is in front of the eyes, else 0.
     """
     # In the frame of the head: turned back by the conjugate.
     axis, w = -head_xyzw[:, None, :3], head_xyzw[:, None, 3:]
@@ -188,7 +189,7 @@ class StudentProgress:
     facts_error: float
     """Mean cross entropy of the facts, 0 without any."""
     numbers_error: float
-    """Mean squared error of what the teacher observes of the game, 0 if it is not learned."""
+    """Mean squared error of the predicted game observations of the teacher; 0 if not predicted."""
     crops_error: float
     """Of the locator, see ``AttentionCrops.loss``; 0 without attention crops."""
     reading_error: float
@@ -207,10 +208,10 @@ class Student(State):
     """DAgger on N users.
 
     Args:
-        policy: the network to train, where it is to learn (CPU or GPU); its critic is left alone.
-        simulation: N users who see; owned by the caller.
-        folder: that the collected pictures go to; made or reused.
-        game: what the game publishes, for the means of episodes.
+        policy: the network to train, on the device of its training; its critic is not trained.
+        simulation: N users with vision; owned by the caller.
+        folder: of the collected images; made or reused.
+        game: facts that the game publishes, for the means of episodes.
     """
 
     def __init__(
@@ -461,9 +462,9 @@ class Student(State):
                 }
 
     def _network(self, batch: dict[str, Tensor]) -> tuple[Tensor, ...]:
-        """Mean actions (B, A), facts' logits (B, F), numbers (B, K), places (B, G, 3, cells).
+        """Return mean actions (B, A), fact logits (B, F), numbers (B, K), places (B, G, 3, cells).
 
-        What the student does not learn is left out.
+        Outputs that the student does not learn are left out.
         """
         extractor: Any = self.policy.features_extractor
         features, where = extractor.look(batch)
@@ -549,7 +550,7 @@ class StudentStage(Stage):
         )
 
     def learned(self, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return what may not be NaN."""
+        """Return the parts of the state that must be finite."""
         heads = {"heads": "_heads", "tell": "_tell", "read": "_read", "optimizer": "_optimizer"}
         return {"policy": state["policy"]} | {title: state[k] for title, k in heads.items()}
 

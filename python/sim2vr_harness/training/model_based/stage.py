@@ -62,7 +62,7 @@ class CycleReport:
     place_error_m: float
 
     def in_words(self, cycles: int) -> str:
-        """Return one line, for people, of a cycle among so many."""
+        """Return a line of text on the cycle, with the number of all cycles."""
 
         def rates(values: Sequence[float]) -> str:
             return ", ".join("-" if math.isnan(value) else f"{value:.2f}" for value in values)
@@ -77,16 +77,16 @@ class CycleReport:
 
 
 class GameTask(Task):
-    """Success in a game; see :class:`~.trainer.Task`.
+    """Training task whose goal is success in a game; see :class:`~.trainer.Task`.
 
     Args:
-        policy: what learns; its statistics of observations are set here.
+        policy: the policy to train; its statistics of observations are set here.
         simulation: users in the true game; their rounds continue from cycle to cycle.
-        seed: of everything drawn here, but for the body model.
+        seed: of all random numbers drawn here, except for the body model's.
 
     Raises:
-        InputError: the policy observes something that the game's model does not know, or the model
-            cannot be used with this user.
+        InputError: the policy observes something that the game's model does not compute, or the
+            model cannot be used with this user.
     """
 
     policy: TeacherPolicy
@@ -159,7 +159,7 @@ class GameTask(Task):
         return imagined, rounds
 
     def imagined_senses(self, users: ImaginedUsers, rounds: Any) -> ImaginedSenses:
-        """Return what a policy observes of imagined users, before they start."""
+        """Return the senses with which a policy observes imagined users, before they start."""
         senses = self.simulation.senses
         try:
             return ImaginedSenses(senses.layout, senses.everything, users, rounds)
@@ -219,7 +219,7 @@ class GameTask(Task):
     # --- a cycle -----------------------------------------------------------------------------
 
     def begin_cycle(self, cycle: int) -> None:
-        """Set delays, imagined motor noise and costs to what they are in this cycle."""
+        """Set the delays, imagined motor noise and costs of this cycle."""
         config = self.config
 
         def reached(cycles: int, after: int = 0) -> float:
@@ -314,7 +314,7 @@ class GameTask(Task):
     _state = ("game", "senses", "simulation")
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from a state, whose tensors are on the device but for the simulation's."""
+        """Continue from a state, whose tensors are on the device except for the simulation's."""
         super().load_state_dict(state)
         self._started = True
 
@@ -323,7 +323,7 @@ GameTrainer = ModelBasedTrainer[GameTask]
 
 
 def torch_seed(seed: int) -> int:
-    """Return the first of the seeds of what torch's generator draws in a training."""
+    """Return the first of the seeds of torch's random generator in a training."""
     return int(np.random.SeedSequence([seed, 92]).generate_state(1)[0])
 
 
@@ -364,10 +364,10 @@ class CycleStage(Stage):
 
     @abstractmethod
     def write_result(self, file: Path, trainer: ModelBasedTrainer[Any], report: Any) -> None:
-        """Write what is learned; ``report`` is that of the last cycle, None before a first one."""
+        """Write the policy; ``report`` is that of the last cycle, None before the first one."""
 
     def learned(self, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return what may not be NaN."""
+        """Return the parts of the state that must be finite."""
         names = {"policy": "task.policy", "body model": "body", "critic": "_critic"}
         return {title: state[name] for title, name in (names | {"optimizer": "_optimizer"}).items()}
 
@@ -413,7 +413,7 @@ class ImaginedStage(CycleStage):
         self._learner = game_trainer(imagined, policy, sim, seed=seed, device=device)
 
     def run(self, callbacks: Callbacks) -> None:
-        """Say what is easier than the game, and learn."""
+        """Report the settings that are easier than the game, and train."""
         imagined = self._config.teacher.imagined
         if imagined.cycles <= imagined.easier_cycles:
             callbacks.say(

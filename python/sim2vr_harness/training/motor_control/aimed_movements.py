@@ -44,7 +44,7 @@ SAMPLE_S = 0.01
 _SETTLE_S, _LONGEST_S, _REST_M = 0.8, 2.0, 0.03
 _OF_PEAK = 0.1
 _FRONT_M, _HEIGHTS_M = 0.2, (0.9, 1.5)
-"""Places of targets: so far before the body's axis, and of persons so high."""
+"""Positions of targets: distance in front of the body's axis, and heights for persons, m."""
 _POOL, _AT_DISTANCE_M, _COMFORT = 3000, 0.01, 0.6
 """Postures that places are taken from, the tolerance of distances, and the part of the joints'
 ranges that postures are drawn from: people reach from comfortable ones."""
@@ -182,10 +182,10 @@ def measure_movements(
     seed: int = 1,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> AimedMovements:
-    """Measure aimed movements of persons that no training has had, or of the average body.
+    """Measure aimed movements of persons that were not in the training, or of the average body.
 
     Args:
-        policy: what moves them: a motor layer moves bodies that are all the same.
+        policy: a human motor policy, or a motor layer, with which all bodies are the same.
         user: configuration, with people for a human motor policy.
         repeats: movements of each in each cell.
     """
@@ -231,7 +231,7 @@ class _Course:
     def _act(
         self, place: FloatArray, width_m: float, left_s: float
     ) -> tuple[NDArray[np.floating], NDArray[np.bool_]]:
-        """(N, A) actions towards places (N, 3), and (N,) who ends the movement with them."""
+        """Return (N, A) actions towards places (N, 3), and (N,) True if the movement ends."""
         raise NotImplementedError
 
     # --- movements -----------------------------------------------------------------------------
@@ -261,7 +261,7 @@ class _Course:
     def _step(
         self, place: FloatArray, width_m: float, left_s: float
     ) -> tuple[NDArray[np.bool_], FloatArray]:
-        """Advance by a user step: (N,) who ends the movement, and (N, S, 3) where hands were."""
+        """Advance by a step; return (N,) True if the movement ends, and (N, S, 3) positions."""
         actions, ends = self._act(place, width_m, left_s)
         self._users.step(actions, pose_samples=self._samples)
         return ends, np.stack([self._at(place, k) for k in range(self._samples)], 1)

@@ -35,8 +35,9 @@ _EPISODE_STEPS, _RANDOM_EPISODE_STEPS = 60, 20
 _EFFORT = 0.3
 """Cost of the mean square of the drives per user step; arriving well is worth about 10."""
 _FIRST_PLAY_STEPS, _BODY_WIDTH, _USERS, _WINDOW_STEPS = 400, 256, 256, 16
-"""User steps of each body in the first cycle, at random; width of the body model's hidden layers;
-imagined users; user steps through which gradients go, about as many as a reach takes."""
+"""User steps of each body in the first cycle, with random actions; width of the body model's hidden
+layers; imagined users; user steps of backpropagation through time, about the duration of a
+reach."""
 
 
 class _Cycles(ImaginedConfig):
@@ -90,7 +91,7 @@ class MotorTrainingCycle:
     model_m: float
 
     def in_words(self, cycles: int) -> str:
-        """One line, for people, of a cycle among so many."""
+        """Return a line of text on the cycle, with the number of all cycles."""
         if self.cycle == 1:
             return (
                 f"Cycle 1/{cycles}: moved at random, to learn what muscles and motors do "
@@ -104,12 +105,12 @@ class MotorTrainingCycle:
 
 
 class GoalTask(Task):
-    """Hands that arrive where and when goals say.
+    """Training task in which hands reach goals at given times.
 
     Args:
-        noise: motor noise of the muscles, imagined and simulated; None: none.
+        noise: motor noise of the muscles, imagined and simulated; None: no noise.
         begin: a motor policy of this body to continue from, of the same width; None: a new one.
-            The body model is learned anew.
+            The body model is fitted from scratch.
     """
 
     policy: MotorPolicy
@@ -258,7 +259,7 @@ class GoalTask(Task):
     _state = ("goals", "_played")
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from a state; the simulated bodies begin every cycle anew."""
+        """Continue from a state; the simulated bodies start every cycle in new states."""
         super().load_state_dict(state)
         self._observed = None
 

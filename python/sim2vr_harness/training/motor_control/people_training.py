@@ -40,7 +40,7 @@ class ReachSettings:
     steps: int = 40
     """User steps after which a movement is given up."""
     stop: float = 0.55
-    """Proportion of movements that come to rest in the target."""
+    """Proportion of movements that stop in the target."""
     select: float = 0.2
     """Proportion that end in the target at any speed; the others pass it at a given velocity."""
     distances_m: tuple[float, float] = (0.03, 0.7)
@@ -94,12 +94,12 @@ class Execution:
 
 
 def ending(way: Tensor, velocity: Tensor, goals: HumanGoals) -> tuple[Tensor, Tensor, Tensor]:
-    """(B, H) each: in how far a movement that ends so succeeds; m and m/s that it is off.
+    """Return success (0 to 1), position and velocity error (m, m/s) of movement ends, (B, H).
 
     Args:
         way: (B, H, 3) from the hands to their goals, m.
         velocity: (B, H, 3) of the hands, m/s.
-        goals: what was wanted.
+        goals: the goals of the movements.
     """
     through = goals.velocity.square().sum(-1).add(1e-6).sqrt()
     passes = (through > 2e-3).float()
@@ -224,7 +224,7 @@ class _Reaches:
 
 
 def _length(vectors: Tensor) -> Tensor:
-    """(B, H) lengths, whose gradients are finite."""
+    """Return lengths (B, H) with finite gradients."""
     return vectors.square().sum(-1).add(1e-6).sqrt()
 
 
@@ -302,7 +302,7 @@ class PeopleCycle:
     velocity_mps: float
 
     def in_words(self, cycles: int) -> str:
-        """Return one line, for people, of a cycle among so many."""
+        """Return a line of text on the cycle, with the number of all cycles."""
         return (
             f"Cycle {self.cycle}/{cycles}: forward model error {1000 * self.model_m:.1f} mm a "
             f"step; velocities of hands are {self.velocity_mps:.2f} m/s off"
@@ -345,10 +345,10 @@ class PeopleTrainer(State):
         return self.cycle >= self.config.cycles
 
     def step(self, on_progress: Callable[[str, float], None] = lambda doing, share: None) -> Any:
-        """Do a cycle; the last one ends with the training of the policy in space.
+        """Run a cycle; the last one ends with the training of the policy in space.
 
         Returns:
-            What it was like.
+            Results of the cycle.
         """
         config, first = self.config, self.cycle == 0
         rng = np.random.default_rng([self._seed, self.cycle, 61])
@@ -415,7 +415,7 @@ class _Collection:
     def steps(
         self, count: int, *, randomly: bool, on_progress: Callable[[str, float], None]
     ) -> TransitionStore:
-        """Return so many user steps of everyone."""
+        """Return the given number of user steps of all persons."""
         users, drives, rng = self._bodies.users, self._policy.drives, self._rng
         everyone = np.arange(self._n)
         longest = _RANDOM_STEPS if randomly else _GOAL_STEPS
@@ -488,7 +488,7 @@ class _Collection:
         self._mps[rows] = torch.from_numpy(speed).float()
 
     def _to_goals(self, now: Motion) -> NDArray[np.float64]:
-        """(N, A) actions that follow a plain rule in space: nothing is learned of reaching yet."""
+        """Return (N, A) actions of a simple rule in space, used before reaching is learned."""
         goals = HumanGoals.none(self._n, len(self._policy.hands))
         goals.tip, goals.place = self._tip, self._goal
         goals.active = torch.ones_like(goals.active)

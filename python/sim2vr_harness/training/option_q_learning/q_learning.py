@@ -195,7 +195,7 @@ class ValueLearner(State):
     def _gradients(
         self, rows: NDArray[np.int64], users: NDArray[np.int64], weights: NDArray[np.float64]
     ) -> tuple[float, tuple[Tensor, ...]]:
-        """Return what decisions (K,) of users (K,) add to a batch's mean loss and gradients."""
+        """Return the parts of decisions (K,) of users (K,) in a batch's mean loss and gradients."""
         memory = self.decisions
         total, weight, last, known = self.returns(rows, users)
         then = self._scene(last, users)
@@ -216,12 +216,13 @@ class ValueLearner(State):
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64], NDArray[np.bool_]]:
         """Add up the rewards after decisions (K,) of users (K,), until a value is bootstrapped.
 
-        A truncated round goes on in principle, but its last image is not stored: the value is that
-        of the last decision before. A decision in which a round was truncated is not known.
+        A truncated round has a value after its end, but its last image is not stored, so the value
+        of the last decision before it is used. The outcome of a decision during which a round was
+        truncated is unknown.
 
         Returns:
-            (K,) rewards, weights of the value, rows whose scenes have it, and whether that is
-            known.
+            (K,) rewards, weights of the value, rows of the scenes with the value, and True if the
+            outcome is known.
         """
         total, weight = np.zeros(len(rows), np.float32), np.ones(len(rows), np.float32)
         last, left = rows + SETTINGS.n_step, np.ones(len(rows), bool)
@@ -391,7 +392,7 @@ class OptionQLearning(State):
         }
         length = -(-config.user_steps // (n * SETTINGS.decide_steps)) + 1
         self._decisions = ReplayStore(pictures, length, shapes)
-        """Decisions of all users, and what came of them."""
+        """Decisions of all users, and their outcomes."""
         self._rewards: deque[float] = deque(maxlen=200)
         self.learner = ValueLearner(self.net, self._decisions, self.rng, n)
 
@@ -408,7 +409,7 @@ class OptionQLearning(State):
         self._exploration = Exploration(policy, self.rng)
 
     def begin_rounds(self, *seed: int) -> None:
-        """Let every user's rounds begin anew."""
+        """Start new rounds for all users."""
         self.simulation.reset(seeds=self._round_seeds(*seed))
         self._memory = self.policy.begin(self.n)
 
@@ -416,11 +417,11 @@ class OptionQLearning(State):
         return np.random.SeedSequence(seed).generate_state(self.n, np.uint32).tolist()
 
     def continue_with_persons(self, simulation: Any, policy: PersonPolicy) -> None:
-        """Go on learning the same values with persons, from their own decisions.
+        """Continue learning the same values from the decisions of virtual participants.
 
         Args:
             simulation: N persons in the same app; owned by the caller.
-            policy: theirs, with the same tool and options.
+            policy: their policy, with the same tool and options.
         """
         self._take_up(simulation, policy)
         self.learner.since = self._decisions.count
@@ -428,7 +429,7 @@ class OptionQLearning(State):
         self._rewards.clear()
 
     def scene(self) -> tuple[Moment, OptionScene]:
-        """Return what users sense now, and the scenes by which they decide."""
+        """Return the users' present observations, and the scenes on which they base decisions."""
         moment = self.policy.sense(self.simulation.observation(), self._memory[0])
         return moment, self.policy.scene(moment, self._memory[0], moment.decides)
 
@@ -511,8 +512,8 @@ class OptionQLearning(State):
         """Complete the present decision.
 
         Returns:
-            (N,) rewards less effort, rewards of the app, whose episodes ended, and whose of these
-            were truncated.
+            (N,) rewards minus effort, rewards of the app, True if the episode ended, and True if it
+            was truncated.
         """
         (memory,) = self._memory
         reward, game_reward = np.zeros((2, self.n), np.float32)
@@ -593,7 +594,7 @@ class OptionQLearning(State):
         }
 
     def _manner(self) -> dict[str, Tensor]:
-        """Return how hands move: what :func:`choose_manner` compares."""
+        """Return the manner of moving the hands, which :func:`choose_manner` compares."""
         policy = self.policy
         own = {"vigour": policy.vigour} if isinstance(policy, PersonPolicy) else {}
         return {"lifts": policy.lifts} | own

@@ -21,16 +21,16 @@ _NOT_ITS_OWN = ("teacher", "student", "skills")
 def adapting(
     user: TrainedUser, name: str, overrides: Sequence[str] = (), *, env: EnvConfig | None = None
 ) -> TrainingConfig:
-    """Return the configuration with which a trained user goes on: its own, but for what is said.
+    """Return the configuration to continue a trained user: its own, with the given changes.
 
     Args:
-        user: Who goes on.
-        name: What :func:`.find_user` finds it by.
+        user: The trained user.
+        name: Its name for :func:`.find_user`.
         overrides: ``key=value`` with dotted keys, such as ``total_timesteps=60000``.
-        env: Where it goes on; None: where it was trained.
+        env: Environment in which it continues; None: the one of its training.
 
     Raises:
-        InputError: A key or value cannot be used, or the user cannot act there.
+        InputError: A key or value cannot be used, or the user cannot act in the environment.
     """
     tree = user.config.model_dump(mode="json", exclude=set(_NOT_ITS_OWN))
     where = str(Path(name).resolve()) if Path(name).exists() else name
@@ -57,7 +57,7 @@ def user_to_adapt(config: TrainingConfig) -> TrainedUser:
 
 
 def _require_same(user: TrainedUser, config: TrainingConfig) -> None:
-    """Refuse what the user's weights do not fit: another network, other senses or actions."""
+    """Reject a configuration whose network, senses or actions differ from the user's."""
     if user.config.policy_kind == "hierarchical":
         got = f"{user.config.name!r}, whose policy is hierarchical"
         raise InputError("from_user", got, "a user whose policy goes from senses to muscles")

@@ -52,23 +52,23 @@ class Report:
 
 
 class Stage(ABC):
-    """A part of a run that learns something and leaves it in the run's folder.
+    """A part of a run that trains something and saves it in the run's folder.
 
-    A subclass makes its learner in :meth:`open` and lets it learn in :meth:`run`; the learner's
-    ``state_dict`` is what a stopped stage goes on from. Subclasses say what they are called.
+    A subclass makes its learner in :meth:`open` and trains it in :meth:`run`; a stopped stage
+    continues from the learner's ``state_dict``. Subclasses set the attributes below.
 
     Args:
-        total: where it ends, in ``unit``.
+        total: value of ``done`` at which it ends, in ``unit``.
     """
 
     name: str
     """Of the stage, and of its folder unless it is the last one."""
     title: str
-    """One sentence for people: who learns what."""
+    """One sentence on what the stage trains."""
     unit: str
     """Unit of the stage's progress, such as ``cycles``."""
     result: str
-    """Name of the file that holds what is learned, once the stage is over."""
+    """Name of the file with the trained result, written at the end of the stage."""
     state_of = "the state of this stage"
     """Name in error messages of the file that holds the learner's state."""
     log_file = "metrics.jsonl"
@@ -114,7 +114,7 @@ class Stage(ABC):
 
     @abstractmethod
     def open(self) -> None:
-        """Make what is expensive, of the settings and of what the stages before it have left.
+        """Make what is expensive, from the settings and the results of the stages before.
 
         Raises:
             InputError: a setting cannot be used.
@@ -122,16 +122,16 @@ class Stage(ABC):
 
     @abstractmethod
     def run(self, callbacks: Callbacks) -> None:
-        """Go on from what the folder holds to the end."""
+        """Continue from the folder's state and train to the end."""
 
     def learned(self, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the parts of a learner's state that have to be finite, by what they are called."""
+        """Return the parts of a learner's state that must be finite, by their names."""
         raise NotImplementedError
 
     # --- what a subclass calls in run ----------------------------------------------------------
 
     def resume(self, callbacks: Callbacks) -> None:
-        """Let the learner go on from the folder's state, and drop later rows of the log."""
+        """Let the learner continue from the folder's state, and drop later rows of the log."""
         self.folder.mkdir(parents=True, exist_ok=True)
         if self.state_file.is_file():
             take_in(self.state_file, self.state_of, self.take)
@@ -140,7 +140,7 @@ class Stage(ABC):
         keep_rows(self.folder / self.log_file, lambda row: row[self._log_key] <= self.done)
 
     def take(self, state: dict[str, Any]) -> None:
-        """Let the learner go on from a state."""
+        """Let the learner continue from a state."""
         self._require_finite(state, None)
         self._learner.load_state_dict(state)
 
@@ -172,13 +172,13 @@ class Stage(ABC):
             self._state, self._saved = None, self._remembered
 
     def close(self) -> None:
-        """Free what :meth:`open` has made."""
+        """Free the resources that :meth:`open` has allocated."""
         if self._simulation is not None:
             self._simulation.close()
         self._simulation = self._learner = self._state = None
 
     def tidy(self) -> None:
-        """Delete what no one needs of a finished stage; also after a kill while it did so."""
+        """Delete files that a finished stage does not need; also after a kill during deletion."""
         self._state = None
         for file in (self.state_file, *(f for p in self.leftovers for f in self.folder.glob(p))):
             file.unlink(missing_ok=True)
@@ -218,14 +218,14 @@ class Stopwatch:
     _cpu_began: float = field(default_factory=time.process_time)
 
     def begin(self, part: str) -> None:
-        """Count what follows as this part's; to be called as often as one likes."""
+        """Add the following time to this part; it may be called at any rate."""
         if part == self._now:
             return
         self.stop()
         self._now = part
 
     def stop(self) -> None:
-        """Count what has been."""
+        """Add the time since the last call."""
         now, cpu = time.monotonic(), time.process_time()
         part = self.parts.setdefault(self._now, PartTime())
         part.seconds += now - self._began
@@ -259,18 +259,18 @@ class Callbacks:
         """Times of the stage's parts."""
 
     def doing(self, part: str) -> None:
-        """Say what the stage does from now on, for the table of its times."""
+        """Name the stage's present activity, for the table of its times."""
         self.watch.begin(part)
 
     def show(self, view: Callable[[], View], *, force: bool = False) -> None:
-        """Show how far the stage is; to be called often.
+        """Show the stage's progress; to be called often.
 
         Args:
-            view: asked whenever something is drawn.
+            view: called whenever something is drawn.
             force: print a line even if the last one is recent.
 
         Raises:
-            StageStopped: the ``stop`` callback says so.
+            StageStopped: the ``stop`` callback returned True.
         """
         self._display.update(view, force=force)
         self.check()
@@ -292,7 +292,7 @@ class Callbacks:
             self._report(Report(*where, done, stage.total, stage.unit, values))
 
     def note(self, **values: Any) -> None:
-        """Write what is known of the session into run.json."""
+        """Write values on the session into run.json."""
         self._folder.note_session(**values)
 
 
@@ -329,15 +329,15 @@ def run_stages(
     report: Callable[[Report], None] | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> StageOutcome:
-    """Run what is left of a run's stages, one after the other.
+    """Run the remaining stages of a run, one after the other.
 
     Args:
         folder: of the run; every stage's wall time is noted in it.
-        console: where to show how far it is.
+        console: shows the progress.
         opened: the stage that was opened already.
 
     Returns:
-        How it ended. An error passes through, after the stage has saved.
+        The outcome. An error passes through, after the stage has saved.
     """
     outcome = StageOutcome()
     for stage in stages:

@@ -150,7 +150,7 @@ def draw(people: int, seed: int) -> list[Subject]:
 
 @dataclass(frozen=True)
 class Group:
-    """Persons of the headline who have something in common.
+    """Persons of the main population with a common property.
 
     Attributes:
         members: (M,) numbers of the persons.

@@ -53,11 +53,11 @@ class Rows:
 
     Attributes:
         persons: (B,) numbers of persons.
-        mirrored: (B,) whether the left hand does it.
+        mirrored: (B,) True if the left hand is used.
         places: (B, 3) MuJoCo's world, m.
-        close_m: (B,) how near is enough.
-        ray: that has to get there, not the hand; None: the hand.
-        quick: whether only to find out who gets there, not how easily: fewer postures are tried.
+        close_m: (B,) distance that counts as near.
+        ray: ray that has to reach the place instead of the hand; None: the hand.
+        quick: True if only reachability is needed, not the effort: fewer postures are tried.
     """
 
     persons: Ints
@@ -98,11 +98,11 @@ class Solved:
 
 
 class Crowd:
-    """Bodies of persons under a limitation, ready to reach.
+    """Bodies of persons under a limitation, prepared for reaching.
 
     Args:
         subjects: The persons.
-        stance: Of those whose limitation has none.
+        stance: Of persons whose limitation does not set one.
         limitation: Of all of them.
     """
 
@@ -247,7 +247,7 @@ class Crowd:
 
 
 class _Best:
-    """The best postures of each row so far: nearest, then least cost."""
+    """The best postures of each row so far: nearest first, then least cost."""
 
     def __init__(self, count: int, joints: int) -> None:
         self.q = np.zeros((count, _KEPT, joints))

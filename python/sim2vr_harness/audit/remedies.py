@@ -102,7 +102,7 @@ def usable_at(
 
 
 def remedy(crowd: Crowd, target: Target, judged: Judged, column: int) -> Remedy:
-    """Search for what would include 95 % of a crowd."""
+    """Search for changes to a target that include 95 % of a crowd."""
     everyone = np.arange(len(crowd.subjects))
     here = crowd.places(target, everyone)
 
@@ -198,7 +198,7 @@ def _confirmed(
 ) -> float:
     """Return the share of people who can use the target there, holding included.
 
-    All persons are tried only where a sample can.
+    All persons are computed only if a sample of them can.
     """
     share = 0.0
     for count in (_SAMPLE, len(here)):

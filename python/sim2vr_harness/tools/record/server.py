@@ -156,7 +156,7 @@ class RecordingServer:
         return self.parts.complete.wait(timeout_s)
 
     def session(self) -> Session | None:
-        """Return what was recorded so far; None: nothing.
+        """Return the recording so far; None: there is none.
 
         Raises:
             InputError: The page has sent something else than a session.
@@ -238,7 +238,7 @@ class _Server(ThreadingHTTPServer):
                 mine.admitted, mine.deadline_s = True, math.inf
 
     def service_actions(self) -> None:
-        """Close connections whose time has passed; the loop calls this ten times a second."""
+        """Close connections that have timed out; the loop calls this ten times a second."""
         now_s = time.monotonic()
         with self._guard:
             for key in [key for key, each in self._open.items() if each.deadline_s < now_s]:

@@ -194,7 +194,7 @@ def _row(one: Tracked) -> dict[str, Any]:
 
 
 def _steps(one: Tracked) -> Any:
-    """The table of the user steps: as an evaluation's, with what was wanted beside it."""
+    """Return the table of the user steps: as an evaluation's, with the reference trajectories."""
     followed = one.followed
     columns, parts = list(followed.columns), [followed.values]
     for hand in np.flatnonzero(followed.wanted.followed):
@@ -283,7 +283,7 @@ def film(one: Tracked, file: Path) -> Path:
 # --- sentences and rows of tables -----------------------------------------------------------------
 
 _CUT_SHORT_M = 0.05
-"""Hands that are farther off in one of twenty steps miss what is struck at."""
+"""Error in one of twenty steps from which the hands miss the struck targets, m."""
 
 
 def facts_of(one: Tracked) -> list[str]:
@@ -378,7 +378,7 @@ def muscle_rows(one: Tracked, most: int) -> list[list[str]]:
 
 
 def outcome_rows(one: Tracked) -> list[list[str]]:
-    """Head and rows: the round by who played."""
+    """Return head and rows of the round's outcomes, by player."""
     names = {
         "person": "the person",
         "tracked": "the body's hand, turned as the person's",

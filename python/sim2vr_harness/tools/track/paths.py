@@ -128,7 +128,8 @@ def read_table_of_poses(file: Path, frame: Frame = "app") -> RecordedPath:
     Columns, in any order: ``time_s``; ``controller_right_x``, ``_y``, ``_z`` (m), and if known
     ``_qx``, ``_qy``, ``_qz``, ``_qw``; the same of ``controller_left`` and ``headset``. ``right``,
     ``left`` and ``head`` are the same devices, and ``_x_m`` is ``_x``, as in the tables that
-    evaluations export. Other columns are ignored. What has no numbers in the first row was off.
+    evaluations export. Other columns are ignored. A device without numbers in the first row was
+    off.
 
     Args:
         frame: of its positions and rotations.
@@ -222,7 +223,7 @@ def _numbers(
     header: list[str],
     columns: Mapping[str, list[int]],
 ) -> FloatArray:
-    """(N, C) what the columns that count have; NaN elsewhere, and of devices that were off."""
+    """Return values (N, C) of the used columns; NaN elsewhere and for devices that were off."""
     wanted = {header.index("time_s"), *(column for found in columns.values() for column in found)}
     rows = np.full((len(lines) - 1, len(header)), np.nan)
     off: dict[int, bool] = {}

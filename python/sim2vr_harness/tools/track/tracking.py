@@ -127,20 +127,20 @@ class MuscleLoad:
 
 @dataclass(frozen=True)
 class Tracked:
-    """A recording that a body has followed.
+    """A recording that a body has tracked.
 
     Attributes:
         path: the recording.
-        body: who followed.
-        stature_m: that the body was cut to; None: its own.
-        estimated: whether that is an estimate.
+        body: the tracking body.
+        stature_m: stature that the body was scaled to; None: its own.
+        estimated: True if that is an estimate.
         placement: of the recorded world in the body's.
-        followed: what the body did.
-        beyond_m: (K, H) how far the wanted places are beyond reach; 0 of hands that rest.
-        hands: how near they were.
+        followed: motion of the body.
+        beyond_m: (K, H) distance of the reference places beyond reach; 0 for hands that rest.
+        hands: their tracking errors.
         muscles: their loads, the most loaded first.
-        outcomes: of the game, by who played; empty where none was recorded.
-        settings: how.
+        outcomes: of the game, by player; empty if none was recorded.
+        settings: of the tracking.
     """
 
     path: RecordedPath
@@ -312,10 +312,10 @@ def _muscles(body: Body, followed: Followed) -> tuple[MuscleLoad, ...]:
 def outcomes(
     recording: Session, placement: Placement, followed: Followed
 ) -> dict[str, TrackingOutcome]:
-    """Return how the round went by who held the hammer.
+    """Return the outcomes of the round, by the pose of the hammer.
 
-    ``person``: as recorded. ``tracked``: the body's hand, turned as the person's was. ``tracked
-    pose``: turned as the body's, which is not asked to turn as the person did.
+    ``person``: as recorded. ``tracked``: the body's hand, with the person's rotation. ``tracked
+    pose``: with the body's own rotation, which is not required to follow the person's.
 
     Targets appear as recorded: at the same times, in the same cells.
 
@@ -331,7 +331,7 @@ def outcomes(
 
 
 def outcome_of(events: Iterable[TargetEvent]) -> TrackingOutcome:
-    """Count what happened to the targets."""
+    """Count the outcomes of the targets."""
     kinds = [event.kind for event in events]
     return TrackingOutcome(*(kinds.count(kind) for kind in ("spawn", "hit", "miss", "contact")))
 
@@ -339,13 +339,13 @@ def outcome_of(events: Iterable[TargetEvent]) -> TrackingOutcome:
 def played_by_body(
     recording: Session, placement: Placement, followed: Followed, *, turned: bool
 ) -> Session:
-    """Return the recording with the body's hand in the place of the person's.
+    """Return the recording with the body's hand instead of the person's.
 
-    Frames before and after what was followed stay as they were.
+    Frames before and after the tracked period are not changed.
 
     Args:
         placement: of its world in the body's.
-        turned: whether rotations are the body's, too.
+        turned: True: rotations are the body's, too.
     """
     side: Literal["left", "right"] = "right" if recording.left is None else "left"
     hand = recording.controllers[side]

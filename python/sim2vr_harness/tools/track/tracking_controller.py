@@ -28,9 +28,9 @@ POSE_SAMPLES = 5
 _REFINED_TAKES = 150
 """Duration of trajectory optimisation, as a number of tracking passes."""
 _LEVER_M = 0.1
-"""Length at which the way a hand points counts beside its place, about that of a hand."""
+"""Lever arm that converts the direction error of a hand to a distance, about a hand's length."""
 _SLOPE_S = 0.02
-"""Velocities of what was recorded are differences over twice this."""
+"""Half the time step of the central differences for velocities of the recording."""
 
 
 @dataclass(frozen=True)
@@ -132,14 +132,14 @@ def wanted_of(
     *,
     pointed: bool = False,
 ) -> Wanted:
-    """Return what a recording asks of a body's hands.
+    """Return the reference trajectories of a body's hands for a recording.
 
     Args:
-        path: what was recorded.
+        path: the recording.
         placement: of the recorded world in the body's.
         hands: the body's devices.
         step_s: duration of a user step.
-        pointed: whether the devices are to point where they did, too.
+        pointed: True: the directions of the devices are tracked, too.
 
     Raises:
         InputError: the body has none of the recorded hands, or the recording is too short.
@@ -180,17 +180,16 @@ def follow(
     seed: int = 1,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> Followed:
-    """Let a body follow a recording: by its motor layer, then by planned muscles, if requested.
+    """Track a recording with a body: by its motor layer, then by trajectory optimisation.
 
-    Plans (:class:`~sim2vr_harness.tools.track.trajectory_optimisation.Refinement`) begin with what
-    the motor layer does. The go that misses least counts, on average.
+    Plans (:class:`~sim2vr_harness.tools.track.trajectory_optimisation.Refinement`) start from the
+    motor layer's actions. The result is the pass with the least mean error.
 
     Args:
         users: one body.
         layer: of that body.
-        wanted: what it is to do.
-        many: makes N bodies such as the one that follows, which try things for it; None: no
-            refinement.
+        wanted: the reference trajectories.
+        many: makes N copies of the body for perturbations; None: no optimisation.
         seed: of the body's first activations.
 
     Raises:
@@ -231,7 +230,7 @@ class _Went:
 
 @dataclass(frozen=True)
 class _Follower:
-    """A body that goes at a recording; fields as the arguments of :func:`follow`, and a posture."""
+    """A body that tracks a recording; fields as the arguments of :func:`follow`, and a posture."""
 
     users: UserBatch
     layer: MotorPolicy
@@ -270,7 +269,7 @@ class _Follower:
         return _Went(missed_m, record.followed(self.layer.step_s))
 
     def refinement(self, many: Callable[[int], UserBatch]) -> Refinement:
-        """Return what plans muscles ahead from what the motor layer does."""
+        """Return the trajectory optimisation that starts from the motor layer's actions."""
         return Refinement(
             many,
             lambda bodies, step: _actions(self.layer, bodies, self.wanted, step),
@@ -295,7 +294,7 @@ class _Record:
         return np.stack([self._users.device_poses(name)[0][0] for name in self._wanted.hands])
 
     def take(self, step: int) -> None:
-        """Keep what the users are like after a step."""
+        """Record the users' state after a step."""
         users = self._users
         self.places.append(self._hands())
         if step < self._wanted.first:
@@ -333,7 +332,7 @@ class _Record:
 
 
 def _actions(layer: MotorPolicy, users: UserBatch, wanted: Wanted, step: int) -> FloatArray:
-    """(N, A) the layer's, whose hands shall be somewhere ``LEAD_STEPS`` steps from now."""
+    """Return the layer's actions (N, A) for the reference ``LEAD_STEPS`` steps from now."""
     row, shape = step + LEAD_STEPS, (users.n, len(wanted.hands))
     goals = MotorGoals.none(*shape)
     goals.place = _for_each(wanted.places[row], users.n)
@@ -349,10 +348,10 @@ def _for_each(values: NDArray[Any], n: int) -> torch.Tensor:
 
 
 def _misses(users: UserBatch, wanted: Wanted, step: int) -> FloatArray:
-    """(N, E) how far the hands are beside where they shall be after a step, m.
+    """Return the errors (N, E) of the hands after a step, m.
 
-    Three numbers for each followed hand, and three more where it shall point somewhere: how far a
-    point ``_LEVER_M`` ahead of it is beside the way.
+    There are three numbers for each tracked hand, and three more if its direction is tracked: the
+    error of a point ``_LEVER_M`` ahead of it.
     """
     parts = []
     for hand in np.flatnonzero(wanted.followed):

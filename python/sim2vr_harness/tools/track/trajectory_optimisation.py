@@ -23,27 +23,28 @@ from sim2vr_harness.world_models.actuator_state import ActuatorState
 FloatArray = NDArray[np.float64]
 
 AHEAD = 6
-"""Steps before a recording begins in which the body may get ready for it: a stroke takes .3 s."""
+"""Steps before a recording begins in which the body may prepare for it: a stroke takes 0.3 s."""
 _PLANNED, _DONE = 40, 15
-"""Steps that are planned at a time, and those of them that are done before all begins anew."""
+"""Steps of a plan (horizon), and those of them that are executed before the next plan."""
 _GOES = 16
 """Times at most that a stretch is planned."""
 _ENOUGH = 0.02
-"""After two goes in a row that make a plan better by less than this share what was measured a
-little beside it is no longer good enough; after another, or later two in a row, it is done."""
+"""Least improvement of a plan per iteration, as a share. After two smaller ones in a row, responses
+that were measured a little beside the state are measured again; after another one, or later two in
+a row, the plan is finished."""
 _NEARER = 0.1
-"""Share of the usual distances up to which what was measured is good enough then."""
+"""Factor on the distances up to which earlier measurements are used after that."""
 _LOST_M = 0.1
 """Planned error along an axis, m, from which a second plan is computed from scratch: plans get
 stuck in local minima."""
 _FAR_M = 0.04
-"""An error of this size costs half as much again as its square, a larger one more: what is far off
-matters more than what is nearly there."""
+"""Error whose cost is 1.5 times its square; larger errors cost more, so that large errors matter
+more than small ones."""
 _EFFORT_M2 = 2e-3
 """Mean squared activation of 1 is worth this much squared error in every step."""
 _STOP_M2 = 0.04
-"""A joint that is 1 rad (of a slide 1 m) within the margin of its stop is worth this much in every
-step: at a stop nothing that one could do better shows."""
+"""Cost in every step of a joint that is 1 rad (of a slide 1 m) within the margin of its limit: at
+the limit, perturbations show no improvement."""
 _MARGIN = 0.1
 """Margin of the stops, rad (of a slide m)."""
 _CAUTION_M2 = 2.5e-3
@@ -57,15 +58,15 @@ _DESCENT = 0.1
 
 @dataclass
 class _Plan:
-    """K steps from somewhere.
+    """A plan of K steps from a state.
 
     Attributes:
-        moments: K + 1.
+        moments: K + 1 states.
         motions: (K + 1, X) of them.
         shares: (K, A) controls.
         missed: (K, E) errors after each step, m.
         cost: m^2.
-        feedback: (K, A, X) change of controls by what the motion is beside the plan's.
+        feedback: (K, A, X) gains: change of controls by the deviation from the planned motion.
     """
 
     moments: list[DynamicsState]
@@ -111,12 +112,12 @@ class _Costs:
 
 
 class Refinement:
-    """Controls that bring hands nearer to where they shall be.
+    """Trajectory optimisation of controls that bring hands nearer to their reference.
 
     Args:
-        many: makes N bodies such as the one that follows.
-        act: (bodies, step) -> (N, A) actions of the motor layer for the goals of that step; what
-            it does is planned from.
+        many: makes N copies of the tracking body.
+        act: (bodies, step) -> (N, A) actions of the motor layer for the goals of that step; plans
+            start from them.
         misses: (bodies, step) -> (N, E) errors of the hands after that step, m, along each axis.
         steps: of the whole recording.
     """
@@ -147,7 +148,7 @@ class Refinement:
         return self._drives.actions(self._drives.of(users), shares)
 
     def _best(self, start: DynamicsState, step: int) -> _Plan:
-        """The plan of the steps from one on: of what is left of the last, or afresh if lost."""
+        """Return the plan from a step on: from the rest of the last one, or a new one if poor."""
         old = self._plan
         self._perturbations.forget_before(step)
         plan = self._planned(self._begun(start, step, old), step)
@@ -199,7 +200,7 @@ class Refinement:
     def _better(
         self, plan: _Plan, changes: list[tuple[FloatArray, FloatArray]], step: int
     ) -> tuple[_Plan, int]:
-        """The best of what several changes of a plan lead to, and which one it is of."""
+        """Return the best of the plans after several changes, and the index of its change."""
         bodies = self._tried
         steps = np.repeat([change[0] for change in changes], len(_SIZES), 0)
         steps *= np.tile(_SIZES, len(changes))[:, None, None]
@@ -330,7 +331,7 @@ _SAME = 0.1, 1.0
 """Largest differences in the angles, rad (of a slide m), and in the speeds, rad/s, for which a
 measured response is reused, except for the activations: muscles pull in proportion."""
 _SLIGHT = 1e-5
-"""Change of an angle, an activation or a control, where what follows is known in formulas."""
+"""Perturbation of an angle, an activation or a control for derivatives of known formulas."""
 
 
 @dataclass(frozen=True)
@@ -359,7 +360,7 @@ class DynamicsState:
         return DynamicsState(self.qpos[i], self.qvel[i], self.act[i], self.motor[i])
 
     def put(self, bodies: UserBatch) -> None:
-        """Put N bodies there."""
+        """Set N bodies to this state."""
         bodies.set_motion(self.qpos, self.qvel, self.act, self.motor)
 
     @staticmethod
@@ -412,12 +413,12 @@ class _Measured:
 class Perturbations:
     """Finite differences of whole user steps.
 
-    What an activation does, and what a muscle's control does, differ only by when in the step the
-    muscle pulls, which its own dynamics say. So one body serves both: its activation and its
-    control are perturbed together, and the difference is shared out.
+    The effects of an activation and of a muscle's control differ only in the time at which the
+    muscle pulls within the step, which its own dynamics determine. Therefore one body serves both:
+    its activation and its control are perturbed together, and the difference is divided.
 
     Args:
-        many: makes N bodies such as the one that follows.
+        many: makes N copies of the tracking body.
         misses: (bodies, step) -> (N, E) errors of the hands after that step, m, along each axis.
     """
 
@@ -475,7 +476,7 @@ class Perturbations:
         return Response(by_motion, by_control, error_by_motion, error_by_control)
 
     def forget_before(self, step: int) -> None:
-        """Drop what was measured of earlier steps, which are done."""
+        """Delete measurements of earlier steps, which are done."""
         self._known = {known: found for known, found in self._known.items() if known >= step}
 
     def _measured(

@@ -27,19 +27,19 @@ def choose(
     untrained: str | None = None,
     overrides: Sequence[str] = (),
 ) -> Playlist:
-    """Return what to watch.
+    """Return the playlist to watch.
 
     Args:
         run: a user, configuration or body, or a logged or recorded round's folder or file.
-        person: whether a person plays.
+        person: True if a person plays.
         game: another game than the user's.
         condition: of the game.
         seed: of the round.
-        deterministic: whether actions are the policy's mean; None: as the user's configuration.
-        trust_app: whether the app that it names may be started, though you never have.
+        deterministic: True: actions are the policy's mean; None: as in the user's configuration.
+        trust_app: True: the app that it names may be started, even if you never started it before.
         app: settings of ``env.app``, which name a page or program; no user is needed then.
         untrained: instead of ``run``, a user without training.
-        overrides: ``env.KEY=VALUE``, what else is different.
+        overrides: ``env.KEY=VALUE``, further settings.
 
     Raises:
         InputError: It is none of them, or options exclude each other.

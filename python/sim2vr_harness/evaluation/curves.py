@@ -19,7 +19,7 @@ from sim2vr_harness.runs.run_folder import RunFolder, metric_key, read_rows
 _PANELS = 6
 _MOST_DRAWN = 1e100
 _CURVES = "curves.json.xz"
-"""In the folder of a packed user: what its run had written down."""
+"""File with the logged rows of a packed user's run, in the user's folder."""
 _MOST_ROWS = 500
 """Of a packed curve."""
 
@@ -105,7 +105,7 @@ def plot(runs: Sequence[str | Path], out: Path) -> Path:
 
 
 def pack_curves(run: Path, place: Path) -> None:
-    """Write what a run has written down, thinned, beside a packed user; nothing if it is no run."""
+    """Write the thinned logs of a run into a packed user's folder; do nothing if it is no run."""
     folder = RunFolder(run)
     if not folder.exists:
         return

@@ -43,14 +43,15 @@ def pack_measured(
 
     Args:
         run: as of :func:`~sim2vr_harness.policies.store.find_user`.
-        name: what it will be called.
-        folder: where it goes.
+        name: name of the packed user.
+        folder: folder to write.
         conditions: to measure; None: the run's.
         episodes: rounds per condition.
-        details: further entries of the card; what the run says of itself need not be given.
+        details: further entries of the card; information from the run need not be given.
         other_seeds: runs that differ from ``run`` in their seed alone.
-        trust_app: whether the app that they name may be started, though this user never has.
-        on_progress: called with the share of the rounds done.
+        trust_app: True: the app that they name may be started, even if this user never started it
+            before.
+        on_progress: called with the proportion of the rounds done.
 
     Raises:
         InputError: A run or a number cannot be used, or runs differ in more than their seed.

@@ -43,7 +43,7 @@ class UserPolicy:
         self._run = run
 
     def __repr__(self) -> str:
-        """Return who it is, the game, the body and the user steps of the training."""
+        """Return the name, the game, the body and the user steps of the training."""
         plays = f"{self.config.app.game}, {self.config.user.model}"
         return f"UserPolicy({str(self._run)!r}: {plays}, {self.steps:,} user steps)"
 
@@ -78,18 +78,18 @@ class UserPolicy:
         episode_start: NDArray[np.bool_] | None = None,
         deterministic: bool | None = None,
     ) -> tuple[NDArray[np.float32], Any]:
-        """The action for an observation, called as Stable-Baselines3's models are.
+        """Return the action for an observation, as Stable-Baselines3's models do.
 
         Args:
             observation: Of one user, or of N in a vector environment.
-            state: What users intended, as it was returned last; None: rounds begin.
-            episode_start: (N,) whose round begins, whatever was intended before.
-            deterministic: Take the mean of the policy instead of a sample; None: as its own
-                ``evaluation.deterministic`` says.
+            state: The policy's state as last returned; None: rounds begin.
+            episode_start: (N,) True if the round begins, which resets the state.
+            deterministic: True: the mean of the policy instead of a sample; None: as in its own
+                ``evaluation.deterministic``.
 
         Returns:
-            The action in [-1, 1], (A,) or (N, A) float32, and what is intended; None for users who
-            remember nothing.
+            The action in [-1, 1], (A,) or (N, A) float32, and the state; None for policies without
+            a state.
         """
         if deterministic is None:
             deterministic = self._user.config.evaluation.deterministic
@@ -127,7 +127,9 @@ def load_user_policy(run: str | Path, *, trust_app: bool = False) -> UserPolicy:
 
 
 def evaluate(run: str | Path, **what: Any) -> Evaluation:
-    """Let a trained user play and measure it: ``evaluate("whacamole_constrained", episodes=2)``.
+    """Play rounds with a trained user and measure it.
+
+    For example: ``evaluate("whacamole_constrained", episodes=2)``.
 
     Args:
         run: As of :class:`UserPolicy`.

@@ -14,10 +14,11 @@ from sim2vr_harness.play.fatigue import FATIGUE, fatigue_measures, full_name
 from sim2vr_harness.play.round import ARM_MEASURES, measures_of
 
 _COLUMNS = 4
-"""Conditions that fit 80 columns beside the names of the numbers."""
+"""Number of conditions that fit 80 columns together with the labels."""
 
 _LABEL_COLUMNS = 28
-"""Longer labels go on in the next line; four numbers with their deviations fit beside."""
+"""Width of labels; longer ones continue in the next line. Four numbers with deviations fit
+beside."""
 
 _CONDITION_COLUMNS = 12
 """Longer names of conditions are broken at hyphens, where they have any."""
@@ -109,7 +110,7 @@ def _table(summaries: Mapping[str, Mapping[str, Any]], facts: GameFacts) -> Tabl
 
 
 def _most_fatigued(summary: Mapping[str, Any], *, tight: bool) -> str:
-    """The muscle whose mean is the highest, by its full name."""
+    """Return the muscle with the highest mean fatigue, by its full name."""
     parts = summary.get("fatigue_parts", ())
     muscles = [
         (summary[measure.name], measure.name)

@@ -10,7 +10,7 @@ from sim2vr_harness.games import imagined_game
 from sim2vr_harness.runs.config import TrainingConfig
 
 _COSTS_ONLY = "user.effort."
-"""Changes what is counted, not what the user does."""
+"""Prefix of settings that change the measured effort, not the user's behaviour."""
 
 _OPTIONAL = ("vision.", "user.people")
 """Groups of settings that are there or not, which counts before their members do."""
@@ -71,10 +71,11 @@ def unpractised(
 
 
 def met(config: TrainingConfig, own: ResolvedEnv) -> list[str]:
-    """The conditions that a user of the recipe ``skills`` has met, in the game's order.
+    """Return a ``skills`` user's conditions of training, in the game's order.
 
-    Such a user has learned from the rewards of its own rounds alone: another condition, with other
-    rules, is not what it was trained for. Empty for other recipes, or if the game does not say.
+    Such a user has learned from the rewards of its own rounds alone, so that another condition,
+    with other rules, is outside its training. Empty for other recipes, or if the game does not
+    publish conditions.
     """
     if config.recipe != "skills":
         return []

@@ -17,18 +17,19 @@ COMPARED = ("hits", "misses", "hit_rate", "depth_median")
 
 @dataclass(frozen=True)
 class ContrastRow:
-    """A difference of a user, beside people's.
+    """A user's difference between two conditions or groups, compared with recorded people's.
 
     Attributes:
-        group: of people who play by the same rule; of differences between groups, both names.
-        contrast: what minus what; between groups the condition, the first group minus the second.
+        group: of people who play by the same rule; for differences between groups, both names.
+        contrast: the two conditions, as minuend minus subtrahend; between groups the condition, the
+            first group minus the second.
         value: the user's: mean over its persons.
         people_mean: of people's differences (between groups: difference of their means).
         people_low: lower end of the 95 % confidence interval of that mean.
         people_high: upper end.
         people_least: least difference of one person; None between groups.
         people_most: greatest difference of one person; None between groups.
-        people: how many persons.
+        people: number of persons.
     """
 
     group: str

@@ -25,12 +25,12 @@ class MeasureContext(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class BehaviourMeasure(Measure):
-    """One number of a user in a condition; the label says in a line what it is.
+    """One number of a user in a condition; the label describes it in a line.
 
     Attributes:
-        family: what it belongs to.
+        family: family of measures.
         where: rounds in which it is measured.
-        sample: the single targets, hits or frames that it is of, where their distribution is
+        sample: the single targets, hits or frames that it summarises, if their distribution is
             compared as well.
     """
 
@@ -259,7 +259,7 @@ SESSION_MEASURES = (
         "path of the point 0.3 m ahead on the ray / path of the hand: flick of the wrist",
     ),
 )
-"""Of sessions of any app, beside those above that need no plane of targets."""
+"""Measures of sessions of any app, in addition to those above that need no plane of targets."""
 
 AIMED_MEASURES = (
     _aimed("throughput", "throughput", unit="bits/s"),

@@ -53,11 +53,11 @@ class Effect:
         return _middles(_LAST)
 
     def curve(self) -> FloatArray | None:
-        """(K,) change of velocity toward a target by its place, m/s per m; None of few targets.
+        """Effect of a target's place on velocity towards it, (K,), m/s per m; None for few targets.
 
-        Regression of the velocity on the place, along x and along y (their mean), beside where the
-        tool was and how it moved at the spawn: cells are drawn at random, so that nothing but
-        having seen the target makes an effect.
+        Regression of the velocity on the place, along x and along y (their mean), with the position
+        and the velocity of the tool at the spawn as covariates: cells are drawn at random, so that
+        only having seen the target causes an effect.
         """
         m = len(self.place_m)
         if m < _LEAST_TARGETS:

@@ -189,14 +189,14 @@ class PlayedRound:
 
 
 def round_of(session: Session, behaviour: Behaviour, person: str) -> PlayedRound | None:
-    """Return a session as it is measured; None of a condition that is not compared.
+    """Return a session as a round to measure; None for a condition that is not compared.
 
     Args:
         session: As it was read.
-        person: Who played.
+        person: The player.
 
     Raises:
-        InputError: It is no round of this game, or something to be measured is missing in it.
+        InputError: It is no round of this game, or data for a measure are missing in it.
     """
     if behaviour.any_app:
         return _round_of_any_app(session, person)
@@ -258,7 +258,7 @@ def rotated(turn: FloatArray, vectors: FloatArray) -> FloatArray:
 
 
 def behaviour_of_sessions(name: str, sessions: Sequence[Session]) -> Behaviour:
-    """Return what the measures need to know of an app, from its sessions.
+    """Return the description of an app for the measures, from its sessions.
 
     Args:
         name: of the app.
@@ -326,7 +326,7 @@ def _round_of_any_app(session: Session, person: str) -> PlayedRound:
 
 
 def _known(one: Controller) -> Controller:
-    """A controller whose pose stays as it was while it is not tracked."""
+    """Return a controller whose pose is kept while it is not tracked."""
     frames = np.arange(len(one.grip))
     last = np.maximum.accumulate(np.where(one.tracked, frames, 0))
     last = np.where(one.tracked[last], last, int(np.argmax(one.tracked)))

@@ -33,7 +33,7 @@ SETTLING = (
 
 
 def report_tables(report: ComparisonReport, *, every: bool = False) -> RenderableType:
-    """Return what a comparison comes to.
+    """Return the tables of a comparison's results.
 
     Args:
         every: Show every measure in every condition.
@@ -68,7 +68,7 @@ def report_tables(report: ComparisonReport, *, every: bool = False) -> Renderabl
 
 
 def _law(report: ComparisonReport, *, every: bool) -> Iterator[RenderableType]:
-    """Fitts' law of users and people, each distance and width if wanted, and what is published."""
+    """Yield Fitts' law of users and people, each distance and width if requested, and studies."""
     for source in (*report.users, report.people):
         if (law := report.laws.get(source.name)) is None:
             continue
@@ -245,9 +245,9 @@ def _rows(compared: Compared, chosen: Sequence[ComparisonRow] | None) -> Rendera
 
 
 def _table(title: str, rows: Sequence[ComparisonRow]) -> Table:
-    """A row per measure and condition; a star marks what is outside people's range.
+    """Return a row per measure and condition; a star marks values outside people's range.
 
-    ``n`` is how many of the user's persons, and of people, have a value.
+    ``n`` is the number of the user's persons, and of people, with a value.
     """
     table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
     several = len({row.group for row in rows}) > 1

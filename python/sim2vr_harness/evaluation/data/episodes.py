@@ -44,8 +44,8 @@ def episode_rows(
 
     Args:
         results: The episodes.
-        settings: Of the evaluation, as its results have them.
-        env: What was played in.
+        settings: Of the evaluation, as in its results.
+        env: Environment of the episodes.
         effort_weight: Factor on the cost of effort.
     """
     rows = []

@@ -75,7 +75,7 @@ class DataFolder:
             tables: name -> rows with an ``episode`` each, and their columns.
 
         Raises:
-            InputError: A table that is there, or the manifest, cannot be read.
+            InputError: An existing table, or the manifest, cannot be read.
         """
         new = {str(row["episode"]) for row in tables["episodes"][0]}
         # The manifest with episodes of now, which earlier ones of the same keys make room for.
@@ -176,7 +176,7 @@ def columns_in(schema: pa.Schema) -> list[Column]:
 
 
 def joined(tables: Sequence[pa.Table]) -> pa.Table:
-    """Put tables under each other; a column that one lacks is null there."""
+    """Concatenate tables; a column that one lacks is null there."""
     columns = merged(column for table in tables for column in columns_in(table.schema))
     schema = schema_of(columns)
     parts = []
@@ -231,7 +231,7 @@ class EvaluationData:
 
     @cached_property
     def episodes(self) -> Any:
-        """A row per episode: who, what, every measure. Key: ``episode``."""
+        """Table with a row per episode: user, condition, every measure. Key: ``episode``."""
         return data_frame(read_table(self.root / "episodes.parquet"))
 
     @cached_property
@@ -240,11 +240,11 @@ class EvaluationData:
         return data_frame(read_table(self.root / "events.parquet"))
 
     def steps(self, *episodes: str, columns: Sequence[str] | None = None) -> Any:
-        """A row per user step of these episodes, or of all. Keys: ``episode``, ``step``.
+        """Return a row per user step of these episodes, or of all. Keys: ``episode``, ``step``.
 
         Args:
             episodes: Keys of the table ``episodes``.
-            columns: Which to read beside the keys; None: all.
+            columns: Columns to read in addition to the keys; None: all.
 
         Raises:
             InputError: There is no such episode, or it has no steps.
@@ -294,11 +294,12 @@ class EvaluationData:
         return [dict(one["versions"]) for one in _recorded_with(self.root)]
 
     def export_csv(self, out: Path, episodes: Sequence[str] = ()) -> list[Path]:
-        """Write the tables as CSV files of the same names, empty where a value is missing.
+        """Write the tables as CSV files of the same names, empty if a value is missing.
 
         Args:
             out: Folder for the files; made if needed.
-            episodes: Whose steps and frames; all without any. Other tables are whole.
+            episodes: Episodes whose steps and frames are written; empty: all. Other tables are
+                complete.
 
         Returns:
             The files, and ``dictionary.csv``.

@@ -47,8 +47,8 @@ class LogLine:
 
     Attributes:
         time_s: Game time.
-        event: What happened.
-        fields: By their names: texts of what stands behind them, empty for a word alone.
+        event: Name of the event.
+        fields: name -> text of the value, empty for a word alone.
     """
 
     time_s: float
@@ -186,7 +186,7 @@ def _places(log: Sequence[LogLine], item: LoggedItem) -> dict[int, Sequence[floa
 
 
 def item_columns(rows: Sequence[Mapping[str, Any]]) -> list[Column]:
-    """Return the columns that these rows need: every user's, then what this game's log adds."""
+    """Return the columns of these rows: those of every user, then those of this game's log."""
     known = {column.name for column in EVENT_COLUMNS}
     further: list[Column] = []
     for row in rows:
@@ -203,7 +203,7 @@ def _told(name: str) -> str:
 
 
 def events_of_episode(episode: str, folder: Path, facts: GameFacts) -> list[dict[str, Any]]:
-    """Return the rows of a round whose log is in ``folder``; none without a log.
+    """Return the rows of a round with its log in ``folder``; none without a log.
 
     Raises:
         InputError: The log cannot be read.

@@ -24,7 +24,7 @@ _FATIGUE = {
     "MF": ("fatigued", "Share of its motor units that are fatigued"),
     "max_MF": ("most_fatigued", "Largest share of fatigued motor units in the round so far"),
 }
-"""Of the model 3CC-r: name of the array -> prefix of the columns, and what it is."""
+"""Arrays of the model 3CC-r: name -> prefix of the columns, and description."""
 _AID = "aid."
 """Prefix of privileged numbers that only training uses."""
 
@@ -46,10 +46,10 @@ def pose_columns(name: str, whose: str) -> list[Column]:
 
 
 class StepRecorder(Watcher):
-    """A watcher that keeps what each user did in every step until the round is over.
+    """A watcher that records every step of each user until the round is over.
 
     Args:
-        write: Gets the name of the finished round's job and its table.
+        write: Receives the name of the finished round's job and its table.
 
     Simulations without a :class:`~sim2vr_harness.users.batch.UserBatch`, stand-ins, have no steps.
     """
@@ -62,7 +62,7 @@ class StepRecorder(Watcher):
         self._blocks: list[NDArray[np.float32]] = []
 
     def started(self, simulation: Any, jobs: Sequence[Job]) -> None:
-        """Begin anew."""
+        """Start a new recording."""
         self._blocks = []
         bodies = isinstance(getattr(simulation, "users", None), UserBatch)
         self._source = _Source(simulation, self._facts) if bodies else None
@@ -73,7 +73,7 @@ class StepRecorder(Watcher):
             self._blocks.append(self._source.numbers(reward, infos))
 
     def ended(self, index: int, result: Round) -> None:
-        """Hand over what the user did."""
+        """Write the recorded steps of the user."""
         if self._source is None:
             return
         values = np.stack([block[index] for block in self._blocks])

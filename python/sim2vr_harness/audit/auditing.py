@@ -1,6 +1,6 @@
-"""``sim2vr-harness audit``: judge a population on targets, and look for what includes more.
+"""``sim2vr-harness audit``: judge a population on targets, and search for improvements.
 
-With a user of its own: what that user reaches, and how long it holds a posture.
+With a user of its own: the user's reach, and the time for which it holds a posture.
 """
 
 from __future__ import annotations

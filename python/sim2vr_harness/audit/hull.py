@@ -1,4 +1,4 @@
-"""Hull of what a user reaches: by joint limits, with the margins of targets, and as a picture."""
+"""Hull of a user's reach: by joint limits, with the margins of targets, and as an image."""
 
 import csv
 from collections.abc import Callable, Sequence
@@ -183,7 +183,7 @@ class Reach:
         return q, distance
 
     def judge(self, places: FloatArray) -> list[Verdict]:
-        """Say of places (T, 3), MuJoCo's world, whether they can be reached, and by how much."""
+        """Return the reachability and margins of places (T, 3), MuJoCo's world."""
         q, distance = self.nearest(places)
         nearest = self.linkage.place(q)
         margins = -distance
@@ -406,7 +406,7 @@ def _in_world(body: Body, targets: Sequence[Target]) -> list[Target]:
 
 
 def _resting(body: Body) -> mujoco.MjData:
-    """The body in the posture that episodes start near."""
+    """Return the body in the posture that episodes start near."""
     data = mujoco.MjData(body.physics_model)
     rest = np.array([body.reset_rule.posture.get(name, 0.0) for name in body.independent_joints])
     data.qpos[:] = body.coupled_qpos(np.clip(rest, *body.joint_ranges.T))

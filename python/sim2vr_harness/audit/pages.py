@@ -1,6 +1,6 @@
-"""Interactive things of a WebXR page: found by what they listen to, and by operating them.
+"""Interactive objects of a WebXR page: found by their event listeners, and by operating them.
 
-The devices move without a body: what the page does with a controller counts, not who gets there.
+The devices move without a body: the page's reaction to a controller is tested, not a user's reach.
 """
 
 from __future__ import annotations

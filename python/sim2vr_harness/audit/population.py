@@ -113,7 +113,7 @@ class Subject:
 
     @cached_property
     def holder(self) -> PostureHolder:
-        """For postures of the right arm."""
+        """Posture holder of the right arm."""
         return PostureHolder(self.body, arms_of(self.body)[0])
 
     def shoulder(self, limitation: Limitation) -> Strength:

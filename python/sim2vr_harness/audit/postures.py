@@ -608,7 +608,7 @@ class _State:
         self._following = scale @ pulling[free].T
 
     def slope(self) -> FloatArray:
-        """(K + 3, K) how unbalanced torques and the gap change with the angles."""
+        """Return the derivatives of unbalanced torques and gap by the angles, (K + 3, K)."""
         k = len(self._by.columns)
         around = np.repeat(self.angles[None], k + 1, axis=0)
         around[1 + np.arange(k), self._by.columns] += _STEP

@@ -1,4 +1,4 @@
-"""Find what would include 95 % of people: the smallest shift of a target, or another input."""
+"""Changes that would include 95 % of people: the smallest shift of a target, or another input."""
 
 from dataclasses import dataclass, replace
 from itertools import product

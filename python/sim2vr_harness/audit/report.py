@@ -1,4 +1,4 @@
-"""The report of an audit: who is excluded from what and why, and what would include them."""
+"""The report of an audit: persons excluded from targets, reasons, and changes that include them."""
 
 import json
 import logging

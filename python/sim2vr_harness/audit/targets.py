@@ -428,7 +428,7 @@ class _Tracks:
         return fnmatchcase(name, self._pattern) or fnmatchcase(one.path, self._pattern)
 
     def targets(self, *, still: bool = False) -> list[Target]:
-        """Those that were found, the earliest first; ``still``: as of :func:`seen_targets`."""
+        """Return the targets found, the earliest first; ``still``: as of :func:`seen_targets`."""
         return [
             Target(name, at, head_offset_m=at - self._start)
             for key, (_, name, place) in self._best.items()

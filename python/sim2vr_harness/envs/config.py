@@ -292,7 +292,7 @@ class AppConfig(Settings):
     @model_validator(mode="before")
     @classmethod
     def _named_after_its_page(cls, given: Any) -> Any:
-        """A page's game is called like the page, an OpenXR program's like the program."""
+        """Name a page's game after the page, an OpenXR program's after the program."""
         if not isinstance(given, dict):
             return given
         if isinstance(given.get("page"), str):
@@ -404,7 +404,7 @@ class EnvConfig(Settings):
 
 
 def with_options(config: EnvConfig, options: Mapping[str, OptionValue]) -> EnvConfig:
-    """The configuration with other options of the game; those not named stay."""
+    """Return the configuration with other options of the game; those not named stay."""
     merged = {**config.app.options, **options}
     app = AppConfig(**{**config.app.model_dump(), "options": merged})
     return config.model_copy(update={"app": app})

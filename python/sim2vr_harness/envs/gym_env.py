@@ -62,7 +62,7 @@ class Window:
             self._surface = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """For pickle and copy: a copy opens a window of its own."""
+        """Return the state for pickle and copy: a copy opens its own window."""
         return {"_title": self._title, "_fps": self._fps}
 
     def __setstate__(self, made: dict[str, Any]) -> None:

@@ -71,7 +71,7 @@ class LateHands(RowState):
         )
 
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
-        """Let these users' next poses be their whole past."""
+        """Fill these users' past with their next poses."""
         self._ring.forget(ids)
 
     def sample(self, moment: StepContext, substep: int) -> None:

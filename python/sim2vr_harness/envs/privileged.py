@@ -217,7 +217,7 @@ class PrivilegedSenses:
         return values
 
     def seen(self, name: str) -> NDArray[np.float32]:
-        """(N,) the values of one privileged number when that was drawn which is recognised now."""
+        """Return a privileged number at the time of the image that is recognised now, (N,)."""
         if self._memory is None:
             return self.field(name)
         column = self._own + self.names.index(name)

@@ -1,4 +1,4 @@
-"""An environment's configuration and what follows from it, and the contract of a policy."""
+"""An environment's configuration and the objects made from it, and the contract of a policy."""
 
 import hashlib
 import json

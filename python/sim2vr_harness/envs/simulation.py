@@ -52,7 +52,7 @@ _FORMAT = "sim2vr simulation state 4"
 
 
 def packed(n: int, parts: dict[str, Any]) -> bytes:
-    """The parts of a state of ``n`` users, arrays and plain values, as bytes."""
+    """Return the parts of a state of ``n`` users, arrays and plain values, as bytes."""
     return pickle.dumps({"format": _FORMAT, "n": n, **parts})
 
 
@@ -553,7 +553,7 @@ class Simulation:
     _STATE_ARRAYS = ("_steps", "_over")
 
     def __getstate__(self) -> dict[str, Any]:
-        """For pickle and copy: how it was made, and where it is if its rounds have begun."""
+        """Return the configuration, and the state if rounds have begun, for pickle and copy."""
         begun = not (self._over & (self._steps == 0)).any()
         return {
             "config": self.resolved,

@@ -119,7 +119,7 @@ def _with(condition: Condition, named: Options) -> Condition:
 
 
 def _agreeing(facts: GameFacts, usual: Sequence[str], named: Options) -> Sequence[str]:
-    """Names of the usual conditions that have the named options, else of any that have them."""
+    """Return usual conditions that have the named options, else any that have them."""
     own = {key for condition in facts.conditions for key in condition.options}
     if not facts.conditions and not facts.published:
         own = {_ARGUMENT}
@@ -136,7 +136,7 @@ def _first(conditions: Sequence[Condition]) -> str:
 
 
 def facts_of_chosen(facts: GameFacts, chosen: Sequence[Condition]) -> GameFacts:
-    """The facts with these conditions in the place of those of the same names."""
+    """Return the facts with these conditions instead of those of the same names."""
     own = {condition.name: condition for condition in chosen}
     return replace(facts, conditions=tuple(own.get(c.name, c) for c in facts.conditions))
 

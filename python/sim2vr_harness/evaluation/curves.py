@@ -1,4 +1,4 @@
-"""Learning curves of runs, from what their stages have written down."""
+"""Learning curves of runs, from the logs of their stages."""
 
 import json
 import lzma

@@ -1,4 +1,4 @@
-"""``sim2vr-harness evaluate``: a user plays, and what it did is measured."""
+"""``sim2vr-harness evaluate``: play rounds with a user, and measure its behaviour."""
 
 from __future__ import annotations
 
@@ -531,7 +531,7 @@ def _problems(plan: _Plan, rounds: Sequence[Round], judges: Sequence[TaskedApp])
 
 
 def _another_ray(policy: HierarchicalPolicy, users: Any) -> str:
-    """Say that a page points with another ray than the user; "": it does not, or none points."""
+    """Return a sentence if a page's ray differs from the user's; "": it does not, or no ray."""
     if "point" not in policy.values.options.placed or users.config.app.page is None:
         return ""
     off = apart(rays_of(users, policy.layer.hands), policy.rays)

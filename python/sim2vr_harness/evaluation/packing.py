@@ -1,4 +1,4 @@
-"""Packs a trained user and measures what was packed."""
+"""Pack a trained user and measure the packed user."""
 
 import json
 import shutil

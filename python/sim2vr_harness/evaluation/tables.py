@@ -160,7 +160,7 @@ def _lower(text: str) -> str:
 
 
 def cell(value: float | None, deviation: float | None, digits: int, *, tight: bool = False) -> str:
-    """A number, with its deviation where there is one; "-" for none."""
+    """Return a number, with its deviation if there is one; "-" for none."""
     if value is None:
         return "-"
     between = "±" if tight else " ± "

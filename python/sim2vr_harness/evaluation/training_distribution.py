@@ -106,7 +106,7 @@ def _defaults(app: AppConfig) -> dict[str, Any]:
 
 
 def _trained_conditions(config: TrainingConfig, own: ResolvedEnv) -> set[str]:
-    """The conditions that a training's rounds had; empty if the game does not say."""
+    """Return the conditions of a training's rounds; empty if the game does not publish them."""
     facts = own.facts
     names = {facts.condition_of(config.env.app.options)}
     if config.recipe == "distill":

@@ -1,4 +1,4 @@
-"""Users beside people: every measure in every condition, and what it comes to."""
+"""Comparison of users with recorded people: every measure in every condition, and summaries."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Differences between conditions and between groups, and what tires."""
+"""Differences between conditions and between groups, and fatigue of conditions."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

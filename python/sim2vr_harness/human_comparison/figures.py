@@ -1,4 +1,4 @@
-"""A comparison as pictures: latency, time to hit, and what is inside people's range."""
+"""Figures of a comparison: latency, time to hit, and measures relative to people's range."""
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path

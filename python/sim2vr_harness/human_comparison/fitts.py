@@ -163,7 +163,7 @@ class Movement:
 
 
 def movements_of(taps: Sequence[Tap]) -> list[Movement]:
-    """The movements of a round; none begins or ends with a target that went away."""
+    """Return the movements of a round; none begins or ends with a target that disappeared."""
     found = []
     for before, tap in pairwise(taps):
         follows = tap.block == before.block and tap.trial == before.trial + 1
@@ -223,7 +223,7 @@ class Block:
 
 
 def blocks_of(movements: Sequence[Movement]) -> list[Block]:
-    """The blocks of a round that have effective numbers: two movements that differ, at least."""
+    """Return the blocks of a round with effective numbers: at least two movements that differ."""
     blocks = []
     for _, group in groupby(movements, key=lambda movement: movement.block):
         block = _block(list(group))
@@ -463,7 +463,7 @@ class Spread:
 
     @classmethod
     def of(cls, values: Iterable[float | None]) -> Spread | None:
-        """Of the numbers that there are; None of none."""
+        """Return the statistics of the existing numbers; None if there are none."""
         known = [value for value in values if value is not None]
         if not known:
             return None

@@ -1,4 +1,4 @@
-"""Positions on an even grid of time, and what is worked out from them.
+"""Positions on an even grid of time, and values computed from them.
 
 Every user is measured at the same rate, whatever frames were logged: at 20 Hz, the rate of the
 study's simulated users. Velocities are differences of neighbouring positions.

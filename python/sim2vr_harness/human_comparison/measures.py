@@ -1,7 +1,7 @@
-"""The measures: 64 numbers of what a user does in a condition.
+"""The measures: 64 numbers on a user's behaviour in a condition.
 
-Lengths in m, times in s, angles in degrees. "Tool" is what strikes (Whac-A-Mole's hammer: the
-middle of its face), "root" the point near the hand whose speed the game tests, depth the tool's
+Lengths in m, times in s, angles in degrees. "Tool" is the point that strikes (Whac-A-Mole's hammer:
+the middle of its face), "root" the point near the hand whose speed the game tests, depth the tool's
 distance behind the plane of the targets.
 """
 
@@ -281,12 +281,12 @@ FAMILIES = tuple(dict.fromkeys(measure.family for measure in (*MEASURES, *AIMED_
 
 
 def measured(name: str) -> BehaviourMeasure:
-    """The measure of that name; KeyError if there is none."""
+    """Return the measure of that name; KeyError if there is none."""
     return _BY_NAME[name]
 
 
 def measures_in(behaviour: Behaviour, group: str, condition: str) -> tuple[BehaviourMeasure, ...]:
-    """The measures that make sense in a game's condition, in the order of the tables."""
+    """Return the measures that are defined in a game's condition, in the order of the tables."""
     if behaviour.aimed:
         return AIMED_MEASURES
     makes_sense = {

@@ -540,7 +540,7 @@ def endpoints(track: Track) -> Found:
 
 
 def _nearest(knots: FloatArray) -> FloatArray:
-    """The point nearest to the origin on the straight lines between points (K, 3)."""
+    """Return the point nearest to the origin on the straight lines between points (K, 3)."""
     start, step = knots[:-1], np.diff(knots, axis=0)
     length = np.sum(step**2, axis=1)
     part = -np.sum(start * step, axis=1) / np.where(length > 0.0, length, 1.0)
@@ -603,6 +603,6 @@ def log_jerk(velocity: FloatArray) -> float:
 
 
 def _within(times: FloatArray, low: float, high: float, *, closed: bool = True) -> slice:
-    """The part of ascending times in [low, high]."""
+    """Return the part of ascending times in [low, high]."""
     first = int(np.searchsorted(times, low, side="left"))
     return slice(first, int(np.searchsorted(times, high, side="right" if closed else "left")))

@@ -422,7 +422,7 @@ def read_folders(name: str, folders: Sequence[Path], behaviour: Behaviour) -> So
 
 
 def game_of(user: str) -> str | None:
-    """The game that a user plays, or has played; None of logs that do not say."""
+    """Return the game that a user plays, or has played; None if logs do not name it."""
     if not _is_recorded(user):
         game: str = find_user(user, code=True).config.env.app.game
         return game

@@ -124,7 +124,7 @@ def _line(a_s: float, b_s_per_bit: float) -> str:
 
 
 def missing_values(report: ComparisonReport) -> Iterator[str]:
-    """Say which measures are not of all persons, and which persons lack them."""
+    """Yield lines on measures that some persons lack, with the persons."""
     for name, cells, rows in [
         (compared.name, compared.persons, compared.rows) for compared in report.compared
     ]:

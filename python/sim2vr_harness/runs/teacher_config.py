@@ -1,4 +1,4 @@
-"""Settings of the teacher, who observes privileged numbers and learns from imagined rollouts."""
+"""Settings of the teacher, which has privileged observations and learns from imagined rollouts."""
 
 from typing import ClassVar, Literal
 

@@ -1,4 +1,4 @@
-"""The table of episodes: who played what, under which circumstances, and every measure of it."""
+"""The table of episodes: user, condition, settings, and every measure of each episode."""
 
 import json
 from collections.abc import Mapping, Sequence

@@ -236,7 +236,7 @@ class EvaluationData:
 
     @cached_property
     def events(self) -> Any:
-        """A row per item that came and went. Keys: ``episode``, ``item``, ``item_id``."""
+        """Table with a row per item that appeared. Keys: ``episode``, ``item``, ``item_id``."""
         return data_frame(read_table(self.root / "events.parquet"))
 
     def steps(self, *episodes: str, columns: Sequence[str] | None = None) -> Any:

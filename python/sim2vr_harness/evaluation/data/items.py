@@ -56,7 +56,7 @@ class LogLine:
     fields: Mapping[str, str]
 
     def numbers(self, name: str) -> list[float]:
-        """The numbers of a field; none if it is missing, or is something else."""
+        """Return the numbers of a field; none if it is missing, or is something else."""
         return _numbers(self.fields.get(name, ""))
 
 

@@ -68,7 +68,7 @@ class StepRecorder(Watcher):
         self._source = _Source(simulation, self._facts) if bodies else None
 
     def stepped(self, reward: NDArray, infos: Sequence[Mapping[str, Any]]) -> None:
-        """Keep the numbers of all users."""
+        """Record the numbers of all users."""
         if self._source is not None:
             self._blocks.append(self._source.numbers(reward, infos))
 
@@ -119,7 +119,7 @@ class BodySource:
         self._add_muscles()
 
     def take(self) -> NDArray[Any]:
-        """(N, C) of now, fresh."""
+        """Return the present numbers, (N, C), a new array."""
         return np.concatenate([take() for take in self._takes], axis=1)
 
     def _add_devices(self) -> None:
@@ -208,7 +208,7 @@ class _Source:
         return np.concatenate([*parts, np.array(rewards)], axis=1, dtype=np.float32)
 
     def _add_game(self, simulation: Simulation) -> None:
-        """The game's privileged numbers, of apps in this process."""
+        """Add the game's privileged numbers, of apps in this process."""
         batch: Any = getattr(simulation.apps[0], "batch", None)
         names = () if batch is None else batch.privileged_names
         shown = [i for i, name in enumerate(names) if not name.startswith(_AID)]

@@ -186,7 +186,7 @@ class Parts:
         self._kept.clear()
 
     def close(self) -> None:
-        """Let go of the folder; parts that are not written yet stay in it."""
+        """Release the folder; parts that are not written yet stay in it."""
         self._hold.close()
 
 

@@ -164,7 +164,7 @@ class RecordingServer:
         return self.parts.session()
 
     def close(self) -> None:
-        """Let go of the folder of the parts."""
+        """Release the folder of the parts."""
         self.parts.close()
 
 
@@ -255,7 +255,7 @@ class _Server(ThreadingHTTPServer):
             socket.socket.shutdown(connection.socket, socket.SHUT_RDWR)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Keep quiet: strangers must not fill the terminal."""
+        """Print nothing, so that strangers cannot fill the terminal."""
 
 
 class _Handler(BaseHTTPRequestHandler):

@@ -247,7 +247,7 @@ def _steps(one: Tracked) -> Any:
 
 
 def _forces(one: Tracked) -> NDArray[np.float64]:
-    """(N, nu) force of each actuator of the body, 0 of those that have no column."""
+    """Return the force of each actuator of the body, (N, nu); 0 for those without a column."""
     model, names = one.body.physics_model, [column.name for column in one.followed.columns]
     forces = np.zeros((len(one.followed.values), model.nu))
     for actuator in range(model.nu):

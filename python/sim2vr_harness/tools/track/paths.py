@@ -115,7 +115,7 @@ def _of_session(session: Session) -> RecordedPath:
 
 
 def first_of_play(times_s: FloatArray) -> int:
-    """The first row that is movement: 1 where a game's countdown comes after row 0."""
+    """Return the first row of movement: 1 if a game's countdown follows row 0."""
     return int(len(times_s) > _LEAST_ROWS and times_s[1] - times_s[0] > _PAUSE_S)
 
 

@@ -1,4 +1,4 @@
-"""A recording from file to figures: who follows it, how near, and what it asks of the muscles."""
+"""Tracking of a recording: from the file to errors and muscle loads."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
@@ -77,7 +77,7 @@ class TrackingOutcome:
 
     @property
     def hit_rate(self) -> float | None:
-        """Of the targets that came and went."""
+        """Hit rate over the targets that were hit or disappeared."""
         over = self.hits + self.misses
         return self.hits / over if over else None
 

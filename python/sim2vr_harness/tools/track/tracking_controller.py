@@ -114,13 +114,13 @@ class Followed:
 
     @property
     def targets(self) -> FloatArray:
-        """(K, H, 3) where the hands should be at the ends of the steps."""
+        """(K, H, 3) reference positions of the hands at the ends of the steps."""
         first = self.wanted.first
         return self.wanted.places[first + 1 : first + 1 + len(self.values)]
 
     @property
     def errors_m(self) -> FloatArray:
-        """(K, H) how far they were from there."""
+        """(K, H) distances of the hands from these."""
         return np.asarray(np.linalg.norm(self.places[1:] - self.targets, axis=-1))
 
 

@@ -159,7 +159,7 @@ class Refinement:
         return min(plan, afresh, key=lambda one: one.cost)
 
     def _planned(self, plan: _Plan, step: int) -> _Plan:
-        """A plan made better, until it hardly becomes so any more."""
+        """Return a plan after iterations until it hardly improves."""
         gained, nearness = True, 1.0
         for _ in range(_GOES):
             responses = [

@@ -1,4 +1,4 @@
-"""Play in the browser, by viser: one scene to walk around in, and what drives it beside it."""
+"""Play in the browser, by viser: a 3D scene, with controls and plots beside it."""
 
 import contextlib
 import io
@@ -215,7 +215,7 @@ class Playback:
 
     @property
     def now(self) -> ViewerFrame | None:
-        """The moment that is shown."""
+        """The shown frame."""
         return self.moments[self.at] if self.at >= 0 else None
 
     def tick(self, seconds: float) -> bool:
@@ -486,7 +486,7 @@ class Viewer:
         return self.playback.seek(number)
 
     def _give_hands(self, hands: Hands) -> None:
-        """Let a person move head and hands: arrows to drag, keys to press."""
+        """Add controls for a person's head and hands: arrows to drag, keys to press."""
         for device in hands.poses:
             position, quat = pose_to_mujoco(hands.poses[device])
             grip = self._server.scene.add_transform_controls(
@@ -664,6 +664,6 @@ def turned(pose: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.f
 
 
 def _product(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The turn a after b, x y z w."""
+    """Return the product of rotations a and b, x y z w: b is applied first."""
     vector = a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3])
     return np.array([*vector, a[3] * b[3] - a[:3] @ b[:3]])

@@ -1,4 +1,4 @@
-"""Selection of what to watch: a trained user, a body, a recorded round, a page or a game."""
+"""Selection of a playlist: a trained user, a body, a recorded round, a page or a game."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,9 +1,9 @@
-"""A policy that sees learns from a teacher that observes (DAgger, on the app's real pictures).
+"""DAgger: a policy with vision imitates a teacher, on the app's real images.
 
 The student acts, so that it meets the situations its own mistakes lead to, and the teacher labels
-each of them with what it would have done. The student's network learns the teacher's mean action;
-heads on its image features, which are dropped afterwards, learn facts that the picture shows, such
-as which targets are there. Ross, Gordon & Bagnell (2011), "A Reduction of Imitation Learning and
+each of them with its own action. The student's network learns the teacher's mean action; heads on
+its image features, which are dropped afterwards, learn facts that the image shows, such as which
+targets are visible. Ross, Gordon & Bagnell (2011), "A Reduction of Imitation Learning and
 Structured Prediction to No-Regret Online Learning".
 """
 
@@ -113,7 +113,7 @@ class TeacherExpert:
         return self._policy.act({OBSERVATION: self._senses.observe()})
 
     def facts(self, simulation: Any) -> NDArray[np.float32]:
-        """(N, F) in [0, 1]: which places have a target, by the picture; F may be 0."""
+        """Return facts (N, F) in [0, 1]: which places have a target in the image; F may be 0."""
         columns = [self._senses.seen(name) for name in self._facts]
         if not columns:
             return np.zeros((simulation.n, 0), np.float32)
@@ -127,7 +127,7 @@ class TeacherExpert:
         return np.clip(scaled[:, self._game], -SETTINGS.farthest, SETTINGS.farthest)
 
     def crop_places(self, simulation: Any) -> NDArray[np.float32]:
-        """(N, G, 3) places of the game's ``attention_targets``; see :func:`seen_at`."""
+        """Return the places (N, G, 3) of the game's ``attention_targets``; see :func:`seen_at`."""
         heads = pose_to_app(*simulation.users.device_poses("headset"))
         told = [
             np.stack(
@@ -353,7 +353,7 @@ class Student(State):
         )
 
     def act(self, observation: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
-        """(N, A) the student's mean actions."""
+        """Return the student's mean actions, (N, A)."""
         batch = {
             key: torch.from_numpy(value).to(self._device) for key, value in observation.items()
         }

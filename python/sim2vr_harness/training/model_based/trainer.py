@@ -116,7 +116,7 @@ class Task(State, ABC):
     # --- imagined users ----------------------------------------------------------------------
 
     def place(self, steps: TransitionStore) -> Tensor:
-        """(K, D, 4, 4) where the devices were after user steps."""
+        """Return the poses of the devices after user steps, (K, D, 4, 4)."""
         with torch.no_grad():
             place: Tensor = self.body.places(steps.after.angles, steps.after.persons)
         return place
@@ -400,7 +400,7 @@ class ModelBasedTrainer(State, Generic[AnyTask]):
     # --- where imagined rollouts start -------------------------------------------------------
 
     def _restart(self, ids: Tensor) -> None:
-        """Let imagined users ``ids`` (K,) continue from states of simulated ones."""
+        """Continue imagined users ``ids`` (K,) from states of simulated ones."""
         assert self._pool is not None
         rows = torch.randint(len(self._pool), (len(ids),), device="cpu")
         self.task.start(ids, self._pool, rows)

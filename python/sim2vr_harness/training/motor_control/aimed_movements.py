@@ -214,7 +214,7 @@ class _Course:
     # --- what a kind of policy does in its own way ---------------------------------------------
 
     def _reset(self, postures: Sequence[FloatArray] | None, seeds: NDArray[np.int64]) -> None:
-        """Let everyone be at rest in a posture; None: in that of the body."""
+        """Reset all bodies at rest in a posture; None: in that of the body."""
         raise NotImplementedError
 
     def _places(self, angles: torch.Tensor, i: int) -> torch.Tensor:
@@ -226,7 +226,7 @@ class _Course:
         return np.asarray(places[:, 0] > _FRONT_M)
 
     def _look(self, place: FloatArray) -> None:
-        """Let places (N, 3) be those of new targets."""
+        """Set the places (N, 3) of new targets."""
 
     def _act(
         self, place: FloatArray, width_m: float, left_s: float
@@ -237,7 +237,7 @@ class _Course:
     # --- movements -----------------------------------------------------------------------------
 
     def aim(self, distance_m: float, width_m: float, longest_s: float) -> tuple[Any, ...]:
-        """Let everyone settle at a place, and aim at another one: a cell of the movements."""
+        """Move all bodies to a place, then to another one; return a cell of the movements."""
         start, goal = self._pairs(distance_m)
         self._look(start)
         for step in range(round(_SETTLE_S / self._policy.step_s)):
@@ -255,7 +255,7 @@ class _Course:
         return distance, width_m, time_s, reaction_s, end, -path[:, 0], profile, peak
 
     def _at(self, place: FloatArray, sample: int = -1) -> FloatArray:
-        """(N, 3) where hands are from targets, at a sample of the last user step."""
+        """Return the vectors (N, 3) from targets to hands, at a sample of the last user step."""
         return self._users.device_poses(self._policy.hands[0], sample)[0] - place
 
     def _step(
@@ -295,7 +295,7 @@ class _Course:
         return np.concatenate(path, 1), ended, end
 
     def _pairs(self, distance_m: float) -> tuple[FloatArray, FloatArray]:
-        """(N, 3) starts, with everyone's posture there, and targets at a distance from them."""
+        """Return (N, 3) starts, with the bodies there, and targets at a distance from them."""
         low, high = self._users.body.joint_ranges.T
         rng, n = self._rng, self._n
         spread = rng.uniform(-_COMFORT, _COMFORT, (_POOL, len(low)))

@@ -1,7 +1,8 @@
 """The training of a human motor policy: a forward model of the body, and feedback in space.
 
-In each cycle simulated persons move, at first at random and then to goals, and the forward model is
-fitted to what they did. Then the policy in space learns with the noise and delays of persons.
+In each cycle virtual participants move, at first at random and then to goals, and the forward
+model is fitted to their movements. Then the policy in space learns with the noise and delays of
+people.
 """
 
 from collections.abc import Callable, Mapping
@@ -275,7 +276,7 @@ class Bodies:
         )
 
     def reset(self, ids: NDArray[np.int64], rng: np.random.Generator) -> None:
-        """Let users be other persons, in any posture."""
+        """Replace the users' persons, in random postures."""
         low, high = self.body.joint_ranges.T
         middle, half = 0.5 * (low + high), 0.5 * INSIDE * (high - low)
         postures = middle + half * rng.uniform(-1.0, 1.0, (len(ids), len(low)))
@@ -457,7 +458,7 @@ class _Collection:
         return self._hands.motion(self._bodies.users, self._policy.persons.of(self._bodies))  # type: ignore[arg-type]
 
     def _begin(self, ids: NDArray[np.int64]) -> None:
-        """Let persons be others, with other tools."""
+        """Replace the persons and their tools."""
         if not len(ids):
             return
         self._bodies.reset(ids, self._rng)

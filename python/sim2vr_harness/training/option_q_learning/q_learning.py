@@ -151,7 +151,7 @@ class ValueLearner(State):
         """Exponent of the importance weights: 0 at first, 1 at the end (Schaul et al. 2016)."""
 
     def settle_scale(self) -> None:
-        """Let a good decision be worth about 1."""
+        """Set the scale of rewards so that a good decision has a value of about 1."""
         if self.scale != 1.0:
             return
         known = np.abs(self.decisions.read("game_reward", np.arange(self.decisions.count)))
@@ -168,7 +168,7 @@ class ValueLearner(State):
         return loss
 
     def _update(self, each: Map) -> float:
-        """One step of learning, from a batch that is always parted alike."""
+        """Run one training step on a batch, which is always divided in the same way."""
         memory = self.decisions
         have = min(
             memory.count - self.since, max(SETTINGS.n_step + 1, SETTINGS.kept_decisions // self._n)
@@ -247,7 +247,7 @@ class ValueLearner(State):
 
     @staticmethod
     def _worth(values: Tensor, chosen: Tensor) -> Tensor:
-        """(N,) sums over hands of the values of choices (N, H)."""
+        """Return the sums over hands of the values of choices (N, H), (N,)."""
         return values.gather(-1, chosen[..., None])[..., 0].sum(1)
 
 
@@ -311,7 +311,7 @@ class Exploration:
 
 
 def _colours(pictures: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """(N, H, W) numbers of the colours of pixels."""
+    """Return the numbers of the colours of pixels, (N, H, W)."""
     level = (pictures[:, :3].astype(np.int64) * SETTINGS.colours) // 256
     number: NDArray[np.int64] = (
         level[:, 0] * SETTINGS.colours + level[:, 1]
@@ -320,7 +320,7 @@ def _colours(pictures: NDArray[np.uint8]) -> NDArray[np.int64]:
 
 
 def _spread(where: NDArray[np.float64], rare: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(K, cells) weights that prefer rare colours among places, half of them by far."""
+    """Return weights (K, cells) that prefer rare colours among places; half of them strongly."""
     weights: NDArray[np.float64] = where * (0.3 * rare / rare.mean() + 0.7)
     rarest = where * rare
     return 0.5 * weights / weights.sum(1, keepdims=True) + 0.5 * rarest / rarest.sum(
@@ -397,7 +397,7 @@ class OptionQLearning(State):
         self.learner = ValueLearner(self.net, self._decisions, self.rng, n)
 
     def _take_up(self, simulation: Any, policy: HierarchicalPolicy) -> None:
-        """Let these users play from now on, in rounds that begin."""
+        """Continue with these users, in new rounds."""
         self.simulation, self.policy = simulation, policy
         policy.values, policy.together = self.net, self.n
         if isinstance(policy, PersonPolicy):

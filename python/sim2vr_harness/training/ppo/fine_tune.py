@@ -1,8 +1,9 @@
-"""Trained users that go on: the recipe ``adapt``, and the configuration that it needs.
+"""Continued training of users: the recipe ``adapt``, and the configuration that it needs.
 
 A user that plays one app well learns a changed app in minutes: PPO begins with the user's weights,
-its critic's included, and takes some thousand user steps more. What the policy relies on stays as
-it is (:mod:`sim2vr_harness.envs.resolved`); effort, noise and the game's options may change.
+including its critic's, and needs some thousand further user steps. The policy's senses and actions
+stay the same (:mod:`sim2vr_harness.envs.resolved`). Effort, noise and the game's options may
+change.
 """
 
 from collections.abc import Sequence

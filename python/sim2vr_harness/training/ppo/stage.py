@@ -163,7 +163,7 @@ def load_moment(model: BaseAlgorithm, env: SimulationVecEnv, arrays: dict[str, N
 
 @contextmanager
 def _holding(model: PPO, snapshot: Snapshot) -> Iterator[None]:
-    """Let ``model`` hold a snapshot's weights and counters for a moment."""
+    """Load a snapshot's weights and counters into ``model`` temporarily."""
     now = (
         copy.deepcopy(model.policy.state_dict()),
         copy.deepcopy(model.policy.optimizer.state_dict()),

@@ -236,7 +236,7 @@ class TeacherSimulation(State):
             )
 
     def explore(self, seconds: float | None) -> None:
-        """Let episodes be so short and begin near a cell, from the next ones on; None ends it."""
+        """Shorten the next episodes and start them near a cell; None ends this."""
         self._exploring_s = seconds
 
     def condition_of(self, user: int) -> int:

@@ -615,7 +615,7 @@ def write_page(found: Measured, file: Path) -> Path:
 
 
 def _figure(found: Measured) -> dict[str, Any]:
-    """The hull, the body's bones and the targets, for Plotly."""
+    """Return the hull, the body's bones and the targets, for Plotly."""
     vertices, triangles = shell(found.volume)
     (right, up, ahead), (i, j, k) = position_to_app(vertices).round(4).T, triangles.T
     room: dict[str, Any] = {
@@ -658,7 +658,7 @@ def _figure(found: Measured) -> dict[str, Any]:
 
 
 def _bones(body: Body) -> tuple[list[float | None], ...]:
-    """Lines between the body's parts in the posture that episodes start near."""
+    """Return lines between the body's parts in the posture that episodes start near."""
     model = body.physics_model
     places = position_to_app(_resting(body).xpos).round(4)[:, [0, 2, 1]].tolist()
     lines: list[list[float | None]] = []

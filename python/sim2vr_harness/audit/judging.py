@@ -291,7 +291,7 @@ def judge(
 def _paced(
     crowd: Crowd, targets: Sequence[Target], judged: Judged, pace: float
 ) -> dict[str, FloatArray]:
-    """Minutes until exhaustion at a pace, (N, T) by model; NaN: not reached."""
+    """Return minutes until exhaustion at a pace, (N, T) by model; NaN: not reached."""
     found = {model: np.full(judged.seen.shape, np.nan) for model in MODELS}
     person, column = np.nonzero(~np.isnan(judged.exertion[3]))
     if len(person):  # not all targets are looked at, or beyond everyone's reach

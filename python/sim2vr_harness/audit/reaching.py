@@ -257,7 +257,7 @@ class _Best:
     def offer(
         self, rows: Ints, q: FloatArray, gap: FloatArray, cost: FloatArray, *, leans: bool
     ) -> None:
-        """Take postures (R, K) of some rows where they are among the best."""
+        """Store postures (R, K) of some rows if they are among the best."""
         self.leans[rows] |= leans & (gap < self.gap[rows, 0])
         gaps = np.concatenate([self.gap[rows], gap[:, None]], axis=1)
         costs = np.concatenate([self.cost[rows], cost[:, None]], axis=1)
@@ -269,7 +269,7 @@ class _Best:
 
 
 def _samples(hand: Linkage, trunk: bool, straight: bool) -> tuple[FloatArray, cKDTree]:
-    """Postures within the limits, and where they bring the hand.
+    """Return random postures within the limits, and the positions of the hand in them.
 
     Args:
         hand: Of one person.

@@ -183,7 +183,7 @@ def _offers(target: Mapping[str, Any]) -> list[str]:
 
 
 def _percent(share: Mapping[str, Any]) -> str:
-    """A proportion with its interval, in per cent."""
+    """Return a proportion with its interval, in per cent."""
     if share["share"] is None:
         return "-"
     low, high = 100.0 * share["low"], 100.0 * share["high"]
@@ -383,7 +383,7 @@ def _operated_table(values: Mapping[str, Any]) -> Markup:
 
 
 def _space(audit: Audit) -> Panel:
-    """The targets, the eyes and the shoulders of the person of median stature."""
+    """Return the targets, the eyes and the shoulders of the person of median stature."""
     usable = audit.judged.usable.mean(axis=0)
     places = audit.judged.places_m[audit.middle]
     eyes, right, left = audit.landmarks_m

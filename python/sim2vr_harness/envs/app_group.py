@@ -53,10 +53,10 @@ class Logs(Protocol):
     """The games' named numbers at one moment, one entry per user."""
 
     def __getitem__(self, i: int) -> Mapping[str, float]:
-        """Those of user ``i``."""
+        """Return the numbers of user ``i``."""
 
     def total(self, name: str) -> float:
-        """The sum of one number over all users; 0 where the game has none of that name."""
+        """Return the sum of one number over all users; 0 if the game has none of that name."""
 
 
 class AppGroup(Protocol):
@@ -116,7 +116,7 @@ class AppGroup(Protocol):
         poses: DevicePoses,
         options: Mapping[str, OptionValue] | None,
     ) -> None:
-        """Starts rounds.
+        """Start rounds.
 
         Args:
             ids: (M,) users.
@@ -157,10 +157,10 @@ class AppGroup(Protocol):
         """Return copies of the present logs, which later steps do not change."""
 
     def save(self, i: int, step: int) -> bytes | None:
-        """The state of user ``i``'s app; None if it cannot be saved, or has failed (just now)."""
+        """Return the state of user ``i``'s app; None if it cannot be saved, or has failed."""
 
     def close(self) -> None:
-        """Ends the apps; idempotent."""
+        """End the apps; idempotent."""
 
 
 def app_group(
@@ -189,7 +189,7 @@ def app_group(
 
 
 def _channels(config: EnvConfig) -> list[int]:
-    """The channels that a user sees; none without sight."""
+    """Return the image channels of a user; none without vision."""
     sees = any(config.sense(name) is not None for name in ("vision", "fovea"))
     return channel_indices(config.vision.channels) if sees else []
 
@@ -331,7 +331,7 @@ class ClientGroup:
 
     @contextmanager
     def _noting_failure(self, i: int, step: int) -> Iterator[None]:
-        """Ends the app of user ``i``, and remembers why, when the block finds it failed."""
+        """End the app of user ``i``, and store the reason, if the block finds it failed."""
         try:
             yield
         except APP_FAILURES as error:
@@ -445,7 +445,7 @@ class MirroredGroup:
         *,
         drawn: int | IntArray = -1,
     ) -> IntArray:
-        """One user step, right-handers first."""
+        """Advance by one user step, right-handers first."""
         self._begin()
         answered = []
         for rows, _ in self._parts(ids, None):
@@ -459,11 +459,11 @@ class MirroredGroup:
         return np.asarray(ids[np.isin(ids, found)])
 
     def logs(self) -> Logs:
-        """The games' numbers."""
+        """Return the games' numbers."""
         return self._group.logs()
 
     def save(self, i: int, step: int) -> bytes | None:
-        """The state of a user's app."""
+        """Return the state of a user's app."""
         return self._group.save(i, step)
 
     def close(self) -> None:
@@ -483,7 +483,7 @@ class MirroredGroup:
         return parts
 
     def _seen(self, poses: DevicePoses, ids: IntArray, rows: IntArray) -> DevicePoses:
-        """The devices of one hand's users as their apps get them."""
+        """Return the devices of one hand's users as their apps receive them."""
         own = poses[rows]
         return mirrored_poses(own) if self._mirrored[ids[rows[0]]] else own
 
@@ -512,7 +512,7 @@ class MirroredGroup:
 
 
 def mirrored_poses(poses: DevicePoses) -> DevicePoses:
-    """Devices as in a mirror between left and right: the controllers change hands.
+    """Return the devices mirrored between left and right: the controllers change hands.
 
     Args:
         poses: rows (..., 7) in the app's frame, and inputs.

@@ -394,7 +394,7 @@ class EnvConfig(Settings):
         return senses
 
     def sense(self, kind: str) -> SenseConfig | None:
-        """The first of this kind among :attr:`senses`, None if there is none."""
+        """Return the first of this kind among :attr:`senses`, None if there is none."""
         return next((sense for sense in self.senses if sense.sense == kind), None)
 
     @property

@@ -42,7 +42,7 @@ class Views:
         return picture
 
     def close(self) -> None:
-        """Frees the renderer; idempotent."""
+        """Free the renderer; idempotent."""
         if self._body_renderer is not None:
             self._body_renderer.close()
             self._body_renderer = None

@@ -191,7 +191,7 @@ class ResolvedEnv:
         return self._fitted(tuple(task.devices), tuple(task.inputs))
 
     def _fitted(self, devices: tuple[str, ...], inputs: tuple[str, ...]) -> "ResolvedEnv":
-        """The environment with a body that wears devices, and with inputs, unless it names them."""
+        """Return the environment with a body that wears devices, and inputs, unless it names them."""
         user, changes = self.config.user, dict[str, Any]()
         if inputs and "inputs" not in user.model_fields_set:
             changes["inputs"] = inputs
@@ -307,7 +307,7 @@ def _beyond_muscles(body: Body) -> dict[str, Any]:
 
 
 def _beyond_the_default(config: EnvConfig) -> dict[str, Any]:
-    """Terms that are named only where they are not the default.
+    """Return terms that are named only if they are not the default.
 
     How late, noisy or coarse a sense is, is none of them: a policy can act with it.
     """
@@ -333,7 +333,7 @@ def contract_hash(terms: dict[str, Any]) -> str:
 
 
 def differences(one: dict[str, Any], other: dict[str, Any]) -> list[tuple[str, Any, Any]]:
-    """The terms in which two contracts differ: (name, of the one, of the other)."""
+    """Return the terms in which two contracts differ: (name, of the one, of the other)."""
     return [
         (key, one.get(key), other.get(key))
         for key in [*one, *(key for key in other if key not in one)]

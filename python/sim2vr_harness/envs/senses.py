@@ -193,7 +193,7 @@ class Senses:
 def _replaced(
     kept: Mapping[int, Sequence[Any]], new: Mapping[int, Sequence[Any]], ids: NDArray[np.int64]
 ) -> dict[int, Sequence[Any]]:
-    """Events by user: of these users the new ones, of the others those that are kept."""
+    """Return events by user: new ones for these users, the kept ones for the others."""
     moved = set(ids.tolist())
     events = {i: found for i, found in kept.items() if i not in moved}
     return events | {i: found for i, found in new.items() if i in moved and found}

@@ -569,7 +569,7 @@ class Simulation:
             self.load_state_dict(made["state"])
 
     def close(self) -> None:
-        """Ends the apps; idempotent. Later calls raise RuntimeError."""
+        """End the apps; idempotent. Later calls raise RuntimeError."""
         self._closed = True
         self._apps.close()
         self._group.close()
@@ -601,7 +601,7 @@ class AppSteps:
         self._config, self._users, self._group = config, users, group
         self._actions, self._max_steps = actions, max_steps
         self.late_hands = LateHands(config, users.n)
-        """To be watched by who saves states, where it has frames."""
+        """Delayed hand poses, a sense to be watched if it has frames."""
         self.shares = _SHARES if group.drawn_by_gpu else (1.0,)
         """Parts of the users to move one after the other."""
         self._beside: ThreadPoolExecutor | None = None

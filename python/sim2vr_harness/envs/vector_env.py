@@ -129,7 +129,7 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         seeds: Sequence[int | None] | None = None,
         options: Mapping[str, OptionValue] | None = None,
     ) -> dict[str, Any]:
-        """Starts episodes and adds their infos."""
+        """Start episodes and add their infos."""
         started = self.simulation.reset(ids=ids, seeds=seeds, options=options)
         for i, info in zip(ids, started, strict=True):
             infos = self._add_info(infos, dict(info), i)
@@ -165,12 +165,12 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         return observation, batch.reward, batch.terminated, batch.truncated, infos
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """A picture of every user, (480, 640, 3) uint8 each, or None without a render mode."""
+        """Return an image of each user, (480, 640, 3) uint8, or None without a render mode."""
         if self.render_mode is None:
             return None
         return tuple(self._views.draw(self.render_mode, i) for i in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Ends the apps."""
+        """End the apps."""
         self.simulation.close()
         self._views.close()

@@ -178,7 +178,7 @@ def _q_learning_panels(runs: Sequence[_Run]) -> list[Panel]:
 
 
 def _stage_panels(runs: Sequence[_Run]) -> list[Panel]:
-    """The stages before the training from pixels: imagined rollouts, then imitation."""
+    """Return panels of the stages before training from pixels: imagined rollouts, imitation."""
     facts = runs[0].facts
     score = next((measure for measure in facts.scalars if measure.name == facts.score), None)
     key_of_score = "rollout/ep_rew_mean" if score is None else f"rollout/{metric_key(score)}"
@@ -215,7 +215,7 @@ def _panel(
 
 
 def _lines(curves: Sequence[_Curve], runs: Sequence[_Run], *, dashed: bool = False) -> list[Layer]:
-    """One line per run; the points of short ones are marked."""
+    """Return one line per run; the points of short ones are marked."""
     layers: list[Layer] = []
     for number, ((steps, values), run) in enumerate(zip(curves, runs, strict=True)):
         millions = [step / 1e6 for step in steps]

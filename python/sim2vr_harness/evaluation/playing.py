@@ -53,7 +53,7 @@ class UserPolicy:
         render_mode: RenderMode | None = None,
         config: EnvConfig | None = None,
     ) -> Sim2VREnv:
-        """A Gymnasium environment that it can play in.
+        """Return a Gymnasium environment in which the user can play.
 
         Args:
             condition: A condition of the game; None leaves the training's.
@@ -114,7 +114,7 @@ class UserPolicy:
 
 
 def load_user_policy(run: str | Path, *, trust_app: bool = False) -> UserPolicy:
-    """A trained user, ready to play: ``load_user_policy("whacamole_constrained")``.
+    """Load a trained user: ``load_user_policy("whacamole_constrained")``.
 
     Args:
         run: As of :class:`UserPolicy`.

@@ -100,7 +100,7 @@ def contrasts(
     people: Mapping[Cell, Sequence[RecordedPerson]],
     behaviour: Behaviour,
 ) -> list[ContrastRow]:
-    """Differences between conditions, person by person."""
+    """Return differences between conditions, paired by person."""
     found = []
     for group in behaviour.groups:
         for contrast in behaviour.contrasts:
@@ -132,7 +132,7 @@ def group_contrasts(
     people: Mapping[Cell, Sequence[RecordedPerson]],
     behaviour: Behaviour,
 ) -> list[ContrastRow]:
-    """Differences between groups of people in a condition (Welch's interval)."""
+    """Return differences between groups of people in a condition (Welch's interval)."""
     names = list(behaviour.groups)
     found = []
     for one, other in pairwise(names):

@@ -48,7 +48,7 @@ def draw(report: ComparisonReport, folder: Path) -> list[Path]:
 
 
 def _cells(report: ComparisonReport) -> list[Cell]:
-    """Conditions that people and a user have played, in the order of the tables."""
+    """Return conditions that people and a user have played, in the order of the tables."""
     return [
         (group, condition)
         for group in report.behaviour.groups

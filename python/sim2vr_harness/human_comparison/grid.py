@@ -26,7 +26,7 @@ _TINY_S = 1e-9
 
 
 def at(times_s: FloatArray, values: FloatArray, when_s: FloatArray) -> FloatArray:
-    """Values (N, K) of times (N,) at other times (...), on straight lines between; (..., K)."""
+    """Interpolate values (N, K) of times (N,) linearly at other times (...); return (..., K)."""
     columns = [np.interp(when_s, times_s, values[:, k]) for k in range(values.shape[1])]
     return np.stack(columns, axis=-1)
 

@@ -362,7 +362,7 @@ def smoothness(track: Track) -> Found:
 
 
 def swings(track: Track) -> Found:
-    """Passages of the tool through the plane, away from the player."""
+    """Measure passages of the tool through the plane, away from the player."""
     depth, hits = track.tool_m[:, 2], len(track.hits_after_settling)
     through = np.flatnonzero((depth[:-1] < 0.0) & (depth[1:] >= 0.0))
     part = -depth[through] / (depth[through + 1] - depth[through])
@@ -391,7 +391,7 @@ def head(track: Track) -> Found:
 
 
 def hands(track: Track) -> Found:
-    """Measures of a session that need no knowledge of its app."""
+    """Measure the hands of a session, without a description of its app."""
     played, velocity = track.played, track.velocity_mps
     minutes = len(velocity) * PERIOD_S / 60.0
     jerk = np.diff(velocity, 2, axis=0) / PERIOD_S**2
@@ -428,7 +428,7 @@ def _path_m(points: FloatArray) -> float:
 
 
 def _movements(speed: FloatArray, fast_mps: float = _MOVING_MPS) -> list[tuple[int, int]]:
-    """Ranges of steps in which the hand is fast for long enough."""
+    """Return ranges of steps in which the hand is fast for long enough."""
     fast = np.concatenate([[False], speed > fast_mps, [False]])
     edges = np.flatnonzero(fast[1:] != fast[:-1]).reshape(-1, 2)
     return [(int(a), int(b)) for a, b in edges if b - a >= _MOVING_STEPS]

@@ -69,7 +69,7 @@ class Effect:
 
 
 def _middles(last: int) -> FloatArray:
-    """Times of the velocities up to a point of the grid."""
+    """Return times of the velocities up to a point of the grid."""
     return np.asarray((np.arange(_FIRST, last, dtype=np.float64) + 0.5) * PERIOD_S)
 
 

@@ -74,7 +74,7 @@ class ComparisonReport:
         return total(self.rows())
 
     def rows(self) -> list[ComparisonRow]:
-        """Those of all users."""
+        """Return the rows of all users."""
         return [row for each in self.compared for row in each.rows]
 
     @cached_property
@@ -89,7 +89,7 @@ class ComparisonReport:
         return left_out(self.people.persons, self.behaviour)
 
     def contrasts(self, user: Source) -> list[ContrastRow]:
-        """Differences between a user's conditions."""
+        """Return differences between a user's conditions."""
         return contrasts(user.persons, self.people.persons, self.behaviour)
 
     def group_contrasts(self) -> list[tuple[str, ContrastRow]]:

@@ -193,7 +193,7 @@ def _with_groups(plays: Plays, groups: Sequence[str], behaviour: Behaviour | Non
 def _described(
     users: Sequence[str], recorded: Sequence[Recorded], game: str | None, plays: Plays
 ) -> Behaviour | None:
-    """The description of the game; None of sessions of any app.
+    """Return the description of the game; None for sessions of any app.
 
     Logs and packed rounds of a described game have more in them than other sessions.
     """
@@ -264,7 +264,7 @@ def _condition_names(game: str) -> list[str]:
 
 
 def _with_condition(each: Recorded, conditions: Sequence[str]) -> Recorded:
-    """A game's recording with its condition: its own, or the only one that was named.
+    """Return a game's recording with its condition: its own, or the only one that was named.
 
     Raises:
         InputError: Neither says which condition was played.

@@ -68,7 +68,7 @@ class ReplayStore(State):
         return max(0, self.count - self.capacity)
 
     def append(self, frame: Mapping[str, NDArray[Any]]) -> None:
-        """Take (N, ...) of keys; those that are left out follow by :meth:`amend`."""
+        """Append (N, ...) of keys; those that are left out follow by :meth:`amend`."""
         rows = len(next(iter(frame.values())))
         self.count += rows
         self.amend(frame)
@@ -107,7 +107,7 @@ class ReplayStore(State):
         return known
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go back to the frames of :meth:`state_dict`."""
+        """Return to the frames of :meth:`state_dict`."""
         self.count = state["count"]
         for key in state.keys() - {"count"}:
             values = state[key]

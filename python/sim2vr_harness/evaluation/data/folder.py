@@ -113,7 +113,7 @@ class DataFolder:
 
 
 def _recorded_with(root: Path) -> list[dict[str, Any]]:
-    """Versions and the episodes that were recorded with them; none without a manifest.
+    """Return versions and the episodes that were recorded with them; none without a manifest.
 
     Raises:
         InputError: The manifest cannot be read.
@@ -130,7 +130,7 @@ def _recorded_with(root: Path) -> list[dict[str, Any]]:
 
 
 def parquet_bytes(table: pa.Table) -> bytes:
-    """A table as a Parquet file: the same rows are the same bytes."""
+    """Return a table as a Parquet file; equal rows give equal bytes."""
     stream = io.BytesIO()
     singles = [field.name for field in table.schema if field.type == pa.float32()]
     words = [field.name for field in table.schema if field.type == pa.string()]
@@ -145,7 +145,7 @@ def parquet_bytes(table: pa.Table) -> bytes:
 
 
 def dictionary_bytes(tables: Mapping[str, Iterable[Column]]) -> bytes:
-    """The data dictionary: a line per column of every table."""
+    """Return the data dictionary: a line per column of every table."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["table", "column", "type", "unit", "description"])

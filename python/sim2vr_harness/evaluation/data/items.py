@@ -162,7 +162,7 @@ def _place(row: dict[str, Any], place: Sequence[float]) -> None:
 
 
 def _further(name: str, text: str) -> dict[str, Any]:
-    """Columns of a field that every game may have in its own way."""
+    """Return columns of a field that every game may have in its own form."""
     column, values = column_name(name), _numbers(text)
     if not column:
         return {}
@@ -174,7 +174,7 @@ def _further(name: str, text: str) -> dict[str, Any]:
 
 
 def _places(log: Sequence[LogLine], item: LoggedItem) -> dict[int, Sequence[float]]:
-    """The world's place of each cell, from the event that lists them."""
+    """Return the world position of each cell, from the event that lists them."""
     found: dict[int, Sequence[float]] = {}
     for line in log:
         if item.places_event and line.event.startswith(item.places_event):

@@ -286,7 +286,7 @@ class _Handler(BaseHTTPRequestHandler):
     do_HEAD = do_GET
 
     def do_POST(self) -> None:
-        """Take a part of the session."""
+        """Receive a part of the session."""
         owner = self.server.owner
         length = self.headers.get("Content-Length", "")
         try:

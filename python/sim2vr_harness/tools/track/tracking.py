@@ -198,7 +198,7 @@ def track(
     *,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> Tracked:
-    """Let a body follow a recording, without motor noise.
+    """Track a recording with a body, without motor noise.
 
     Args:
         env: the user's: body, person, effort.

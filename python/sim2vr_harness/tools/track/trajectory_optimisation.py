@@ -291,7 +291,7 @@ def _apart(errors: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 def least_within(
     curve: FloatArray, slope: FloatArray, low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """The x from low to high at which slope x + x curve x / 2 is least, by projected Newton steps.
+    """Return x from low to high that minimises slope x + x curve x / 2, by projected Newton steps.
 
     Args:
         curve: (A, A) positive definite.
@@ -351,7 +351,7 @@ class DynamicsState:
     motor: FloatArray
 
     def times(self, n: int) -> DynamicsState:
-        """The same for n bodies."""
+        """Return the state of n bodies in this state."""
         parts = (self.qpos, self.qvel, self.act, self.motor)
         return DynamicsState(*(np.repeat(part[None], n, 0) for part in parts))
 

@@ -173,7 +173,7 @@ def _shape(model: mujoco.MjModel, geom: int) -> tuple[FloatArray, IntArray] | No
 def _rings(
     rings: list[tuple[float, FloatArray]], scale: FloatArray | list[float]
 ) -> tuple[FloatArray, IntArray]:
-    """A closed skin over rings of as many corners, (height, (K, 2)) from low to high."""
+    """Return a closed skin over rings of as many corners, (height, (K, 2)) from low to high."""
     count = len(rings[0][1])
     vertices = [np.column_stack([ring, np.full(count, height)]) for height, ring in rings]
     ids = np.arange(len(rings) * count).reshape(len(rings), count)
@@ -637,7 +637,7 @@ def page_of(address: str) -> str:
 
 
 def _require_own(host: str) -> None:
-    """Refuse an address that no one can listen on here; viser would wait for ever."""
+    """Reject an address that cannot be listened on here; viser would wait forever."""
     try:
         kind, *_, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(kind, socket.SOCK_STREAM) as probe:

@@ -555,7 +555,7 @@ class StudentStage(Stage):
         return {"policy": state["policy"]} | {title: state[k] for title, k in heads.items()}
 
     def run(self, callbacks: Callbacks) -> None:
-        """Go through the rounds that are left."""
+        """Run the remaining rounds."""
         student = self._learner
         self.resume(callbacks)
         first, began, doing = student.store.count, time.monotonic(), "collecting the first frames"

@@ -372,7 +372,7 @@ class CycleStage(Stage):
         return {title: state[name] for title, name in (names | {"optimizer": "_optimizer"}).items()}
 
     def run(self, callbacks: Callbacks) -> None:
-        """Go through the cycles that are left."""
+        """Run the remaining cycles."""
         trainer, report = self._learner, None
         self.resume(callbacks)
         callbacks.say(f"Imagined rollouts on {trainer.device}.")

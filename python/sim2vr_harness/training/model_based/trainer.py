@@ -100,7 +100,7 @@ class Task(State, ABC):
         """Fit the task's parameters of the tools to the user steps of the first cycle."""
 
     def begin_updates(self, pool: TransitionStore) -> None:
-        """Take note of the states that imagined users start from in this cycle."""
+        """Process the states that imagined users start from in this cycle."""
 
     @abstractmethod
     def report(

@@ -269,7 +269,7 @@ class _Course:
     def _follow(
         self, place: FloatArray, width_m: float, longest_s: float
     ) -> tuple[FloatArray, NDArray[np.int64], FloatArray]:
-        """Let everyone move to targets, which appear now, until all have stopped.
+        """Move all bodies to new targets until all have stopped.
 
         Args:
             place: (N, 3) m.

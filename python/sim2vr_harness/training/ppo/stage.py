@@ -246,7 +246,7 @@ class PPOStage(Stage):
         self._learner = ppo.build(self._config, self._simulation)
 
     def run(self, callbacks: Callbacks) -> None:
-        """Go through the iterations that are left."""
+        """Run the remaining iterations."""
         model, kept = self._learner, self._config.checkpoint
         if self.begun:
             restore(self._run.latest_checkpoint(), model)

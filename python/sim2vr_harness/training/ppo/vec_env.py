@@ -56,7 +56,7 @@ class SimulationVecEnv(VecEnv):
         return self._seeds
 
     def reset(self) -> dict[str, NDArray]:
-        """Start a new episode for everyone.
+        """Start a new episode for all users.
 
         With the seeds given to :meth:`seed` and the options given to :meth:`set_options`, if any.
         Options hold from this round on, as those of a single environment's ``reset`` do.
@@ -98,7 +98,7 @@ class SimulationVecEnv(VecEnv):
         self._options = [checked_options(one) for one in given]
 
     def step_async(self, actions: NDArray) -> None:
-        """Take a copy of the actions, (N, A) in [-1, 1], of the next :meth:`step_wait`.
+        """Copy the actions, (N, A) in [-1, 1], for the next :meth:`step_wait`.
 
         Raises:
             ValueError: Another shape, or no numbers.

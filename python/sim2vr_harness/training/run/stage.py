@@ -73,7 +73,7 @@ class Stage(ABC):
     """Name in error messages of the file that holds the learner's state."""
     log_file = "metrics.jsonl"
     leftovers: tuple[str, ...] = ()
-    """Patterns of further files that no one needs once the stage is over."""
+    """Patterns of further files that are deleted when the stage is over."""
 
     def __init__(self, config: TrainingConfig, folder: Path, total: float) -> None:
         self._config, self.folder, self.total = config, folder, float(total)
@@ -150,7 +150,7 @@ class Stage(ABC):
         callbacks.report(self.done, row)
 
     def remember(self) -> None:
-        """Take the learner's state, which the stage saves however it ends.
+        """Store the learner's state, which the stage saves however it ends.
 
         Raises:
             NotFinite: the learner is spoilt; the state before it is written.
@@ -285,7 +285,7 @@ class Callbacks:
         self._display.say(text)
 
     def report(self, done: float, values: Mapping[str, Any]) -> None:
-        """Pass on a row of the stage's log."""
+        """Report a row of the stage's log."""
         if self._report is not None:
             stage = self._stage
             where = (stage.name, self._number, self._stages)

@@ -39,7 +39,7 @@ class InitialStates:
     def draw(
         self, condition: str, weights: NDArray[np.floating], rng: np.random.Generator
     ) -> FloatArray | None:
-        """A posture near a cell drawn by ``weights`` (by cell); None where there is none."""
+        """Return a posture near a cell drawn by ``weights`` (by cell); None if there is none."""
         cells = [cell for cell, found in self._postures[condition].items() if len(found)]
         if not cells:
             return None
@@ -310,7 +310,7 @@ class TeacherSimulation(State):
         return {OBSERVATION: self.senses.observe()}
 
     def step(self, actions: NDArray[Any]) -> StepBatch:
-        """Advance everyone by one user step."""
+        """Advance all users by one user step."""
         result = self.simulation.step(np.clip(actions, -1.0, 1.0))
         self.step_count += self.n
         self._length += 1

@@ -191,7 +191,7 @@ class ResolvedEnv:
         return self._fitted(tuple(task.devices), tuple(task.inputs))
 
     def _fitted(self, devices: tuple[str, ...], inputs: tuple[str, ...]) -> "ResolvedEnv":
-        """Return the environment with a body that wears devices, and inputs, unless it names them."""
+        """Return the environment with a body that wears devices, and inputs, unless named."""
         user, changes = self.config.user, dict[str, Any]()
         if inputs and "inputs" not in user.model_fields_set:
             changes["inputs"] = inputs

@@ -1,1 +1,1 @@
-"""Audit of an app: a population beside its targets."""
+"""Audit of an app: a population and the targets that it has to use."""

@@ -25,18 +25,17 @@ _DEVICE = "controller_right"
 _SECONDS = 6.0
 """Of an attempt, at most."""
 _IDLE_S, _NEARER = 1.5, 0.01
-"""An attempt ends when for so long the error has not been smaller, by this part, than so long
-before."""
+"""Time and proportion: an attempt ends when the error has decreased by less within this time."""
 
 
 @dataclass(frozen=True)
 class Acted:
-    """What came of acting it out.
+    """Outcome of a simulated reach.
 
     Attributes:
-        seconds: Until the hand was there, over all attempts; None: it did not get there.
-        attempts: How many.
-        gap: Least distance, m; of a ray the angle, degrees.
+        seconds: Time until the hand arrived, over all attempts; None: it did not arrive.
+        attempts: Number of attempts.
+        gap: Least distance, m; for a ray the least angle, degrees.
     """
 
     seconds: float | None
@@ -45,7 +44,7 @@ class Acted:
 
     @property
     def done(self) -> bool:
-        """Whether the hand got there."""
+        """Return whether the hand arrived."""
         return self.seconds is not None
 
 
@@ -53,7 +52,7 @@ class Actor:
     """A person's body in motion.
 
     Args:
-        subject: Whose.
+        subject: The person.
         seed: Of the posture in which attempts begin.
         watch: Receives posture (nq,) and activations (M,) after each user step.
     """
@@ -135,12 +134,12 @@ class Actor:
 def act_out(
     crowd: Crowd, person: int, targets: Sequence[Target], judged: Judged
 ) -> list[Acted | None]:
-    """Have a person act out all targets with the hand that was judged, rays with the preferred one.
+    """Simulate a person's reaches: to all targets with the judged hand, rays with the preferred.
 
-    None: what takes no hand, or both.
+    The result is None for targets that need no hand, or both.
 
     Args:
-        crowd: Whose.
+        crowd: The persons.
         person: Number.
         targets: Of the audit.
         judged: Postures that were found; first attempts.

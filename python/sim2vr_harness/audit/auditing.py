@@ -1,6 +1,6 @@
-"""``sim2vr-harness audit``: judge a population on targets, and look for what includes more.
+"""``sim2vr-harness audit``: judge a population on targets, and search for improvements.
 
-With a user of its own: what that user reaches, and how long it holds a posture.
+With a user of its own: the user's reach, and the time for which it holds a posture.
 """
 
 from __future__ import annotations
@@ -58,7 +58,8 @@ Say = Callable[[str], None]
 _PARTS = 4
 """In which everyone's targets are judged."""
 _PART = 10
-"""One in so many persons is judged with each limitation, at least :data:`FEWEST`."""
+"""Divisor of the number of persons that are judged with each limitation, at least
+:data:`FEWEST`."""
 _TWO_HANDED = "mobl_arms_bimanual"
 """Looks at games that are played with both hands."""
 
@@ -68,7 +69,7 @@ def population_audit(request: AuditRequest, say: Say = lambda text: None) -> Aud
 
     Args:
         request: Without ``user``.
-        say: Receives what is being done.
+        say: Receives the present activity.
 
     Raises:
         InputError: Something cannot be used.
@@ -90,11 +91,11 @@ def population_audit(request: AuditRequest, say: Say = lambda text: None) -> Aud
 
 
 def user_reach(request: AuditRequest, say: Say = lambda text: None) -> Measured:
-    """Measure what the user of a request reaches, and its targets.
+    """Measure the reach of a request's user, and its targets.
 
     Args:
         request: With ``user``.
-        say: Receives what is being done.
+        say: Receives the present activity.
 
     Raises:
         InputError: Something cannot be used.
@@ -210,15 +211,15 @@ def run(
     """Audit targets.
 
     Args:
-        title: What is audited.
+        title: Name of the audited app or list.
         targets: At least one.
         people: Persons of the population.
         seed: Of the population.
         stance: Of everyone.
         pace: Uses of a target in a minute.
-        operate: How many persons act it out.
-        processes: At most; 0: one per core. They change no result.
-        say: Receives what is being done.
+        operate: Number of persons with simulated reaches.
+        processes: At most; 0: one per core. The number does not change any result.
+        say: Receives the present activity.
     """
     say(f"{people} persons, {len(targets)} targets ...")
     subjects = draw(people, seed)
@@ -276,7 +277,7 @@ def run(
 
 
 _do: Callable[[int], object] = int
-"""What the processes do; they are forked with it, as bodies cannot be sent."""
+"""Function that the worker processes call; they inherit it by fork, as bodies cannot be pickled."""
 
 
 def _part(number: int) -> object:
@@ -300,7 +301,7 @@ class Parts:
         self._processes = processes or available()
 
     def run(self, function: Callable[[int], T], numbers: Sequence[int]) -> list[T]:
-        """Return what the function returns for each of the numbers, in order."""
+        """Return the function's results for all numbers, in order."""
         count = min(self._processes, len(numbers))
         if count < 2:
             return [function(number) for number in numbers]

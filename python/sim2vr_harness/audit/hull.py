@@ -1,4 +1,4 @@
-"""Hull of what a user reaches: by joint limits, with the margins of targets, and as a picture."""
+"""Hull of a user's reach: by joint limits, with the margins of targets, and as an image."""
 
 import csv
 from collections.abc import Callable, Sequence
@@ -31,16 +31,16 @@ from sim2vr_harness.users.rendering import OrbitView, UserRenderer
 FloatArray = NDArray[np.float64]
 
 FURTHEST_MARGIN_M = 0.3
-"""Margins inside are looked for up to here."""
+"""Largest margin inside that is searched, m."""
 
 _SAMPLES = 6000
 _FAR_M = 1000.0
-"""A place so far away in a direction is as good as the direction: 0.1 mm of error."""
+"""Distance of a place that stands for a direction, m: the error is 0.1 mm."""
 _STARTS = 4
 _MOST_SIDES = 4
 """Of the six sides of a cell."""
 _DIRECTIONS = 32
-"""All around, in which a margin is looked for first."""
+"""Number of directions in which a margin is searched first."""
 _ROUNDS = 12
 _SHRINK, _SWELL = 0.5, -0.53
 """Taubin's two steps of smoothing, which together keep the volume."""
@@ -56,13 +56,14 @@ _INSIDE, _OUTSIDE, _ROOM, _BONES = "#1a9e3f", "#c9211e", "#2a6fd6", "#444b55"
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether a place can be reached.
+    """Reachability of a place.
 
     Attributes:
-        margin_m: inside: how far the place can be moved in any direction and still be reached, as
-            far as was looked; outside: minus the distance to the nearest place that can be reached.
+        margin_m: inside: distance by which the place can be moved in any direction and still be
+            reached, up to the searched distance; outside: minus the distance to the nearest
+            reachable place.
         nearest_m: (3,) the reachable place nearest to it, MuJoCo's world.
-        posture: (K,) angles that bring the point there.
+        posture: (K,) joint angles that bring the point there.
     """
 
     margin_m: float
@@ -71,7 +72,7 @@ class Verdict:
 
     @property
     def inside(self) -> bool:
-        """Whether the place can be reached."""
+        """Return whether the place can be reached."""
         return self.margin_m >= 0.0
 
 
@@ -82,7 +83,7 @@ class Volume:
     Attributes:
         cell_m: edge of a cell.
         low_m: (3,) middle of the first cell, MuJoCo's world.
-        reached: (X, Y, Z) whether.
+        reached: (X, Y, Z) True if the cell can be reached.
     """
 
     cell_m: float
@@ -91,7 +92,7 @@ class Volume:
 
     @property
     def litres(self) -> float:
-        """How much room it is."""
+        """Reachable volume, litres."""
         return float(self.reached.sum() * self.cell_m**3 * 1000.0)
 
     def middles(self, cells: NDArray[np.integer]) -> FloatArray:
@@ -112,13 +113,13 @@ class Volume:
 
 @dataclass
 class Reach:
-    """Everywhere that a point can be brought within the joints' limits.
+    """All positions that a point can reach within the joints' limits.
 
-    What the body would collide with, and what its muscles can hold, does not count.
+    Collisions of the body and strength of its muscles are not considered.
 
     Args:
         linkage: moves the point.
-        seed: of the postures that are drawn to begin with.
+        seed: of the initial random postures.
     """
 
     linkage: Linkage
@@ -182,7 +183,7 @@ class Reach:
         return q, distance
 
     def judge(self, places: FloatArray) -> list[Verdict]:
-        """Say of places (T, 3), MuJoCo's world, whether they can be reached, and by how much."""
+        """Return the reachability and margins of places (T, 3), MuJoCo's world."""
         q, distance = self.nearest(places)
         nearest = self.linkage.place(q)
         margins = -distance
@@ -194,9 +195,10 @@ class Reach:
         ]
 
     def _margins(self, places: FloatArray, postures: FloatArray) -> FloatArray:
-        """How far from places everything can be reached, (T,) m; see :attr:`Verdict.margin_m`.
+        """Return the radius around each place within which everything can be reached, (T,) m.
 
-        A direction that holds at a radius is taken to hold at every smaller one.
+        See :attr:`Verdict.margin_m`. A direction that is reachable at a radius is assumed to be
+        reachable at every smaller one.
         """
         n = len(places)
         # Directions all around, by Fibonacci's spiral, and last the one that points out where
@@ -231,7 +233,7 @@ class Reach:
         return good
 
     def fill(self, cell_m: float = 0.05) -> Volume:
-        """Find every cell of a grid whose middle can be reached, from those that were drawn on.
+        """Find all reachable cells of a grid, starting from the random postures.
 
         Args:
             cell_m: edge of a cell, m.
@@ -274,7 +276,7 @@ class Reach:
 
 
 def shell(volume: Volume) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Return the smoothed faces between cells that can be reached and others.
+    """Return the smoothed faces between reachable cells and others.
 
     Returns:
         Vertices (V, 3), MuJoCo's world, m, and triangles (T, 3) whose fronts, counter-clockwise,
@@ -306,15 +308,15 @@ def shell(volume: Volume) -> tuple[FloatArray, NDArray[np.int64]]:
 
 @dataclass(frozen=True)
 class Measured:
-    """What came out.
+    """Measured reach of a body.
 
     Attributes:
-        body: whose reach it is.
+        body: the measured body.
         reach: everything that the joints' limits allow.
         extent_m: (2, 3) least and greatest right, up, ahead: the app's frame, m.
         volume: the cells that can be reached.
-        targets: the places requested, in the world.
-        verdicts: on each of them.
+        targets: the requested places, in the world.
+        verdicts: one for each of them.
         people: (N, T) margins of N persons at the targets, m; see :func:`people_margins`.
     """
 
@@ -337,7 +339,7 @@ class Measured:
 def chosen_point(body: Body, name: str | None) -> Point:
     """Return the point of a body that a name stands for: a device, site or part of its model.
 
-    Without a name the first controller that the body wears.
+    Without a name it is the first controller that the body wears.
 
     Raises:
         InputError: The body has no controller, or nothing of that name.
@@ -363,15 +365,15 @@ def measure(
     *,
     cell_m: float = 0.05,
 ) -> Measured:
-    """Measure how far a point of a body reaches.
+    """Measure the reach of a point of a body.
 
     Args:
-        targets: Places to judge; those that follow the head are where it is at rest.
+        targets: Places to judge; those that follow the head are at their place at rest.
         people: As of :class:`Measured`; None: no persons.
         cell_m: Edge of the cells that the room is divided into.
 
     Raises:
-        InputError: Nothing moves the point.
+        InputError: No joint moves the point.
     """
     try:
         linkage = Linkage(body, point)
@@ -404,7 +406,7 @@ def _in_world(body: Body, targets: Sequence[Target]) -> list[Target]:
 
 
 def _resting(body: Body) -> mujoco.MjData:
-    """The body in the posture that episodes start near."""
+    """Return the body in the posture that episodes start near."""
     data = mujoco.MjData(body.physics_model)
     rest = np.array([body.reset_rule.posture.get(name, 0.0) for name in body.independent_joints])
     data.qpos[:] = body.coupled_qpos(np.clip(rest, *body.joint_ranges.T))
@@ -420,18 +422,18 @@ def people_margins(
     look: Callable[[ResolvedEnv, int], Sequence[Target]],
     seed: int = 1,
 ) -> FloatArray:
-    """Measure by how much persons reach places, each with their own body and targets.
+    """Measure the margins of persons at places, each with their own body and targets.
 
     Args:
         env: User and app.
-        point: What is to get there.
+        point: The point that has to reach the places.
         places: Of the average user.
-        people: How many persons, as an evaluation with as many has them.
+        people: Number of persons; they are those of an evaluation with the same number.
         look: Finds the targets of a person by its number.
         seed: Of the population.
 
     Returns:
-        (N, T) margin of each person at each place, see :class:`Verdict`; NaN where the person's
+        (N, T) margin of each person at each place, see :class:`Verdict`; NaN if the person's
         rounds did not have the place.
 
     Raises:
@@ -465,9 +467,9 @@ def margin_words(margin_m: float) -> str:
 
 
 def told(found: Measured) -> list[str]:
-    """Return lines that say what is within reach: in all, along the axes, and each target.
+    """Return lines on the reach: its volume, its extent along the axes, and each target.
 
-    Of a target with persons: ``9 of 10 people, at worst outside by 2.5 cm``.
+    For a target with persons, for example: ``9 of 10 people, at worst outside by 2.5 cm``.
     """
     lines = [_caption(found)]
     for name, low, high in zip(("right", "up", "ahead"), *found.extent_m, strict=True):
@@ -493,11 +495,11 @@ def _caption(found: Measured) -> str:
 
 
 def write(found: Measured, out: Path) -> list[Path]:
-    """Write what was found.
+    """Write the measured reach.
 
     Args:
         out: Folder for ``targets.csv`` (verdicts; right, up, ahead in m, angles in degrees),
-            ``hull.csv`` (the cells on the surface of what can be reached), ``hull.html`` and
+            ``hull.csv`` (the cells on the surface of the reachable volume), ``hull.html`` and
             ``hull.png``.
     """
     out.mkdir(parents=True, exist_ok=True)
@@ -524,7 +526,7 @@ def write(found: Measured, out: Path) -> list[Path]:
 
 
 def write_picture(found: Measured, file: Path) -> Path:
-    """Write a PNG file: the body from two sides, what it reaches, targets, a line of words."""
+    """Write a PNG file: the body from two sides, its reach, the targets, and a line of text."""
     vertices, triangles = shell(found.volume)
     room = SceneMesh("reach", position_to_app(vertices).astype(np.float32), triangles[:, ::-1])
     colours = [_INSIDE_RGBA if each.inside else _OUTSIDE_RGBA for each in found.verdicts]
@@ -613,7 +615,7 @@ def write_page(found: Measured, file: Path) -> Path:
 
 
 def _figure(found: Measured) -> dict[str, Any]:
-    """The hull, the body's bones and the targets, for Plotly."""
+    """Return the hull, the body's bones and the targets, for Plotly."""
     vertices, triangles = shell(found.volume)
     (right, up, ahead), (i, j, k) = position_to_app(vertices).round(4).T, triangles.T
     room: dict[str, Any] = {
@@ -656,7 +658,7 @@ def _figure(found: Measured) -> dict[str, Any]:
 
 
 def _bones(body: Body) -> tuple[list[float | None], ...]:
-    """Lines between the body's parts in the posture that episodes start near."""
+    """Return lines between the body's parts in the posture that episodes start near."""
     model = body.physics_model
     places = position_to_app(_resting(body).xpos).round(4)[:, [0, 2, 1]].tolist()
     lines: list[list[float | None]] = []

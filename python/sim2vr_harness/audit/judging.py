@@ -55,10 +55,10 @@ GRIP = GripSettings()
 
 
 def grip_share(subject: Subject, target: Target, limitation: Limitation) -> float:
-    """Return the grip force that a target takes as a share of a person's strength.
+    """Return the grip force that a target requires as a share of a person's strength.
 
-    A thing between palm and fingers is pressed from two sides. The controller's own weight does not
-    count.
+    An object between palm and fingers is pressed from two sides. The controller's own weight is not
+    included.
     """
     held_n = GRIP.margin * target.load_kg * GRIP.gravity_mps2 / (2.0 * GRIP.friction)
     strength = subject.shoulder(limitation)
@@ -76,7 +76,7 @@ def grip_time(share: ArrayLike) -> FloatArray:
 
 
 def can_grip(share: ArrayLike, hold_s: float) -> Bools:
-    """Return whether a share of the strength is held so long."""
+    """Return whether a share of the strength can be held for ``hold_s``."""
     return np.asarray((np.asarray(share) <= 1.0) & (grip_time(share) >= hold_s))
 
 
@@ -86,17 +86,18 @@ class Judged:
 
     Attributes:
         limitation: Of all persons.
-        seen, reached, held: (N, T) whether.
-        feasible: (N, T) whether the model's own muscles bring the hand there and hold it. Where
-            they do not, the model excludes the person. True where nothing was searched.
-        leans: (N, T) whether the trunk is needed to reach.
-        one_hand: (N, T) whether one hand at least reaches.
+        seen, reached, held: (N, T) True if the target is seen, reached, held.
+        feasible: (N, T) True if the model's own muscles bring the hand there and hold it. If they
+            do not, the model excludes the person. True if nothing was searched.
+        leans: (N, T) True if the trunk is needed to reach.
+        one_hand: (N, T) True if at least one hand reaches.
         needed_m: (N, T, 3) shift of the target after which the hand reaches it: right, up, ahead.
-        places_m: (N, T, 3) where the targets are: right, up, ahead.
-        grip_share: (N, T) grip force as a share of the person's; 0 where nothing is gripped.
-        exertion: (9, N, T) what :func:`hold` returns; NaN: not reached.
+        places_m: (N, T, 3) positions of the targets: right, up, ahead.
+        grip_share: (N, T) grip force as a share of the person's; 0 if nothing is gripped.
+        exertion: (9, N, T) results of :func:`hold`; NaN: not reached.
         postures: (N, T, J) of the independent joints; NaN: not reached.
-        paced: (N, T) minutes until exhaustion at the app's pace, by model; empty: no pace is known.
+        paced: (N, T) minutes until exhaustion at the app's pace, by model; empty: the pace is
+            unknown.
     """
 
     limitation: Limitation
@@ -184,12 +185,12 @@ def reach_either(
     quick: bool = False,
     close_m: FloatArray | None = None,
 ) -> tuple[Solved, Bools, Bools]:
-    """Reach places with the hands that a target takes; ``quick``: see :class:`.Rows`.
+    """Reach places with the hands that a target requires; ``quick``: see :class:`.Rows`.
 
-    ``close_m``: (B,) how near is enough; None: the target's.
+    ``close_m``: (B,) distance that counts as near; None: the target's.
 
     Returns:
-        The posture that counts, whether all hands that are needed reach, and whether one does.
+        The posture of the result, True if all required hands reach, and True if one does.
     """
     left_handed = np.array([crowd.subjects[i].mirrored for i in persons.tolist()], dtype=bool)
     close = np.full(len(persons), target.radius_m) if close_m is None else close_m
@@ -290,7 +291,7 @@ def judge(
 def _paced(
     crowd: Crowd, targets: Sequence[Target], judged: Judged, pace: float
 ) -> dict[str, FloatArray]:
-    """Minutes until exhaustion at a pace, (N, T) by model; NaN: not reached."""
+    """Return minutes until exhaustion at a pace, (N, T) by model; NaN: not reached."""
     found = {model: np.full(judged.seen.shape, np.nan) for model in MODELS}
     person, column = np.nonzero(~np.isnan(judged.exertion[3]))
     if len(person):  # not all targets are looked at, or beyond everyone's reach
@@ -316,13 +317,13 @@ def _hold_best(
     *,
     muscles: bool,
 ) -> tuple[FloatArray, FloatArray, bool, bool]:
-    """Return what :func:`hold` does of the easiest posture, it, and whether it can be held.
+    """Return the results of :func:`hold` for the easiest posture, it, and whether it is held.
 
-    Last, whether the model's muscles suffice; ``muscles``: whether to look for that, and for a
-    posture which takes less of them.
+    The last result is whether the model's muscles suffice; ``muscles``: True to search for that,
+    and for a posture that needs less of them.
 
     Args:
-        postures: (C, J), at least one, the easiest first; an easily held one is the last tried.
+        postures: (C, J), at least one, the easiest first; the search ends at an easily held one.
     """
     subject = crowd.subjects[person]
     best, chosen = hold(subject, postures[0], target.load_kg, limitation), postures[0]
@@ -353,8 +354,8 @@ def can_hold(
 ) -> bool:
     """Return whether a shoulder of published strength holds one of the postures (C, J) long enough.
 
-    The grip has to last as long. Time: as NICER has it. The muscles of the arm model do not decide:
-    raised, they are too weak to do what recorded people do.
+    The grip has to last as long. The endurance time is that of NICER. The muscles of the arm model
+    are not considered: in raised arms, they are too weak for what recorded people do.
     """
     if not can_grip(grip_share(subject, target, limitation), target.hold_s):
         return False
@@ -372,12 +373,12 @@ def can_hold(
 def hold(
     subject: Subject, angles: FloatArray, load_kg: float, limitation: Limitation
 ) -> FloatArray:
-    """Return what it takes to hold a posture, (9,).
+    """Return the exertion of holding a posture, (9,).
 
     Shares of the strength of muscles, of published strength and of the trunk; torque at the
     shoulder (Nm) and angles of shoulder and elbow (degrees); minutes until exhaustion by
     :data:`MODELS`. A weaker person's muscles are activated more in proportion: activations are
-    relative to it.
+    relative to their strength.
     """
     factor, model = limitation.strength, subject.body.physics_model
     held = subject.holder.hold(

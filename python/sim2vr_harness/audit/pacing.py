@@ -25,18 +25,19 @@ MODELS = ("3CC-r, shoulder", "NICER", "Consumed Endurance")
 
 @dataclass(frozen=True)
 class PaceSettings:
-    """How an arm is used at a pace."""
+    """Settings of an arm's use at a given pace."""
 
     most_minutes: float = 30.0
-    """After so long without exhaustion the time is taken as endless."""
+    """Time without exhaustion after which the endurance counts as unlimited."""
     reach_s: float = 0.5
-    """The arm is raised so long before and after a target is held, as one movement takes."""
+    """Duration of raising the arm before a target is held, and of lowering it afterwards."""
     step_s: float = 0.25
     """Of the simulation of fatigue."""
     hanging_deg: tuple[float, float] = (0.0, 170.0)
-    """Shoulder and elbow of an arm that rests; its own weight asks nothing of the shoulder."""
+    """Angles of shoulder and elbow of a resting arm; its weight causes no torque at the
+    shoulder."""
     path_points: int = 11
-    """Postures of a path whose torques are computed."""
+    """Number of postures of a path whose torques are computed."""
 
 
 PACING = PaceSettings()
@@ -100,13 +101,13 @@ def minutes_at_pace(arms: Paced) -> dict[str, FloatArray]:
 def path_loads(
     subject: Subject, postures: Sequence[FloatArray], limitation: Limitation
 ) -> list[tuple[float, float]]:
-    """Return mean and peak torque at the shoulder along paths between postures, each to the next.
+    """Return mean and peak torque at the shoulder along paths between consecutive postures.
 
     Joints follow minimum-jerk curves of :attr:`PaceSettings.reach_s`. Torques are shares of the
-    published strength where they act.
+    published strength in the posture in which they act.
 
     Args:
-        subject: Whose arm.
+        subject: The person.
         postures: (J,) each.
         limitation: Of the person.
     """

@@ -1,6 +1,6 @@
-"""Interactive things of a WebXR page: found by what they listen to, and by operating them.
+"""Interactive objects of a WebXR page: found by their event listeners, and by operating them.
 
-The devices move without a body: what the page does with a controller counts, not who gets there.
+The devices move without a body: the page's reaction to a controller is tested, not a user's reach.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from sim2vr_harness.users.kinematics.posture_controller import AIM_RAY, DeviceRa
 FloatArray = NDArray[np.float64]
 
 MOST_SEARCH_S = 300.0
-"""How long a page's things are watched and operated at most; docs/guide/audit.md states it."""
+"""Longest search of a page for objects that react, s; docs/guide/audit.md states it."""
 PROGRESS_S = 5.0
 _MOST_TRIED = 160
 _MOST_ROUNDS = 24
-"""A page that was left or died is opened again so often."""
+"""Largest number of rounds; a new one begins after a page was left or died."""
 _MOST_AGAIN = 4
-"""A thing that looks different is operated again so often."""
+"""Largest number of times that an object is operated again because it looks different."""
 _AGAIN_S = 1.0
-"""How long nothing happens in these rounds."""
+"""Time without input after a page is opened again, s."""
 _LARGEST_M = 2.0
 """Half of the size, from which a thing is a room or a ground."""
 _APART_M = 0.02
@@ -48,30 +48,31 @@ APPEARS = "another object appears"
 _OWN = {"hears an event", "changes", APPEARS}
 """Reactions of the thing itself, and one that cannot come twice."""
 MOVED_M = 0.02
-"""So far something has moved."""
+"""Displacement from which an object counts as moved, m."""
 BUTTONS: Mapping[str, tuple[str, ...]] = {
     "trigger": ("trigger",),
     "squeeze": ("squeeze",),
     "buttons": ("thumbstick_click", "a", "b"),
 }
-"""What is pressed at once: the trigger, the squeeze, or all other buttons."""
+"""Inputs that are pressed together: the trigger, the squeeze, or all other buttons."""
 _LEFT_NAMES = {"a": "x", "b": "y"}
 _AIM_FROM_M = np.array([0.15, 0.9, 0.2])
 _GAZE_STEPS = 50
-"""User steps for which the head looks at a thing; some wait so long before they react."""
+"""User steps for which the head looks at an object; some objects react only after a dwell time."""
 _PULL_M = np.array([0.0, 0.0, 0.15])
 _DRAGGED_M = 0.05
 _BESIDE_M, _BESIDE_RAD = 0.3, 0.25
-"""How far beside a thing's size the control is: to touch it, to point at it."""
+"""Distance and angle beside the object at which the control is placed, for touching and
+pointing."""
 _SIDES = 8
 
 
 @dataclass(frozen=True)
 class Way:
-    """How a thing is operated.
+    """Way of operating an object.
 
     Attributes:
-        how: The hand touches it, its ray or the head points at it.
+        how: The hand touches it, or the hand's ray or the head points at it.
         side: Of the hand.
         button: A key of :data:`BUTTONS`.
     """
@@ -97,7 +98,7 @@ class _Moment:
 
 @dataclass
 class _Effects:
-    """What the page did: kinds, and which objects changed."""
+    """Reactions of the page: their kinds, and the objects that changed."""
 
     kinds: set[str] = field(default_factory=set)
     objects: set[int] = field(default_factory=set)
@@ -129,10 +130,10 @@ class Operator:
         """Things that a hand carried, and how."""
 
     def reaction(self, name: str, way: Way) -> frozenset[str]:
-        """Return what the page does if a thing is operated, and not if the same is done beside.
+        """Return the page's reactions to operating an object, without those to the same beside it.
 
-        Other objects that changed beside anything do not count. What the thing itself does not show
-        must happen in a second try, too.
+        Other objects that also changed without the object being operated do not count. Reactions of
+        other objects must occur in a second attempt, too.
         """
         done = self._act(name, way)
         if done.carried and len(self.carriers) < 2:
@@ -151,7 +152,7 @@ class Operator:
         return frozenset((done.kinds - control.kinds) | others)
 
     def beside(self, name: str, way: Way) -> frozenset[str]:
-        """Return what the page does if the same is done beside the thing."""
+        """Return the page's reactions to the same operation beside the object."""
         return frozenset(self._act(name, way, beside=True).kinds)
 
     def _act(self, name: str, way: Way, *, beside: bool = False) -> _Effects:
@@ -208,7 +209,7 @@ class Operator:
         hands.step(2)
 
     def carried_to(self, carrier: str, way: Way, name: str) -> frozenset[str]:
-        """Return what a thing does if another one is let go there, and not beside it."""
+        """Return an object's reactions to another one released at it, and not beside it."""
         done = self._carry(carrier, way, name, beside=False)
         if not done.kinds:
             return frozenset()
@@ -242,7 +243,7 @@ class Operator:
         return effects
 
     def _offset(self, thing: Thing, how: How) -> FloatArray:
-        """(3,) from a thing to a place beside it, as far as may be from other things."""
+        """Return the vector (3,) from an object to a place beside it, far from other objects."""
         place, half = np.array(thing.place_m), max(thing.half_m)
         ahead = place - HEAD_M
         distance = max(float(np.linalg.norm(ahead)), 1e-9)
@@ -272,7 +273,7 @@ class Operator:
         return _Moment(things.get(name), signs, self._hands.pulses, frozenset(things))
 
     def _add(self, effects: _Effects, before: _Moment, now: _Moment) -> None:
-        """Add what has happened to the thing and to the user."""
+        """Add reactions of the object and events of the user."""
         first, last = before.thing, now.thing
         differs = first is not last
         if first is not None and last is not None:
@@ -302,20 +303,20 @@ def _events(moment: _Moment) -> int:
 
 @dataclass
 class FoundThing:
-    """A thing of a page.
+    """An interactive object of a page.
 
     Attributes:
-        name: Of the page, or its kind.
-        how: What is done with it.
-        place_m: Where it came nearest to the head: right, up, ahead.
+        name: In the page, or its kind.
+        how: Way of operating it.
+        place_m: Its position nearest to the head: right, up, ahead.
         half_m: Halves of its size along the three axes, the smallest first.
-        moves: Whether it moves by itself.
-        listens: Whether the page listens to it or tests rays against it.
-        signs: What the page does if it is operated, and not if the same is done beside it.
-        after: The thing that had to be operated before this one was there; None: it was there.
-        way: How it was operated.
-        obstacle: Why no reaction is known.
-        ray: With which the page lets the right hand point.
+        moves: True if it moves by itself.
+        listens: True if the page listens to it or tests rays against it.
+        signs: Reactions of the page to the operation, without those to the same beside the object.
+        after: The object that had to be operated before this one appeared; None: it was present.
+        way: Way in which it was operated.
+        obstacle: Reason why no reaction is known.
+        ray: Ray with which the page lets the right hand point.
     """
 
     name: str
@@ -332,12 +333,12 @@ class FoundThing:
 
     @property
     def reacts(self) -> bool:
-        """Whether the page reacts if it is operated."""
+        """Return whether the page reacts if the object is operated."""
         return bool(self.signs)
 
     @property
     def told(self) -> str:
-        """What was done to it, and what the page did."""
+        """Description of the action on the object and of the page's reaction."""
         if self.way is None or not self.signs:
             return self.obstacle
         button = "" if self.way.how == "look" else f" + {self.way.side} {self.way.button}"
@@ -346,7 +347,7 @@ class FoundThing:
 
     @property
     def radius_m(self) -> float:
-        """How near is enough: to touch a flat thing its thickness counts, for a ray its width."""
+        """Distance that counts as near: the thickness for touching, the width for a ray."""
         return self.half_m[0 if self.how == "touch" else 1]
 
 
@@ -358,17 +359,18 @@ def find_things(
     say: Callable[[str], None] = lambda text: None,
     most_s: float = MOST_SEARCH_S,
 ) -> list[FoundThing]:
-    """Find the interactive things of a page, and operate them.
+    """Find the interactive objects of a page, and operate them.
 
-    First nothing happens for some time, so that what moves by itself is known. Then a controller
-    touches and points at each thing, with its inputs. What appears then is operated next.
+    First there is no input for some time, to find objects that move by themselves. Then a
+    controller touches and points at each object, with its inputs. Objects that appear are operated
+    next.
 
     Args:
         env: Names the page.
-        seconds: How long nothing happens.
-        probe: Whether to operate the things; otherwise those are found that the page listens to.
-        say: Receives a line of progress every few seconds, and what was left out.
-        most_s: After so long no further thing is operated.
+        seconds: Duration without input.
+        probe: True: operate the objects; otherwise those are returned that the page listens to.
+        say: Receives a line of progress every few seconds, and notes on what was left out.
+        most_s: After this time no further object is operated.
 
     Raises:
         AppRefused, AppError: The page does not play.
@@ -392,7 +394,7 @@ def find_things(
 
 
 class _Clock:
-    """The time that a search takes: says how far it is, and when it is over."""
+    """Timer of a search: reports its progress, and its end."""
 
     def __init__(self, say: Callable[[str], None], most_s: float) -> None:
         self._say, self._most_s = say, most_s
@@ -400,7 +402,7 @@ class _Clock:
         self._doing = "opening the page"
 
     def over(self, doing: str | None = None) -> bool:
-        """Say every few seconds what is done, the same as before if None; return if time is up."""
+        """Report the activity (None: the last) every few seconds; return whether time is up."""
         now, self._doing = time.monotonic(), doing or self._doing
         if now - self._said >= PROGRESS_S:
             self._said = now
@@ -409,7 +411,7 @@ class _Clock:
 
 
 class _Search:
-    """Operates what there is in a page, in as many rounds as it takes."""
+    """Operates all objects of a page, in as many rounds as necessary."""
 
     def __init__(self, env: EnvConfig, stack: ExitStack, seconds: float, clock: _Clock) -> None:
         self._env, self._stack, self._clock = env, stack, clock
@@ -421,7 +423,7 @@ class _Search:
         self.found = {track.name: track.found() for track in self._open(seconds)}
 
     def _open(self, seconds: float) -> list[_Track]:
-        """Begin a round, and watch it while nothing happens."""
+        """Begin a round, and watch it without input."""
         self._stack.close()
         self._rounds += 1
         app = self._stack.enter_context(WebXRApp(apps_wanted(self._env, 1)))
@@ -434,9 +436,9 @@ class _Search:
         return tracks
 
     def operate_all(self) -> None:
-        """Operate each thing with the right hand, and those that did not react with the left.
+        """Operate each object with the right hand, and those that did not react with the left.
 
-        What appears is operated next, and what looks different is operated again.
+        Objects that appear are operated next, and objects that look different are operated again.
         """
         first = sorted(self.found.values(), key=lambda thing: not thing.listens)
         queue = deque((thing.name, "right") for thing in first)
@@ -457,9 +459,9 @@ class _Search:
             queue.extendleft((each, side) for each in self._changed(thing))
 
     def _changed(self, tried: FoundThing) -> list[str]:
-        """Return what looks otherwise than when it was operated, such as a key that is lit now.
+        """Return objects that look different from when they were operated, such as a lit key.
 
-        Operating it may bring on what has not reacted yet.
+        Operating them may cause reactions of objects that did not react before.
         """
         now = {each.name: each.state for each in self._app.things()}
         self._looks[tried.name] = now.get(tried.name)
@@ -581,13 +583,13 @@ class _Track:
 def _watched(
     app: WebXRApp, hands: PageHands, seconds: float, clock: _Clock
 ) -> tuple[list[_Track], set[int | str], bool]:
-    """Watch a page while nothing happens but head and hands that move.
+    """Watch a page without input, except for movements of head and hands.
 
     Objects that move with a hand or surround the head are left out.
 
     Returns:
-        What there is, numbers of the objects that change by themselves, and whether the document's
-        text does not.
+        The objects, numbers of those that change by themselves, and True if the document's text
+        does not change.
     """
     tracks: dict[str, _Track] = {}
     restless: set[int | str] = set()
@@ -622,7 +624,7 @@ def _watched(
 
 
 def _surrounds(thing: Thing | None) -> bool:
-    """Whether something is a room, a sky or a ground."""
+    """Return whether an object is a room, a sky or a ground."""
     if thing is None:
         return False
     half = np.array(thing.half_m)

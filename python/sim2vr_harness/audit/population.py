@@ -113,7 +113,7 @@ class Subject:
 
     @cached_property
     def holder(self) -> PostureHolder:
-        """For postures of the right arm."""
+        """Posture holder of the right arm."""
         return PostureHolder(self.body, arms_of(self.body)[0])
 
     def shoulder(self, limitation: Limitation) -> Strength:
@@ -122,7 +122,7 @@ class Subject:
 
     @property
     def mirrored(self) -> bool:
-        """Whether the left hand is preferred."""
+        """Return whether the left hand is preferred."""
         return self.person.handedness == "left"
 
 
@@ -150,7 +150,7 @@ def draw(people: int, seed: int) -> list[Subject]:
 
 @dataclass(frozen=True)
 class Group:
-    """Persons of the headline who have something in common.
+    """Persons of the main population with a common property.
 
     Attributes:
         members: (M,) numbers of the persons.

@@ -44,7 +44,8 @@ _STEP = 1e-5
 _NO_MOMENT = 1e-6
 """Nm at full activation below which a muscle does not move a joint."""
 _SPARING = 1e-6
-"""Weight of the sum of activations beside the largest: of equal optima the least is taken."""
+"""Weight of the sum of activations relative to the largest: of equal optima the least is
+selected."""
 _AT_LIMIT = 1e-4
 """rad from a joint's limit within which it rests there."""
 _MOST_PEOPLE = 200
@@ -60,11 +61,11 @@ class Held:
         shoulder_deg: between upper arm and straight down.
         elbow_deg: between upper arm and forearm; 180: outstretched.
         share: of the maximum at the shoulder: the least largest activation of its muscles. Above
-            1, the muscles are too weak. Without muscles ``strength_share``. None: no muscles'
-            forces balance the posture, however strong they were.
+            1, the muscles are too weak. For a body without muscles ``strength_share``. None: no
+            muscle forces of any size balance the posture.
         strength_share: the torque as a share of people's published strength in this posture.
         activations: of the arm's muscles.
-        endurance_s: seconds until exhaustion by model; infinite: endless.
+        endurance_s: seconds until exhaustion by model; infinite: unlimited.
     """
 
     side: str
@@ -136,9 +137,9 @@ def hold(
     """Hold a posture with every arm of a user.
 
     Args:
-        user: whose body and muscles count.
+        user: user with body and muscles.
         pose: as of :func:`posture_of`.
-        load_kg: mass in each hand, beside the controller's.
+        load_kg: mass in each hand, in addition to the controller's.
         strength: of the shoulders, for published torques; None: a man's, times the user's.
 
     Raises:
@@ -195,11 +196,11 @@ def told(arms: Sequence[Held], load_kg: float) -> list[str]:
 
 @dataclass(frozen=True)
 class Mechanics:
-    """What P postures ask of K joints, and what M muscles can do in them.
+    """Torques that P postures require of K joints, and torques that M muscles produce in them.
 
     Attributes:
-        hands: (P, 3) where the hand of the first arm is, m.
-        needed: (P, K) torques against gravity and what is passive, Nm.
+        hands: (P, 3) position of the first arm's hand, m.
+        needed: (P, K) torques against gravity and passive forces, Nm.
         effects: (P, M, K) torques of fully active muscles, Nm.
         inertia: (K, K) of the last posture.
     """
@@ -211,10 +212,10 @@ class Mechanics:
 
 
 class ArmMuscles:
-    """Statics of a body: passive forces of joints and muscles count, couplings are followed.
+    """Statics of a body, with passive forces of joints and muscles, and with coupled joints.
 
     Args:
-        body: Whose muscles act.
+        body: The body with its muscles.
     """
 
     def __init__(self, body: Body) -> None:
@@ -238,8 +239,8 @@ class ArmMuscles:
 
         Args:
             angles: (P, J) of the independent joints, rad.
-            columns: (K,) which of the joints count.
-            load_kg: Mass in each hand, beside the controller's.
+            columns: (K,) indices of the joints to include.
+            load_kg: Mass in each hand, in addition to the controller's.
             strength: Factor on the forces of the muscles beyond those at rest.
         """
         model, data, coupled = self._model, self._data, self._body.coupled_qpos
@@ -276,7 +277,7 @@ class PostureHolder:
     """Holds postures with one arm of a body.
 
     Args:
-        body: Whose muscles count.
+        body: The body with its muscles.
         arm: Of that body.
     """
 
@@ -312,9 +313,9 @@ class PostureHolder:
 
         Args:
             angles: (J,) of the independent joints, rad.
-            load_kg: Mass in the hand, beside the controller's.
+            load_kg: Mass in the hand, in addition to the controller's.
             strength: For the published strength of the shoulder.
-            limits_bear: Whether a joint at its limit rests there, without muscles.
+            limits_bear: True: a joint at its limit rests there, without muscles.
             muscle_strength: Factor on the forces of the body's muscles beyond those at rest.
         """
         load = self.load(angles, load_kg)
@@ -348,8 +349,8 @@ class PostureHolder:
     ) -> tuple[float | None, dict[str, float]] | None:
         """Return the least largest activation of the shoulder's muscles, and all activations.
 
-        Muscles that do not cross the shoulder go up to 1. None for the first: nothing balances the
-        arm; for both: no muscle moves it.
+        Muscles that do not cross the shoulder are activated up to 1. None for the first: no
+        activations balance the arm; for both: no muscle moves it.
         """
         body = self._body
         found = self._muscles.mechanics(angles[None], np.arange(len(angles)), load_kg, strength)
@@ -382,23 +383,23 @@ class PostureHolder:
 
 @dataclass(frozen=True)
 class BalanceSettings:
-    """What counts as held by the model's muscles, and how the search for it goes."""
+    """Settings of the search for postures in static equilibrium, with its tolerances."""
 
     near_m: float = 0.02
-    """So near counts as there, when it is acted out, too."""
+    """Distance that counts as near, also for simulated reaches."""
     left_nm: float = 0.1
-    """So much torque may stay unbalanced."""
+    """Torque that may stay unbalanced."""
     swing_nm: float = 12.0
-    """So much torque may be lacking on the way, which the arm's swing makes up for. Fitted to 290
-    pairs of a person and a place that were acted out (docs/evidence/audit.md)."""
+    """Torque that may be lacking on the way, for which the arm's swing compensates. Fitted to
+    simulated reaches of 290 pairs of a person and a place (docs/evidence/audit.md)."""
     place_m: float = 0.01
     """Distance that counts as much as one unit of unbalanced torque."""
     unit: float = 10.0
     """Weight of torques, in the metric of kinetic energy."""
     ease: float = 0.02
-    """Weight of activations beside unbalanced torques."""
+    """Weight of activations relative to unbalanced torques."""
     way_points: int = 6
-    """Postures on the way from rest that are looked at."""
+    """Number of postures on the way from rest that are checked."""
     iterations: int = 20
     tries: int = 4
     """Dampings tried for each step."""
@@ -411,7 +412,7 @@ class BalanceSettings:
 
 BALANCE = BalanceSettings()
 _BOUND = 1e-9
-"""Activations so near their bounds are at them."""
+"""Distance from a bound within which an activation is at the bound."""
 _ARM_DEG = {"elv_angle": 60.0, "shoulder_elv": 60.0, "shoulder_rot": -20.0, "elbow_flexion": 90.0}
 _TRUNK = ("trunk_flexion", "trunk_bending", "trunk_rotation")
 _LEANS_DEG = [
@@ -419,16 +420,16 @@ _LEANS_DEG = [
     for flexion in (5.0, 35.0)
     for bending, rotation in ((0.0, 0.0), (-20.0, -15.0), (20.0, 15.0))
 ]
-"""Trunk and arm in postures from which the search goes on."""
+"""Further initial postures of trunk and arm for the search."""
 
 
 @dataclass(frozen=True)
 class Balance:
-    """What muscles do for a posture.
+    """Muscle equilibrium of a posture.
 
     Attributes:
         angles: (J,) of the independent joints.
-        gap_m: Of the hand from the place.
+        gap_m: Distance of the hand from the place.
         left_nm: Largest torque that stays unbalanced.
         way_nm: Largest torque that muscles lack on the way there; infinite: not near, or
             unbalanced.
@@ -443,11 +444,11 @@ class Balance:
 
     @property
     def balanced(self) -> bool:
-        """Whether the posture is in equilibrium."""
+        """Return whether the posture is in equilibrium."""
         return self.left_nm <= BALANCE.left_nm
 
     def holds(self, close_m: float) -> bool:
-        """Whether muscles bring the hand so near and hold it there."""
+        """Return whether muscles bring the hand within ``close_m`` and hold it there."""
         return self.balanced and self.gap_m <= close_m and self.way_nm <= BALANCE.swing_nm
 
     def rank(self, close_m: float) -> tuple[bool, bool, float]:
@@ -460,15 +461,15 @@ class Balancer:
     """Finds postures of the right arm and trunk in static equilibrium.
 
     Args:
-        body: Whose muscles and trunk motors act.
+        body: The body with its muscles and trunk motors.
         strength: Factor on both.
-        load_kg: Mass in the hand, beside the controller's.
+        load_kg: Mass in the hand, in addition to the controller's.
 
     Attributes:
         columns: (K,) of the joints that move the hand, among the independent ones.
         limits: (K, 2) of these joints, rad.
         motor_low, motor_high: (K,) torques of the motors that move them, Nm.
-        motors: How many motors there are.
+        motors: Number of motors.
     """
 
     def __init__(self, body: Body, strength: float = 1.0, load_kg: float = 0.0) -> None:
@@ -492,11 +493,11 @@ class Balancer:
         self.motors = int((self.motor_high > 0.0).sum())
 
     def mechanics(self, angles: FloatArray) -> Mechanics:
-        """Return what postures (P, J) ask for, and what muscles can do in them."""
+        """Return torques that postures (P, J) require, and those that muscles produce."""
         return self._muscles.mechanics(angles, self.columns, self._load_kg, self._strength)
 
     def holds(self, angles: FloatArray) -> bool:
-        """Whether muscles bring the arm to a posture (J,) and hold it."""
+        """Return whether muscles bring the arm to a posture (J,) and hold it."""
         still = _State(self, np.array(angles), np.zeros(3)).left_nm <= BALANCE.left_nm
         return still and self._on_the_way(angles) <= BALANCE.swing_nm
 
@@ -553,7 +554,7 @@ class Balancer:
         return max(_State(self, each, np.zeros(3)).left_nm for each in way)
 
     def _step(self, state: _State, slope: FloatArray, damping: float) -> FloatArray:
-        """Levenberg-Marquardt step, (K,); joints at limits do not go on."""
+        """Return the Levenberg-Marquardt step, (K,); joints stop at their limits."""
         q, (low, high) = state.angles[self.columns], self.limits.T
         free = np.ones(len(q), dtype=bool)
         step = np.zeros(len(q))
@@ -574,9 +575,9 @@ class _State:
     """A posture with the activations that balance it best.
 
     Args:
-        balancer: Whose muscles act.
+        balancer: The search with its body.
         angles: (J,) of the independent joints.
-        place: (3,) where the hand shall be.
+        place: (3,) desired position of the hand.
     """
 
     def __init__(self, balancer: Balancer, angles: FloatArray, place: FloatArray) -> None:
@@ -607,7 +608,7 @@ class _State:
         self._following = scale @ pulling[free].T
 
     def slope(self) -> FloatArray:
-        """(K + 3, K) how unbalanced torques and the gap change with the angles."""
+        """Return the derivatives of unbalanced torques and gap by the angles, (K + 3, K)."""
         k = len(self._by.columns)
         around = np.repeat(self.angles[None], k + 1, axis=0)
         around[1 + np.arange(k), self._by.columns] += _STEP

@@ -53,11 +53,11 @@ class Rows:
 
     Attributes:
         persons: (B,) numbers of persons.
-        mirrored: (B,) whether the left hand does it.
+        mirrored: (B,) True if the left hand is used.
         places: (B, 3) MuJoCo's world, m.
-        close_m: (B,) how near is enough.
-        ray: that has to get there, not the hand; None: the hand.
-        quick: whether only to find out who gets there, not how easily: fewer postures are tried.
+        close_m: (B,) distance that counts as near.
+        ray: ray that has to reach the place instead of the hand; None: the hand.
+        quick: True if only reachability is needed, not the effort: fewer postures are tried.
     """
 
     persons: Ints
@@ -98,18 +98,18 @@ class Solved:
 
 
 class Crowd:
-    """Bodies of persons under a limitation, ready to reach.
+    """Bodies of persons under a limitation, prepared for reaching.
 
     Args:
         subjects: The persons.
-        stance: Of those whose limitation has none.
+        stance: Of persons whose limitation does not set one.
         limitation: Of all of them.
     """
 
     def __init__(self, subjects: Sequence[Subject], stance: Stance, limitation: Limitation) -> None:
         self.subjects = subjects
         self.one_hand = limitation.one_hand
-        """Whether only the preferred hand can be used."""
+        """True if only the preferred hand can be used."""
         self._limitation = limitation
         first = subjects[0].body
         self._joints = first.independent_joints
@@ -247,7 +247,7 @@ class Crowd:
 
 
 class _Best:
-    """The best postures of each row so far: nearest, then least cost."""
+    """The best postures of each row so far: nearest first, then least cost."""
 
     def __init__(self, count: int, joints: int) -> None:
         self.q = np.zeros((count, _KEPT, joints))
@@ -257,7 +257,7 @@ class _Best:
     def offer(
         self, rows: Ints, q: FloatArray, gap: FloatArray, cost: FloatArray, *, leans: bool
     ) -> None:
-        """Take postures (R, K) of some rows where they are among the best."""
+        """Store postures (R, K) of some rows if they are among the best."""
         self.leans[rows] |= leans & (gap < self.gap[rows, 0])
         gaps = np.concatenate([self.gap[rows], gap[:, None]], axis=1)
         costs = np.concatenate([self.cost[rows], cost[:, None]], axis=1)
@@ -269,7 +269,7 @@ class _Best:
 
 
 def _samples(hand: Linkage, trunk: bool, straight: bool) -> tuple[FloatArray, cKDTree]:
-    """Postures within the limits, and where they bring the hand.
+    """Return random postures within the limits, and the positions of the hand in them.
 
     Args:
         hand: Of one person.

@@ -1,4 +1,4 @@
-"""Find what would include 95 % of people: the smallest shift of a target, or another input."""
+"""Changes that would include 95 % of people: the smallest shift of a target, or another input."""
 
 from dataclasses import dataclass, replace
 from itertools import product
@@ -25,18 +25,18 @@ _TIMES_S = (600.0, 300.0, 120.0, 60.0, 30.0, 15.0, 10.0, 5.0, 2.0, 1.0)
 
 @dataclass(frozen=True)
 class Remedy:
-    """What includes more people.
+    """Changes to a target that include more people.
 
     Attributes:
         shift_m: (3,) right, up, ahead, after which at least 95 % can use the target; None: no shift
-            up to 1.5 m does.
-        share: Of people who can use it then.
+            up to 1.5 m is enough.
+        share: Proportion of people who can use it after the shift.
         reach_m: (3,) the smallest shift found after which a sample sees and reaches it.
-        ray: Share who can use it where it is, by a ray; None: not looked for.
-        one_hand: Share who can use it with either hand; None: it takes one hand as it is.
-        load_kg: Largest load that 95 % hold there; None: not looked for, or none.
-        hold_s: Longest time that 95 % hold there; None: not looked for, or none.
-        grip_n: Largest grip force that 95 % have; None: not looked for, or none.
+        ray: Proportion who can use it at its place with a ray; None: not computed.
+        one_hand: Proportion who can use it with either hand; None: one hand is enough already.
+        load_kg: Largest load that 95 % hold there; None: not computed, or none.
+        hold_s: Longest time that 95 % hold there; None: not computed, or none.
+        grip_n: Largest grip force that 95 % have; None: not computed, or none.
     """
 
     shift_m: FloatArray | None
@@ -102,7 +102,7 @@ def usable_at(
 
 
 def remedy(crowd: Crowd, target: Target, judged: Judged, column: int) -> Remedy:
-    """Search for what would include 95 % of a crowd."""
+    """Search for changes to a target that include 95 % of a crowd."""
     everyone = np.arange(len(crowd.subjects))
     here = crowd.places(target, everyone)
 
@@ -198,7 +198,7 @@ def _confirmed(
 ) -> float:
     """Return the share of people who can use the target there, holding included.
 
-    All persons are tried only where a sample can.
+    All persons are computed only if a sample of them can.
     """
     share = 0.0
     for count in (_SAMPLE, len(here)):

@@ -1,4 +1,4 @@
-"""The report of an audit: who is excluded from what and why, and what would include them."""
+"""The report of an audit: persons excluded from targets, reasons, and changes that include them."""
 
 import json
 import logging
@@ -46,7 +46,7 @@ LIMITS = (
     "Persons with limitations are the sampled persons with narrower joint limits, weaker muscles "
     "or one hand, not patients.",
 )
-"""What the model leaves out."""
+"""Limitations of the model, as a report states them."""
 
 _CLASSES = (
     (GOAL, "95 % or more can use it", "#009e73"),
@@ -60,7 +60,7 @@ _BALL_M = 0.04
 _TRUNK_M = 0.6
 """Below the head, which the film shows too."""
 _AWAY_M, _AWAY = 0.6, 1.1
-"""Distance of the camera: so far, and so much of what it shows."""
+"""Distance of the camera: a constant in m, plus a factor on the size of its view."""
 _AZIMUTH_DEG, _ELEVATION_DEG = 115.0, -12.0
 VIEWS = ((-130.0, 18.0), (-60.0, 30.0))
 """Azimuth and elevation of the cameras of web pages and of printed figures, degrees."""
@@ -71,11 +71,11 @@ _LETTER, _LINE = 0.02, 0.05
 def write(audit: Audit, out: Path, *, film: bool = True) -> list[Path]:
     """Write ``report.html``, ``report.pdf``, ``audit.json``, ``targets.png`` and ``worst.mp4``.
 
-    Without a browser there is no PDF; without a picture of bodies, or where everyone reaches
-    everything, there is no film.
+    The PDF needs a browser. There is no film if bodies cannot be rendered, or if all persons reach
+    all targets.
 
     Args:
-        audit: What to report.
+        audit: The audit to report.
         out: The folder.
         film: Whether to film the worst case.
     """
@@ -183,7 +183,7 @@ def _offers(target: Mapping[str, Any]) -> list[str]:
 
 
 def _percent(share: Mapping[str, Any]) -> str:
-    """A proportion with its interval, in per cent."""
+    """Return a proportion with its interval, in per cent."""
     if share["share"] is None:
         return "-"
     low, high = 100.0 * share["low"], 100.0 * share["high"]
@@ -191,7 +191,7 @@ def _percent(share: Mapping[str, Any]) -> str:
 
 
 def _answers(values: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """Return who is excluded from which target, why, and what would include them."""
+    """Return which persons are excluded from which target, why, and what would include them."""
     rows: list[tuple[str, ...]] = []
     for target in _missed(values):
         why = next(iter(target["causes"]), "")
@@ -315,7 +315,7 @@ _EXERTION = (
 _MOST = 4
 """Targets that the answer names for a group."""
 _ABREAST = 5
-"""Targets beside each other."""
+"""Number of targets in a row."""
 
 
 def _target_table(values: Mapping[str, Any]) -> Markup:
@@ -383,7 +383,7 @@ def _operated_table(values: Mapping[str, Any]) -> Markup:
 
 
 def _space(audit: Audit) -> Panel:
-    """The targets, the eyes and the shoulders of the person of median stature."""
+    """Return the targets, the eyes and the shoulders of the person of median stature."""
     usable = audit.judged.usable.mean(axis=0)
     places = audit.judged.places_m[audit.middle]
     eyes, right, left = audit.landmarks_m
@@ -411,9 +411,9 @@ def _space(audit: Audit) -> Panel:
 
 
 def worst_case(audit: Audit) -> tuple[int, int] | None:
-    """Return person and target: the target that fewest reach, and who misses it by most.
+    """Return person and target: the target that fewest reach, and the person with the largest miss.
 
-    None: everyone reaches everything that takes a hand.
+    None: all persons reach all targets that need a hand.
     """
     judged = audit.judged
     hands = np.array([each.how not in ("look", "point") for each in audit.targets])
@@ -426,10 +426,10 @@ def worst_case(audit: Audit) -> tuple[int, int] | None:
 
 
 def write_film(audit: Audit, file: Path) -> Path | None:
-    """Write how the person of the worst case tries it; None: there is no worst case.
+    """Write a film of the worst case's reach; None: there is no worst case.
 
     Raises:
-        RenderingError: Nothing draws here.
+        RenderingError: No renderer is available.
         RuntimeError: ffmpeg cannot be started.
     """
     found = worst_case(audit)
@@ -475,7 +475,7 @@ def screen(places: FloatArray, azimuth_deg: float, elevation_deg: float) -> Floa
 
 
 def labels_of(places: FloatArray, names: Sequence[str]) -> list[str]:
-    """Return a label for each place, empty where another place's label speaks for it.
+    """Return a label for each place, empty if another place's label includes it.
 
     Places whose labels would overlap share one: "key 1 and 8 more".
 

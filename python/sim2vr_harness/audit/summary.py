@@ -74,23 +74,23 @@ class AuditPath:
 
 @dataclass(frozen=True)
 class Audit:
-    """Everything that an audit found.
+    """Results of an audit.
 
     Attributes:
-        title: What was audited.
+        title: Name of the audited app or list.
         seed, stance: Of the population.
         pace: Uses of a target in a minute.
         targets: T of them.
         subjects: The persons.
-        lifts_m: (N,) how far they stand above the height of the arm model.
+        lifts_m: (N,) height of the persons above the height of the arm model.
         judged: Of everyone.
         groups: Of everyone.
         limited: The same persons with limitations, by group.
-        remedies: (T,) what would include 95 %; None where 95 % are included.
+        remedies: (T,) changes that would include 95 %; None if 95 % are included.
         middle: Number of the person of median stature.
         landmarks_m: (3, 3) its eyes and shoulders: right, up, ahead.
         paths: Its movements from target to target.
-        acted: Of each person who acted it out, what came of each target; None: not tried.
+        acted: Outcome of each target for each person with simulated reaches; None: not simulated.
     """
 
     title: str
@@ -200,9 +200,9 @@ def _target(audit: Audit, column: int) -> dict[str, Any]:
 
 
 def _operated(acted: Sequence[Acted | None], able: Bools) -> dict[str, Any] | None:
-    """How many got there who acted it out, in what time (median) and attempts (mean).
+    """Return the number of successful simulated reaches, their time (median) and attempts (mean).
 
-    ``able``: (N,) who can, as the muscles' equilibrium predicts.
+    ``able``: (N,) True if the muscles' equilibrium predicts success.
     """
     tried = [(each, bool(yes)) for each, yes in zip(acted, able, strict=False) if each is not None]
     if not tried:
@@ -220,9 +220,9 @@ def _operated(acted: Sequence[Acted | None], able: Bools) -> dict[str, Any] | No
 
 
 def _exertion(judged: Judged, column: int) -> dict[str, Any]:
-    """5 %, 50 % and 95 % of the persons who reach the target; null: too weak, or endless.
+    """Return 5 %, 50 % and 95 % of the persons who reach the target; null: too weak, or unlimited.
 
-    All null and ``n`` 0: no one reaches it.
+    All are null and ``n`` is 0 if no one reaches it.
     """
     rows = {
         "share_of_activation": judged.share,

@@ -42,18 +42,19 @@ Hand = Literal["either", "preferred", "both"]
 _FORM = "a list 'targets' of {name, place: [right, up, ahead] or object: NAME, ...}"
 _MOST = 500
 _STATURES_M = (1.55, 1.85)
-"""Of two users in whose rounds a game's targets are looked for: do they follow the head?"""
+"""Statures of two users whose rounds show whether a game's targets follow the head."""
 _RIG = "XR Rig/"
 _CONTROLLERS = {
     "XR Rig/RightHand Controller": "controller_right",
     "XR Rig/LeftHand Controller": "controller_left",
 }
 _STILL_M, _FLOOR_M, _FLAT_M = 0.4, 0.05, 0.02
-"""Half the diagonal of a still thing at most; what is so near the floor and so flat is none."""
+"""Largest half diagonal of a target that does not move; objects this near the floor and this flat
+do not count as targets."""
 _NEW_AFTER_M = 0.01
 """Places nearer to each other than this are one."""
 _RESTS = 5
-"""An object that stays for so many user steps rests there."""
+"""User steps without movement after which an object counts as resting."""
 _LONGEST_S = 300.0
 """Of a round that is watched for as long as something comes up in it."""
 _NUMBER = r"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"
@@ -71,7 +72,7 @@ class TargetSettings(Settings):
     """One target in a file of targets."""
 
     name: str = Field(min_length=1, max_length=80)
-    """What the report calls it."""
+    """Name of the target in the report."""
     place: tuple[Coordinate, Coordinate, Coordinate] | None = None
     """Right, up, ahead in m; origin on the floor below the body."""
     object: str | None = None
@@ -84,13 +85,13 @@ class TargetSettings(Settings):
     hand: Hand = "either"
     """``preferred``: the hand that the person prefers; ``both``: both hands at once."""
     hold_s: float = Field(default=1.0, ge=0.0, le=3600.0)
-    """How long the posture is held, s."""
+    """Time for which the posture is held, s."""
     load_kg: float = Field(default=0.0, ge=0.0, le=50.0)
-    """Mass in each hand beside the controller, kg."""
+    """Mass in each hand in addition to the controller, kg."""
     grip_n: float = Field(default=0.0, ge=0.0, le=2000.0)
-    """Grip force that it takes beside that of holding the load, N; with ``grab`` only."""
+    """Grip force in addition to that for holding the load, N; with ``grab`` only."""
     radius_m: float = Field(default=0.0, ge=0.0, le=2.0)
-    """Size: coming so near is enough, m."""
+    """Radius of the target: a distance below it counts as reached, m."""
 
     @model_validator(mode="after")
     def _one_place(self) -> TargetSettings:
@@ -107,15 +108,15 @@ class Target:
     """A target with its place.
 
     Attributes:
-        name: For people.
+        name: In reports.
         place_m: (3,) right, up, ahead, m, from the floor below the body or from the head.
-        from_head: Whether it is from the head.
+        from_head: True if it is from the head.
         how, hand, hold_s, load_kg, radius_m, grip_n: As of :class:`TargetSettings`.
-        in_app: What was done to it in the app, and what the app did; empty: nothing was done.
-        reacts: Whether the app reacted.
-        ray: With which the app lets the hand point, in the axes of the controller.
-        head_offset_m: (3,) from where the headset was as the round of a game began; None: not
-            known.
+        in_app: Operation in the app and the app's reaction; empty: it was not operated.
+        reacts: True if the app reacted.
+        ray: Ray with which the app lets the hand point, in the axes of the controller.
+        head_offset_m: (3,) from the headset's position at the start of a game's round; None:
+            unknown.
     """
 
     name: str
@@ -133,7 +134,7 @@ class Target:
     head_offset_m: FloatArray | None = None
 
     def same_as(self, other: Target) -> bool:
-        """Whether both are one place, in the world or as the game placed it by the head."""
+        """Return whether both are one place, in the world or relative to the head if so placed."""
         near = _same(self.place_m, other.place_m)
         if near or self.head_offset_m is None or other.head_offset_m is None:
             return near
@@ -141,14 +142,14 @@ class Target:
 
 
 def listed_targets(sources: Sequence[str], env: EnvConfig | None = None) -> list[Target]:
-    """Return the targets that words name: ``[NAME=]RIGHT,UP,AHEAD``, files and logs.
+    """Return the targets of command line arguments: ``[NAME=]RIGHT,UP,AHEAD``, files and logs.
 
     Args:
         sources: Each a place in metres, a YAML file of targets, or the log of a round.
         env: Names the page in which objects of files are located; None: there is no page.
 
     Raises:
-        InputError: It is none of them, or names what is not there.
+        InputError: It is none of them, or names something that does not exist.
     """
     found: list[Target] = []
     for text in sources:
@@ -196,15 +197,16 @@ def found_targets(
     seconds: float = 10.0,
     how: How = "touch",
 ) -> list[Target]:
-    """Find the targets of a game, as a short and a tall user's rounds have them.
+    """Find the targets of a game in rounds of a short and a tall user.
 
     A target at the same place from both heads follows the head.
 
     Args:
         env: User and game.
-        objects: Pattern of the objects' names; None: those that come, go or move, and small ones.
-        seconds: How long to look at each round.
-        how: What is done with them.
+        objects: Pattern of the objects' names; None: objects that appear, disappear or move, and
+            small ones.
+        seconds: Duration of watching each round.
+        how: Way of operating the targets.
     """
     plain = alike(env)
     seen = []
@@ -304,25 +306,25 @@ def seen_targets(
     person: int | None = None,
     still: bool = False,
 ) -> list[Target]:
-    """Let the user sit still in a game, and note where objects come up.
+    """Play a game with the idle baseline, and record where objects appear.
 
-    An object that moves counts where it comes nearest to the headset, and where it rests after it
-    was put elsewhere at once. A place that several rounds have, in the world or from the head, is
-    one target.
+    For an object that moves, its place nearest to the headset counts as a target, and, if the app
+    moves it in one step, each resting position. A place that occurs in several rounds, in the world
+    or relative to the head, is one target.
 
     Args:
         env: User and app.
-        pattern: Of objects' names, with ``*`` and ``?``; None takes those that come, go or move by
-            themselves.
-        seconds: How long to look at a round; ``still``: at the first one until nothing has come up
-            for so long.
+        pattern: Of objects' names, with ``*`` and ``?``; None: objects that appear, disappear or
+            move by themselves.
+        seconds: Duration of watching a round; with ``still``, the first round is watched until no
+            object has appeared for this time.
         seed: Of the first round.
-        rounds: How many rounds to look at.
-        person: Number of the person, where users are people.
-        still: Whether small things above the floor that stay count without a pattern, too.
+        rounds: Number of rounds to watch.
+        person: Number of the person, if users are people.
+        still: True: without a pattern, small objects above the floor that do not move count, too.
 
     Raises:
-        InputError: The app does not tell of its scene, or nothing fits the pattern.
+        InputError: The app does not report its scene, or no object matches the pattern.
     """
     seen: list[Target] = []
     paths: set[str] = set()
@@ -371,13 +373,14 @@ def _watch_on(config: EnvConfig, tracks: _Tracks, seconds: float, seed: int) -> 
 
 
 class _Tracks:
-    """Where objects of a round come nearest to the head, that fit a pattern or move.
+    """Positions nearest to the head of a round's objects that match a pattern or move.
 
     Attributes:
-        paths: of all objects that there were.
-        devices: Where they were as it began.
-        moments: How many there were.
-        last_came: Number of the moment at which something came or was put elsewhere last.
+        paths: of all objects that appeared.
+        devices: Poses of the devices at the start of the round.
+        moments: Number of recorded frames.
+        last_came: Number of the last frame in which an object appeared or came to rest at a new
+            place.
     """
 
     def __init__(self, first: AppScene, pattern: str | None) -> None:
@@ -425,7 +428,7 @@ class _Tracks:
         return fnmatchcase(name, self._pattern) or fnmatchcase(one.path, self._pattern)
 
     def targets(self, *, still: bool = False) -> list[Target]:
-        """Those that were found, the earliest first; ``still``: as of :func:`seen_targets`."""
+        """Return the targets found, the earliest first; ``still``: as of :func:`seen_targets`."""
         return [
             Target(name, at, head_offset_m=at - self._start)
             for key, (_, name, place) in self._best.items()
@@ -434,7 +437,7 @@ class _Tracks:
         ]
 
     def _thing(self, key: tuple[int, int]) -> bool:
-        """Whether it is small, above the floor, and no board that smaller ones lie on."""
+        """Return whether an object is small, above the floor, and does not carry smaller ones."""
         (radius, height), place = self._size[key], self._best[key][2]
         carried = any(
             self._size[other][0] < radius and np.linalg.norm(where - place) < radius
@@ -445,14 +448,14 @@ class _Tracks:
 
 
 class Resting:
-    """Where an object rests after it was put elsewhere at once."""
+    """Resting positions of an object that the app moves in one step."""
 
     def __init__(self, place: FloatArray) -> None:
         self._place, self._steps, self._jumped = place, 0, False
         self._found: list[FloatArray] = []
 
     def add(self, place: FloatArray) -> bool:
-        """Look at a moment; return whether the object has come to rest elsewhere."""
+        """Add a frame; return whether the object has come to rest at a new place."""
         if not _same(place, self._place):
             self._jumped = self._steps >= _RESTS
             self._place, self._steps = place.copy(), 0
@@ -463,7 +466,7 @@ class Resting:
         return came
 
     def others(self, place: FloatArray) -> list[FloatArray]:
-        """Return these places but one, each once; none if the object was never put elsewhere."""
+        """Return these places except one, each once; none if the object never jumped."""
         found = [place]
         for each in self._found if len(self._found) > 1 else []:
             if not any(_same(each, other) for other in found):
@@ -472,7 +475,7 @@ class Resting:
 
 
 def _size(scene: AppScene, one: SceneObject) -> tuple[float, float]:
-    """Half the diagonal of what an object shows, and its height, m."""
+    """Return half the diagonal of an object's mesh, and its height, m."""
     assert one.mesh is not None
     extent = np.ptp(scene.meshes[one.mesh].vertices, axis=0) * one.scale
     height = sum(abs(_turned(one.pose[3:], side)[1]) for side in np.diag(extent))
@@ -485,14 +488,14 @@ def _head(scene: AppScene) -> FloatArray:
 
 
 def tool_point(scene: AppScene, pattern: str) -> Point:
-    """Where a tool is on the controller that carries it.
+    """Return the point of a tool on the controller that carries it.
 
     Args:
         scene: Of a round that has begun.
         pattern: Name of the tool's object, with ``*`` and ``?``; it must be below a controller.
 
     Raises:
-        InputError: No object, or several, fit.
+        InputError: No object matches, or several do.
     """
     carried = [
         (one, path)
@@ -517,7 +520,7 @@ def tool_point(scene: AppScene, pattern: str) -> Point:
 
 
 def pressed_places(file: Path) -> list[Target]:
-    """Return the places of a session's hands as trigger or squeeze were pressed, in order.
+    """Return the places of a session's hands at presses of trigger or squeeze, in order.
 
     Raises:
         InputError: It is no session, or nothing is pressed in it.

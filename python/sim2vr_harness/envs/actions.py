@@ -16,17 +16,17 @@ FloatArray = NDArray[np.float64]
 
 
 class Actions(RowState):
-    """The actions of N users and what beside the body they move: fingers and eyes.
+    """The actions of N users, and the fingers and eyes that they control besides the body.
 
-    An analogue input has the value that the action says, [-1, 1] mapped linearly to its range; a
-    button is pressed by an action above 0.33, released by one below -0.33 and stays as it is in
-    between. Both hold for the whole user step. The last two actions, where there is a gaze to move,
-    are its direction. Rounds begin with inputs at rest and the gaze straight ahead.
+    An analogue input has the value of the action, [-1, 1] mapped linearly to its range. A button is
+    pressed by an action above 0.33, released by one below -0.33 and unchanged in between. Both hold
+    for the whole user step. If the gaze moves, the last two actions are its direction. Rounds begin
+    with inputs at rest and the gaze straight ahead.
 
     Args:
         body: names of the body's actions.
-        inputs: names of the inputs that the fingers work (client.INPUT_NAMES).
-        gaze_range_deg: how far the gaze moves; 0: it does not.
+        inputs: names of the inputs that the fingers press (client.INPUT_NAMES).
+        gaze_range_deg: rotation range of the gaze; 0: it does not move.
     """
 
     _state = ("input_values", "gaze_deg", "last")
@@ -36,7 +36,7 @@ class Actions(RowState):
     ) -> None:
         gaze = ("gaze right", "gaze up") if gaze_range_deg else ()
         self.names = (*body, *inputs, *gaze)
-        """(A,) what each action is called."""
+        """(A,) names of the actions."""
         self.space = spaces.Box(-1.0, 1.0, (len(self.names),), np.float32)
         self._n, self._body, self._gaze_range_deg = n, len(body), gaze_range_deg
         self._inputs = [input_named(name) for name in inputs]
@@ -50,10 +50,10 @@ class Actions(RowState):
         """(N, A) of the last user step, in [-1, 1]; 0 after a reset."""
 
     def take(self, actions: ArrayLike) -> Any:
-        """Moves fingers and eyes; returns the body's part.
+        """Move fingers and eyes; return the body's part.
 
         Args:
-            actions: (N, A) in [-1, 1]; what is outside is clipped to it.
+            actions: (N, A) in [-1, 1]; values outside are clipped.
 
         Raises:
             ValueError: another shape, or numbers that are not finite; nothing has moved.
@@ -83,11 +83,11 @@ class Actions(RowState):
         return given[:, : self._body]
 
     def remember(self, actions: ArrayLike) -> None:
-        """Note what was done in a user step, (N, A)."""
+        """Store the actions of a user step, (N, A)."""
         np.clip(actions, -1.0, 1.0, out=self.last)
 
     def reset(self, ids: NDArray[np.int64]) -> None:
-        """Lets go of all inputs, looks straight ahead and has done nothing, for these users."""
+        """Release all inputs, center the gaze and clear the stored actions of these users."""
         self.last[ids] = 0.0
         self.input_values[ids] = 0.0
         self.gaze_deg[ids] = 0.0
@@ -98,7 +98,7 @@ class Actions(RowState):
         return use
 
     def input_rows(self, ids: NDArray[np.int64], frames: int) -> dict[str, FloatArray]:
-        """Rows of inputs for :class:`DevicePoses`, the same in every frame of a step.
+        """Return rows of inputs for :class:`DevicePoses`, the same in every frame of a step.
 
         Args:
             ids: (K,) users.
@@ -106,7 +106,7 @@ class Actions(RowState):
 
         Returns:
             ``right_inputs`` and ``left_inputs``, (K, F, INPUT_COUNT), of the hands whose fingers
-            work any.
+            press inputs.
         """
         rows: dict[str, FloatArray] = {}
         for k, one in enumerate(self._inputs):

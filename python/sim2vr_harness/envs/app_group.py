@@ -36,12 +36,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class AppFailure:
-    """An app outside this process that died, hung or talked nonsense.
+    """Failure of an app outside this process: it died, hung or sent invalid data.
 
     Attributes:
-        user: whose app it was.
+        user: the user of the app.
         step: user steps of the round that it ended.
-        error: what happened, with the end of the app's log.
+        error: description of the failure, with the end of the app's log.
     """
 
     user: int
@@ -53,23 +53,23 @@ class Logs(Protocol):
     """The games' named numbers at one moment, one entry per user."""
 
     def __getitem__(self, i: int) -> Mapping[str, float]:
-        """Those of user ``i``."""
+        """Return the numbers of user ``i``."""
 
     def total(self, name: str) -> float:
-        """The sum of one number over all users; 0 where the game has none of that name."""
+        """Return the sum of one number over all users; 0 if the game has none of that name."""
 
 
 class AppGroup(Protocol):
     """N apps. A call moves those of some users and writes their rows of the results."""
 
     failed: dict[int, str]
-    """Users whose app has failed, and why; their next reset starts another one."""
+    """Users whose app has failed, with the reason; their next reset starts another app."""
     left: dict[int, str]
-    """Users whose app has left VR by itself, which ended their round, and how."""
+    """Users whose app has left VR by itself, which ended their round, with the way it did."""
     failures: list[AppFailure]
     """Every app that failed so far, the oldest first."""
     drawn_by_gpu: bool
-    """Whether a GPU draws inside this process: it draws while the bodies of other users move."""
+    """True if a GPU draws inside this process: it draws while the bodies of other users move."""
     reward: NDArray[Any]
     """(N,) of the last step or reset."""
     finished: NDArray[np.uint8]
@@ -86,7 +86,7 @@ class AppGroup(Protocol):
 
     @property
     def haptics(self) -> Mapping[int, tuple[HapticPulse, ...]]:
-        """What the users' last step or reset brought to the controllers, of those that got any."""
+        """Haptic pulses of the last step or reset, for the users that received any."""
 
     @property
     def sounds(self) -> Mapping[int, tuple[SoundEvent, ...]]:
@@ -95,15 +95,15 @@ class AppGroup(Protocol):
     def head_requests(
         self, ids: IntArray, seeds: IntArray, options: Mapping[str, OptionValue] | None
     ) -> NDArray[np.float64]:
-        """How the apps wish the heads to be held in the rounds to come.
+        """Return the head pitch that the apps request for the next episodes.
 
         Args:
             ids: (M,) users.
-            seeds: (M,) of the rounds that :meth:`reset` will start.
-            options: likewise.
+            seeds: (M,) of the episodes that :meth:`reset` will start.
+            options: game options of these episodes.
 
         Returns:
-            (M,) pitch in degrees, up positive; NaN: no wish.
+            (M,) pitch in degrees, up positive; NaN: no request.
 
         Raises:
             ValueError: an option that cannot be used.
@@ -116,7 +116,7 @@ class AppGroup(Protocol):
         poses: DevicePoses,
         options: Mapping[str, OptionValue] | None,
     ) -> None:
-        """Starts rounds.
+        """Start rounds.
 
         Args:
             ids: (M,) users.
@@ -139,28 +139,28 @@ class AppGroup(Protocol):
         *,
         drawn: int | IntArray = -1,
     ) -> IntArray:
-        """One user step of K frames.
+        """Advance the apps by one user step of K frames.
 
         Args:
             ids: (M,) users.
             times_ns: (M, K) game times.
             poses: (M, K, 7) each.
-            steps: (M,) which user step of the round this is.
-            last: the number of the step after which the user ends the round.
-            drawn: which of the K frames is drawn, -1 the last; (M,) where users differ.
+            steps: (M,) number of this user step in the round.
+            last: number of the step after which the user ends the round.
+            drawn: index of the drawn frame of the K, -1 the last; (M,) if users differ.
 
         Returns:
             The users whose apps answered, in the order of ``ids``.
         """
 
     def logs(self) -> Logs:
-        """The logs as they are now; later steps do not change what was returned."""
+        """Return copies of the present logs, which later steps do not change."""
 
     def save(self, i: int, step: int) -> bytes | None:
-        """The state of user ``i``'s app; None if it cannot be saved, or has failed (just now)."""
+        """Return the state of user ``i``'s app; None if it cannot be saved, or has failed."""
 
     def close(self) -> None:
-        """Ends the apps; idempotent."""
+        """End the apps; idempotent."""
 
 
 def app_group(
@@ -170,11 +170,11 @@ def app_group(
     make_app: AppFactory | None = None,
     ipd_m: float = IPD_M,
 ) -> AppGroup:
-    """The apps that ``config.app`` asks for.
+    """Return the apps of ``config.app``.
 
     Args:
         log_dir: root of the apps' episode logs, or None.
-        make_app: how to get the app of each user; None goes by ``config.app.transport``.
+        make_app: makes the app of each user; None: by ``config.app.transport``.
         ipd_m: distance of the users' pupils.
 
     Raises:
@@ -189,7 +189,7 @@ def app_group(
 
 
 def _channels(config: EnvConfig) -> list[int]:
-    """The channels that a user sees; none without sight."""
+    """Return the image channels of a user; none without vision."""
     sees = any(config.sense(name) is not None for name in ("vision", "fovea"))
     return channel_indices(config.vision.channels) if sees else []
 
@@ -251,7 +251,7 @@ class ClientGroup:
     def head_requests(
         self, ids: IntArray, seeds: IntArray, options: Mapping[str, OptionValue] | None
     ) -> NDArray[np.float64]:
-        """See :class:`AppGroup`; apps that have no such request have no wish."""
+        """Return the requested head pitches; NaN for apps that do not support the request."""
         requests = [
             self._at_a_start(i, partial(_head_request, seed=int(seed)), options)
             for i, seed in zip(ids.tolist(), seeds, strict=True)
@@ -273,12 +273,12 @@ class ClientGroup:
     def _at_a_start(
         self, i: int, ask: Callable[..., T], options: Mapping[str, OptionValue] | None
     ) -> T:
-        """What the app answers at the start of a round; a new app where the one before failed.
+        """Return the app's answer at the start of an episode; a failed app is replaced first.
 
         Args:
             i: user.
             ask: (app, options) -> answer.
-            options: game options of this round on; a new app gets those before, too.
+            options: game options from this episode on; a new app also receives the earlier ones.
         """
         for _ in range(RESET_ATTEMPTS):
             with self._noting_failure(i, 0):
@@ -331,7 +331,7 @@ class ClientGroup:
 
     @contextmanager
     def _noting_failure(self, i: int, step: int) -> Iterator[None]:
-        """Ends the app of user ``i``, and remembers why, when the block finds it failed."""
+        """End the app of user ``i``, and store the reason, if the block finds it failed."""
         try:
             yield
         except APP_FAILURES as error:
@@ -398,14 +398,14 @@ class MirroredGroup:
         self._sounds: dict[int, tuple[SoundEvent, ...]] = {}
 
     def resume(self, mirrored: NDArray[np.bool_]) -> None:
-        """Go on with rounds whose apps have been loaded; (N,) who is a mirror image."""
+        """Continue rounds of loaded apps; (N,) True if the user is a mirror image."""
         self._mirrored[:] = mirrored
         self._begin()
         for rows, _ in self._parts(np.arange(len(mirrored)), None):
             self._take(rows)
 
     def mirror(self, ids: IntArray, mirrored: NDArray[np.bool_]) -> None:
-        """Say who of these users is a mirror image, from the next reset on; (M,) each."""
+        """Set which of these users are mirror images, from the next reset on; (M,) each."""
         self._mirrored[ids] = mirrored
 
     @property
@@ -445,7 +445,7 @@ class MirroredGroup:
         *,
         drawn: int | IntArray = -1,
     ) -> IntArray:
-        """One user step, right-handers first."""
+        """Advance by one user step, right-handers first."""
         self._begin()
         answered = []
         for rows, _ in self._parts(ids, None):
@@ -459,11 +459,11 @@ class MirroredGroup:
         return np.asarray(ids[np.isin(ids, found)])
 
     def logs(self) -> Logs:
-        """The games' numbers."""
+        """Return the games' numbers."""
         return self._group.logs()
 
     def save(self, i: int, step: int) -> bytes | None:
-        """The state of a user's app."""
+        """Return the state of a user's app."""
         return self._group.save(i, step)
 
     def close(self) -> None:
@@ -473,7 +473,7 @@ class MirroredGroup:
     def _parts(
         self, ids: IntArray, options: Mapping[str, OptionValue] | None
     ) -> list[tuple[IntArray, dict[str, OptionValue]]]:
-        """Rows of ``ids`` of each hand that is there, and the options of their games."""
+        """Return rows of ``ids`` for each hand in use, and the options of their games."""
         mirrored = self._mirrored[ids]
         parts = []
         for hand, own in ((self._hand, ~mirrored), (_OTHER[self._hand], mirrored)):
@@ -483,7 +483,7 @@ class MirroredGroup:
         return parts
 
     def _seen(self, poses: DevicePoses, ids: IntArray, rows: IntArray) -> DevicePoses:
-        """The devices of one hand's users as their apps get them."""
+        """Return the devices of one hand's users as their apps receive them."""
         own = poses[rows]
         return mirrored_poses(own) if self._mirrored[ids[rows[0]]] else own
 
@@ -491,7 +491,7 @@ class MirroredGroup:
         self._haptics, self._sounds = {}, {}
 
     def _take(self, ids: IntArray) -> None:
-        """Take over what a call has brought to users of one hand."""
+        """Copy the results of a call for users of one hand."""
         mirrored = bool(self._mirrored[ids[0]])
         pictures = self._group.pictures[ids]
         if mirrored and pictures.size:
@@ -512,7 +512,7 @@ class MirroredGroup:
 
 
 def mirrored_poses(poses: DevicePoses) -> DevicePoses:
-    """Devices as in a mirror between left and right: the controllers change hands.
+    """Return the devices mirrored between left and right: the controllers change hands.
 
     Args:
         poses: rows (..., 7) in the app's frame, and inputs.

@@ -19,11 +19,11 @@ from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.envs.late_hands import app_options
 
 AppFactory = Callable[[EnvConfig, int, Path | None], AppClient]
-"""Makes the app of user i: (config, i, log folder) -> client. Called again for a user whose app has
-failed and was closed."""
+"""Makes the app of user i: (config, i, log folder) -> client. It is called again for a user whose
+app has failed and was closed."""
 
 IPD_M = 0.064
-"""Distance of the pupils of those who do not say theirs."""
+"""Pupil distance of users without an own one."""
 
 
 def apps_wanted(
@@ -32,8 +32,8 @@ def apps_wanted(
     """Return the request to the transport.
 
     Args:
-        ipd_m: distance of their pupils.
-        task: what judges the apps, if anything does.
+        ipd_m: the users' pupil distance.
+        task: task that judges the apps, if any.
     """
     width, height = config.vision.drawn
     return AppsWanted(
@@ -74,11 +74,11 @@ def app_factory(config: EnvConfig, n: int, ipd_m: float = IPD_M) -> AppFactory:
     """Return the factory for ``config.app.transport``.
 
     Args:
-        ipd_m: distance of their pupils.
+        ipd_m: the users' pupil distance.
 
     Raises:
-        ValueError: the settings do not serve so many users.
-        AppUnsupported: the users need what the transport has not.
+        ValueError: the settings do not support that many users.
+        AppUnsupported: the users need a capability that the transport lacks.
     """
     transport = transport_named(config.app.transport)
     _require(transport, "two_eyes", config.vision.eyes == 2, "vision.eyes: got 2")
@@ -98,12 +98,12 @@ def app_factory(config: EnvConfig, n: int, ipd_m: float = IPD_M) -> AppFactory:
 
 
 def judged(app: AppConfig) -> bool:
-    """Whether a task says what an app is worth; always where its transport brings no reward."""
+    """Return whether a task defines the reward; always true if the transport reports none."""
     return app.task is not None or not transport_named(app.transport).reports_reward
 
 
 def _require(transport: Transport, capability: str, wanted: bool, got: str) -> None:
-    """Refuse what no one over this transport can do, before anything is started."""
+    """Reject a capability that this transport does not support, before anything is started."""
     if wanted and capability not in transport.capabilities:
         able = [repr(one.name) for one in list_transports() if capability in one.capabilities]
         raise AppUnsupported(
@@ -113,10 +113,10 @@ def _require(transport: Transport, capability: str, wanted: bool, got: str) -> N
 
 
 def knows_options(app: AppConfig) -> bool:
-    """Whether the app is known to take game options at every reset, as our runtime does.
+    """Return whether the app accepts game options at every reset, as our runtime does.
 
-    A SIM2VR app of others takes them at its start, as arguments; of one that runs somewhere
-    already, nothing is known.
+    Other SIM2VR apps accept them at their start, as arguments. For an app that is already running
+    elsewhere the answer is unknown, and False is returned.
     """
     return transport_named(app.transport).knows_options(_place(app))
 

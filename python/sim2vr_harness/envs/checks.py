@@ -29,7 +29,7 @@ def checked_users(field: str, users: Any, n: int) -> list[int]:
 
 
 def checked_seeds(seeds: Sequence[int | None] | None, count: int) -> list[int | None]:
-    """One seed, or None, for each of so many users.
+    """Return one seed, or None, for each of ``count`` users.
 
     Raises:
         ValueError: another number of seeds, or one that is no whole number of 0 or above.

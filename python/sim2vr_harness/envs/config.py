@@ -60,12 +60,12 @@ class EffortConfig(Settings):
     model: EffortName = "cumulative_fatigue_3ccr"
     """The effort model (docs/reference/bodies.md)."""
     weight: Weight | None = None
-    """Reward per unit of the model's cost; None takes the model's own: 0.1 for
-    cumulative_fatigue_3ccr, the reference's value for Whac-A-Mole."""
+    """Reward per unit of the model's cost; None: the model's own: 0.1 for cumulative_fatigue_3ccr,
+    the reference's value for Whac-A-Mole."""
     preset: FatiguePreset = "reference"
-    """cumulative_fatigue_3ccr: published values of ``r``, ``fatigue`` and ``recovery``.
-    ``shoulder`` lasts as long as people's shoulders do, ``reference`` is the SIM2VR paper's
-    (docs/reference/exertion.md)."""
+    """cumulative_fatigue_3ccr: published values of ``r``, ``fatigue`` and ``recovery``. With
+    ``shoulder`` endurance is that of people's shoulders, ``reference`` has the SIM2VR paper's
+    values (docs/reference/exertion.md)."""
     r: Rate | None = None
     """The same model: how many times faster units recover while the load is met; None: 7.5, or
     15 with the preset ``shoulder``."""
@@ -106,7 +106,7 @@ class EffortConfig(Settings):
         }
 
     def options(self) -> dict[str, float]:
-        """What is set, as `make_effort` takes it."""
+        """Return the options that are set, as arguments of `make_effort`."""
         known = effort_options(self.model)
         usual = {} if self.preset == "reference" else FATIGUE_PRESETS[self.preset]
         return {k: value for k, value in {**usual, **self._given()}.items() if k in known}
@@ -116,7 +116,7 @@ class NoiseConfig(Settings):
     """Motor noise on the muscle controls (off in the reference)."""
 
     signal_dependent: Literal["white", "red"] | None = None
-    """Noise that grows with the control: drawn afresh each step (white) or accumulating (red)."""
+    """Noise that grows with the control: independent in each step (white) or accumulating (red)."""
     constant: Literal["white", "red"] | None = None
     """Noise shared by all muscles, whatever their control."""
     signal_dependent_level: Weight = 0.103
@@ -132,28 +132,28 @@ class UserConfig(Settings):
     """The body: a name (`sim2vr_harness.users.list_bodies()`) or a YAML file
     (docs/reference/bodies.md)."""
     person: Physique = Physique()
-    """How the person differs from the one that the body was measured on."""
+    """Differences between the person and the one that the body was measured on."""
     people: PeopleSettings | None = None
-    """Users are people who differ, another one in every episode; None: all are average."""
+    """Population of virtual participants, sampled in every episode; None: all users are average."""
     skull_rotation_deg: float = Field(default=10.0, ge=-90.0, le=90.0)
     """Downward pitch of the skull and with it of the headset, degrees."""
     head: HeadMotion = "fixed"
-    """Of bodies without a neck: ``reflex`` has the headset follow the hand and sway, as people's
-    heads do (docs/concepts/people.md)."""
+    """Head motion of bodies without a neck: with ``reflex`` the headset follows the hand and sways,
+    as people's heads do (docs/concepts/people.md)."""
     torso: bool = False
-    """Whether trunk and neck move, by six motors more (docs/reference/bodies.md)."""
+    """True: trunk and neck move, with six additional motors (docs/reference/bodies.md)."""
     reset: ResetOptions = ResetOptions()
-    """How episodes begin, where that differs from the body's own way."""
+    """Differences from the body's own way to start episodes."""
     effort: EffortConfig = EffortConfig()
     """The effort model, whose cost is subtracted from the reward."""
     noise: NoiseConfig = NoiseConfig()
     """Motor noise on the controls."""
     timestep_s: PhysicsStep | None = None
-    """Physics step, 0.0001 to 0.02 s; None takes the model's 2 ms. Coarser physics is for trainings
+    """Physics step, 0.0001 to 0.02 s; None: the model's 2 ms. Coarser physics is for training
     only."""
     devices: tuple[str, ...] | None = None
-    """What the user wears of what the body can: headset, controller_right, controller_left; None:
-    all of it. The body says where (docs/reference/bodies.md)."""
+    """Devices that the user wears: headset, controller_right, controller_left; None: all that the
+    body supports. Their positions on the body are in docs/reference/bodies.md."""
     inputs: tuple[str, ...] = ()
     """Inputs of the controllers that the fingers work, such as right.trigger and left.x: one more
     action each, after those of the body."""
@@ -182,17 +182,17 @@ class UserConfig(Settings):
 
 
 def motor_noise(config: NoiseConfig) -> MotorNoiseSettings | None:
-    """Return what the settings say of motor noise; None: there is none."""
+    """Return the motor noise settings; None: no noise."""
     if config.signal_dependent is None and config.constant is None:
         return None
     return MotorNoiseSettings(**config.model_dump())
 
 
 def people_of(config: UserConfig) -> Population | None:
-    """The people that users are, None if they are all average.
+    """Return the population of the users, None if they are all average.
 
     Raises:
-        ValueError: ``person`` sets what people differ in.
+        ValueError: ``person`` sets a property that the population samples.
     """
     return None if config.people is None else Population(config.people, config.person)
 
@@ -203,8 +203,8 @@ class FoveationConfig(Settings):
     gaze: Literal["ahead", "moves"] = "ahead"
     """``moves``: two more actions, the last ones, direct it: right and up."""
     gaze_range_deg: float = Field(default=45.0, ge=0.1, le=90.0)
-    """How far the eyes turn from straight ahead, to every side, where an action is 1; people's
-    turn by 40 to 55 degrees (Guitton and Volle 1987)."""
+    """Rotation of the eyes from straight ahead, to every side, for an action of 1; people's turn by
+    40 to 55 degrees (Guitton and Volle 1987)."""
     e2_deg: float = Field(default=2.3, ge=0.01, le=180.0)
     """Eccentricity at which the smallest detail is twice the fovea's."""
     detail_deg: float | None = Field(default=None, ge=1e-4, le=90.0)
@@ -227,9 +227,9 @@ class VisionConfig(Settings):
     foveation: FoveationConfig | None = None
     """Off by default: sharp all over."""
     zoom: Literal[1, 3, 5] = 1
-    """How many times as wide and as high apps draw. The sense ``vision`` has every so many pixels
-    of it, the same picture as without (but for single pixels at edges); the sense ``fovea`` has its
-    middle, every pixel, as many pixels as ``vision``."""
+    """Factor by which the images that apps draw are wider and higher. The sense ``vision`` samples
+    every ``zoom``-th pixel, which gives the same image as without zoom (except for single pixels at
+    edges); the sense ``fovea`` has every pixel of the middle, as many pixels as ``vision``."""
 
     @property
     def drawn(self) -> tuple[int, int]:
@@ -250,13 +250,13 @@ class AppConfig(Settings):
     """The game's options; each game has defaults and validates its own (docs/reference/games/).
     ``hand_lag_s``, of every app: by how much it sees hands late, s."""
     renderer: Literal["automatic", "egl", "osmesa", "null"] = "automatic"
-    """How images are drawn: on a GPU (``egl``), on the CPU (``osmesa``), or not at all
-    (``null``)."""
+    """Renderer of the images: a GPU (``egl``), the CPU (``osmesa``), or none (``null``)."""
     transport: str = "in_process"
-    """Where the app runs: in this process, or outside, reached by SIM2VR's protocol (protocol1), by
-    our faster one (protocol2), or by another transport of the table; see docs/reference/apps.md."""
+    """Connection to the app: in this process, or to an app outside by SIM2VR's protocol
+    (protocol1), by our faster one (protocol2), or by another transport of the table; see
+    docs/reference/apps.md."""
     transport_options: dict[str, OptionValue] = Field(default_factory=dict)
-    """Settings of a transport of one's own wants to know beyond the settings below."""
+    """Settings of a custom transport in addition to the settings below."""
     executable: str | None = None
     """The app to start for every user, for example a Unity build with the SIM2VR asset (protocol
     1), or an OpenXR program (openxr); None starts our own sim2vr-app."""
@@ -269,13 +269,14 @@ class AppConfig(Settings):
     """``HOST:PORT`` of an app that runs already, or a ZeroMQ endpoint such as ``ipc:///tmp/app``,
     instead of starting one."""
     timeout_s: float = Field(default=60.0, ge=0.001, le=86_400.0)
-    """An app outside that does not answer for so long has failed and is started again."""
+    """Longest time without an answer from an app outside, s; after it the app has failed and is
+    started again."""
     start_timeout_s: float = Field(default=60.0, ge=0.001, le=86_400.0)
-    """How long an app outside may take to start."""
+    """Longest time that an app outside may need to start, s."""
     time_scale: int = Field(default=5, ge=1, le=100)
-    """How many times faster than real time a Unity app may run at most."""
+    """Highest speed of a Unity app, as a multiple of real time."""
     processes: int = Field(default=0, ge=0, le=1024)
-    """Protocol 2: server processes that share the users; 0 takes one per core at most."""
+    """Protocol 2: server processes that share the users; 0: at most one per core."""
     page: str | None = None
     """WebXR (docs/reference/webxr.md): a page in HTML, a folder with an index.html, or an address
     below one of ``map``."""
@@ -283,15 +284,15 @@ class AppConfig(Settings):
     """WebXR: beginning of an address -> local folder (or a whole address -> local file) that pages
     load from instead; all other addresses are refused."""
     browser: str | None = None
-    """WebXR: the program that shows pages; None takes a Chromium that is found."""
+    """WebXR: the browser that shows pages; None: an installed Chromium."""
     task: TaskRules | str | None = None
-    """What the app is worth, where it does not say so itself or another thing counts: rules, a YAML
+    """Reward of the app, if the app does not publish one or another reward is wanted: rules, a YAML
     file of them, or ``FILE.py:CLASS`` (docs/reference/webxr.md). Works with every transport."""
 
     @model_validator(mode="before")
     @classmethod
     def _named_after_its_page(cls, given: Any) -> Any:
-        """A page's game is called like the page, an OpenXR program's like the program."""
+        """Name a page's game after the page, an OpenXR program's after the program."""
         if not isinstance(given, dict):
             return given
         if isinstance(given.get("page"), str):
@@ -347,7 +348,7 @@ class AppConfig(Settings):
 
 
 def page_name(page: str) -> str:
-    """What to call the app that a page is: its file's name, or its folder's for an index."""
+    """Return the name of the app that a page is: its file's name, or its folder's for an index."""
     parts = [part for part in re.split(r"[/\\\\]", page.partition("?")[0]) if part not in ("", ".")]
     last = parts[-1] if parts else "page"
     stem = re.sub(r"\.html?$", "", last, flags=re.IGNORECASE)
@@ -357,7 +358,7 @@ def page_name(page: str) -> str:
 
 
 def program_name(command: Sequence[str]) -> str:
-    """What to call the app that a command starts: its script, or the program itself."""
+    """Return the name of the app that a command starts: its script, or the program itself."""
     scripts = [word for word in command[1:] if word.endswith((".py", ".qml"))]
     return page_name((scripts or [command[0]])[0].removesuffix(".py").removesuffix(".qml"))
 
@@ -370,10 +371,10 @@ class EnvConfig(Settings):
     user: UserConfig = UserConfig()
     """The simulated user's body, effort and motor noise."""
     vision: VisionConfig = VisionConfig()
-    """How the headset's picture is drawn and looked at; whether there is one, how late and how
-    noisy it is, is said under :attr:`senses`."""
+    """Rendering and sampling of the headset's image. :attr:`senses` sets whether the user perceives
+    it, with which delay and noise."""
     senses: tuple[SenseConfig, ...] = Field(default=DEFAULT_SENSES, min_length=1)
-    """What the user perceives: one entry of the observation each."""
+    """Senses of the user: each is one entry of the observation."""
     action_frequency_hz: int = Field(default=20, ge=1, le=500)
     """User steps per second; one image each."""
     frames_per_step: int = Field(default=1, ge=1, le=10_000)
@@ -383,8 +384,8 @@ class EnvConfig(Settings):
     max_episode_seconds: float = Field(default=1000.0, gt=0.0, le=1e6)
     """An episode that the game has not ended by then is truncated."""
     cores: int = Field(default=0, ge=0, le=4096)
-    """Cores that physics, apps and torch may use; 0 takes every core that this process may run on.
-    Results are the same bits for any number."""
+    """Cores that physics, apps and torch may use; 0: every core that this process may run on.
+    Results are identical for any number."""
 
     @field_validator("senses")
     @classmethod
@@ -393,17 +394,17 @@ class EnvConfig(Settings):
         return senses
 
     def sense(self, kind: str) -> SenseConfig | None:
-        """The first of this kind among :attr:`senses`, None if there is none."""
+        """Return the first of this kind among :attr:`senses`, None if there is none."""
         return next((sense for sense in self.senses if sense.sense == kind), None)
 
     @property
     def gaze_moves(self) -> bool:
-        """Whether two of the actions direct the gaze."""
+        """Return whether two of the actions direct the gaze."""
         return self.vision.foveation is not None and self.vision.foveation.gaze == "moves"
 
 
 def with_options(config: EnvConfig, options: Mapping[str, OptionValue]) -> EnvConfig:
-    """The configuration with other options of the game; those not named stay."""
+    """Return the configuration with other options of the game; those not named stay."""
     merged = {**config.app.options, **options}
     app = AppConfig(**{**config.app.model_dump(), "options": merged})
     return config.model_copy(update={"app": app})

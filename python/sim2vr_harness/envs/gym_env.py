@@ -42,7 +42,7 @@ class Window:
         self._clock: Any = None
 
     def show(self, picture: NDArray[np.uint8]) -> None:
-        """Shows a picture, (H, W, 3) uint8, no sooner than one frame after the last."""
+        """Show an image, (H, W, 3) uint8, no sooner than one frame after the last."""
         pygame, size = self._pygame, (picture.shape[1], picture.shape[0])
         if self._surface is None:
             pygame.display.init()
@@ -56,17 +56,17 @@ class Window:
         self._clock.tick(self._fps)
 
     def close(self) -> None:
-        """Closes the window; idempotent."""
+        """Close the window; idempotent."""
         if self._surface is not None:
             self._pygame.display.quit()
             self._surface = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """For pickle and copy: a copy opens a window of its own."""
+        """Return the state for pickle and copy: a copy opens its own window."""
         return {"_title": self._title, "_fps": self._fps}
 
     def __setstate__(self, made: dict[str, Any]) -> None:
-        """See :meth:`__getstate__`."""
+        """Restore a copy from :meth:`__getstate__`."""
         self.__init__(made["_title"], made["_fps"])  # type: ignore[misc]
 
 
@@ -82,21 +82,21 @@ class Sim2VREnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     ``stateful_information`` (1,) the game's time feature. Reward: the game's, minus the cost of
     effort. 20 user steps per second of 25 physics steps each.
 
-    Environments can be pickled and copied in the middle of a round: the copy goes on exactly, in an
-    app of its own, and writes no logs.
+    Environments can be pickled and copied in the middle of a round: the copy continues exactly, in
+    an app of its own, and writes no logs.
 
     Args:
         condition: a condition that the game publishes; None leaves its options as they are.
-        config: the whole environment; None takes the defaults.
-        render_mode: what :meth:`render` draws, as (480, 640, 3) uint8: ``rgb_array`` the game and
-            the user's hand from outside, ``headset`` what the user sees, ``body`` the body;
+        config: the whole environment; None: the defaults.
+        render_mode: the image that :meth:`render` returns, (480, 640, 3) uint8: ``rgb_array`` the
+            game and the user's hand from outside, ``headset`` the user's view, ``body`` the body;
             ``human`` shows ``rgb_array`` in a window after every reset and step.
         log_dir: root of the episode logs, or None.
         game: another game than the configuration's.
-        unknown: refused; the error names the keywords above.
+        unknown: rejected; the error names the keywords above.
 
     Raises:
-        ValueError: a setting that cannot be used; names it, what was got and what was expected.
+        ValueError: a setting that cannot be used; names it, the given and the expected value.
         DependencyNotInstalled: ``human`` without pygame.
     """
 
@@ -130,7 +130,7 @@ class Sim2VREnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, OptionValue] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Starts an episode; ``options`` are game options from this round on."""
+        """Start an episode; ``options`` are game options from this round on."""
         super().reset(seed=seed)
         infos = self.simulation.reset(seeds=[seed], options=options)
         self._show()
@@ -139,7 +139,7 @@ class Sim2VREnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """One user step; see :class:`~sim2vr_harness.envs.simulation.StepBatch` for the info."""
+        """Advance by one user step; info as :class:`~sim2vr_harness.envs.simulation.StepBatch`."""
         batch = self.simulation.step(np.asarray(action)[None])
         self._show()
         return (
@@ -158,13 +158,13 @@ class Sim2VREnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             self._window.show(self._views.draw("rgb_array", 0))
 
     def render(self) -> NDArray[np.uint8] | None:
-        """A picture of the last frame as ``render_mode`` says, (480, 640, 3) uint8, or None."""
+        """Return an image of the last frame by ``render_mode``, (480, 640, 3) uint8, or None."""
         if self.render_mode is None or self.render_mode == "human":
             return None
         return self._views.draw(self.render_mode, 0)
 
     def close(self) -> None:
-        """Ends the app."""
+        """End the app."""
         self.simulation.close()
         self._views.close()
         if self._window is not None:

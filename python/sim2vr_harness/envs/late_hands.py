@@ -71,14 +71,14 @@ class LateHands(RowState):
         )
 
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
-        """Let these users' next poses be their whole past."""
+        """Fill these users' past with their next poses."""
         self._ring.forget(ids)
 
     def sample(self, moment: StepContext, substep: int) -> None:
-        """Nothing: poses come with the user steps."""
+        """Do nothing: poses are recorded per user step."""
 
     def take(self, moment: StepContext, ids: IntArray | None) -> None:
-        """Nothing, likewise."""
+        """Do nothing: poses are recorded per user step."""
 
     def observe(self) -> NDArray[np.float64]:
         """(N, 2, 7) the present poses."""

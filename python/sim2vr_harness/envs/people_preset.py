@@ -22,11 +22,10 @@ _NOISE = NoiseConfig(
 
 
 def as_population(user: UserConfig, count: int | None = None) -> UserConfig:
-    """Return a user's configuration with persons who differ, motor noise and light hands.
+    """Return a user's configuration with virtual participants, motor noise and light hands.
 
-    Heads of bodies without a neck follow the hand and sway.
-
-    What the configuration sets itself stays. ``count`` is the number of persons, if it is given.
+    Heads of bodies without a neck follow the hand and sway. Settings of the configuration itself
+    are kept. ``count`` is the number of persons, if it is given.
     """
     given = user.model_fields_set
     people = user.people or PeopleSettings(strength=STRENGTH)
@@ -50,14 +49,14 @@ def as_population(user: UserConfig, count: int | None = None) -> UserConfig:
 def with_people(
     env: ResolvedEnv, count: int, seed: int, overrides: Sequence[str] = ()
 ) -> ResolvedEnv:
-    """Return an environment with so many persons of a seed.
+    """Return an environment with a number of persons of a seed.
 
-    Users that were trained with persons meet others of their own population. All others meet that
+    Users that were trained with persons play with their own population. All others play with that
     of :func:`as_population`, with its strength and motor noise; their hands and heads stay those of
-    the body that they learned with. ``overrides`` may name another noise, or none.
+    the body that they were trained with. ``overrides`` may set another noise, or none.
 
     Raises:
-        InputError: There is no one, or the configuration says what people differ in.
+        InputError: The number is 0, or the configuration sets a property that people differ in.
     """
     if count < 1:
         raise InputError("--people", str(count), "at least 1")

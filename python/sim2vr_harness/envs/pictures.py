@@ -42,11 +42,11 @@ class Views:
         return picture
 
     def close(self) -> None:
-        """Frees the renderer; idempotent."""
+        """Free the renderer; idempotent."""
         if self._body_renderer is not None:
             self._body_renderer.close()
             self._body_renderer = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """For pickle and copy: renderers are made anew."""
+        """Return the state for pickle and copy, without renderers, which a copy makes again."""
         return {"_simulation": self._simulation, "_body_renderer": None}

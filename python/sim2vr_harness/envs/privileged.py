@@ -32,13 +32,13 @@ OBSERVATION = "teacher"
 
 @dataclass(frozen=True)
 class Lag:
-    """How late a user's senses are, in whole user steps.
+    """Delays of a user's senses, in whole user steps.
 
     Attributes:
-        game: of what is seen, until it is recognised.
-        body: of what is felt.
-        actions: of how many last user steps the user knows what it did.
-        recognition: how many of ``game`` pass after a picture shows a thing.
+        game: of vision, until an object is recognised.
+        body: of proprioception.
+        actions: number of last user steps whose actions are observed.
+        recognition: the part of ``game`` between an object's first image and its recognition.
     """
 
     game: int = 0
@@ -48,13 +48,13 @@ class Lag:
 
     @staticmethod
     def of(env: EnvConfig, recognition: int = 0) -> Lag:
-        """Of the senses in a configuration; of people whose delays differ, the mean person's.
+        """Return the delays of a configuration's senses; for people, those of the mean person.
 
-        The body counts as known now if the user's own actions since it was felt are.
+        The present body counts as known if the user's own actions since it was sensed are observed.
 
         Args:
             env: the configuration.
-            recognition: user steps that pass after a picture shows a thing.
+            recognition: user steps between an object's first image and its recognition.
         """
         found = {sense.sense: sense for sense in env.senses}
         people = env.user.people or PeopleSettings()
@@ -85,25 +85,25 @@ class Lag:
 
     @property
     def none(self) -> bool:
-        """Whether the present is known, and no action is remembered."""
+        """Return whether nothing is delayed and no action is observed."""
         return self == Lag()
 
     @property
     def longest(self) -> int:
-        """User steps back to the oldest of what is known."""
+        """User steps back to the oldest observed state."""
         return max(self.game, self.body)
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What an observation is made of, of all numbers of a moment (the body's, then the game's).
+    """Layout of an observation: columns of all numbers of a moment (the body's, then the game's).
 
     Attributes:
         names: of its entries.
-        felt: columns of what is known as late as the body is; numbers, or a tensor of them.
-        seen: columns of what is known as late as pictures are, likewise.
-        actions: last user steps whose actions follow, the newest first.
-        lag: how late.
+        felt: columns with the delay of proprioception; numbers, or a tensor of them.
+        seen: columns with the delay of vision, likewise.
+        actions: number of last user steps whose actions follow, the newest first.
+        lag: the delays.
     """
 
     names: tuple[str, ...]
@@ -122,11 +122,11 @@ class Layout:
         """Return (B, F) observations.
 
         Args:
-            at: how many user steps back -> (B, M) all numbers of that moment.
-            did: how many user steps back, from 1 -> (B, A) what was done then.
-            join: puts (B, .) arrays beside each other.
-            pictured: (B, M) all numbers of the moment that is seen now; None: of a whole number of
-                user steps back, the lag.
+            at: number of user steps back -> (B, M) all numbers of that time.
+            did: number of user steps back, from 1 -> (B, A) actions of that step.
+            join: concatenates (B, .) arrays.
+            pictured: (B, M) all numbers of the frame that is seen now; None: those of a whole
+                number of user steps back, the lag.
         """
         if pictured is None:
             pictured = at(self.lag.game)
@@ -135,14 +135,14 @@ class Layout:
 
 
 class PrivilegedSenses:
-    """What the teachers of N users observe.
+    """Privileged observations of the teachers of N users.
 
     Args:
-        simulation: users whose apps run in this process. Where senses are late it is watched from
-            its next reset on.
+        simulation: users whose apps run in this process. If senses are delayed, its states are
+            recorded from its next reset on.
         hidden: patterns of names that are left out.
-        felt: patterns of the game's numbers that the body tells, too.
-        lag: how late the teachers know what they do.
+        felt: patterns of the game's numbers that proprioception also reports.
+        lag: delays of the observations.
     """
 
     name = "teacher's knowledge"
@@ -203,7 +203,7 @@ class PrivilegedSenses:
         return self.layout.names
 
     def be_late(self, share: float) -> None:
-        """Let the teachers know what they do by so large a share of their lag, 1 at first."""
+        """Set the teachers' delays to a share of their lag, 1 at first."""
         self.layout = replace(self.layout, lag=self._lag.reached(share))
 
     def values(self) -> NDArray[np.float32]:
@@ -217,7 +217,7 @@ class PrivilegedSenses:
         return values
 
     def seen(self, name: str) -> NDArray[np.float32]:
-        """(N,) the values of one privileged number when that was drawn which is recognised now."""
+        """Return a privileged number at the time of the image that is recognised now, (N,)."""
         if self._memory is None:
             return self.field(name)
         column = self._own + self.names.index(name)
@@ -257,11 +257,11 @@ class PrivilegedSenses:
 
 
 class _Memory(RowState):
-    """The last moments of N users, and what they did; a ``Sense`` that watches them.
+    """The last states and actions of N users, recorded as a ``Sense``.
 
-    Who sees late sees a frame of some moment within a user step (``Delayed``). A teacher beside it
-    knows what that frame shows: a few hundredths of a second earlier or later, and what it does
-    would follow from nothing that is seen.
+    A user with delayed vision sees a frame of some time within a user step (``Delayed``). The
+    teacher observes the state in that same frame: with a state some hundredths of a second earlier
+    or later, the teacher's actions would not follow from anything that the student sees.
     """
 
     _state = ("_moments", "_actions", "_pictured")
@@ -294,7 +294,7 @@ class _Memory(RowState):
                 ring.forget(ids)
 
     def sample(self, moment: StepContext, substep: int) -> None:
-        """Nothing: whole user steps are remembered."""
+        """Do nothing: whole user steps are recorded."""
 
     def take(self, moment: StepContext, ids: NDArray[np.int64] | None) -> None:
         rows = slice(None) if ids is None else ids
@@ -309,12 +309,12 @@ class _Memory(RowState):
         return newest
 
     def at(self, back: int) -> NDArray[np.float32]:
-        """(N, M) all numbers so many user steps ago."""
+        """Return all numbers of a number of user steps ago, (N, M)."""
         values: NDArray[np.float32] = self._moments.ago(back)
         return values
 
     def pictured(self) -> NDArray[np.float32] | None:
-        """(N, M) all numbers of what each user recognises in its picture; None if none is late."""
+        """Return all numbers of the recognised frames, (N, M); None if vision is undelayed."""
         if self._pictured is None or self._pictures is None:
             return None
         back = self._pictures.steps_back + self._recognition
@@ -322,7 +322,7 @@ class _Memory(RowState):
         return values
 
     def did(self, back: int) -> NDArray[np.float32]:
-        """(N, A) what was done in the last user step (1), or before."""
+        """Return the actions of the last user step (1), or of one before, (N, A)."""
         values: NDArray[np.float32] = self._actions.ago(back - 1)
         return values
 

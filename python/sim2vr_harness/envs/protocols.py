@@ -35,7 +35,7 @@ class SimulationLike(Protocol):
         """Return the exact state."""
 
     def load_state_dict(self, state: Mapping[str, Any]) -> list[int]:
-        """Continue from :meth:`state_dict`; returns the users whose rounds had to start anew."""
+        """Continue from :meth:`state_dict`; return the users whose rounds start again."""
 
     def close(self) -> None:
         """Free everything."""

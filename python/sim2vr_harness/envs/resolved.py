@@ -1,4 +1,4 @@
-"""An environment's configuration and what follows from it, and the contract of a policy."""
+"""An environment's configuration and the objects made from it, and the contract of a policy."""
 
 import hashlib
 import json
@@ -34,16 +34,16 @@ from sim2vr_harness.users import (
 )
 
 _OF_THE_BODY = ("skull_rotation_deg", "devices", "timestep_s", "torso", "reset")
-"""Settings of ``user`` that its body has, beside ``model`` and ``person``."""
+"""Settings of ``user`` that its body has, besides ``model`` and ``person``."""
 
 
 @dataclass(frozen=True)
 class ResolvedEnv:
     """A configuration with its body, game facts, people, spaces and contract.
 
-    Each of them is made once, when it is first read; code that needs one is given this object in
-    place of the configuration, and the methods that return another one share with it what their
-    change leaves as it is. Pickled, it is the configuration alone.
+    Each of them is made once, when it is first read. Code that needs one receives this object
+    instead of the configuration, and the methods that return another one share with it all parts
+    that their change does not affect. Pickled, it is the configuration alone.
     """
 
     config: EnvConfig
@@ -64,7 +64,7 @@ class ResolvedEnv:
         return cls(EnvConfig(user=user))
 
     def sharing(self, config: EnvConfig) -> "ResolvedEnv":
-        """Return that of another configuration; it shares what both have of body and game."""
+        """Return that of another configuration, sharing equal parts of body and game."""
         if config is self.config:
             return self
         other, own = type(self)(config), self.config
@@ -85,7 +85,7 @@ class ResolvedEnv:
 
     @cached_property
     def body(self) -> Body:
-        """The users' body, drawn parts and all; of people what they share.
+        """The users' body, including rendered parts; for people, the parts that they share.
 
         Raises:
             ValueError: it cannot be used; see `load_body`.
@@ -105,20 +105,20 @@ class ResolvedEnv:
 
     @cached_property
     def facts(self) -> GameFacts:
-        """What is known of the game that the app plays.
+        """Facts about the game that the app plays.
 
-        Where a task judges the app, what the task says: it replaces what the game publishes.
+        If a task judges the app, the task's facts replace those that the game publishes.
 
         Raises:
-            ValueError: The runtime has no such game; names the nearest. Or a library of games is
-                named whose code may not run.
-            RuntimeError: The app that was asked does not answer.
+            ValueError: The runtime has no such game; the message names the nearest. Or a library of
+                games is named whose code may not run.
+            RuntimeError: The app does not answer.
         """
         return self._facts(ask=True)
 
     @cached_property
     def facts_unasked(self) -> GameFacts:
-        """:attr:`facts` as far as no running app is asked and no task's code runs.
+        """:attr:`facts`, without requests to a running app and without a task's code.
 
         Raises:
             ValueError: As of :attr:`facts`.
@@ -140,7 +140,7 @@ class ResolvedEnv:
 
     @cached_property
     def observation_space(self) -> spaces.Dict:
-        """What the users observe."""
+        """Observation space of the users."""
         body = self.body
         substeps = checked_substeps(self.config, body.timestep)
         actions = len(make_actions(self.config, 1, body).names)
@@ -152,7 +152,7 @@ class ResolvedEnv:
         return spaces.Box(-1.0, 1.0, (self.body.action_size,), np.float32)
 
     def with_options(self, options: Mapping[str, OptionValue]) -> "ResolvedEnv":
-        """Return the environment with other options of its game, beside those that it has."""
+        """Return the environment with further options of its game."""
         return self.sharing(with_options(self.config, options))
 
     def with_condition(self, condition: str | None) -> "ResolvedEnv":
@@ -166,10 +166,10 @@ class ResolvedEnv:
         return self.with_options(self.facts.condition(condition).options)
 
     def with_game(self, game: str | None) -> "ResolvedEnv":
-        """Return the environment with another game; None leaves it.
+        """Return the environment with another game; None: the same game.
 
-        A configuration that names no body gets one that wears what the game is played with, and
-        one that names no inputs those that the game reads.
+        If the configuration names no body, the result has one that wears the game's devices, and if
+        it names no inputs, those that the game reads.
         """
         if game is None or game == self.config.app.game:
             return self
@@ -191,7 +191,7 @@ class ResolvedEnv:
         return self._fitted(tuple(task.devices), tuple(task.inputs))
 
     def _fitted(self, devices: tuple[str, ...], inputs: tuple[str, ...]) -> "ResolvedEnv":
-        """The environment with a body that wears devices, and with inputs, unless it names them."""
+        """Return the environment with a body that wears devices, and inputs, unless named."""
         user, changes = self.config.user, dict[str, Any]()
         if inputs and "inputs" not in user.model_fields_set:
             changes["inputs"] = inputs
@@ -200,10 +200,10 @@ class ResolvedEnv:
         return self.changed(user=user.model_copy(update=changes)) if changes else self
 
     def without_training(self, overrides: Sequence[str] = ()) -> "ResolvedEnv":
-        """:meth:`with_task` for a user who needs no depth, which few OpenXR programs submit.
+        """Return :meth:`with_task` for a user without depth, which few OpenXR programs submit.
 
         Args:
-            overrides: ``KEY=VALUE`` that were given; channels among them stay.
+            overrides: ``KEY=VALUE`` that were given; channels among them are kept.
         """
         vision, given = self.config.vision, any("vision.channels" in one for one in overrides)
         if self.config.app.transport != "openxr" or given:
@@ -232,7 +232,7 @@ class ResolvedEnv:
         return env
 
     def require_worn(self, hand: str) -> None:
-        """Check that the body wears what its game is played with, with this hand.
+        """Check that the body wears the devices that its game needs, for this hand.
 
         Raises:
             ValueError: it does not.
@@ -281,9 +281,10 @@ class ResolvedEnv:
 
 @cache
 def _body_wearing(devices: tuple[str, ...], usual: str) -> str:
-    """The usual body; where it cannot wear the devices, the one with the fewest muscles that can.
+    """Return the usual body, or the one with the fewest muscles that can wear the devices.
 
-    The usual one, too, when no one can. Without muscles the usual effort has nothing to go by.
+    It is the usual one, too, if no body can wear them. Without muscles the usual effort model has
+    no input.
     """
     if set(devices) <= set(load_body(usual).devices):
         return usual
@@ -296,7 +297,7 @@ def _body_wearing(devices: tuple[str, ...], usual: str) -> str:
 
 
 def _beyond_muscles(body: Body) -> dict[str, Any]:
-    """What a body has besides muscles, a headset and a right controller."""
+    """Return a body's features other than muscles, a headset and a right controller."""
     terms: dict[str, Any] = {}
     if body.action_names != body.muscles:
         terms["actuators"] = [[group.rule, *group.actuators] for group in body.actuator_groups]
@@ -306,7 +307,7 @@ def _beyond_muscles(body: Body) -> dict[str, Any]:
 
 
 def _beyond_the_default(config: EnvConfig) -> dict[str, Any]:
-    """Terms that are named only where they are not the default.
+    """Return terms that are named only if they are not the default.
 
     How late, noisy or coarse a sense is, is none of them: a policy can act with it.
     """
@@ -332,7 +333,7 @@ def contract_hash(terms: dict[str, Any]) -> str:
 
 
 def differences(one: dict[str, Any], other: dict[str, Any]) -> list[tuple[str, Any, Any]]:
-    """The terms in which two contracts differ: (name, of the one, of the other)."""
+    """Return the terms in which two contracts differ: (name, of the one, of the other)."""
     return [
         (key, one.get(key), other.get(key))
         for key in [*one, *(key for key in other if key not in one)]

@@ -41,7 +41,7 @@ def make_actions(config: EnvConfig, n: int, body: Body) -> Actions:
 
 
 def _gaze_range_deg(config: EnvConfig) -> float:
-    """How far the eyes turn; 0: they do not."""
+    """Return the rotation range of the eyes, degrees; 0: the eyes do not move."""
     fovea = config.vision.foveation
     return 0.0 if fovea is None or not config.gaze_moves else fovea.gaze_range_deg
 
@@ -54,17 +54,17 @@ def make_perception(
     actions: int,
     who: Persons | None = None,
 ) -> Perception:
-    """The senses of N users.
+    """Return the senses of N users.
 
     Args:
-        config: what they are.
+        config: settings of the senses.
         proprioception: of their bodies.
         substeps: physics steps per user step.
-        actions: how many each of them has.
-        who: the users' persons; None: nothing will be sensed, the spaces alone are requested.
+        actions: number of actions of each user.
+        who: the users' persons; None: only the spaces are needed.
 
     Raises:
-        ValueError: a setting that cannot be used; names it, what was got and what was expected.
+        ValueError: a setting that cannot be used; names it, the given and the expected value.
     """
     vision, fovea = config.vision, config.vision.foveation
     foveation = None
@@ -112,11 +112,11 @@ def _person_delays(config: EnvConfig, n: int, who: Persons | None) -> dict[str, 
 
 
 class Senses:
-    """What N users perceive of their bodies and apps.
+    """Perception of N users: their bodies and apps.
 
     Args:
         perception: the senses.
-        actions: where fingers and eyes are.
+        actions: supplies the positions of fingers and eyes.
 
     Raises:
         AppUnsupported: an app lacks what a sense needs.
@@ -144,16 +144,16 @@ class Senses:
 
     @property
     def pauses(self) -> dict[int, Callable[[], None]]:
-        """What to call at which substep of the next user step; see :meth:`UserBatch.step`."""
+        """Return the callbacks by substep of the next user step; see :meth:`UserBatch.step`."""
         return self.perception.pauses(self._moment)
 
     def reset(self, ids: NDArray[np.int64], seeds: NDArray[np.int64]) -> None:
-        """Begins anew for these users, whose apps have shown their first frame."""
+        """Reset these users, whose apps have shown their first frame."""
         self.perception.reset(ids, seeds)
         self.take(ids)
 
     def take(self, ids: NDArray[np.int64]) -> None:
-        """Takes in what these users' bodies have done and their apps have replied."""
+        """Update the senses from these users' bodies and their apps' replies."""
         if len(ids) == 0:
             return
         moment = self._moment
@@ -179,7 +179,7 @@ class Senses:
         }
 
     def load_state_dict(self, i: int, state: Mapping[str, Any]) -> None:
-        """Restores what :meth:`state_dict` returned."""
+        """Restore a state of :meth:`state_dict`."""
         moment = self._moment
         self.perception.load_state_dict(i, state["senses"])
         moment.time_feature[i] = state["time_feature"]
@@ -193,7 +193,7 @@ class Senses:
 def _replaced(
     kept: Mapping[int, Sequence[Any]], new: Mapping[int, Sequence[Any]], ids: NDArray[np.int64]
 ) -> dict[int, Sequence[Any]]:
-    """Events by user: of these users the new ones, of the others those that are kept."""
+    """Return events by user: new ones for these users, the kept ones for the others."""
     moved = set(ids.tolist())
     events = {i: found for i, found in kept.items() if i not in moved}
     return events | {i: found for i, found in new.items() if i in moved and found}

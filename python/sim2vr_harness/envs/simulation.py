@@ -52,7 +52,7 @@ _FORMAT = "sim2vr simulation state 4"
 
 
 def packed(n: int, parts: dict[str, Any]) -> bytes:
-    """The parts of a state of ``n`` users, arrays and plain values, as bytes."""
+    """Return the parts of a state of ``n`` users, arrays and plain values, as bytes."""
     return pickle.dumps({"format": _FORMAT, "n": n, **parts})
 
 
@@ -100,22 +100,22 @@ class _PlainUnpickler(pickle.Unpickler):
 
 @dataclass
 class StepBatch:
-    """What one user step did to each of N users.
+    """Results of one user step for each of N users.
 
     Attributes:
         reward: (N,) float64, the game's reward minus the effort cost.
         terminated: (N,) bool, the game is over or the simulation diverged.
         truncated: (N,) bool, ``max_episode_seconds`` are over, or the app failed.
-        game_reward: (N,) float64, 0 where the app was not asked or did not answer.
+        game_reward: (N,) float64, 0 if the app received no request or did not answer.
         effort_cost: (N,) float64.
-        answered: (N,) bool, whose app played the step: not that of a user whose simulation
-            diverged, nor one that failed.
+        answered: (N,) bool, True if the app played the step: False for a user whose simulation
+            diverged or whose app failed.
         logs: the games' named numbers, ``logs[i]`` of user i.
         ends: users whose episode ended here -> ``termination`` (``finished``, ``diverged``,
             ``max_steps_reached``, ``app_left`` or ``app_failed``) and ``max_fatigued``; after
             ``app_left`` also ``app_left``, how the app ended its session by itself; after
-            ``app_failed`` also ``app_error``, what happened; where MuJoCo warned in the episode,
-            ``warnings``, how often by kind (see :attr:`UserBatch.warnings`).
+            ``app_failed`` also ``app_error``, what happened; if MuJoCo warned in the episode,
+            ``warnings``, the number of warnings by kind (see :attr:`UserBatch.warnings`).
     """
 
     reward: NDArray[np.float64]
@@ -129,7 +129,7 @@ class StepBatch:
 
     @property
     def over(self) -> NDArray[np.bool_]:
-        """(N,) whose episode ended here, for whatever reason."""
+        """(N,) True if the episode ended in this step, for any reason."""
         return self.terminated | self.truncated
 
     def info(self, i: int) -> dict[str, Any]:
@@ -243,7 +243,7 @@ class Simulation:
 
     @property
     def resting_action(self) -> NDArray[np.float32]:
-        """(A,) of a user that does nothing: muscles relax, fingers press no input."""
+        """Action of the idle baseline, (A,): muscles relax, fingers press no input."""
         body, names = self.users.resting_action, self.config.user.inputs
         action = np.zeros(self.action_space.shape[0], np.float32)
         action[: len(body)] = body
@@ -268,7 +268,7 @@ class Simulation:
         return self.apps[0].renderer_description
 
     def watch(self, sense: Sense) -> None:
-        """Let someone beside the users take in what they go through, from the next reset on.
+        """Add a sense that records the users, from the next reset on.
 
         Args:
             sense: see :meth:`Perception.watch`; a saved state holds its past, too.
@@ -289,20 +289,20 @@ class Simulation:
         postures: Sequence[NDArray[np.float64] | None] | None = None,
         persons: Sequence[int | None] | None = None,
     ) -> list[dict[str, Any]]:
-        """Starts new episodes.
+        """Start new episodes.
 
         Args:
             ids: (K,) users to reset; None for all.
-            seeds: K seeds that restart the users' streams of episodes; None: the stream goes on.
+            seeds: K seeds that restart the users' streams of episodes; None: the streams continue.
             options: game options for these users from this round on.
-            postures: K postures to start in (see `UserBatch.reset`); None draws all of them.
-            persons: K persons of the population (`Population.number`); None: drawn by the seed.
+            postures: K postures to start in (see `UserBatch.reset`); None: all are sampled.
+            persons: K persons of the population (`Population.number`); None: sampled by the seed.
 
         Returns:
-            K dictionaries: ``seed`` of the app's round, ``log``, ``person`` where users are people.
+            K dictionaries: ``seed`` of the app's round, ``log``, ``person`` if users are people.
 
         Raises:
-            ValueError: an option, a seed or a user that there is not; rounds go on as they were.
+            ValueError: an option, a seed or a user that does not exist; rounds are unchanged.
             RuntimeError: the simulation is closed.
         """
         self._require_open()
@@ -357,7 +357,7 @@ class Simulation:
         return MirroredGroup(group, self.n, option, hand, self.config.vision.eyes)
 
     def _left_handers(self) -> NDArray[np.bool_]:
-        """(N,) who plays with another hand than the users' body."""
+        """(N,) True if the user plays with another hand than the users' body."""
         assert self.people is not None
         own = self.people.alike.handedness
         return np.array([person.handedness != own for person in self.users.persons])
@@ -387,7 +387,7 @@ class Simulation:
 
     @property
     def over(self) -> NDArray[np.bool_]:
-        """(N,) whose episodes are over, or were never begun."""
+        """(N,) True if the episode has ended, or never began."""
         return self._over.copy()
 
     def renew(self, outcome: StepBatch) -> list[int]:
@@ -398,13 +398,13 @@ class Simulation:
         return ended
 
     def step(self, actions: ArrayLike, resting: Sequence[int] | IntArray = ()) -> StepBatch:
-        """Advances every user and app by one user step.
+        """Advance every user and app by one user step.
 
         Args:
             actions: (N, A) in [-1, 1]: those of the body (of muscles, changes of activation), then
-                those of fingers and eyes, if the user has any to work (:class:`Actions`).
-            resting: users whose episodes are over and who sit this step out: nothing happens to
-                their apps, senses and counts, and they are rewarded with 0.
+                those of fingers and eyes, if the user has any (:class:`Actions`).
+            resting: users whose episodes are over and who skip this step: their apps, senses and
+                counts do not change, and their reward is 0.
 
         Raises:
             ValueError: actions of another shape or not finite.
@@ -515,18 +515,21 @@ class Simulation:
 
     @property
     def exact_states(self) -> bool:
-        """Whether :meth:`state_dict` holds the rounds; SIM2VR apps of others cannot save theirs."""
+        """Return whether :meth:`state_dict` includes the episodes.
+
+        Third-party SIM2VR apps cannot save theirs.
+        """
         return all("save" in app.capabilities for app in self.apps)
 
     def load_state_dict(self, state: Mapping[str, ArrayLike]) -> list[int]:
-        """Goes on from :meth:`state_dict` of a simulation with the same configuration and N.
+        """Continue from :meth:`state_dict` of a simulation with the same configuration and N.
 
         Returns:
             The users whose apps could not save their rounds; they have started new ones.
 
         Raises:
             ValueError: the state is of something else or of another number of users.
-            RuntimeError: an app refuses its part, or the simulation is closed.
+            RuntimeError: an app rejects its part, or the simulation is closed.
         """
         self._require_open()
         given = np.asarray(state["simulation"]).tobytes()
@@ -550,7 +553,7 @@ class Simulation:
     _STATE_ARRAYS = ("_steps", "_over")
 
     def __getstate__(self) -> dict[str, Any]:
-        """For pickle and copy: how it was made, and where it is if its rounds have begun."""
+        """Return the configuration, and the state if rounds have begun, for pickle and copy."""
         begun = not (self._over & (self._steps == 0)).any()
         return {
             "config": self.resolved,
@@ -560,13 +563,13 @@ class Simulation:
         }
 
     def __setstate__(self, made: dict[str, Any]) -> None:
-        """Makes it anew, in apps of its own, and goes on there."""
+        """Make the simulation again, with apps of its own, and continue from the state."""
         self.__init__(made["config"], made["n"], make_app=made["make_app"])  # type: ignore[misc]
         if made["state"] is not None:
             self.load_state_dict(made["state"])
 
     def close(self) -> None:
-        """Ends the apps; idempotent. Later calls raise RuntimeError."""
+        """End the apps; idempotent. Later calls raise RuntimeError."""
         self._closed = True
         self._apps.close()
         self._group.close()
@@ -582,13 +585,13 @@ before: a picture takes it six tenths of the time that sixteen cores take for a 
 
 
 class AppSteps:
-    """Takes users' devices to their apps, and lets those play.
+    """Sends users' device poses to their apps, and advances those.
 
-    A GPU draws while the processor moves the bodies of other users. What users and apps do is the
-    same to the bit.
+    A GPU renders while the processor moves the bodies of other users. Results are identical with
+    and without this overlap.
 
     Args:
-        actions: what fingers do.
+        actions: of the fingers.
         max_steps: user steps of an episode.
     """
 
@@ -598,7 +601,7 @@ class AppSteps:
         self._config, self._users, self._group = config, users, group
         self._actions, self._max_steps = actions, max_steps
         self.late_hands = LateHands(config, users.n)
-        """To be watched by who saves states, where it has frames."""
+        """Delayed hand poses, a sense to be watched if it has frames."""
         self.shares = _SHARES if group.drawn_by_gpu else (1.0,)
         """Parts of the users to move one after the other."""
         self._beside: ThreadPoolExecutor | None = None
@@ -607,12 +610,12 @@ class AppSteps:
     def step(
         self, active: NDArray[np.bool_], steps: IntArray, drawn: int | IntArray, *, whole: bool
     ) -> Iterator[_Step]:
-        """Take a user step; when it is left, no app is moving any more.
+        """Run a user step; after the context, no app is moving any more.
 
         Args:
-            active: (N,) users who take it.
-            steps: (N,) which user step of the round this is.
-            drawn: which frame is drawn, -1 the last; (N,) where users differ.
+            active: (N,) True for users that take part.
+            steps: (N,) number of this user step in the round.
+            drawn: index of the drawn frame, -1 the last; (N,) if users differ.
             whole: all bodies have to move before the first app does.
         """
         one = _Step(self, active, steps, drawn, (1.0,) if whole else self.shares)
@@ -642,7 +645,7 @@ class AppSteps:
         return self._group.step(ids, times_ns, poses, steps, self._max_steps, drawn=drawn)
 
     def poses(self, ids: IntArray, sample: int) -> DevicePoses:
-        """Where these users' devices are, (K, 7); see :meth:`UserBatch.device_poses`."""
+        """Return the poses of these users' devices, (K, 7); see :meth:`UserBatch.device_poses`."""
         head, right, left = (
             pose_to_app(*(part[ids] for part in self._users.device_poses(name, sample)))
             if name in self._users.body.devices
@@ -653,7 +656,7 @@ class AppSteps:
         return DevicePoses(head, right, left)
 
     def step_poses(self, ids: IntArray) -> DevicePoses:
-        """Where these users' devices were in the F frames of the last step, (K, F, 7)."""
+        """Return the poses of these users' devices in the F frames of the last step, (K, F, 7)."""
         frames = self._config.frames_per_step
         samples = [self.poses(ids, k) for k in range(frames)]
         parts = ("head", "right_controller", "left_controller")
@@ -667,11 +670,11 @@ class AppSteps:
 
 
 class _Step:
-    """A user step that is being taken.
+    """A user step in progress.
 
     Attributes:
-        shares: parts of the users whose bodies are to move one after the other.
-        running: steps of apps beside.
+        shares: parts of the users whose bodies are moved one after the other.
+        running: steps of apps that run at the same time.
     """
 
     def __init__(
@@ -688,7 +691,7 @@ class _Step:
         self.running: list[Future[IntArray]] = []
 
     def moved(self, ids: IntArray) -> None:
-        """Let the apps of users play whose bodies have moved; in one part, only when wanted."""
+        """Advance the apps of users whose bodies have moved; in one part, only when requested."""
         ids = ids[self._active[ids]]
         if len(self.shares) == 1:
             self._ids = ids

@@ -97,15 +97,15 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         seed: int | Sequence[int | None] | None = None,
         options: Mapping[str, Any] | None = None,
     ) -> tuple[Observation, dict[str, Any]]:
-        """Starts episodes.
+        """Start episodes.
 
         Args:
             seed: user i gets seed + i, or the i-th of N.
-            options: game options from this round on; ``reset_mask`` (N,) bool starts only some
-                users anew.
+            options: game options from this round on; ``reset_mask`` (N,) bool resets only some
+                users.
 
         Raises:
-            ValueError: an option, a seed or a mask that cannot be used; rounds go on as they were.
+            ValueError: an option, a seed or a mask that cannot be used; rounds are unchanged.
         """
         game_options: dict[str, Any] = checked_options(options)
         mask = game_options.pop("reset_mask", np.ones(self.num_envs, dtype=bool))
@@ -129,7 +129,7 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         seeds: Sequence[int | None] | None = None,
         options: Mapping[str, OptionValue] | None = None,
     ) -> dict[str, Any]:
-        """Starts episodes and adds their infos."""
+        """Start episodes and add their infos."""
         started = self.simulation.reset(ids=ids, seeds=seeds, options=options)
         for i, info in zip(ids, started, strict=True):
             infos = self._add_info(infos, dict(info), i)
@@ -138,7 +138,7 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """One step of all users; see the class for what happens at the end of episodes."""
+        """Advance all users by one step; see the class for the end of episodes."""
         waiting = np.zeros(0, dtype=np.int64)
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             waiting = np.flatnonzero(self.simulation.over)
@@ -165,12 +165,12 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         return observation, batch.reward, batch.terminated, batch.truncated, infos
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """A picture of every user, (480, 640, 3) uint8 each, or None without a render mode."""
+        """Return an image of each user, (480, 640, 3) uint8, or None without a render mode."""
         if self.render_mode is None:
             return None
         return tuple(self._views.draw(self.render_mode, i) for i in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Ends the apps."""
+        """End the apps."""
         self.simulation.close()
         self._views.close()

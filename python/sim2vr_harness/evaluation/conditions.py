@@ -22,10 +22,10 @@ Options = Mapping[str, OptionValue]
 def named_options(
     env: EnvConfig, overrides: Sequence[str], app: Mapping[str, Any] | None = None
 ) -> dict[str, OptionValue]:
-    """Return the game's options that ``overrides`` or ``app`` name, as ``env`` has them.
+    """Return the game's options that ``overrides`` or ``app`` set, with their values in ``env``.
 
     Args:
-        env: What they make.
+        env: Environment with these settings.
         overrides: ``env.key=value``.
         app: Settings that replace those of ``env.app``.
     """
@@ -37,13 +37,13 @@ def named_options(
 def asked_conditions(
     app: AppConfig, names: Sequence[str] | None, *, typed: bool
 ) -> Sequence[str] | None:
-    """Return the conditions that the user names, ``-condition`` of the app's arguments among them.
+    """Return the conditions that the user names, including ``-condition`` of the app's arguments.
 
     Args:
         app: The app's settings.
         names: Conditions that the user names otherwise.
-        typed: Whether the user has typed the app's arguments. Those of a run count where the app
-            takes its options at its start only.
+        typed: True if the user has typed the app's arguments. Those of a run count only if the app
+            accepts its options at its start only.
 
     Raises:
         InputError: Both name one, and not the same.
@@ -65,19 +65,20 @@ def chosen_conditions(
     *,
     field: str = "--condition",
 ) -> list[Condition]:
-    """Return conditions to play, with the options that the user names in place of their own.
+    """Return conditions to play; options that the user sets replace their own.
 
     Without ``names``, those of ``usual`` (or of the game's evaluation) that agree with ``named``;
-    where none agrees, all of them, each once.
+    if none agrees, all of them, each once.
 
     Args:
         names: Conditions that the user names.
         usual: Conditions without any.
-        named: Options that the user names, see :func:`named_options`.
-        field: What the conditions are called in messages.
+        named: Options that the user sets, see :func:`named_options`.
+        field: Name of the conditions' argument in messages.
 
     Raises:
-        InputError: The game does not know one, one comes twice, or an option makes one another.
+        InputError: The game does not know one, one occurs twice, or an option turns one into
+            another.
     """
     named = named or {}
     chosen = list(names or _agreeing(facts, usual or facts.evaluated, named))
@@ -112,13 +113,13 @@ def chosen_conditions(
 
 
 def _with(condition: Condition, named: Options) -> Condition:
-    """A condition whose options leave those to the user that the user names."""
+    """Return a condition with the user's values of the options that the user sets."""
     own = condition.options
     return replace(condition, options={key: named.get(key, own[key]) for key in own})
 
 
 def _agreeing(facts: GameFacts, usual: Sequence[str], named: Options) -> Sequence[str]:
-    """Names of the usual conditions that have the named options, else of any that have them."""
+    """Return usual conditions that have the named options, else any that have them."""
     own = {key for condition in facts.conditions for key in condition.options}
     if not facts.conditions and not facts.published:
         own = {_ARGUMENT}
@@ -135,7 +136,7 @@ def _first(conditions: Sequence[Condition]) -> str:
 
 
 def facts_of_chosen(facts: GameFacts, chosen: Sequence[Condition]) -> GameFacts:
-    """The facts with these conditions in the place of those of the same names."""
+    """Return the facts with these conditions instead of those of the same names."""
     own = {condition.name: condition for condition in chosen}
     return replace(facts, conditions=tuple(own.get(c.name, c) for c in facts.conditions))
 
@@ -145,7 +146,7 @@ def condition_groups(
 ) -> list[tuple[ResolvedEnv, Sequence[Condition]]]:
     """Return the conditions that can be played by the same apps, and these apps' settings.
 
-    An app that takes its options at its start only is started anew for every condition.
+    An app that accepts its options at its start only is started again for every condition.
     """
     if knows_options(env.config.app):
         return [(env, conditions)]

@@ -1,4 +1,4 @@
-"""Learning curves of runs, from what their stages have written down."""
+"""Learning curves of runs, from the logs of their stages."""
 
 import json
 import lzma
@@ -19,7 +19,7 @@ from sim2vr_harness.runs.run_folder import RunFolder, metric_key, read_rows
 _PANELS = 6
 _MOST_DRAWN = 1e100
 _CURVES = "curves.json.xz"
-"""In the folder of a packed user: what its run had written down."""
+"""File with the logged rows of a packed user's run, in the user's folder."""
 _MOST_ROWS = 500
 """Of a packed curve."""
 
@@ -32,7 +32,7 @@ _Curve = tuple[list[float], list[float]]
 
 @dataclass(frozen=True)
 class _Run:
-    """What a run has written down: each stage's rows, empty where there is none."""
+    """Logged rows of a run: those of each stage, empty if there is none."""
 
     name: str
     facts: GameFacts
@@ -65,7 +65,7 @@ def curve(rows: Rows, key: str) -> _Curve:
 
 
 def _is_number(value: Any) -> TypeGuard[float]:
-    """Whether this is a number that can be drawn."""
+    """Return whether a value is a number that can be drawn."""
     return isinstance(value, (int, float)) and abs(value) <= _MOST_DRAWN
 
 
@@ -105,7 +105,7 @@ def plot(runs: Sequence[str | Path], out: Path) -> Path:
 
 
 def pack_curves(run: Path, place: Path) -> None:
-    """Write what a run has written down, thinned, beside a packed user; nothing if it is no run."""
+    """Write the thinned logs of a run into a packed user's folder; do nothing if it is no run."""
     folder = RunFolder(run)
     if not folder.exists:
         return
@@ -178,7 +178,7 @@ def _q_learning_panels(runs: Sequence[_Run]) -> list[Panel]:
 
 
 def _stage_panels(runs: Sequence[_Run]) -> list[Panel]:
-    """The stages before the training from pixels: imagined rollouts, then imitation."""
+    """Return panels of the stages before training from pixels: imagined rollouts, imitation."""
     facts = runs[0].facts
     score = next((measure for measure in facts.scalars if measure.name == facts.score), None)
     key_of_score = "rollout/ep_rew_mean" if score is None else f"rollout/{metric_key(score)}"
@@ -215,7 +215,7 @@ def _panel(
 
 
 def _lines(curves: Sequence[_Curve], runs: Sequence[_Run], *, dashed: bool = False) -> list[Layer]:
-    """One line per run; the points of short ones are marked."""
+    """Return one line per run; the points of short ones are marked."""
     layers: list[Layer] = []
     for number, ((steps, values), run) in enumerate(zip(curves, runs, strict=True)):
         millions = [step / 1e6 for step in steps]

@@ -1,4 +1,4 @@
-"""``sim2vr-harness evaluate``: a user plays, and what it did is measured."""
+"""``sim2vr-harness evaluate``: play rounds with a user, and measure its behaviour."""
 
 from __future__ import annotations
 
@@ -99,8 +99,8 @@ class DataRecorder:
 
     Args:
         out: Folder of the evaluation.
-        env: What is played in.
-        moments: Whether to write steps and frames, too.
+        env: Environment of the rounds.
+        moments: True: steps and frames are written, too.
     """
 
     def __init__(self, out: Path, facts: GameFacts, env: EnvConfig, *, moments: bool) -> None:
@@ -113,7 +113,7 @@ class DataRecorder:
 
     @property
     def watchers(self) -> list[Watcher]:
-        """Who is to look on while rounds are played."""
+        """Return the recorders that receive every step of the rounds."""
 
         def write(result: Round, table: Callable[[str], Any]) -> None:
             self._folder.write_moments("steps", result.key, table(result.key))
@@ -125,9 +125,10 @@ class DataRecorder:
         self._folder.clear()
 
     def take_logs(self, rounds: Sequence[Round]) -> None:
-        """Read the app's logs of the rounds, before they go.
+        """Read the app's logs of the rounds, before they are deleted.
 
-        What cannot be read is left out: rounds were played, and other apps log as they like.
+        Logs that cannot be read are left out: the rounds are valid, and apps may have other
+        formats.
 
         Args:
             rounds: With their ``log_folder``.
@@ -157,7 +158,7 @@ class DataRecorder:
         """Write the tables of episodes and events, and the data dictionary.
 
         Raises:
-            InputError: A table that is there cannot be read.
+            InputError: An existing table cannot be read.
         """
         rows = episode_rows(rounds, settings, self._facts, self._env, effort_weight)
         self._folder.add(
@@ -185,13 +186,13 @@ _WORDS = {
 
 
 class EvaluationResults:
-    """``results.json`` of a folder: condition -> what was measured of one user.
+    """``results.json`` of a folder: condition -> measured results of one user.
 
     Args:
-        folder: Where the file is, or will be.
+        folder: Folder of the file, which need not exist.
 
     Raises:
-        InputError: The file is there and cannot be read.
+        InputError: The file exists and cannot be read.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -236,7 +237,7 @@ class EvaluationResults:
                     )
 
     def add(self, summaries: Mapping[str, dict[str, Any]], *, overwrite: bool = False) -> Path:
-        """Write the file with these results beside those that it has.
+        """Add these results to the file.
 
         Args:
             summaries: condition -> results.
@@ -252,10 +253,10 @@ _LONGEST_NAME = 120
 """Of a folder, in characters."""
 
 _PASSING_LOGS = ".logs"
-"""Of rounds whose logs are read, and not kept."""
+"""Folder of logs that are read, and not kept."""
 
 _USER_BYTES = 2_000_000
-"""What a round needs beside others at least: body, app and its share of the renderers."""
+"""Least memory of a round in addition to others: body, app and its share of the renderers."""
 
 SimulationFactory = Callable[..., Any]
 """(ResolvedEnv, n, log_dir=Path | None) -> simulation."""
@@ -263,16 +264,16 @@ SimulationFactory = Callable[..., Any]
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What came out.
+    """Results of an evaluation.
 
     Attributes:
         summaries: condition -> means over its rounds, and ``rounds``, one entry each.
-        facts: What the game publishes.
-        user: Who played.
+        facts: Facts that the game publishes.
+        user: The user that played.
         step: User steps that the evaluated checkpoint was trained for.
         files: Results, tables, videos and logs that were written.
         rounds: Every round.
-        unpractised: What the user was not trained for, a line each.
+        unpractised: Settings that the user was not trained for, a line each.
         problems: Of a user without training: what is wrong with the app or its task, a sentence
             each.
         data: The tables, as data frames: of everything that is in the folder.
@@ -292,7 +293,7 @@ class Evaluation:
 
     @property
     def episodes(self) -> Any:
-        """A row per episode; see :class:`EvaluationData`, as for what follows."""
+        """Table with a row per episode; see :class:`EvaluationData`, as for the following."""
         return self.data.episodes
 
     @property
@@ -320,16 +321,16 @@ def evaluate(
     on_plan: Callable[[Planned], None] | None = None,
     on_note: Callable[[str], None] | None = None,
 ) -> Evaluation:
-    """Let a user play and measure it.
+    """Play rounds with a user and measure it.
 
     Args:
         run: A run's folder, one of its checkpoints, ``pretrained:NAME``, ``still``, ``random`` or a
             script.
-        request: What to play.
-        simulation: How to make the users.
+        request: The rounds to play.
+        simulation: Makes the users.
         on_plan: Called with conditions and measures before anything is played.
-        on_note: Called with a sentence if doing nothing pays, before a trained user plays; None:
-            this is not measured.
+        on_note: Called before a trained user plays, with a sentence if the idle baseline gets
+            rewards; None: this is not measured.
 
     Raises:
         InputError: The run, a number, a condition or the place for the results cannot be used.
@@ -381,10 +382,10 @@ def evaluate(
 
 
 class _Plan:
-    """What is played: a request, checked, with every value filled in by the run's configuration.
+    """Plan of an evaluation: a checked request, completed from the run's configuration.
 
     Attributes:
-        kept: Whether what is written stays.
+        kept: True if the files that are written stay.
         settings: of the results; gets ``trained_steps`` once the policy is loaded.
     """
 
@@ -505,12 +506,12 @@ def _play(
 
 
 def _problems(plan: _Plan, rounds: Sequence[Round], judges: Sequence[TaskedApp]) -> list[str]:
-    """Return what is wrong with the app or its task, a sentence each.
+    """Return the problems of the app or its task, a sentence each.
 
     Args:
-        plan: What was played.
-        rounds: What came of it.
-        judges: The app of the first round, which has recorded what its task was shown, if any.
+        plan: The plan of the evaluation.
+        rounds: The results.
+        judges: The app of the first round, which has recorded the inputs of its task, if any.
     """
     found, task = [], plan.env.config.app.task
     moments = (judges[0].moments or []) if judges else []
@@ -530,7 +531,7 @@ def _problems(plan: _Plan, rounds: Sequence[Round], judges: Sequence[TaskedApp])
 
 
 def _another_ray(policy: HierarchicalPolicy, users: Any) -> str:
-    """Say that a page points with another ray than the user; "": it does not, or none points."""
+    """Return a sentence if a page's ray differs from the user's; "": it does not, or no ray."""
     if "point" not in policy.values.options.placed or users.config.app.page is None:
         return ""
     off = apart(rays_of(users, policy.layer.hands), policy.rays)
@@ -538,7 +539,7 @@ def _another_ray(policy: HierarchicalPolicy, users: Any) -> str:
 
 
 def _folder_of(config: TrainingConfig, request: Request) -> str:
-    """A folder's name that says what is different from the run's own settings; empty if nothing."""
+    """Return a folder name for differences from the run's own settings; empty if there are none."""
     usual = config.evaluation
     told = [override.strip().removeprefix("env.") for override in request.overrides]
     if request.people is not None:

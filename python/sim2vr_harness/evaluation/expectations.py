@@ -34,7 +34,7 @@ _BASELINE = "results.json of an evaluation, or statistics.json of a study"
 _SAME = 1e-9
 """Relative difference of numbers that count as equal."""
 _FEWEST = 2
-"""Units whose spread can be estimated."""
+"""Least number of units whose spread can be estimated."""
 
 
 def _equal(first: float, second: float) -> bool:
@@ -77,13 +77,13 @@ Results = Mapping[str, Mapping[str, Estimate]]
 
 @dataclass(frozen=True)
 class Planned:
-    """What will be played and measured.
+    """Planned rounds and measures.
 
     Attributes:
         groups: Conditions or cells.
         known: Names of the measures that an expectation can name.
         compared: Measures that are compared with a baseline.
-        complete: Whether ``known`` has all names; an app that publishes no measures adds those of
+        complete: True if ``known`` has all names; an app that publishes no measures adds those of
             its log while it runs.
     """
 
@@ -96,7 +96,7 @@ class Planned:
     def of_evaluation(
         cls, facts: GameFacts, conditions: Sequence[Condition], env: ResolvedEnv
     ) -> Planned:
-        """Return what an evaluation measures; fatigue of single muscles is not compared."""
+        """Return the measures of an evaluation; fatigue of single muscles is not compared."""
         compared = measures_of(facts)
         names = (*(measure.name for measure in compared), *fatigue_names(env), *ENDS)
         groups = tuple(condition.name for condition in conditions)
@@ -154,9 +154,9 @@ class CheckResult:
 
     Attributes:
         group: The condition or cell.
-        name: What was checked.
+        name: The checked measure.
         failure: A sentence; None: not failed.
-        skipped: Why nothing was checked; None: it was.
+        skipped: Reason why nothing was checked; None: it was.
     """
 
     group: str

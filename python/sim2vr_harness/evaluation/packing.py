@@ -1,4 +1,4 @@
-"""Packs a trained user and measures what was packed."""
+"""Pack a trained user and measure the packed user."""
 
 import json
 import shutil
@@ -43,14 +43,15 @@ def pack_measured(
 
     Args:
         run: as of :func:`~sim2vr_harness.policies.store.find_user`.
-        name: what it will be called.
-        folder: where it goes.
+        name: name of the packed user.
+        folder: folder to write.
         conditions: to measure; None: the run's.
         episodes: rounds per condition.
-        details: further entries of the card; what the run says of itself need not be given.
+        details: further entries of the card; information from the run need not be given.
         other_seeds: runs that differ from ``run`` in their seed alone.
-        trust_app: whether the app that they name may be started, though this user never has.
-        on_progress: called with the share of the rounds done.
+        trust_app: True: the app that they name may be started, even if this user never started it
+            before.
+        on_progress: called with the proportion of the rounds done.
 
     Raises:
         InputError: A run or a number cannot be used, or runs differ in more than their seed.
@@ -138,20 +139,20 @@ def _check_seeds(users: Sequence[TrainedUser]) -> None:
 
 
 def measured_keys(facts: GameFacts) -> tuple[str, ...]:
-    """What of an evaluation's summary goes on the card."""
+    """Return the keys of an evaluation's summary that the card lists."""
     measures = (measure.name for measure in measures_of(facts))
     grids = (measure.name for measure in facts.grids)
     return ("episodes", *measures, "seed", "return_terms", *grids)
 
 
 def seed_keys(facts: GameFacts) -> tuple[str, ...]:
-    """What of it the card keeps of every seed: how well it played, and where it did not."""
+    """Return the keys that the card lists for every seed: its measures, and its grids by cell."""
     measures = (*card_measures(facts), *facts.grids)
     return tuple(dict.fromkeys(measure.name for measure in measures))
 
 
 def card_measures(facts: GameFacts) -> tuple[Measure, ...]:
-    """What a list of users shows of each: the score and the first counter of the game."""
+    """Return the measures in a list of users: the score and the first counter of the game."""
     score = facts.score or "return"
     chosen = tuple(measure for measure in measures_of(facts) if measure.name == score)
     return (*chosen, *(measure for measure in facts.counters[:1] if measure.name != score))
@@ -163,7 +164,7 @@ def _mean_score(card: Mapping[str, Any], score: str) -> float:
 
 
 def _of_the_run(user: TrainedUser) -> dict[str, Any]:
-    """What a run's folder says of how the user was trained; empty for a packed user."""
+    """Return training information from a run's folder; empty for a packed user."""
     folder = RunFolder(user.source.parent.parent)
     if not folder.exists:
         return {}

@@ -20,15 +20,16 @@ from sim2vr_harness.policies.store import find_user, require_contract
 
 
 class UserPolicy:
-    """What a trained user does, given what it senses; on the CPU.
+    """Policy of a trained user, which computes actions from observations on the CPU.
 
     Args:
         run: ``pretrained:NAME`` or the NAME of a shipped user, the folder of a packed user, a
             run's folder, or one of its checkpoints.
-        trust_app: Whether the app that it names may be started, though you never have.
+        trust_app: True: the app that the run names may be started, even if you never started it
+            before.
 
     Raises:
-        InputError: It is none of them, or names an app that you have never started.
+        InputError: ``run`` is none of them, or names an app that you have never started.
     """
 
     def __init__(self, run: str | Path, *, trust_app: bool = False) -> None:
@@ -42,7 +43,7 @@ class UserPolicy:
         self._run = run
 
     def __repr__(self) -> str:
-        """Return who it is, the game, the body and the user steps of the training."""
+        """Return the name, the game, the body and the user steps of the training."""
         plays = f"{self.config.app.game}, {self.config.user.model}"
         return f"UserPolicy({str(self._run)!r}: {plays}, {self.steps:,} user steps)"
 
@@ -52,7 +53,7 @@ class UserPolicy:
         render_mode: RenderMode | None = None,
         config: EnvConfig | None = None,
     ) -> Sim2VREnv:
-        """A Gymnasium environment that it can play in.
+        """Return a Gymnasium environment in which the user can play.
 
         Args:
             condition: A condition of the game; None leaves the training's.
@@ -77,18 +78,18 @@ class UserPolicy:
         episode_start: NDArray[np.bool_] | None = None,
         deterministic: bool | None = None,
     ) -> tuple[NDArray[np.float32], Any]:
-        """The action for an observation, called as Stable-Baselines3's models are.
+        """Return the action for an observation, as Stable-Baselines3's models do.
 
         Args:
             observation: Of one user, or of N in a vector environment.
-            state: What users intended, as it was returned last; None: rounds begin.
-            episode_start: (N,) whose round begins, whatever was intended before.
-            deterministic: Take the mean of the policy instead of a sample; None: as its own
-                ``evaluation.deterministic`` says.
+            state: The policy's state as last returned; None: rounds begin.
+            episode_start: (N,) True if the round begins, which resets the state.
+            deterministic: True: the mean of the policy instead of a sample; None: as in its own
+                ``evaluation.deterministic``.
 
         Returns:
-            The action in [-1, 1], (A,) or (N, A) float32, and what is intended; None for users who
-            remember nothing.
+            The action in [-1, 1], (A,) or (N, A) float32, and the state; None for policies without
+            a state.
         """
         if deterministic is None:
             deterministic = self._user.config.evaluation.deterministic
@@ -113,7 +114,7 @@ class UserPolicy:
 
 
 def load_user_policy(run: str | Path, *, trust_app: bool = False) -> UserPolicy:
-    """A trained user, ready to play: ``load_user_policy("whacamole_constrained")``.
+    """Load a trained user: ``load_user_policy("whacamole_constrained")``.
 
     Args:
         run: As of :class:`UserPolicy`.
@@ -126,7 +127,9 @@ def load_user_policy(run: str | Path, *, trust_app: bool = False) -> UserPolicy:
 
 
 def evaluate(run: str | Path, **what: Any) -> Evaluation:
-    """Let a trained user play and measure it: ``evaluate("whacamole_constrained", episodes=2)``.
+    """Play rounds with a trained user and measure it.
+
+    For example: ``evaluate("whacamole_constrained", episodes=2)``.
 
     Args:
         run: As of :class:`UserPolicy`.

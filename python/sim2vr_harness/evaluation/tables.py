@@ -14,10 +14,11 @@ from sim2vr_harness.play.fatigue import FATIGUE, fatigue_measures, full_name
 from sim2vr_harness.play.round import ARM_MEASURES, measures_of
 
 _COLUMNS = 4
-"""Conditions that fit 80 columns beside the names of the numbers."""
+"""Number of conditions that fit 80 columns together with the labels."""
 
 _LABEL_COLUMNS = 28
-"""Longer labels go on in the next line; four numbers with their deviations fit beside."""
+"""Width of labels; longer ones continue in the next line. Four numbers with deviations fit
+beside."""
 
 _CONDITION_COLUMNS = 12
 """Longer names of conditions are broken at hyphens, where they have any."""
@@ -109,7 +110,7 @@ def _table(summaries: Mapping[str, Mapping[str, Any]], facts: GameFacts) -> Tabl
 
 
 def _most_fatigued(summary: Mapping[str, Any], *, tight: bool) -> str:
-    """The muscle whose mean is the highest, by its full name."""
+    """Return the muscle with the highest mean fatigue, by its full name."""
     parts = summary.get("fatigue_parts", ())
     muscles = [
         (summary[measure.name], measure.name)
@@ -125,7 +126,7 @@ def _most_fatigued(summary: Mapping[str, Any], *, tight: bool) -> str:
 
 
 def _over_what(summaries: Mapping[str, Mapping[str, Any]]) -> str:
-    """What the means and deviations are taken over."""
+    """Return a sentence on the samples of the means and deviations."""
     people = {summary.get("persons") for summary in summaries.values()}
     if people != {None}:
         several = len(people) > 1
@@ -159,7 +160,7 @@ def _lower(text: str) -> str:
 
 
 def cell(value: float | None, deviation: float | None, digits: int, *, tight: bool = False) -> str:
-    """A number, with its deviation where there is one; "-" for none."""
+    """Return a number, with its deviation if there is one; "-" for none."""
     if value is None:
         return "-"
     between = "±" if tight else " ± "

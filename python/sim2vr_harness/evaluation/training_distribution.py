@@ -10,7 +10,7 @@ from sim2vr_harness.games import imagined_game
 from sim2vr_harness.runs.config import TrainingConfig
 
 _COSTS_ONLY = "user.effort."
-"""Changes what is counted, not what the user does."""
+"""Prefix of settings that change the measured effort, not the user's behaviour."""
 
 _OPTIONAL = ("vision.", "user.people")
 """Groups of settings that are there or not, which counts before their members do."""
@@ -22,12 +22,12 @@ _FELT = ("user.", "app.options.", "senses.", "vision.")
 def unpractised(
     config: TrainingConfig, own: ResolvedEnv, resolved: ResolvedEnv, conditions: Sequence[str]
 ) -> list[str]:
-    """What is new to a trained user, a line each; empty if nothing is.
+    """Return the settings that a trained user was not trained with, a line each; empty if none.
 
     Args:
-        config: Of its training.
-        own: What it was trained in.
-        resolved: What it is evaluated in.
+        config: Configuration of its training.
+        own: The environment that it was trained in.
+        resolved: The environment that it is evaluated in.
         conditions: The conditions that it is to play.
     """
     facts, env = resolved.facts, resolved.config
@@ -71,10 +71,11 @@ def unpractised(
 
 
 def met(config: TrainingConfig, own: ResolvedEnv) -> list[str]:
-    """The conditions that a user of the recipe ``skills`` has met, in the game's order.
+    """Return a ``skills`` user's conditions of training, in the game's order.
 
-    Such a user has learned from the rewards of its own rounds alone: another condition, with other
-    rules, is not what it was trained for. Empty for other recipes, or if the game does not say.
+    Such a user has learned from the rewards of its own rounds alone, so that another condition,
+    with other rules, is outside its training. Empty for other recipes, or if the game does not
+    publish conditions.
     """
     if config.recipe != "skills":
         return []
@@ -90,10 +91,10 @@ def words_of_change(key: str, value: Any) -> str:
 
 
 def _defaults(app: AppConfig) -> dict[str, Any]:
-    """What options are that a round does not set: those of the game, as far as it states them.
+    """Return the defaults of options that a round does not set, as far as the game states them.
 
-    An option that a condition sets has the value of the condition instead, which is compared by
-    its name.
+    For an option that a condition sets, the value of the condition is used instead, which is
+    compared by its name.
     """
     if app.transport != "in_process" or app.page is not None:
         return {}
@@ -105,7 +106,7 @@ def _defaults(app: AppConfig) -> dict[str, Any]:
 
 
 def _trained_conditions(config: TrainingConfig, own: ResolvedEnv) -> set[str]:
-    """The conditions that a training's rounds had; empty if the game does not say."""
+    """Return the conditions of a training's rounds; empty if the game does not publish them."""
     facts = own.facts
     names = {facts.condition_of(config.env.app.options)}
     if config.recipe == "distill":
@@ -124,7 +125,10 @@ def _settings(env: EnvConfig) -> dict[str, Any]:
 
 
 def _switched(key: str, *both: Mapping[str, Any]) -> bool:
-    """Whether the group of this key is there on one side only, which is said of the group."""
+    """Return whether the group of this key is set on one side only.
+
+    The difference is then reported for the group.
+    """
     group = key.rpartition(".")[0]
     return group.startswith(_OPTIONAL) and any(not each.get(group) for each in both)
 

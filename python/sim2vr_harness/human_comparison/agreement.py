@@ -52,7 +52,7 @@ def cell_name(index: int, rows: int, columns: int) -> str:
 
 
 def fatigue_order(users: Mapping[str, float], people: Mapping[str, float]) -> str:
-    """Say how users' fatigue and people's ratings order conditions, and where they differ."""
+    """Return a sentence on the order of conditions by users' fatigue and by people's ratings."""
     apart = [
         f"{one} and {other}"
         for one, other in combinations(users, 2)

@@ -1,4 +1,4 @@
-"""Users beside people: every measure in every condition, and what it comes to."""
+"""Comparison of users with recorded people: every measure in every condition, and summaries."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -32,25 +32,25 @@ People = Mapping[Cell, Sequence[RecordedPerson]]
 
 @dataclass(frozen=True)
 class ComparisonRow:
-    """A measure of a user in a condition, beside people's.
+    """A measure of a user in a condition, compared with recorded people's.
 
     Attributes:
         group: of people who play by the same rule.
-        condition: as people call it.
+        condition: its name in the recordings of people.
         value: of the user: mean over its persons.
-        spread: standard deviation over its persons (ddof 1); None of one person.
-        persons: how many of the user's have the number.
+        spread: standard deviation over its persons (ddof 1); None for one person.
+        persons: number of the user's persons with a value.
         people_mean: mean over people; None, as their least and greatest, without recorded people.
         people_low: their least.
         people_high: their greatest.
-        people_spread: standard deviation over people; None of one.
-        people: how many have the number.
-        inside: 1 inside people's range and 0 outside; between for shares of cells. None, as what
-            follows, if one person was recorded, who has no range.
-        distance: from people's mean, in units of a person's from the others.
-        persons_inside: share of the user's persons inside; None of one person.
+        people_spread: standard deviation over people; None for one.
+        people: number of people with a value.
+        inside: 1 inside people's range and 0 outside; between for proportions of cells. None, as
+            the following, if one person was recorded, who has no range.
+        distance: from people's mean, in units of the distance of one person from the others.
+        persons_inside: proportion of the user's persons inside; None for one person.
         percentile: percentage of people below the user.
-        deviations: distance from people's mean in their standard deviations; None: all are alike.
+        deviations: distance from people's mean in their standard deviations; None: all are equal.
     """
 
     group: str
@@ -72,7 +72,7 @@ class ComparisonRow:
 
     @property
     def people_range(self) -> str:
-        """People's least and greatest; empty without people."""
+        """Range of recorded people, least to greatest, as text; empty without people."""
         if self.people_low is None or self.people_high is None:
             return ""
         return f"{plain(self.people_low)} to {plain(self.people_high)}"
@@ -80,16 +80,16 @@ class ComparisonRow:
 
 @dataclass(frozen=True)
 class SampleRow:
-    """The distribution of single targets, hits or frames beside people's.
+    """The distribution of single targets, hits or frames, compared with recorded people's.
 
     Attributes:
         group: of people who play by the same rule.
-        condition: as people call it.
+        condition: its name in the recordings of people.
         w1: first Wasserstein distance.
-        ratio: the same in units of a person's from the others, at most 10.
-        ks: largest difference of the distributions.
+        ratio: the same in units of the distance of one person from the others, at most 10.
+        ks: largest difference of the distributions (Kolmogorov-Smirnov).
         median: of the user's.
-        people_median: of people's, each weighted alike by repetition of their medians' mean.
+        people_median: of people's: mean of their medians.
     """
 
     group: str
@@ -104,12 +104,12 @@ class SampleRow:
 
 @dataclass(frozen=True)
 class Total:
-    """What rows come to.
+    """Summary over rows of a comparison.
 
     Attributes:
-        cells: how many (measure, condition) there are.
-        inside: mean of their ``inside``; None without a range of people's.
-        distance: mean of their ``distance``; None as well.
+        cells: number of (measure, condition) pairs.
+        inside: mean of their ``inside``; None without a range of recorded people.
+        distance: mean of their ``distance``; None likewise.
     """
 
     cells: int
@@ -119,7 +119,7 @@ class Total:
 
 @dataclass(frozen=True)
 class Compared:
-    """A user beside people."""
+    """Comparison of a user with recorded people."""
 
     name: str
     persons: People
@@ -133,7 +133,7 @@ class Compared:
 
 
 def compare(name: str, user: People, people: People, behaviour: Behaviour) -> Compared:
-    """Put a user beside people in the conditions that both have played.
+    """Compare a user with recorded people in the conditions that both have played.
 
     Args:
         user: Its persons by condition.
@@ -231,7 +231,7 @@ def _samples(
 
 
 def total(rows: Sequence[ComparisonRow]) -> Total | None:
-    """What rows come to, every one weighted alike; None of none."""
+    """Return the unweighted mean over rows; None if there are no rows."""
     if not rows:
         return None
     return Total(
@@ -247,7 +247,7 @@ def _mean(values: Sequence[float | None]) -> float | None:
 
 
 def left_out(people: People, behaviour: Behaviour) -> dict[str, dict[str, Compared]]:
-    """Group -> person -> this person beside the others of the group; of three or more."""
+    """Compare each person with the others of a group of 3 or more: group -> person -> result."""
     found: dict[str, dict[str, Compared]] = {}
     for group in behaviour.groups:
         own = {cell: persons for cell, persons in people.items() if cell[0] == group}
@@ -267,6 +267,6 @@ def left_out(people: People, behaviour: Behaviour) -> dict[str, dict[str, Compar
 
 
 def by_family(rows: Sequence[ComparisonRow]) -> dict[str, Total]:
-    """Family -> what its rows come to."""
+    """Return the summaries of the rows of each family."""
     parts = {f: total([row for row in rows if row.measure.family == f]) for f in FAMILIES}
     return {family: part for family, part in parts.items() if part is not None}

@@ -1,4 +1,4 @@
-"""Differences between conditions and between groups, and what tires."""
+"""Differences between conditions and between groups, and fatigue of conditions."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,18 +17,19 @@ COMPARED = ("hits", "misses", "hit_rate", "depth_median")
 
 @dataclass(frozen=True)
 class ContrastRow:
-    """A difference of a user, beside people's.
+    """A user's difference between two conditions or groups, compared with recorded people's.
 
     Attributes:
-        group: of people who play by the same rule; of differences between groups, both names.
-        contrast: what minus what; between groups the condition, the first group minus the second.
+        group: of people who play by the same rule; for differences between groups, both names.
+        contrast: the two conditions, as minuend minus subtrahend; between groups the condition, the
+            first group minus the second.
         value: the user's: mean over its persons.
         people_mean: of people's differences (between groups: difference of their means).
         people_low: lower end of the 95 % confidence interval of that mean.
         people_high: upper end.
         people_least: least difference of one person; None between groups.
         people_most: greatest difference of one person; None between groups.
-        people: how many persons.
+        people: number of persons.
     """
 
     group: str
@@ -44,25 +45,25 @@ class ContrastRow:
 
     @property
     def same_sign(self) -> bool:
-        """Whether the user's difference goes the way people's does."""
+        """Return whether the user's difference has the same sign as the recorded people's."""
         return self.value * self.people_mean > 0.0 or self.value == self.people_mean
 
     @property
     def within(self) -> bool:
-        """Whether it lies in the interval of people's mean."""
+        """Return whether it lies in the confidence interval of the recorded people's mean."""
         return self.people_low <= self.value <= self.people_high
 
 
 @dataclass(frozen=True)
 class Fatigue:
-    """How tiring a condition is: mean over the muscles of the largest share of fatigued units.
+    """Fatigue of a condition: the largest proportion of fatigued units, averaged over the muscles.
 
     Attributes:
         group: of people who play by the same rule.
-        condition: as people call it.
+        condition: its name in the recordings of people.
         mean: over persons.
-        spread: standard deviation over persons; None of one.
-        persons: how many.
+        spread: standard deviation over persons; None for one person.
+        persons: number of persons.
     """
 
     group: str
@@ -74,16 +75,16 @@ class Fatigue:
 
 @dataclass(frozen=True)
 class FatigueDifference:
-    """How much more one condition tires than another, person by person.
+    """Paired difference in fatigue between two conditions.
 
     Attributes:
         group: of people who play by the same rule.
-        contrast: what minus what.
+        contrast: the two conditions, as minuend minus subtrahend.
         mean: of the differences.
-        spread: their standard deviation; None of one person.
-        effect: the mean divided by it; None of one person, or of none.
+        spread: their standard deviation; None for one person.
+        effect: the mean divided by it; None for one person, or if it is 0.
         rank_effect: z / sqrt(n) of Wilcoxon's signed-rank test, as people's ratings are tested;
-            None of one person, or without a difference.
+            None for one person, or without a difference.
     """
 
     group: str
@@ -99,7 +100,7 @@ def contrasts(
     people: Mapping[Cell, Sequence[RecordedPerson]],
     behaviour: Behaviour,
 ) -> list[ContrastRow]:
-    """Differences between conditions, person by person."""
+    """Return differences between conditions, paired by person."""
     found = []
     for group in behaviour.groups:
         for contrast in behaviour.contrasts:
@@ -131,7 +132,7 @@ def group_contrasts(
     people: Mapping[Cell, Sequence[RecordedPerson]],
     behaviour: Behaviour,
 ) -> list[ContrastRow]:
-    """Differences between groups of people in a condition (Welch's interval)."""
+    """Return differences between groups of people in a condition (Welch's interval)."""
     names = list(behaviour.groups)
     found = []
     for one, other in pairwise(names):
@@ -163,10 +164,12 @@ def group_contrasts(
 def fatigue_of(
     fatigue: Mapping[Cell, Mapping[str, float]], behaviour: Behaviour
 ) -> tuple[list[Fatigue], list[FatigueDifference]]:
-    """How tiring conditions are, and how much more the last of those that tire differently is.
+    """Return the fatigue of conditions, and paired differences between them.
+
+    Each difference is the last of ``behaviour.tiring`` minus one of the others.
 
     Args:
-        fatigue: Condition -> person -> mean over the muscles of the largest share of fatigued
+        fatigue: Condition -> person -> mean over the muscles of the largest proportion of fatigued
             units.
     """
     rows, differences = [], []

@@ -1,4 +1,4 @@
-"""A comparison as pictures: latency, time to hit, and what is inside people's range."""
+"""Figures of a comparison: latency, time to hit, and measures relative to people's range."""
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -48,7 +48,7 @@ def draw(report: ComparisonReport, folder: Path) -> list[Path]:
 
 
 def _cells(report: ComparisonReport) -> list[Cell]:
-    """Conditions that people and a user have played, in the order of the tables."""
+    """Return conditions that people and a user have played, in the order of the tables."""
     return [
         (group, condition)
         for group in report.behaviour.groups
@@ -59,7 +59,7 @@ def _cells(report: ComparisonReport) -> list[Cell]:
 
 
 def _layers(report: ComparisonReport, cell: Cell, curve: _Curve, *, stepped: bool) -> list[Layer]:
-    """A line per person: people's in grey, behind those of the users."""
+    """Return a line per person: people's in grey, behind those of the users."""
     sources: list[tuple[Source, str]] = [(report.people, GREY)]
     sources += [(user, colour_of(i)) for i, user in enumerate(report.users)]
     layers: list[Layer] = []
@@ -103,7 +103,7 @@ def _time_to_hit(report: ComparisonReport) -> Figure | None:
 
 
 def _headlines(report: ComparisonReport) -> Figure | None:
-    """Of sessions: what is shown first, people's range behind the users' points."""
+    """Return the figure of sessions' headline measures, with people's range behind the points."""
 
     def both(rows: Sequence[ComparisonRow]) -> Iterator[tuple[int, tuple[Compared, ComparisonRow]]]:
         return enumerate(zip(report.compared, rows, strict=True))
@@ -189,7 +189,7 @@ def _straight(
 
 
 def _overview(report: ComparisonReport) -> Figure | None:
-    """A row per measure: 0 inside people's range, or the distance from people's mean."""
+    """Return a figure with a row per measure: 0 in people's range, or distance from their mean."""
     columns = [(c, cell) for c in report.compared for cell in _cells(report) if cell in c.persons]
     if not columns or all(row.distance is None for row in report.rows()):
         return None

@@ -59,7 +59,7 @@ def as_json(report: ComparisonReport) -> dict[str, Any]:
 
 
 def _fitts(report: ComparisonReport) -> dict[str, Any]:
-    """Fitts' law of users and people, and what is published."""
+    """Return Fitts' law of users and people, and published values."""
     return {
         "law": {name: asdict(law) for name, law in report.laws.items()},
         "persons": {
@@ -112,7 +112,7 @@ def _user(report: ComparisonReport, index: int, compared: Compared) -> dict[str,
 
 
 def _flat(row: dict[str, Any]) -> dict[str, Any]:
-    """A row whose spreads over persons have a column each; none where there is no number."""
+    """Return a row with a column for each spread over persons; empty if there is no number."""
     found: dict[str, Any] = {}
     for key, value in row.items():
         parts = (
@@ -167,12 +167,12 @@ def write_page(
     file: Path,
     notes: Iterable[str] = (),
 ) -> Path:
-    """Write a page that opens without a network: what was found, every measure, the figures.
+    """Write a page that opens without a network: the results, every measure, the figures.
 
     Args:
         figures: PNG files.
         file: The page.
-        notes: Sentences on what is left out, which stand first.
+        notes: Sentences on what is left out, which are placed first.
     """
     parts: list[str] = [*notes]
     for compared in report.compared:
@@ -192,7 +192,7 @@ def write_page(
 
 
 def _page_table(compared: Compared) -> Markup:
-    """A row per measure; those outside people's range stand out."""
+    """Return a row per measure; those outside people's range are highlighted."""
     rows = [
         (
             f"{row.measure.label}, {row.condition}",
@@ -212,7 +212,7 @@ def _page_table(compared: Compared) -> Markup:
 def write_csv(report: ComparisonReport, folder: Path) -> list[Path]:
     """Write measures, samples and contrasts as CSV, a row per user and number.
 
-    ``users.csv`` has a row per user and group, with what is shown first.
+    ``users.csv`` has a row per user and group, with the headline measures.
     """
     tables: dict[str, list[dict[str, Any]]] = {
         "users": [

@@ -39,7 +39,7 @@ _WIDTH_OF_SD = 4.133
 _LEAST_SD_M = 1e-6
 _GRID_S = 0.05
 PROMINENCE_MPS = 0.05
-"""A peak of speed stands out from what is on both of its sides by so much."""
+"""Least prominence of a peak of speed above the speeds on both of its sides."""
 
 
 # --- selections ----------------------------------------------------------------------------------
@@ -47,17 +47,17 @@ PROMINENCE_MPS = 0.05
 
 @dataclass(frozen=True)
 class Tap:
-    """One target, from when it came up until it was selected, missed or went away.
+    """One target, from its appearance until it was selected, missed or disappeared.
 
     Attributes:
         block: number of its block within the round.
         trial: within the block; 0 begins it, and is the end of no movement.
-        distance_m: of the block, between targets that follow each other.
+        distance_m: of the block, between consecutive targets.
         width_m: diameter of the target.
         center_m: of the target, x and y from the circle's centre.
-        shown_s: when it came up.
-        time_s: when it was selected or went away.
-        outcome: ``hit``, ``error`` (a selection beside it), ``miss`` (it went away).
+        shown_s: time of its appearance.
+        time_s: time of its selection or disappearance.
+        outcome: ``hit``, ``error`` (a selection beside it), ``miss`` (it disappeared).
         place_m: of the selection, x and y; None for a miss.
     """
 
@@ -163,7 +163,7 @@ class Movement:
 
 
 def movements_of(taps: Sequence[Tap]) -> list[Movement]:
-    """The movements of a round; none begins or ends with a target that went away."""
+    """Return the movements of a round; none begins or ends with a target that disappeared."""
     found = []
     for before, tap in pairwise(taps):
         follows = tap.block == before.block and tap.trial == before.trial + 1
@@ -190,14 +190,14 @@ def movements_of(taps: Sequence[Tap]) -> list[Movement]:
 
 @dataclass(frozen=True)
 class Block:
-    """Movements of one distance and width in a row.
+    """Consecutive movements of one distance and width.
 
     Attributes:
         distance_m: nominal.
         width_m: nominal.
-        movements: how many.
+        movements: number of movements.
         movement_time_s: their mean.
-        error_rate: share of them that ended beside the target.
+        error_rate: proportion of them that ended beside the target.
         spread_m: standard deviation of their offsets along the task axis.
         effective_distance_m: their mean length.
         effective_width_m: 4.133 times the spread.
@@ -223,7 +223,7 @@ class Block:
 
 
 def blocks_of(movements: Sequence[Movement]) -> list[Block]:
-    """The blocks of a round that have effective numbers: two movements that differ, at least."""
+    """Return the blocks of a round with effective numbers: at least two movements that differ."""
     blocks = []
     for _, group in groupby(movements, key=lambda movement: movement.block):
         block = _block(list(group))
@@ -291,13 +291,13 @@ class Difficulty:
         distance_m: nominal.
         width_m: nominal.
         bits: nominal index of difficulty.
-        movements: how many.
+        movements: number of movements.
         movement_time_s: mean over the movements.
-        error_rate: share of the movements that ended beside the target.
+        error_rate: proportion of the movements that ended beside the target.
         spread_m: standard deviation along the task axis: root of the mean variance of the blocks.
         effective_bits: mean over the blocks.
         throughput_bps: mean over the blocks.
-        submovements: mean over the movements; None without the tip's way.
+        submovements: mean over the movements; None if the tip's path is unknown.
     """
 
     distance_m: float
@@ -463,7 +463,7 @@ class Spread:
 
     @classmethod
     def of(cls, values: Iterable[float | None]) -> Spread | None:
-        """Of the numbers that there are; None of none."""
+        """Return the statistics of the existing numbers; None if there are none."""
         known = [value for value in values if value is not None]
         if not known:
             return None
@@ -479,12 +479,12 @@ class LawRow:
         distance_m: nominal.
         width_m: nominal.
         bits: nominal index of difficulty.
-        persons: how many.
+        persons: number of persons.
         movement_time_s: of every person's mean.
         throughput_bps: of every person's.
         error_rate: of every person's.
         spread_m: of every person's standard deviation of end points along the task axis.
-        submovements: of every person's mean; None without the tip's way.
+        submovements: of every person's mean; None if the tip's path is unknown.
     """
 
     distance_m: float
@@ -537,19 +537,19 @@ def law_of(persons: Sequence[AimedPerson]) -> Law:
 
 @dataclass(frozen=True)
 class Study:
-    """One group of people who select targets within reach in VR, with a tracked hand or device.
+    """A published group of people who select targets within reach in VR, by hand or device.
 
-    Numbers are given only where the text that reports them was at hand.
+    Numbers are given only if the text that reports them was available.
 
     Attributes:
         citation: authors, title, place and year.
-        people: how many; None where the text at hand does not say.
-        task: what they did, and with what.
-        a_s: intercept of MT = a + b ID; None where it is not known here, as below.
+        people: number of people; None if the available text does not report it.
+        task: task and device.
+        a_s: intercept of MT = a + b ID; None if it is unknown here, as below.
         b_s_per_bit: slope.
         r2: of that line.
-        throughput_bps: effective, as the standard has it.
-        note: where the numbers are from, and what is not known.
+        throughput_bps: effective, as in the standard.
+        note: source of the numbers, and gaps.
     """
 
     citation: str

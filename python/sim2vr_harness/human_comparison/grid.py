@@ -1,4 +1,4 @@
-"""Positions on an even grid of time, and what is worked out from them.
+"""Positions on an even grid of time, and values computed from them.
 
 Every user is measured at the same rate, whatever frames were logged: at 20 Hz, the rate of the
 study's simulated users. Velocities are differences of neighbouring positions.
@@ -26,7 +26,7 @@ _TINY_S = 1e-9
 
 
 def at(times_s: FloatArray, values: FloatArray, when_s: FloatArray) -> FloatArray:
-    """Values (N, K) of times (N,) at other times (...), on straight lines between; (..., K)."""
+    """Interpolate values (N, K) of times (N,) linearly at other times (...); return (..., K)."""
     columns = [np.interp(when_s, times_s, values[:, k]) for k in range(values.shape[1])]
     return np.stack(columns, axis=-1)
 
@@ -38,7 +38,9 @@ def angle_deg(one: FloatArray, other: FloatArray) -> FloatArray:
 
 
 def first_crossing(times: FloatArray, values: FloatArray, peak: int, share: float) -> float:
-    """When values last rose through a share of their peak, on straight lines; first time if never.
+    """Return the last time before the peak at which values rose through a share of it.
+
+    Values between samples are interpolated linearly. If they never did, the first time is returned.
 
     Args:
         times: (N,).
@@ -67,12 +69,12 @@ class Track:
 
     @property
     def first_s(self) -> float:
-        """When measuring begins."""
+        """Time at which measuring begins."""
         return float(self.played.times_s[0]) + SETTLING_S
 
     @property
     def middle_s(self) -> float:
-        """When the second half of what is measured begins."""
+        """Time at which the second half of the measured period begins."""
         return (self.first_s + float(self.played.times_s[-1])) / 2.0
 
     @cached_property

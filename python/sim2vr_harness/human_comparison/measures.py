@@ -1,7 +1,7 @@
-"""The measures: 64 numbers of what a user does in a condition.
+"""The measures: 64 numbers on a user's behaviour in a condition.
 
-Lengths in m, times in s, angles in degrees. "Tool" is what strikes (Whac-A-Mole's hammer: the
-middle of its face), "root" the point near the hand whose speed the game tests, depth the tool's
+Lengths in m, times in s, angles in degrees. "Tool" is the point that strikes (Whac-A-Mole's hammer:
+the middle of its face), "root" the point near the hand whose speed the game tests, depth the tool's
 distance behind the plane of the targets.
 """
 
@@ -15,7 +15,7 @@ from sim2vr_harness.games.behaviour import Behaviour
 
 
 class MeasureContext(Enum):
-    """Where a measure makes sense; a game's description says which rounds those are."""
+    """Rounds in which a measure is defined; a game's description names their kind."""
 
     ALWAYS = "always"
     ONE_TARGET = "one target at a time"
@@ -25,12 +25,12 @@ class MeasureContext(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class BehaviourMeasure(Measure):
-    """One number of a user in a condition; the label says in a line what it is.
+    """One number of a user in a condition; the label describes it in a line.
 
     Attributes:
-        family: what it belongs to.
+        family: family of measures.
         where: rounds in which it is measured.
-        sample: the single targets, hits or frames that it is of, where their distribution is
+        sample: the single targets, hits or frames that it summarises, if their distribution is
             compared as well.
     """
 
@@ -259,7 +259,7 @@ SESSION_MEASURES = (
         "path of the point 0.3 m ahead on the ray / path of the hand: flick of the wrist",
     ),
 )
-"""Of sessions of any app, beside those above that need no plane of targets."""
+"""Measures of sessions of any app, in addition to those above that need no plane of targets."""
 
 AIMED_MEASURES = (
     _aimed("throughput", "throughput", unit="bits/s"),
@@ -281,12 +281,12 @@ FAMILIES = tuple(dict.fromkeys(measure.family for measure in (*MEASURES, *AIMED_
 
 
 def measured(name: str) -> BehaviourMeasure:
-    """The measure of that name; KeyError if there is none."""
+    """Return the measure of that name; KeyError if there is none."""
     return _BY_NAME[name]
 
 
 def measures_in(behaviour: Behaviour, group: str, condition: str) -> tuple[BehaviourMeasure, ...]:
-    """The measures that make sense in a game's condition, in the order of the tables."""
+    """Return the measures that are defined in a game's condition, in the order of the tables."""
     if behaviour.aimed:
         return AIMED_MEASURES
     makes_sense = {

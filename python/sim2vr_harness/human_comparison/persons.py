@@ -45,15 +45,15 @@ _LEAST_S = 3.0
 
 @dataclass(frozen=True)
 class RoundMeasures:
-    """What was measured of a round.
+    """Measures of a round.
 
     Attributes:
         cell: its group and condition.
-        person: who played.
-        values: measure -> number, where it has one.
+        person: the player.
+        values: measure -> number, if it has one.
         samples: single targets, hits and frames.
         cells: (C, 2) hits and misses of every cell.
-        effect: what the visuomotor latency is worked out from; None where it is not measured.
+        effect: data from which the visuomotor latency is estimated; None if it is not measured.
         aimed: the movements of a round of aimed movements, in which nothing else is measured.
     """
 
@@ -68,14 +68,14 @@ class RoundMeasures:
 
 @dataclass(frozen=True)
 class RecordedPerson:
-    """What one person does in a condition: the mean over its rounds.
+    """Measures of one person in a condition: the mean over its rounds.
 
     Attributes:
-        values: measure -> number, where it has one.
+        values: measure -> number, if it has one.
         samples: of all its rounds together.
-        cell_rates: (C,) hit rate of every cell, NaN where nothing came up.
-        effect: of all its targets; None where it is not measured.
-        rounds: how many.
+        cell_rates: (C,) hit rate of every cell, NaN if no target appeared there.
+        effect: of all its targets; None if it is not measured.
+        rounds: number of rounds.
         further: numbers that are no measures of the game, such as misses.
         aimed: of all its aimed movements; None in other games.
     """
@@ -269,10 +269,10 @@ def timing(track: Track) -> Found:
 
 
 def choices(track: Track, alive_after_s: float) -> Found:
-    """Which target is taken where two or more are up.
+    """Measure which target is selected while two or more are visible.
 
-    Those up have been alive for some time and are not over when the hit comes; the nearest is
-    nearest to where the tool was at the hit before.
+    The candidates have been visible for ``alive_after_s`` and are still visible at the time of the
+    hit. The nearest is the one nearest to the tool's position at the hit before.
 
     Args:
         track: The round.
@@ -311,7 +311,7 @@ _SEGMENT = 128
 
 
 def speeds(track: Track) -> Found:
-    """How fast the tool is."""
+    """Measure the speed of the tool."""
     speed = track.speed_mps
     late = track.between_s >= track.middle_s
     return {
@@ -323,7 +323,7 @@ def speeds(track: Track) -> Found:
 
 
 def space(track: Track) -> Found:
-    """Where the tool is, and how far it goes."""
+    """Measure the positions of the tool and the length of its path."""
     tool = track.tool_m
     depth = tool[:, 2]
     p5, p50, p95 = np.percentile(depth, [5, 50, 95])
@@ -362,7 +362,7 @@ def smoothness(track: Track) -> Found:
 
 
 def swings(track: Track) -> Found:
-    """Passages of the tool through the plane, away from the player."""
+    """Measure passages of the tool through the plane, away from the player."""
     depth, hits = track.tool_m[:, 2], len(track.hits_after_settling)
     through = np.flatnonzero((depth[:-1] < 0.0) & (depth[1:] >= 0.0))
     part = -depth[through] / (depth[through + 1] - depth[through])
@@ -374,12 +374,12 @@ def swings(track: Track) -> Found:
 
 
 def rotations(track: Track) -> Found:
-    """How the controller turns."""
+    """Measure the rotation of the controller."""
     return _turning(track.turns(track.played.controller), "ctrl_rot"), {}
 
 
 def head(track: Track) -> Found:
-    """How the head moves and turns."""
+    """Measure the movement and the rotation of the head."""
     places = track.head_m()
     low, high = np.percentile(places, [5, 95], axis=0)
     moved = np.linalg.norm(np.diff(places, axis=0), axis=1)
@@ -391,7 +391,7 @@ def head(track: Track) -> Found:
 
 
 def hands(track: Track) -> Found:
-    """Measures of a session that need no knowledge of its app."""
+    """Measure the hands of a session, without a description of its app."""
     played, velocity = track.played, track.velocity_mps
     minutes = len(velocity) * PERIOD_S / 60.0
     jerk = np.diff(velocity, 2, axis=0) / PERIOD_S**2
@@ -428,7 +428,7 @@ def _path_m(points: FloatArray) -> float:
 
 
 def _movements(speed: FloatArray, fast_mps: float = _MOVING_MPS) -> list[tuple[int, int]]:
-    """Ranges of steps in which the hand is fast for long enough."""
+    """Return ranges of steps in which the hand is fast for long enough."""
     fast = np.concatenate([[False], speed > fast_mps, [False]])
     edges = np.flatnonzero(fast[1:] != fast[:-1]).reshape(-1, 2)
     return [(int(a), int(b)) for a, b in edges if b - a >= _MOVING_STEPS]
@@ -517,9 +517,9 @@ def peaks(track: Track) -> Found:
 
 
 def endpoints(track: Track) -> Found:
-    """Where in the plane the tool was nearest to its target's middle, around each hit.
+    """Measure the tool's position in the plane nearest to the target's middle, around each hit.
 
-    The nearest point of the straight lines between the positions of the grid, within 0.1 s.
+    It is the nearest point of the straight lines between the positions of the grid, within 0.1 s.
     """
     targets, rows, times = track.played.targets, track.late_hits, track.times_s
     off = []
@@ -540,7 +540,7 @@ def endpoints(track: Track) -> Found:
 
 
 def _nearest(knots: FloatArray) -> FloatArray:
-    """The point nearest to the origin on the straight lines between points (K, 3)."""
+    """Return the point nearest to the origin on the straight lines between points (K, 3)."""
     start, step = knots[:-1], np.diff(knots, axis=0)
     length = np.sum(step**2, axis=1)
     part = -np.sum(start * step, axis=1) / np.where(length > 0.0, length, 1.0)
@@ -603,6 +603,6 @@ def log_jerk(velocity: FloatArray) -> float:
 
 
 def _within(times: FloatArray, low: float, high: float, *, closed: bool = True) -> slice:
-    """The part of ascending times in [low, high]."""
+    """Return the part of ascending times in [low, high]."""
     first = int(np.searchsorted(times, low, side="left"))
     return slice(first, int(np.searchsorted(times, high, side="right" if closed else "left")))

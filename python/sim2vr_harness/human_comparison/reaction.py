@@ -33,11 +33,11 @@ _LEAST_TARGETS = 12
 
 @dataclass(frozen=True)
 class Effect:
-    """What the effect of the targets' places is worked out from; M targets.
+    """Data from which the effect of the targets' positions on velocity is estimated; M targets.
 
     Attributes:
-        place_m: (M, 2) where they came up, in the plane.
-        tool_m: (M, 3) where the tool was at the spawn.
+        place_m: (M, 2) positions of the targets in the plane.
+        tool_m: (M, 3) position of the tool at the spawn.
         before_mps: (M, 3) its velocity in the 50 ms before.
         velocity_mps: (M, K, 2) its velocity in the plane, from 0.3 s before to 0.8 s after.
     """
@@ -53,11 +53,11 @@ class Effect:
         return _middles(_LAST)
 
     def curve(self) -> FloatArray | None:
-        """(K,) change of velocity toward a target by its place, m/s per m; None of few targets.
+        """Effect of a target's place on velocity towards it, (K,), m/s per m; None for few targets.
 
-        Regression of the velocity on the place, along x and along y (their mean), beside where the
-        tool was and how it moved at the spawn: cells are drawn at random, so that nothing but
-        having seen the target makes an effect.
+        Regression of the velocity on the place, along x and along y (their mean), with the position
+        and the velocity of the tool at the spawn as covariates: cells are drawn at random, so that
+        only having seen the target causes an effect.
         """
         m = len(self.place_m)
         if m < _LEAST_TARGETS:
@@ -69,7 +69,7 @@ class Effect:
 
 
 def _middles(last: int) -> FloatArray:
-    """Times of the velocities up to a point of the grid."""
+    """Return times of the velocities up to a point of the grid."""
     return np.asarray((np.arange(_FIRST, last, dtype=np.float64) + 0.5) * PERIOD_S)
 
 
@@ -99,7 +99,7 @@ def effect_of(parts: list[Effect]) -> Effect:
 
 
 def reaction(track: Track) -> tuple[Found, Effect]:
-    """What is measured of single targets, and what their effect is worked out from."""
+    """Return measures of single targets, and the data for the effect of their positions."""
     played, targets = track.played, track.played.targets
     late = np.flatnonzero(targets.spawn_s >= track.first_s)
     spawn_s = targets.spawn_s[late]
@@ -134,7 +134,7 @@ def reaction(track: Track) -> tuple[Found, Effect]:
 
 
 def _strikes(track: Track, rows: NDArray[np.int64]) -> dict[str, FloatArray]:
-    """When the strikes at hit targets began, how long they took, and reactions from stillness."""
+    """Return onsets and durations of strikes at hit targets, and reaction times from stillness."""
     played, targets = track.played, track.played.targets
     onset, lasting, still = [], [], []
     for row in rows:
@@ -164,7 +164,7 @@ def _strikes(track: Track, rows: NDArray[np.int64]) -> dict[str, FloatArray]:
 
 
 def _began(times: FloatArray, approach: FloatArray) -> list[float]:
-    """When the tool first came nearer at more than 0.2 m/s after the spawn; none if never."""
+    """Return when the tool first approached at more than 0.2 m/s after the spawn, if it did."""
     moving = np.flatnonzero((times > 0.0) & (approach > _MOVING_MPS))
     if not len(moving):
         return []

@@ -35,12 +35,12 @@ def aimed_of(source: Source) -> list[tuple[RecordedPerson, AimedPerson]]:
 
 @dataclass(frozen=True)
 class ComparisonReport:
-    """Users beside people.
+    """Comparison of users with recorded people.
 
     Attributes:
         behaviour: of the game.
-        people: whose range decides.
-        users: who is compared.
+        people: recorded people, with whose range users are compared.
+        users: the compared users.
     """
 
     behaviour: Behaviour
@@ -74,7 +74,7 @@ class ComparisonReport:
         return total(self.rows())
 
     def rows(self) -> list[ComparisonRow]:
-        """Those of all users."""
+        """Return the rows of all users."""
         return [row for each in self.compared for row in each.rows]
 
     @cached_property
@@ -85,15 +85,15 @@ class ComparisonReport:
 
     @cached_property
     def left_out(self) -> dict[str, dict[str, Compared]]:
-        """Group -> person -> one of the people beside the others of the group."""
+        """Comparison of each person with the others of the group: group -> person -> result."""
         return left_out(self.people.persons, self.behaviour)
 
     def contrasts(self, user: Source) -> list[ContrastRow]:
-        """Differences between a user's conditions."""
+        """Return differences between a user's conditions."""
         return contrasts(user.persons, self.people.persons, self.behaviour)
 
     def group_contrasts(self) -> list[tuple[str, ContrastRow]]:
-        """Differences between groups: of users of both, or of users who are one together."""
+        """Return differences between groups, of users that are in both or are combined."""
         sets = [(user.name, dict(user.persons)) for user in self.users]
         if self.together is not None:
             joined = {cell: persons for _, own in sets for cell, persons in own.items()}
@@ -105,5 +105,5 @@ class ComparisonReport:
         ]
 
     def fatigue(self, user: Source) -> tuple[list[Fatigue], list[FatigueDifference]]:
-        """How tiring a user's conditions are; see contrasts.fatigue_of."""
+        """Return the fatigue of a user's conditions; see contrasts.fatigue_of."""
         return fatigue_of(user.fatigue, self.behaviour)

@@ -31,7 +31,8 @@ _KINDS = {
 _BOX = {"good": "hit", "bad": "miss", "miss": "miss"}
 """Outcomes of Beat Saber's boxes; they have the time of their spawn."""
 _NUMBERS = ("target_id", "number", "value")
-"""How events call the number of their target; without one, the oldest target ends first."""
+"""Names of the field for the target's number in events; without it, the oldest target ends
+first."""
 
 _ELSEWHERE = (0.0, 0.0)
 
@@ -83,7 +84,7 @@ class Targets:
 
     @property
     def n(self) -> int:
-        """How many came up."""
+        """Number of targets that appeared."""
         return len(self.spawn_s)
 
 
@@ -153,20 +154,20 @@ def targets_of(
 
 @dataclass(frozen=True)
 class PlayedRound:
-    """What is measured: tool, hand and head of N frames, and what happened to the targets.
+    """Recorded data of a round: tool, hand and head of N frames, and outcomes of the targets.
 
     Attributes:
-        source: file or folder that it was read from.
+        source: file or folder of the recording.
         group: of people who play by the same rule.
-        condition: as people call it.
-        person: who played.
+        condition: its name in the recordings of people.
+        person: the player.
         times_s: (N,) times of the frames of play, game time.
         tool_m: (N, 3) the tool in the plane's frame: x right, y up, z along its normal away from
             the player.
         root_m: (N, 3) the point whose speed the game tests, in the same frame.
         controller: (N, 4) rotation of the controller that holds the tool, x y z w, app's world.
         head: (N, 7) pose of the head, app's world: m, x y z w.
-        targets: what came up.
+        targets: targets that appeared.
         contacts: touches that were too slow to count.
         ahead_m: of a session, (N, 3) the point 0.3 m ahead on the hand's ray; else None.
         other_m: of a session with two hands, (N, 3) the hand that moved less; else None.
@@ -188,14 +189,14 @@ class PlayedRound:
 
 
 def round_of(session: Session, behaviour: Behaviour, person: str) -> PlayedRound | None:
-    """Return a session as it is measured; None of a condition that is not compared.
+    """Return a session as a round to measure; None for a condition that is not compared.
 
     Args:
         session: As it was read.
-        person: Who played.
+        person: The player.
 
     Raises:
-        InputError: It is no round of this game, or something to be measured is missing in it.
+        InputError: It is no round of this game, or data for a measure are missing in it.
     """
     if behaviour.any_app:
         return _round_of_any_app(session, person)
@@ -257,7 +258,7 @@ def rotated(turn: FloatArray, vectors: FloatArray) -> FloatArray:
 
 
 def behaviour_of_sessions(name: str, sessions: Sequence[Session]) -> Behaviour:
-    """Return what the measures need to know of an app, from its sessions.
+    """Return the description of an app for the measures, from its sessions.
 
     Args:
         name: of the app.
@@ -284,7 +285,7 @@ def name_of_condition(session: Session) -> str:
 
 
 def has_targets(session: Session) -> bool:
-    """Whether a session's events name targets that were hit or missed."""
+    """Return whether a session's events name targets that were hit or missed."""
     return any(event is not None for event in map(ending, session.events))
 
 
@@ -325,7 +326,7 @@ def _round_of_any_app(session: Session, person: str) -> PlayedRound:
 
 
 def _known(one: Controller) -> Controller:
-    """A controller whose pose stays as it was while it is not tracked."""
+    """Return a controller whose pose is kept while it is not tracked."""
     frames = np.arange(len(one.grip))
     last = np.maximum.accumulate(np.where(one.tracked, frames, 0))
     last = np.where(one.tracked[last], last, int(np.argmax(one.tracked)))

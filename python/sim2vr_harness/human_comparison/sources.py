@@ -72,13 +72,13 @@ class Source:
 
 @dataclass(frozen=True)
 class Recorded:
-    """A session and whose it is.
+    """A session and its player.
 
     Attributes:
-        person: who played.
+        person: the player.
         session: the round.
-        fatigued: mean over the muscles of the largest share of fatigued motor units; None: not
-            known.
+        fatigued: mean over the muscles of the largest proportion of fatigued motor units; None:
+            unknown.
     """
 
     person: str
@@ -91,12 +91,12 @@ class Recorded:
 
 @dataclass(frozen=True)
 class Sources:
-    """People and users, measured.
+    """Measured people and users.
 
     Attributes:
-        behaviour: what the measures know of the game, or of an app without a description.
-        people: whose range decides; empty where none were recorded.
-        users: by what was given for each.
+        behaviour: description of the game, or of an app without one.
+        people: recorded people, with whose range users are compared; empty if none were recorded.
+        users: by the argument for each.
     """
 
     behaviour: Behaviour
@@ -114,23 +114,23 @@ def read_sources(
     unconstrained: bool = False,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> Sources:
-    """Read people's sessions and measure users beside them, who play first if they must.
+    """Read people's sessions and measure users for comparison, which play first if necessary.
 
     Args:
-        users: trained users, sessions or folders of them; beside sessions of an app without a
+        users: trained users, sessions or folders of them; with sessions of an app without a
             description also users without training.
         people: sessions or folders of them.
-        plays: how users play, into a folder of the user's name in ``out``; rounds that are there
-            are used again. ``episodes``: 6 unless set, beside sessions of any app 2;
-            ``conditions``: all compared ones of the user's groups, beside sessions the people's.
-        game: name of the game; None: that of people's logs, or of the first user that says.
+        plays: settings of the users' play, into a folder of the user's name in ``out``; existing
+            rounds are used again. ``episodes``: 6 unless set, with sessions of any app 2;
+            ``conditions``: all compared ones of the user's groups, with sessions the people's.
+        game: name of the game; None: that of people's logs, or of the first user that names one.
         groups: of people, by whose rules users play.
-        unconstrained: every touch was a hit for people, though the logs do not say.
-        on_progress: Called with the share of the work done.
+        unconstrained: True: every touch was a hit for people, which their logs do not state.
+        on_progress: Called with the proportion of the work done.
 
     Raises:
-        InputError: a round cannot be measured, or a user cannot play. All that can be known before
-            a user plays is checked before.
+        InputError: a round cannot be measured, or a user cannot play. As far as possible this is
+            checked before a user plays.
     """
     recorded = [each for path in people for each in read_people(path, unconstrained=unconstrained)]
     behaviour = _described(users, recorded, game, plays)
@@ -193,7 +193,7 @@ def _with_groups(plays: Plays, groups: Sequence[str], behaviour: Behaviour | Non
 def _described(
     users: Sequence[str], recorded: Sequence[Recorded], game: str | None, plays: Plays
 ) -> Behaviour | None:
-    """The description of the game; None of sessions of any app.
+    """Return the description of the game; None for sessions of any app.
 
     Logs and packed rounds of a described game have more in them than other sessions.
     """
@@ -217,7 +217,7 @@ def _check(
     behaviour: Behaviour | None,
     plays: Plays,
 ) -> None:
-    """Refuse before users play what would be refused after it."""
+    """Check all conditions of a comparison that can be checked before users play."""
     if behaviour is None:
         every = [*recorded, *(each for own in ready.values() for each in own)]
         known = behaviour_of_sessions(_name(recorded, plays.app), [e.session for e in every])
@@ -264,7 +264,7 @@ def _condition_names(game: str) -> list[str]:
 
 
 def _with_condition(each: Recorded, conditions: Sequence[str]) -> Recorded:
-    """A game's recording with its condition: its own, or the only one that was named.
+    """Return a game's recording with its condition: its own, or the only one that was named.
 
     Raises:
         InputError: Neither says which condition was played.
@@ -296,10 +296,10 @@ def _name(played: Sequence[Recorded], app: Mapping[str, Any]) -> str:
 
 
 def read_people(path: Path, *, unconstrained: bool = False) -> list[Recorded]:
-    """Read people's sessions at or below a place.
+    """Read people's sessions in a file or folder.
 
-    Who played is what a session says; of a log the name of the folder that the round's folder is
-    in, of another file its own name, or that of its folder below ``path``.
+    A session names its player. For a log, the player is the name of the folder above the round's
+    folder; for another file, its own name, or that of its folder below ``path``.
 
     Raises:
         InputError: there is no session, or one is damaged.
@@ -397,7 +397,7 @@ def _measured(recorded: Sequence[Recorded], behaviour: Behaviour, option: str) -
 
 
 def read_folders(name: str, folders: Sequence[Path], behaviour: Behaviour) -> Source:
-    """Measure a user whose rounds are in several folders, such as the cells of a study.
+    """Measure a user with rounds in several folders, such as the cells of a study.
 
     Args:
         folders: Of logs, each of other conditions.
@@ -422,7 +422,7 @@ def read_folders(name: str, folders: Sequence[Path], behaviour: Behaviour) -> So
 
 
 def game_of(user: str) -> str | None:
-    """The game that a user plays, or has played; None of logs that do not say."""
+    """Return the game that a user plays, or has played; None if logs do not name it."""
     if not _is_recorded(user):
         game: str = find_user(user, code=True).config.env.app.game
         return game
@@ -436,7 +436,7 @@ def game_of(user: str) -> str | None:
 
 
 def _is_recorded(user: str) -> bool:
-    """Whether a user is given by its rounds, not by its weights."""
+    """Return whether a user is given by its rounds, not by its weights."""
     path = Path(user)
     if path.is_dir():
         return not (is_packed(user) or RunFolder(path).exists)
@@ -457,11 +457,11 @@ def _play(
     plays: Plays,
     on_progress: Callable[[float], None],
 ) -> tuple[Path, dict[str, Any]]:
-    """Play a user's rounds, unless the same ones are there.
+    """Play a user's rounds, unless the same ones exist already.
 
     Returns:
-        Their folder, and the settings of the app as a replay takes them; none of a game of this
-        runtime, which sessions name.
+        Their folder, and the settings of the app for a replay; empty for a game of this runtime,
+        which sessions name.
     """
     games = [each.session for each in recorded if each.session.app.kind == "game"]
     conditions = list(plays.conditions or dict.fromkeys(map(name_of_condition, games)))

@@ -33,7 +33,7 @@ SETTLING = (
 
 
 def report_tables(report: ComparisonReport, *, every: bool = False) -> RenderableType:
-    """Return what a comparison comes to.
+    """Return the tables of a comparison's results.
 
     Args:
         every: Show every measure in every condition.
@@ -68,7 +68,7 @@ def report_tables(report: ComparisonReport, *, every: bool = False) -> Renderabl
 
 
 def _law(report: ComparisonReport, *, every: bool) -> Iterator[RenderableType]:
-    """Fitts' law of users and people, each distance and width if wanted, and what is published."""
+    """Yield Fitts' law of users and people, each distance and width if requested, and studies."""
     for source in (*report.users, report.people):
         if (law := report.laws.get(source.name)) is None:
             continue
@@ -124,7 +124,7 @@ def _line(a_s: float, b_s_per_bit: float) -> str:
 
 
 def missing_values(report: ComparisonReport) -> Iterator[str]:
-    """Say which measures are not of all persons, and which persons lack them."""
+    """Yield lines on measures that some persons lack, with the persons."""
     for name, cells, rows in [
         (compared.name, compared.persons, compared.rows) for compared in report.compared
     ]:
@@ -172,7 +172,7 @@ def _totals(report: ComparisonReport) -> Table:
 
 
 def _in_one_table(report: ComparisonReport) -> Iterator[RenderableType]:
-    """What is shown first of every user, a column each."""
+    """Yield the first table: the headline measures, a column for each user."""
     for group in report.behaviour.groups:
         users = [each for each in report.compared if group in each.groups]
         if len(users) < 2:
@@ -245,9 +245,9 @@ def _rows(compared: Compared, chosen: Sequence[ComparisonRow] | None) -> Rendera
 
 
 def _table(title: str, rows: Sequence[ComparisonRow]) -> Table:
-    """A row per measure and condition; a star marks what is outside people's range.
+    """Return a row per measure and condition; a star marks values outside people's range.
 
-    ``n`` is how many of the user's persons, and of people, have a value.
+    ``n`` is the number of the user's persons, and of people, with a value.
     """
     table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
     several = len({row.group for row in rows}) > 1

@@ -6,7 +6,7 @@ from sim2vr_harness.base.settings import Settings
 from sim2vr_harness.envs.config import EnvConfig
 
 FOVEA_ZOOM = 3
-"""How many times as large things are in ``fovea``, which crops of 32 pixels take in whole."""
+"""Magnification of ``fovea``, with which crops of 32 pixels contain whole objects."""
 
 
 class AttentionCropConfig(Settings):

@@ -38,7 +38,7 @@ DAMAGE = (
     *(ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, RuntimeError),
     *(TypeError, ValueError, UnpicklingError, struct.error),
 )
-"""What taking in a state that can be decoded, and is of something else, may raise."""
+"""Exceptions that loading a decodable state of another object may raise."""
 
 
 def in_words(error: Exception) -> str:
@@ -55,11 +55,11 @@ def write_tensors(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def read_tensors(path: Path, expected: str) -> dict[str, Any]:
-    """Read what :func:`write_tensors` has written, onto the CPU: tensors and plain values only.
+    """Read a file of :func:`write_tensors` onto the CPU: tensors and plain values only.
 
     Args:
         path: the file.
-        expected: what it should be, for people.
+        expected: description of the expected content, for error messages.
 
     Raises:
         UnusableFile: it is something else, or damaged.
@@ -82,7 +82,7 @@ def load_policy_weights(path: Path, policy: torch.nn.Module) -> int:
 
 
 def write_user(path: Path, policy: torch.nn.Module, step: int) -> None:
-    """Write a user who does not learn on: a checkpoint that holds weights and the step only."""
+    """Write a user that is not trained further: a checkpoint with weights and the step only."""
     archive, arrays = io.BytesIO(), io.BytesIO()
     header = {"format": FORMAT, "version": __version__, "num_timesteps": step}
     np.savez(arrays, header=np.frombuffer(json.dumps(header).encode(), dtype=np.uint8))
@@ -97,7 +97,7 @@ def write_user(path: Path, policy: torch.nn.Module, step: int) -> None:
 
 
 def require_readable(path: Path) -> None:
-    """Check a checkpoint of which nothing is needed now.
+    """Check that a checkpoint can be read, without loading it.
 
     Raises:
         UnusableFile: It is damaged, or not finite.
@@ -110,7 +110,7 @@ def last_good(path: Path, policy: torch.nn.Module | None) -> Path | None:
 
     Args:
         path: of a checkpoint.
-        policy: the network that it is for; None takes any.
+        policy: the network that it must fit; None: any.
     """
     before = [file for file in checkpoints_in(path.parent) if step_of(file) < step_of(path)]
     for file in reversed(before):
@@ -125,7 +125,7 @@ _Parts = tuple[dict[str, torch.Tensor], dict[str, Any], dict[str, Any], dict[str
 
 
 def good_parts(path: Path, policy: torch.nn.Module | None, device: torch.device) -> _Parts:
-    """Read a checkpoint, or say what is wrong with it and which one before it is not."""
+    """Read a checkpoint; an error names the problem and the last valid checkpoint before."""
     try:
         return _checked(path, policy, device)
     except UnusableFile as error:
@@ -135,10 +135,10 @@ def good_parts(path: Path, policy: torch.nn.Module | None, device: torch.device)
 
 
 def take_in(path: Path, what: str, take: Callable[[dict[str, Any]], object]) -> None:
-    """Read a state that :func:`write_tensors` wrote, and let someone go on from it.
+    """Read a state that :func:`write_tensors` wrote, and pass it to ``take``.
 
     Raises:
-        UnusableFile: it cannot be read, is of something else, or is not finite.
+        UnusableFile: it cannot be read, belongs to another object, or is not finite.
     """
     state = read_tensors(path, what)
     try:
@@ -210,7 +210,7 @@ def random_state() -> tuple[dict[str, Any], dict[str, NDArray]]:
 
 
 def set_random_state(header: dict[str, Any], arrays: dict[str, NDArray]) -> None:
-    """Set every global random generator to what :func:`random_state` returned."""
+    """Restore every global random generator from :func:`random_state`."""
     version, internal, gauss_next = header["python"]
     random.setstate((version, tuple(internal), gauss_next))
     name, position, has_gauss, gauss = header["numpy"]

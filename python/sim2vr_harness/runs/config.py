@@ -70,17 +70,17 @@ class PolicyConfig(Settings):
     log_std_init: float = Field(default=0.0, ge=-20.0, le=5.0)
     """Logarithm of the actions' standard deviation at the start."""
     vision_precision: Literal["float32", "bfloat16"] = "float32"
-    """What the vision encoder computes in. Weights, optimiser and everything behind the image's
+    """Numeric format of the vision encoder. Weights, optimiser and everything behind the image's
     features are float32 either way. bfloat16 is quicker on CPUs with AVX-512 BF16 or AMX."""
     scale_proprioception: bool = False
-    """True: proprioception is standardised with numbers kept beside the weights, which
-    ``UserPolicy.fit_scaling`` sets; False: taken as it is, as in the reference."""
+    """True: proprioception is standardised with statistics that are stored with the weights and set
+    by ``UserPolicy.fit_scaling``; False: it is used without scaling, as in the reference."""
     attention_crops: AttentionCropConfig | None = None
-    """Cut-outs around what is worth looking at; the recipe ``distill`` teaches where that is."""
+    """Crops around relevant objects; the recipe ``distill`` trains their positions."""
 
 
 class CheckpointConfig(Settings):
-    """What is kept of the run, and how often."""
+    """Checkpoints of the run: their interval and number."""
 
     every_steps: int = Field(default=1_000_000, ge=1, le=MOST_STEPS)
     """User steps between two checkpoints, rounded up to whole iterations; one more is written
@@ -93,8 +93,8 @@ class EvaluationConfig(Settings):
     """Rounds played with a trained user."""
 
     conditions: tuple[str, ...] | None = None
-    """Conditions of ``sim2vr-harness evaluate`` and of the evaluation that ends a training; None
-    takes those that the game names for it (``sim2vr-harness games``)."""
+    """Conditions of ``sim2vr-harness evaluate`` and of the evaluation that ends a training; None:
+    those that the game names for it (``sim2vr-harness games``)."""
     episodes: int = Field(default=10, ge=1, le=1_000_000)
     """Rounds per condition of ``sim2vr-harness evaluate``."""
     episodes_after_training: int = Field(default=2, ge=0, le=1_000_000)
@@ -109,11 +109,11 @@ class WandbConfig(Settings):
     """Weights & Biases (needs the extra ``sim2vr-harness[wandb]``)."""
 
     enabled: bool = False
-    """Whether metrics are sent to Weights & Biases."""
+    """True: metrics are sent to Weights & Biases."""
     project: str = "sim2vr"
     """Project on Weights & Biases."""
     entity: str | None = None
-    """User or team on Weights & Biases; None takes your default one."""
+    """User or team on Weights & Biases; None: your default one."""
     mode: Literal["online", "offline"] = "online"
     """``offline`` writes to a local folder, to be uploaded with ``wandb sync``."""
 
@@ -128,14 +128,15 @@ class TrainingConfig(Settings):
     total_timesteps: int = Field(default=100_000_000, ge=1, le=MOST_STEPS)
     """User steps of the complete training, over which the learning-rate schedule runs."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
-    """Where torch computes; ``auto`` takes a GPU that torch finds."""
+    """Device on which torch computes; ``auto`` uses a GPU if torch finds one."""
     recipe: Literal["ppo", "distill", "skills", "adapt"] = "ppo"
     """The stages of the run. ``ppo``: PPO from pixels alone, as the reference. ``distill``: first
     imagined rollouts, a teacher and a student, whose weights PPO begins with; for games that have a
     differentiable game model. ``skills``: value learning over motor options at image cells, for any
     app (docs/concepts/training.md). ``adapt``: PPO continues with the weights of ``from_user``."""
     from_user: str | None = None
-    """With the recipe ``adapt``: the trained user that goes on, as ``evaluate`` takes it."""
+    """With the recipe ``adapt``: the trained user to continue, in any form that ``evaluate``
+    accepts."""
     skills: SkillsConfig = SkillsConfig()
     """The recipe ``skills``."""
     teacher: TeacherConfig = TeacherConfig()
@@ -149,7 +150,7 @@ class TrainingConfig(Settings):
     ppo: PPOConfig = PPOConfig()
     """PPO with the policy from senses to actions."""
     checkpoint: CheckpointConfig = CheckpointConfig()
-    """What is kept of the run."""
+    """Checkpoints of the run."""
     evaluation: EvaluationConfig = EvaluationConfig()
     """Rounds played with the trained user."""
     wandb: WandbConfig = WandbConfig()
@@ -205,7 +206,7 @@ _MOST_EXTENDED = 8
 
 
 def _extended(file: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Return what a file holds, laid over the configuration that it extends, if it extends one."""
+    """Return the content of a file, merged into the configuration that it extends, if any."""
     chain = (*above, file.resolve())
     tree = _with_files_beside(read_mapping(file), file)
     name = tree.pop("extends", None)
@@ -223,7 +224,7 @@ def _extended(file: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
 
 
 def _base(name: str, file: Path, field: str) -> Path:
-    """Find an extended configuration: beside the file first, then as on the command line."""
+    """Find an extended configuration: in the file's folder first, then as on the command line."""
     for beside in (file.parent / name, file.parent / f"{name}.yaml"):
         if beside.is_file():
             return beside
@@ -245,7 +246,7 @@ def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
 
 
 def read_mapping(file: Path) -> dict[str, Any]:
-    """Return what the YAML file of a configuration holds, before anything is checked.
+    """Return the content of a configuration's YAML file, before any check.
 
     Raises:
         InputError: It is missing, not YAML, or no mapping of keys to values.
@@ -258,7 +259,7 @@ def read_mapping(file: Path) -> dict[str, Any]:
 
 
 def _with_files_beside(tree: dict[str, Any], file: Path) -> dict[str, Any]:
-    """Files of a body, a page, a task: looked for beside the configuration, then where one is."""
+    """Resolve files of body, page and task: in the configuration's folder, then the current one."""
     tree = _copied(tree)
     env = tree.get("env")
     app = env.get("app") if isinstance(env, dict) else None
@@ -275,7 +276,7 @@ def _with_files_beside(tree: dict[str, Any], file: Path) -> dict[str, Any]:
 
 
 def _with_page_beside(app: dict[str, Any], folder: Path) -> None:
-    """Make the paths of a page absolute, in place; what is not there stays as it is."""
+    """Make the paths of a page absolute, in place; missing files stay as they are."""
 
     def found(name: object) -> Any:
         beside = folder / name if isinstance(name, str) and "://" not in name else None
@@ -388,12 +389,12 @@ def _settle_words(overrides: Sequence[str], tree: dict[str, Any]) -> None:
 
 _GAME_OPTIONS = ["env", "app", "options"]
 _WORDS = ("yes", "no", "on", "off")
-"""What YAML 1.1 takes for truths, and people for words."""
+"""Words that YAML 1.1 reads as booleans and people mean as words."""
 _TRANSPORT_OPTIONS = ["env", "app", "transport_options"]
 
 
 def _declared(parents: Sequence[str], last: str) -> Any:
-    """Return what the value of a key is declared to be; None where it is not declared."""
+    """Return the declared type of a key; None if it is not declared."""
     if list(parents) == _TRANSPORT_OPTIONS:
         known = [transport for transport in list_transports() if last in transport.options]
         if known and all(last in transport.text_options for transport in known):

@@ -20,15 +20,16 @@ class StudentConfig(Settings):
     app_options: dict[str, OptionValue] = Field(default_factory=dict)
     """Options of the game in this stage that differ from ``env.app.options``."""
     samples_per_frame: float = Field(default=3.0, gt=0.0, le=1000.0)
-    """How often a frame is learned from, on average, per frame that is collected."""
+    """Mean number of times that each collected frame is used for training."""
     batch_size: int = Field(default=500, ge=1, le=MOST_BATCH)
     """User steps per minibatch."""
     learning_rate: LearningRate = 1e-3
-    """Learning rate: constant for the first half of the frames, then linear to almost nothing."""
+    """Learning rate: constant for the first half of the frames, then linear to almost zero."""
     numbers_weight: Weight = 0.0
-    """Weight in the loss of the head that tells what the teacher knows of the game (standardised,
-    mean squared error) from all that the student senses; 0: there is none. Where much is to be made
-    out in a small picture, actions alone teach too slowly what is there."""
+    """Weight in the loss of the head that predicts the teacher's observations of the game
+    (standardised, mean squared error) from all that the student senses; 0: no such head. If many
+    objects have to be recognised in a small image, imitating actions alone trains recognition too
+    slowly."""
     teacher_share: Chance = 0.6
     """Share of the steps on which the teacher acts after the first rounds of collecting, in which
     it acts for every user."""
@@ -37,7 +38,7 @@ class StudentConfig(Settings):
     noise_std: Weight = 0.1
     """Noise on the actions of some users, so that unusual situations are seen too."""
     log_std: float = Field(default=-1.5, ge=-20.0, le=5.0)
-    """Logarithm of the actions' standard deviation with which the student goes on to PPO."""
+    """Logarithm of the actions' standard deviation with which PPO continues the student."""
     stagger_steps: int = Field(default=1200, ge=1, le=1_000_000_000)
-    """Users' first rounds are cut at random within so many steps, so that rounds do not run in
-    phase."""
+    """Users' first rounds are truncated at random within this number of steps, so that rounds do
+    not run in phase."""

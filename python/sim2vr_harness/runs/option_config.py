@@ -41,7 +41,8 @@ class PeopleTraining:
     """Cycles of training: in each, persons move, and the forward model of the body is fitted to it.
     The last one ends with the training of the policy in space."""
     bodies: int = 48
-    """Arms that move in a cycle: of so many simulated persons, or of half as many with two."""
+    """Arms that move in a cycle: of this number of virtual participants, or of half as many with
+    two."""
     random_steps: int = 400
     """User steps of each person in the first cycle, at random."""
     goal_steps: int = 120
@@ -74,12 +75,12 @@ class PeopleTraining:
 
     @property
     def perception(self) -> dict[str, float]:
-        """How goals are misjudged."""
+        """Noise and delay of perceived goals."""
         return {"weber": self.weber, "least_m": self.least_m, "late_steps": self.late_steps}
 
 
 class QLearningConfig(Settings):
-    """How a user with a motor layer finds out what is worth doing with what it sees."""
+    """Q-learning over motor options at image cells, for a user with a motor layer."""
 
     users: int = Field(default=32, ge=1, le=MOST_USERS)
     """Environments in which users play at the same time."""
@@ -99,12 +100,13 @@ OptionName = Literal[
 
 
 class SkillsConfig(Settings):
-    """Users who bring a motor layer to a game and learn what is worth doing with what they see."""
+    """Training of users with a motor layer that learn which actions are worthwhile in a game."""
 
     user: Literal["hierarchical", "person"] = "hierarchical"
-    """Who plays in the end. ``hierarchical``: the Q-network, with the motor layer below it; it
-    completes each action that it has selected. ``person``: the same, but it sees late, needs time
-    to decide, and moves by the human motor policy of its body; ``train GAME --people`` sets it."""
+    """Policy that plays. ``hierarchical``: the Q-network, with the motor layer below it; it
+    completes each action that it has selected. ``person``: the same with the limits of people:
+    vision is delayed, decisions take time, and the human motor policy of the body moves it; ``train
+    GAME --people`` sets it."""
     motor: str | None = None
     """File of the motor layer; None: the one that ships for the body, or, where none does, one that
     the run makes first."""
@@ -114,14 +116,14 @@ class SkillsConfig(Settings):
     """Options of the hands (docs/concepts/training.md); None: touch, push and swing, and those that
     ``env.user.inputs`` allow."""
     tool: Literal["auto", "none"] | Annotated[float, Field(gt=0.0, le=3.0)] = "auto"
-    """What the hands hold: ``auto`` finds it in the pictures, ``none``: nothing, a length: a
-    straight tool that goes on forward from the controller, m."""
+    """Tool in the hands: ``auto`` finds it in the images, ``none``: no tool, a length: a straight
+    tool that extends the controller forward by so much, m."""
     q_learning: QLearningConfig = QLearningConfig()
-    """Q-learning of what to do with what is seen."""
+    """Q-learning of the values of motor options."""
 
     @property
     def people(self) -> bool:
-        """Whether persons play, with the limits of people."""
+        """Return whether virtual participants play, with the limits of people."""
         return self.user == "person"
 
     @field_validator("tool", mode="before")

@@ -22,7 +22,7 @@ MOST_BATCH = 100_000_000
 
 
 class LearningRateConfig(Settings):
-    """Constant at first, then linear in the steps taken, over ``total_timesteps``."""
+    """Learning rate: constant at first, then linear in the user steps, over ``total_timesteps``."""
 
     initial: float = Field(default=5.0e-5, ge=0.0, le=1.0)
     """Learning rate at the start; a plain number for ``learning_rate`` is a constant one."""
@@ -58,13 +58,13 @@ class PPOConfig(Settings):
     target_kl: Factor | None = 1.0
     """An update ends when the policy has moved by 1.5 times this KL divergence; None: no limit."""
     critic_first_updates: int = Field(default=0, ge=0, le=MOST_STEPS)
-    """Updates at the start, one per iteration, in which the critic alone learns: a policy that can
-    play already is not to be judged by a critic that knows nothing."""
+    """Updates at the start, one per iteration, in which only the critic is trained, so that an
+    untrained critic does not change a policy that can already play."""
     learning_rate: LearningRateConfig = LearningRateConfig()
     """Learning rate; a plain number is a constant rate."""
     critic_learning_rate_factor: float = Field(default=1.0, gt=0.0, le=1e4)
-    """Factor on the learning rate of the weights that only the values depend on: a critic that
-    begins with nothing beside an actor that can play needs a higher rate than the actor bears."""
+    """Factor on the learning rate of the weights that only the values depend on: an untrained
+    critic with a trained actor needs a higher rate than the actor tolerates."""
 
     @property
     def steps_per_iteration(self) -> int:

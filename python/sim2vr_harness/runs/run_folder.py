@@ -43,7 +43,7 @@ from sim2vr_harness.runs.config import (
 )
 
 STAGE_FOLDERS = ("imagined", "student")
-"""What stages call their folders in a run's; the last stage works in the run's own."""
+"""Folders of the stages in a run's folder; the last stage works in the run's own."""
 
 _PACKAGES = ("mujoco", "stable-baselines3", "torch", "gymnasium", "numpy", "scipy")
 
@@ -68,7 +68,7 @@ def append_row(file: Path, row: Mapping[str, Any]) -> None:
 
 
 def keep_rows(file: Path, wanted: Callable[[dict[str, Any]], bool]) -> None:
-    """Forget the other rows of a log: of what a resumed run will do again."""
+    """Delete the other rows of a log, which belong to steps that a resumed run will repeat."""
     if file.is_file():
         text = "".join(json.dumps(row) + "\n" for row in read_rows(file) if wanted(row))
         write_atomically(file, text.encode())
@@ -129,7 +129,7 @@ class RunFolder:
 
     @property
     def exists(self) -> bool:
-        """Whether the folder holds a run."""
+        """Return whether the folder holds a run."""
         return self.config_file.is_file()
 
     @classmethod
@@ -191,7 +191,7 @@ class RunFolder:
         self._require_place()
 
     def _require_place(self) -> None:
-        """Check that the folder holds nothing, or only what a run left that never began."""
+        """Check that the folder is empty, or contains only files of a run that never began."""
         if self.path.exists() and not self.path.is_dir():
             raise InputError("--out", f"{str(self.path)!r}, which is a file", "a folder")
         if self.path.is_dir() and not all(map(self._is_trace, self.path.iterdir())):
@@ -200,7 +200,7 @@ class RunFolder:
             )
 
     def _is_trace(self, file: Path) -> bool:
-        """Whether a training that was killed before it wrote config.yaml may have left this."""
+        """Return whether a training killed before it wrote config.yaml may have left this file."""
         if file == self.checkpoint_dir:
             return file.is_dir() and not any(file.iterdir())
         return file in (self.run_file, self.lock_file) or is_temporary(file)
@@ -234,7 +234,7 @@ class RunFolder:
         return content
 
     def begin_session(self, start_step: int, **details: Any) -> None:
-        """Note in run.json who works on this run from now on."""
+        """Write a new session into run.json, with the process that works on the run."""
         content = self.metadata()
         content["sessions"].append(
             {
@@ -255,7 +255,7 @@ class RunFolder:
         write_atomically(self.run_file, json.dumps(self.metadata() | values, indent=2).encode())
 
     def note_session(self, **details: Any) -> None:
-        """Note in run.json what is known of the session; nothing if none was begun."""
+        """Write values on the session into run.json; do nothing if no session was begun."""
         content = self.metadata()
         if content["sessions"]:
             content["sessions"][-1] |= details
@@ -309,7 +309,7 @@ def metric_key(measure: Measure) -> str:
 
 
 def _nearest_run(path: Path) -> str:
-    """Return a hint at the run beside ``path``, or in ``runs``, with the most similar name."""
+    """Return a hint at the run with the most similar name, beside ``path`` or in ``runs``."""
     configs = [*path.parent.glob("*/config.yaml"), *Path("runs").glob("*/config.yaml")]
     runs = {config.parent.name: config.parent for config in configs}
     near = closest(path.name, runs)

@@ -28,7 +28,7 @@ from sim2vr_harness.users.bodies import allow_package, foreign_package, origin_o
 
 _KEYS = ("executable", "arguments", "game_library", "connect", "page", "map", "browser", "task")
 _told: list[dict[str, Any]] = []
-"""What was remembered in this process, for homes that cannot be written to."""
+"""Trust remembered in this process only, for homes that cannot be written to."""
 
 
 def state_folder() -> Path | None:
@@ -44,18 +44,18 @@ def state_folder() -> Path | None:
 def require_trust(
     env: EnvConfig, source: str | Path, *, named: Collection[str] = (), trust: bool = False
 ) -> None:
-    """Check that this user knows the code that an environment of a file runs or connects to.
+    """Check that this user trusts the code that a file's environment runs or connects to.
 
-    The library that its game is in is then opened.
+    The library of its game is opened afterwards.
 
     Args:
         env: the environment; nothing else of it is started, imported or opened here.
-        source: the file, or the folder that it is in, for people.
-        named: which settings of the app the command line gave itself.
-        trust: whether this user says that it is fine (``--trust-app``), which is remembered.
+        source: the file, or its folder, for messages.
+        named: settings of the app that were given on the command line.
+        trust: True if this user confirms it (``--trust-app``), which is remembered.
 
     Raises:
-        InputError: neither; prints what would be started.
+        InputError: the code is not trusted; prints what would be started.
     """
     _require_app(env.app, source, named, trust)
     require_trusted_body(env.user.model, source, trust=trust)
@@ -64,14 +64,14 @@ def require_trust(
 
 
 def require_trusted_body(model: str, source: str | Path, *, trust: bool = False) -> None:
-    """Check that this user knows the Python package that a body's file names.
+    """Check that this user trusts the Python package that a body's file names.
 
     Args:
         model: a body's name or file.
         source, trust: as of :func:`require_trust`.
 
     Raises:
-        InputError: it does not, and nothing has been imported.
+        InputError: it is not trusted, and nothing has been imported.
     """
     package = foreign_package(model)
     if package is None:
@@ -89,9 +89,9 @@ def require_trusted_body(model: str, source: str | Path, *, trust: bool = False)
 
 
 def answered(env: EnvConfig) -> None:
-    """Take over what this user has said of an environment, in a process that works for it.
+    """Accept an environment in a worker process, because this user has accepted it before.
 
-    Of nothing else: what another file names there is a question again.
+    The acceptance does not extend to apps that other files name.
     """
     _told.append(_entry(env.app))
     if env.app.game_library is not None:
@@ -115,11 +115,11 @@ def _require_app(app: AppConfig, source: str | Path, named: Collection[str], tru
 
 
 def named_app(overrides: Sequence[str], app: Mapping[str, Any] | None = None) -> set[str]:
-    """Return what a command line says itself of the app.
+    """Return the settings of the app that a command line sets itself.
 
     Args:
         overrides: ``key=value`` of ``--set``.
-        app: settings of ``env.app`` that options mean.
+        app: settings of ``env.app`` that other options set.
     """
     env = apply_overrides({}, overrides).get("env")
     settings = env.get("app") if isinstance(env, dict) else None
@@ -139,7 +139,7 @@ def remember(app: AppConfig, folder: Path) -> None:
 
 
 def _note(entry: dict[str, Any], *sources: Path) -> None:
-    """Keep an entry; one of what came along with a source for this process only."""
+    """Store an entry; one that arrived with a source is kept for this process only."""
     if _known(entry):
         return
     _told.append(entry)
@@ -154,7 +154,7 @@ def _note(entry: dict[str, Any], *sources: Path) -> None:
 
 
 def _lies_in(real: str | None, source: Path) -> bool:
-    """Whether a program or library lies in a folder, or beside a file."""
+    """Return whether a program or library lies in a folder, or in the folder of a file."""
     if not real or not source.exists():
         return False
     return Path(real).is_relative_to(
@@ -163,10 +163,11 @@ def _lies_in(real: str | None, source: Path) -> bool:
 
 
 def _entry(app: AppConfig) -> dict[str, Any]:
-    """What is trusted: the program by its path and by where that leads, and its arguments.
+    """Return what is trusted: the program by its path and its resolved path, and its arguments.
 
-    A library of games by where its path leads. Of a page its path, what it may load, the browser,
-    and its task's rules, which have JavaScript; of any app the file of a task in Python.
+    A library of games is trusted by its resolved path. A page is trusted by its path, what it may
+    load, the browser, and its task's rules, which have JavaScript. For any app, the file of a task
+    in Python is included.
     """
     program = None if app.executable is None else os.path.abspath(app.executable)
     entry: dict[str, Any] = {
@@ -198,13 +199,13 @@ def _known(entry: dict[str, Any]) -> bool:
 
 
 def _knows(wanted: dict[str, Any], keys: Collection[str]) -> bool:
-    """Whether an app was remembered that is the same in all that a file names."""
+    """Return whether a remembered app is the same in everything that a file names."""
     same = [*keys, *(["real"] if "executable" in keys else [])]
     return any(all(known.get(key) == wanted.get(key) for key in same) for known in _entries())
 
 
 def _entries() -> list[dict[str, Any]]:
-    """Return what is remembered, as far as no one else could have written it."""
+    """Return the remembered entries from files that no one else could have written."""
     entries, place = list(_told), state_folder()
     if place is None or not _own(place):
         return entries

@@ -1,4 +1,4 @@
-"""Tools around a study: what can be reached, what rewards are worth, a look at play.
+"""Tools around a study: recording, motion tracking, and watching play.
 
 The only importer of viser.
 """

@@ -19,22 +19,22 @@ from sim2vr_harness.base.state import State
 
 
 class ReplayStore(State):
-    """Collected frames, in the order of collection, pictures in files.
+    """Collected frames, in the order of collection, with images in files.
 
-    The files are only ever appended to, so that a resumed stage reads just the frames that the
-    stopped one had. A store that keeps the last frames only goes round in its files, and is
-    ``slack`` frames longer than what can be read: what a stage collects between two of its
-    checkpoints overwrites nothing that the older one needs.
+    The files are only appended to, so that a resumed stage reads exactly the frames that the
+    stopped one had. A store of the last frames reuses its files as ring buffers, and is ``slack``
+    frames longer than what can be read: frames that a stage collects between two of its checkpoints
+    do not overwrite those that the older one needs.
 
     Args:
-        file: of pictures (bytes of three or more axes); ``*`` in its name stands for their key. It
+        file: of images (bytes of three or more axes); ``*`` in its name stands for their key. It
             is made, or reused.
         capacity: number of frames that can be read.
-        shapes: key -> (shape, dtype) of what a frame holds.
-        slack: frames beyond these; a multiple of how many are appended at a time, as is capacity.
+        shapes: key -> (shape, dtype) of a frame's data.
+        slack: additional frames; a multiple of the number appended at a time, as is capacity.
 
     Raises:
-        InputError: The disk has no room for the pictures; it says how much they need.
+        InputError: The disk has no room for the images; the message says how much they need.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class ReplayStore(State):
         slack: int = 0,
     ) -> None:
         self.count = 0
-        """Frames so far, whether they are still there or not."""
+        """Number of frames appended so far, including overwritten ones."""
         self.capacity = capacity
         self._length = length = capacity + slack
         self._arrays: dict[str, NDArray[Any]] = {}
@@ -64,11 +64,11 @@ class ReplayStore(State):
 
     @property
     def first(self) -> int:
-        """The oldest frame that is there."""
+        """Index of the oldest frame that can be read."""
         return max(0, self.count - self.capacity)
 
     def append(self, frame: Mapping[str, NDArray[Any]]) -> None:
-        """Take (N, ...) of keys; those that are left out follow by :meth:`amend`."""
+        """Append (N, ...) of keys; those that are left out follow by :meth:`amend`."""
         rows = len(next(iter(frame.values())))
         self.count += rows
         self.amend(frame)
@@ -93,10 +93,10 @@ class ReplayStore(State):
         return {key: torch.from_numpy(self.read(key, indices)) for key in self._arrays}
 
     def state_dict(self) -> dict[str, Any]:
-        """Return all but the pictures, which are made sure to be in their files.
+        """Return all data except the images, and ensure that these are in their files.
 
-        What is appended later overwrites no frame that this state can ask for, if it is within the
-        slack.
+        Frames that are appended later do not overwrite any frame of this state, as long as they are
+        within the slack.
         """
         known: dict[str, Any] = {"count": self.count}
         for key, array in self._arrays.items():
@@ -107,7 +107,7 @@ class ReplayStore(State):
         return known
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go back to the frames of :meth:`state_dict`."""
+        """Return to the frames of :meth:`state_dict`."""
         self.count = state["count"]
         for key in state.keys() - {"count"}:
             values = state[key]

@@ -26,8 +26,8 @@ class Column:
     Attributes:
         name: Lower case, unit last.
         kind: ``number`` is binary64, ``single`` binary32.
-        unit: Such as ``m/s``; empty for names, counts and shares.
-        description: What it is, in a line.
+        unit: Such as ``m/s``; empty for names, counts and proportions.
+        description: One line on its meaning.
     """
 
     name: str
@@ -43,7 +43,7 @@ class Column:
 
 
 def column_name(text: str) -> str:
-    """What a thing is called in a table: ``hammer.depth_m`` -> ``hammer_depth_m``."""
+    """Return the column name for a text: ``hammer.depth_m`` -> ``hammer_depth_m``."""
     return re.sub(r"\W+", "_", text.strip()).strip("_").lower()
 
 
@@ -51,7 +51,7 @@ def columns_of(values: Mapping[str, Any], told: Mapping[str, tuple[str, str]]) -
     """Return columns for plain values, by their types; those without a value are left out.
 
     Args:
-        values: name -> text, number or truth.
+        values: name -> text, number or boolean.
         told: name -> unit and description.
     """
     found = []
@@ -93,7 +93,7 @@ def schema_of(columns: Sequence[Column]) -> pa.Schema:
 
 
 def row_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[Column]) -> pa.Table:
-    """Return a table of rows; what a row lacks is null."""
+    """Return a table of rows; a value that a row lacks is null."""
     arrays = [
         pa.array([_as(row.get(column.name), column.kind) for row in rows], column.field.type)
         for column in columns

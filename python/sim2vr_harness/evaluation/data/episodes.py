@@ -1,4 +1,4 @@
-"""The table of episodes: who played what, under which circumstances, and every measure of it."""
+"""The table of episodes: user, condition, settings, and every measure of each episode."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -28,7 +28,7 @@ EPISODE_COLUMNS = (
     Column("effort_weight", "number", "", "Factor on the cost of effort"),
     Column("log_folder", "text", "", "Where the game's CSV logs are, if they were kept"),
 )
-"""What every game's episodes have; people's fields, app options and measures come behind these."""
+"""Columns of episodes in every game; those of people, app options and measures follow them."""
 
 _PERSON_UNITS = {"stature_m": "m", "visual_delay_s": "s", "proprioceptive_delay_s": "s"}
 
@@ -44,8 +44,8 @@ def episode_rows(
 
     Args:
         results: The episodes.
-        settings: Of the evaluation, as its results have them.
-        env: What was played in.
+        settings: Of the evaluation, as in its results.
+        env: Environment of the episodes.
         effort_weight: Factor on the cost of effort.
     """
     rows = []

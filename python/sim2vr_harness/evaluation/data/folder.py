@@ -24,7 +24,7 @@ FOLDER = "data"
 """In the folder of an evaluation."""
 _DICTIONARY = "dictionary.csv"
 _MANIFEST = "manifest.json"
-"""What the episodes were recorded with."""
+"""File of the versions and settings that the episodes were recorded with."""
 _ROW_TABLES = ("episodes", "events")
 """One file each."""
 _MOMENT_TABLES = ("steps", "frames")
@@ -33,7 +33,7 @@ _EXPECTED = "a table that an evaluation wrote, or another folder"
 
 
 class DataFolder:
-    """Where tables are written.
+    """Folder that tables are written to.
 
     ``episodes`` and ``events`` are one table each, ``steps`` and ``frames`` one per episode. Every
     table is a Parquet file, with units and descriptions of its columns as metadata;
@@ -75,7 +75,7 @@ class DataFolder:
             tables: name -> rows with an ``episode`` each, and their columns.
 
         Raises:
-            InputError: A table that is there, or the manifest, cannot be read.
+            InputError: An existing table, or the manifest, cannot be read.
         """
         new = {str(row["episode"]) for row in tables["episodes"][0]}
         # The manifest with episodes of now, which earlier ones of the same keys make room for.
@@ -113,7 +113,7 @@ class DataFolder:
 
 
 def _recorded_with(root: Path) -> list[dict[str, Any]]:
-    """Versions and the episodes that were recorded with them; none without a manifest.
+    """Return versions and the episodes that were recorded with them; none without a manifest.
 
     Raises:
         InputError: The manifest cannot be read.
@@ -130,7 +130,7 @@ def _recorded_with(root: Path) -> list[dict[str, Any]]:
 
 
 def parquet_bytes(table: pa.Table) -> bytes:
-    """A table as a Parquet file: the same rows are the same bytes."""
+    """Return a table as a Parquet file; equal rows give equal bytes."""
     stream = io.BytesIO()
     singles = [field.name for field in table.schema if field.type == pa.float32()]
     words = [field.name for field in table.schema if field.type == pa.string()]
@@ -145,7 +145,7 @@ def parquet_bytes(table: pa.Table) -> bytes:
 
 
 def dictionary_bytes(tables: Mapping[str, Iterable[Column]]) -> bytes:
-    """The data dictionary: a line per column of every table."""
+    """Return the data dictionary: a line per column of every table."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["table", "column", "type", "unit", "description"])
@@ -176,7 +176,7 @@ def columns_in(schema: pa.Schema) -> list[Column]:
 
 
 def joined(tables: Sequence[pa.Table]) -> pa.Table:
-    """Put tables under each other; a column that one lacks is null there."""
+    """Concatenate tables; a column that one lacks is null there."""
     columns = merged(column for table in tables for column in columns_in(table.schema))
     schema = schema_of(columns)
     parts = []
@@ -231,20 +231,20 @@ class EvaluationData:
 
     @cached_property
     def episodes(self) -> Any:
-        """A row per episode: who, what, every measure. Key: ``episode``."""
+        """Table with a row per episode: user, condition, every measure. Key: ``episode``."""
         return data_frame(read_table(self.root / "episodes.parquet"))
 
     @cached_property
     def events(self) -> Any:
-        """A row per item that came and went. Keys: ``episode``, ``item``, ``item_id``."""
+        """Table with a row per item that appeared. Keys: ``episode``, ``item``, ``item_id``."""
         return data_frame(read_table(self.root / "events.parquet"))
 
     def steps(self, *episodes: str, columns: Sequence[str] | None = None) -> Any:
-        """A row per user step of these episodes, or of all. Keys: ``episode``, ``step``.
+        """Return a row per user step of these episodes, or of all. Keys: ``episode``, ``step``.
 
         Args:
             episodes: Keys of the table ``episodes``.
-            columns: Which to read beside the keys; None: all.
+            columns: Columns to read in addition to the keys; None: all.
 
         Raises:
             InputError: There is no such episode, or it has no steps.
@@ -294,11 +294,12 @@ class EvaluationData:
         return [dict(one["versions"]) for one in _recorded_with(self.root)]
 
     def export_csv(self, out: Path, episodes: Sequence[str] = ()) -> list[Path]:
-        """Write the tables as CSV files of the same names, empty where a value is missing.
+        """Write the tables as CSV files of the same names, empty if a value is missing.
 
         Args:
             out: Folder for the files; made if needed.
-            episodes: Whose steps and frames; all without any. Other tables are whole.
+            episodes: Episodes whose steps and frames are written; empty: all. Other tables are
+                complete.
 
         Returns:
             The files, and ``dictionary.csv``.

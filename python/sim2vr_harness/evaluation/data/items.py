@@ -35,7 +35,7 @@ EVENT_COLUMNS = (
     Column("velocity_y_mps", "number", "m/s", "That velocity, up"),
     Column("velocity_z_mps", "number", "m/s", "That velocity, forward"),
 )
-"""What every game's items have; further fields of the log become columns behind these."""
+"""Columns of items in every game; further fields of the log follow them."""
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _AXES = ("x", "y", "z")
@@ -47,8 +47,8 @@ class LogLine:
 
     Attributes:
         time_s: Game time.
-        event: What happened.
-        fields: By their names: texts of what stands behind them, empty for a word alone.
+        event: Name of the event.
+        fields: name -> text of the value, empty for a word alone.
     """
 
     time_s: float
@@ -56,7 +56,7 @@ class LogLine:
     fields: Mapping[str, str]
 
     def numbers(self, name: str) -> list[float]:
-        """The numbers of a field; none if it is missing, or is something else."""
+        """Return the numbers of a field; none if it is missing, or is something else."""
         return _numbers(self.fields.get(name, ""))
 
 
@@ -162,7 +162,7 @@ def _place(row: dict[str, Any], place: Sequence[float]) -> None:
 
 
 def _further(name: str, text: str) -> dict[str, Any]:
-    """Columns of a field that every game may have in its own way."""
+    """Return columns of a field that every game may have in its own form."""
     column, values = column_name(name), _numbers(text)
     if not column:
         return {}
@@ -174,7 +174,7 @@ def _further(name: str, text: str) -> dict[str, Any]:
 
 
 def _places(log: Sequence[LogLine], item: LoggedItem) -> dict[int, Sequence[float]]:
-    """The world's place of each cell, from the event that lists them."""
+    """Return the world position of each cell, from the event that lists them."""
     found: dict[int, Sequence[float]] = {}
     for line in log:
         if item.places_event and line.event.startswith(item.places_event):
@@ -186,7 +186,7 @@ def _places(log: Sequence[LogLine], item: LoggedItem) -> dict[int, Sequence[floa
 
 
 def item_columns(rows: Sequence[Mapping[str, Any]]) -> list[Column]:
-    """Return the columns that these rows need: every user's, then what this game's log adds."""
+    """Return the columns of these rows: those of every user, then those of this game's log."""
     known = {column.name for column in EVENT_COLUMNS}
     further: list[Column] = []
     for row in rows:
@@ -203,7 +203,7 @@ def _told(name: str) -> str:
 
 
 def events_of_episode(episode: str, folder: Path, facts: GameFacts) -> list[dict[str, Any]]:
-    """Return the rows of a round whose log is in ``folder``; none without a log.
+    """Return the rows of a round with its log in ``folder``; none without a log.
 
     Raises:
         InputError: The log cannot be read.

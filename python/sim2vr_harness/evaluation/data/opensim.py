@@ -15,13 +15,13 @@ def export_opensim(data: EvaluationData, out: Path, episodes: Sequence[str] = ()
     """Write ``<episode>_joints.mot``, ``_activations.sto`` and ``_forces.sto`` per episode.
 
     Angles are in degrees, positions of slides in metres, activations from 0 to 1, forces in N
-    (torques in Nm). The names are those of the body's joints and muscles, without a model's paths;
-    forces are of what pulls, hence positive.
+    (torques in Nm). The names are those of the body's joints and muscles, without a model's paths.
+    Forces are tensile, hence positive.
 
     Args:
         data: Of an evaluation that kept steps.
         out: Folder for the files; made if needed.
-        episodes: Which; all without any.
+        episodes: Episodes to export; empty: all.
 
     Returns:
         The files.

@@ -14,7 +14,7 @@ _PARTS = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 
 
 def session_of_steps(data: EvaluationData, episode: str) -> Session:
-    """Return what a simulated user's devices reported at the end of every step.
+    """Return the session with a simulated user's device poses at the end of every step.
 
     Args:
         data: Of an evaluation that kept steps.

@@ -24,9 +24,9 @@ _FATIGUE = {
     "MF": ("fatigued", "Share of its motor units that are fatigued"),
     "max_MF": ("most_fatigued", "Largest share of fatigued motor units in the round so far"),
 }
-"""Of the model 3CC-r: name of the array -> prefix of the columns, and what it is."""
+"""Arrays of the model 3CC-r: name -> prefix of the columns, and description."""
 _AID = "aid."
-"""What privileged numbers begin with that are for trainings only."""
+"""Prefix of privileged numbers that only training uses."""
 
 Take = Callable[[], NDArray[Any]]
 
@@ -46,10 +46,10 @@ def pose_columns(name: str, whose: str) -> list[Column]:
 
 
 class StepRecorder(Watcher):
-    """A watcher that keeps what each user did in every step until the round is over.
+    """A watcher that records every step of each user until the round is over.
 
     Args:
-        write: Gets the name of the finished round's job and its table.
+        write: Receives the name of the finished round's job and its table.
 
     Simulations without a :class:`~sim2vr_harness.users.batch.UserBatch`, stand-ins, have no steps.
     """
@@ -62,18 +62,18 @@ class StepRecorder(Watcher):
         self._blocks: list[NDArray[np.float32]] = []
 
     def started(self, simulation: Any, jobs: Sequence[Job]) -> None:
-        """Begin anew."""
+        """Start a new recording."""
         self._blocks = []
         bodies = isinstance(getattr(simulation, "users", None), UserBatch)
         self._source = _Source(simulation, self._facts) if bodies else None
 
     def stepped(self, reward: NDArray, infos: Sequence[Mapping[str, Any]]) -> None:
-        """Keep the numbers of all users."""
+        """Record the numbers of all users."""
         if self._source is not None:
             self._blocks.append(self._source.numbers(reward, infos))
 
     def ended(self, index: int, result: Round) -> None:
-        """Hand over what the user did."""
+        """Write the recorded steps of the user."""
         if self._source is None:
             return
         values = np.stack([block[index] for block in self._blocks])
@@ -87,7 +87,7 @@ class StepRecorder(Watcher):
 
 
 class BodySource:
-    """What N bodies do: the numbers of a moment, and what their columns are.
+    """Current numbers of N bodies, with descriptions of their columns.
 
     Args:
         users: The bodies.
@@ -119,7 +119,7 @@ class BodySource:
         self._add_muscles()
 
     def take(self) -> NDArray[Any]:
-        """(N, C) of now, fresh."""
+        """Return the present numbers, (N, C), a new array."""
         return np.concatenate([take() for take in self._takes], axis=1)
 
     def _add_devices(self) -> None:
@@ -159,7 +159,7 @@ class BodySource:
 
 
 class _Source:
-    """Where the numbers of N users come from, and what their columns are."""
+    """Sources of N users' numbers, with descriptions of their columns."""
 
     def __init__(self, simulation: Simulation, facts: GameFacts) -> None:
         self.dt_s = simulation.users.dt
@@ -208,7 +208,7 @@ class _Source:
         return np.concatenate([*parts, np.array(rewards)], axis=1, dtype=np.float32)
 
     def _add_game(self, simulation: Simulation) -> None:
-        """The game's privileged numbers, of apps in this process."""
+        """Add the game's privileged numbers, of apps in this process."""
         batch: Any = getattr(simulation.apps[0], "batch", None)
         names = () if batch is None else batch.privileged_names
         shown = [i for i, name in enumerate(names) if not name.startswith(_AID)]

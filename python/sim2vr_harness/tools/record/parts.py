@@ -36,17 +36,17 @@ class RefusedPart(Exception):
 
 
 class Parts:
-    """Parts of one session, within bounds; threads may call it at the same time.
+    """Parts of one session, within size limits; threads may call it at the same time.
 
-    They lie in the folder ``FILE.parts`` beside the file to write, so that they survive this
+    They are stored in the folder ``FILE.parts`` beside the file to write, so that they survive this
     process and :func:`recover` finds them.
 
     Args:
-        out: The file to write; parts that are left of an earlier recording of it are taken over.
+        out: The file to write; remaining parts of an earlier recording of it are used.
 
     Attributes:
-        folder: Where the parts lie.
-        complete: Set when the last part and all before it are there.
+        folder: Folder of the parts.
+        complete: Set when the last part and all before it have arrived.
 
     Raises:
         InputError: The file exists, or another recording writes it.
@@ -74,10 +74,10 @@ class Parts:
         return len(self._kept)
 
     def take(self, query: str, content: bytes) -> None:
-        """Keep a part; one that is there already stays as it is.
+        """Store a part; one that was stored already is not changed.
 
         Args:
-            query: Names session and part, and says whether it is the last one.
+            query: Names session and part, and marks the last one.
             content: Lines of a session's file.
 
         Raises:
@@ -123,11 +123,11 @@ class Parts:
                 self.complete.set()
 
     def session(self) -> Session | None:
-        """Return the session so far, read and checked; None: nothing has come.
+        """Return the session so far, read and checked; None: no part has arrived.
 
         Raises:
             InputError: The parts are no session.
-            OSError: There is no room to put them together.
+            OSError: There is no room to join them.
         """
         if not self._kept:
             return None
@@ -143,7 +143,7 @@ class Parts:
         return session
 
     def finish(self) -> Session | None:
-        """Write the session to its file, then remove the parts; None: nothing has come.
+        """Write the session to its file, then remove the parts; None: no part has arrived.
 
         Raises:
             InputError: The parts are no session; they are kept as ``FILE.damaged``.
@@ -186,15 +186,15 @@ class Parts:
         self._kept.clear()
 
     def close(self) -> None:
-        """Let go of the folder; parts that are not written yet stay in it."""
+        """Release the folder; parts that are not written yet stay in it."""
         self._hold.close()
 
 
 def recover(folder: Path) -> Iterator[str]:
-    """Write what killed recordings left in a folder; yield a line for each.
+    """Write the remaining parts of killed recordings in a folder; yield a line for each.
 
-    Parts of a recording that runs are left alone; parts that cannot be written stay, and the line
-    says why.
+    Parts of a running recording are not changed. Parts that cannot be written stay, and the line
+    names the reason.
     """
     for left in sorted(folder.glob(f"*{_ENDING}")):
         if not (left / _LOCK).is_file():

@@ -20,7 +20,7 @@ def recorder_script(page: str, url: str, seed: int) -> str:
 
     Args:
         page: Name of the page.
-        url: Where the recorder sends what it records.
+        url: Address that the recorder sends its recording to.
         seed: Of the page's random numbers.
     """
     return _script(json.dumps({"page": page, "url": url, "seed": seed}), read_script("random.js"))
@@ -35,13 +35,13 @@ def script_tag(seed: int) -> str:
 def bookmarklet() -> str:
     """Return the recorder as an address to click in a page that is loaded.
 
-    It seeds nothing: the page has drawn random numbers by then.
+    It sets no seed, because the page has already drawn random numbers.
     """
     return "javascript:" + quote(_script('{"late":true}', "").strip(), safe="(){}[]=>,;:'!?*+/|&.")
 
 
 def with_script(document: bytes, address: str) -> bytes:
-    """Return a document in HTML whose first script is the one at an address."""
+    """Return an HTML document whose first script is the one at an address."""
     match = _BEFORE_SCRIPTS.match(document)
     end = match.end() if match else 0
     return document[:end] + f'<script src="{address}"></script>'.encode() + document[end:]

@@ -156,7 +156,7 @@ class RecordingServer:
         return self.parts.complete.wait(timeout_s)
 
     def session(self) -> Session | None:
-        """Return what was recorded so far; None: nothing.
+        """Return the recording so far; None: there is none.
 
         Raises:
             InputError: The page has sent something else than a session.
@@ -164,7 +164,7 @@ class RecordingServer:
         return self.parts.session()
 
     def close(self) -> None:
-        """Let go of the folder of the parts."""
+        """Release the folder of the parts."""
         self.parts.close()
 
 
@@ -238,7 +238,7 @@ class _Server(ThreadingHTTPServer):
                 mine.admitted, mine.deadline_s = True, math.inf
 
     def service_actions(self) -> None:
-        """Close connections whose time has passed; the loop calls this ten times a second."""
+        """Close connections that have timed out; the loop calls this ten times a second."""
         now_s = time.monotonic()
         with self._guard:
             for key in [key for key, each in self._open.items() if each.deadline_s < now_s]:
@@ -255,7 +255,7 @@ class _Server(ThreadingHTTPServer):
             socket.socket.shutdown(connection.socket, socket.SHUT_RDWR)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Keep quiet: strangers must not fill the terminal."""
+        """Print nothing, so that strangers cannot fill the terminal."""
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -286,7 +286,7 @@ class _Handler(BaseHTTPRequestHandler):
     do_HEAD = do_GET
 
     def do_POST(self) -> None:
-        """Take a part of the session."""
+        """Receive a part of the session."""
         owner = self.server.owner
         length = self.headers.get("Content-Length", "")
         try:

@@ -1,1 +1,1 @@
-"""Recorded hands of people, followed by a simulated body: what their movement asks of muscles."""
+"""Motion tracking of people's recorded hands with a simulated body, to estimate muscle loads."""

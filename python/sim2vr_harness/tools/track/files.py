@@ -194,7 +194,7 @@ def _row(one: Tracked) -> dict[str, Any]:
 
 
 def _steps(one: Tracked) -> Any:
-    """The table of the user steps: as an evaluation's, with what was wanted beside it."""
+    """Return the table of the user steps: as an evaluation's, with the reference trajectories."""
     followed = one.followed
     columns, parts = list(followed.columns), [followed.values]
     for hand in np.flatnonzero(followed.wanted.followed):
@@ -247,7 +247,7 @@ def _steps(one: Tracked) -> Any:
 
 
 def _forces(one: Tracked) -> NDArray[np.float64]:
-    """(N, nu) force of each actuator of the body, 0 of those that have no column."""
+    """Return the force of each actuator of the body, (N, nu); 0 for those without a column."""
     model, names = one.body.physics_model, [column.name for column in one.followed.columns]
     forces = np.zeros((len(one.followed.values), model.nu))
     for actuator in range(model.nu):
@@ -283,11 +283,11 @@ def film(one: Tracked, file: Path) -> Path:
 # --- sentences and rows of tables -----------------------------------------------------------------
 
 _CUT_SHORT_M = 0.05
-"""Hands that are farther off in one of twenty steps miss what is struck at."""
+"""Error in one of twenty steps from which the hands miss the struck targets, m."""
 
 
 def facts_of(one: Tracked) -> list[str]:
-    """Who followed what, how it was placed, and effort and fatigue."""
+    """Return lines on the recording, the body, its registration, and effort and fatigue."""
     first, last = one.followed.passes[0], len(one.followed.passes)
     lines = [
         f"{one.path.name}: {one.path.duration_s:.1f} s, followed by {one.body.name} "
@@ -378,7 +378,7 @@ def muscle_rows(one: Tracked, most: int) -> list[list[str]]:
 
 
 def outcome_rows(one: Tracked) -> list[list[str]]:
-    """Head and rows: the round by who played."""
+    """Return head and rows of the round's outcomes, by player."""
     names = {
         "person": "the person",
         "tracked": "the body's hand, turned as the person's",

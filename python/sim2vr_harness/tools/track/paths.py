@@ -34,7 +34,7 @@ _DEVICES = {
     "controller_right": ("controller_right", "right"),
     "controller_left": ("controller_left", "left"),
 }
-"""What columns of a CSV file may be called."""
+"""Accepted names of columns in a CSV file."""
 _PLACE, _TURN = ("x", "y", "z"), ("qx", "qy", "qz", "qw")
 _FURTHEST_M = 20.0
 """Tracking spaces are smaller; numbers beyond are probably millimetres."""
@@ -42,21 +42,21 @@ _LEAST_ROWS = 3
 _PAUSE_S = 0.5
 """A first gap this long is the countdown of a game, not movement."""
 _QUATERNION = 0.05
-"""How far from 1 the length of a quaternion may be."""
+"""Largest accepted difference between the length of a quaternion and 1."""
 
 
 @dataclass(frozen=True)
 class RecordedPath:
-    """How a person moved.
+    """Recorded movement of a person.
 
     Attributes:
         name: for files and tables.
-        source: where it was read.
+        source: file or folder of the recording.
         times_s: (N,) rising, as recorded.
         hands: device, such as ``controller_right`` -> (N, 7) poses in the app's frame.
-        headset: (N, 7), or None where it was not recorded.
-        turned: whether rotations were recorded; without, those here are none.
-        session: the recorded round; None of a plain CSV file.
+        headset: (N, 7), or None if it was not recorded.
+        turned: True if rotations were recorded; otherwise those here are the identity.
+        session: the recorded round; None for a plain CSV file.
     """
 
     name: str
@@ -115,7 +115,7 @@ def _of_session(session: Session) -> RecordedPath:
 
 
 def first_of_play(times_s: FloatArray) -> int:
-    """The first row that is movement: 1 where a game's countdown comes after row 0."""
+    """Return the first row of movement: 1 if a game's countdown follows row 0."""
     return int(len(times_s) > _LEAST_ROWS and times_s[1] - times_s[0] > _PAUSE_S)
 
 
@@ -128,7 +128,8 @@ def read_table_of_poses(file: Path, frame: Frame = "app") -> RecordedPath:
     Columns, in any order: ``time_s``; ``controller_right_x``, ``_y``, ``_z`` (m), and if known
     ``_qx``, ``_qy``, ``_qz``, ``_qw``; the same of ``controller_left`` and ``headset``. ``right``,
     ``left`` and ``head`` are the same devices, and ``_x_m`` is ``_x``, as in the tables that
-    evaluations export. Other columns are ignored. What has no numbers in the first row was off.
+    evaluations export. Other columns are ignored. A device without numbers in the first row was
+    off.
 
     Args:
         frame: of its positions and rotations.
@@ -192,7 +193,7 @@ def read_table_of_poses(file: Path, frame: Frame = "app") -> RecordedPath:
 
 
 def _columns(file: Path, header: list[str], device: str) -> list[int]:
-    """Where the 3 or 7 numbers of a device are; none where it was not recorded."""
+    """Return the columns of a device's 3 or 7 numbers; none if it was not recorded."""
     for name in _DEVICES[device]:
         places = [_column(header, f"{name}_{part}") for part in _PLACE]
         turns = [_column(header, f"{name}_{part}") for part in _TURN]
@@ -222,7 +223,7 @@ def _numbers(
     header: list[str],
     columns: Mapping[str, list[int]],
 ) -> FloatArray:
-    """(N, C) what the columns that count have; NaN elsewhere, and of devices that were off."""
+    """Return values (N, C) of the used columns; NaN elsewhere and for devices that were off."""
     wanted = {header.index("time_s"), *(column for found in columns.values() for column in found)}
     rows = np.full((len(lines) - 1, len(header)), np.nan)
     off: dict[int, bool] = {}

@@ -12,10 +12,10 @@ from sim2vr_harness.users.kinematics.inverse import solve
 FloatArray = NDArray[np.float64]
 
 REACHED_M = 0.01
-"""A place counts as reachable when the joints' limits let the controller come so near."""
+"""Distance between controller and place within which the place counts as reachable."""
 _TRIES = 200
 _DRAWN = 2
-"""Postures drawn for every place, beside the one that the body had, to look for its reach from."""
+"""Number of random initial postures per place, in addition to the body's own."""
 _AS_NEAR_M = 2e-3
 _AXIS_WEIGHT = 4.0
 
@@ -27,16 +27,17 @@ def posture_at(
     followed: NDArray[np.bool_],
     seed: int,
 ) -> FloatArray:
-    """Return angles (J,) of a posture whose hands are at their places, or as near as they get.
+    """Return angles (J,) of a posture whose hands are at their places, or as near as possible.
 
-    Of many such postures it is one in the middle of the joints' ranges, whose hands point as asked.
+    Of all such postures it is one in the middle of the joints' ranges, with the requested
+    directions of the hands.
 
     Args:
         layer: of the body.
         places: (H, 3) MuJoCo's world, m.
-        axes: (H, 3) where the devices shall point; zeros: anywhere.
-        followed: (H,) whose places count.
-        seed: of the postures that are tried.
+        axes: (H, 3) desired directions of the devices; zeros: any.
+        followed: (H,) True if the hand has a place.
+        seed: of the random initial postures.
     """
     body = layer.body
     rng = np.random.default_rng([seed, 41])
@@ -66,16 +67,16 @@ def posture_at(
 def beyond_reach_m(
     body: Body, device: str, places: FloatArray, postures: FloatArray, seed: int = 1
 ) -> FloatArray:
-    """(K,) how far places are from what a hand can reach within the joints' limits; 0: inside.
+    """Return distances (K,) of places from the reach of a hand within joint limits; 0: inside.
 
-    Strength, speed and collisions do not count. Looked for from the postures that the body had and
-    from others drawn at random.
+    Strength, speed and collisions are not considered. The search starts from the body's postures
+    and from random ones.
 
     Args:
         device: of the hand.
         places: (K, 3) MuJoCo's world, m.
         postures: (K, J) angles of the independent joints, near by.
-        seed: of the postures drawn.
+        seed: of the random postures.
     """
     linkage = Linkage(body, Point(device))
     columns = [body.independent_joints.index(joint) for joint in linkage.joints]

@@ -15,7 +15,7 @@ EYE_SHARE = 0.936
 """Height of the eyes above the floor while standing, as a share of the stature (Drillis and
 Contini 1966)."""
 STANDING_M = 1.35
-"""Heads below are those of people who sit (or of children): they say nothing of their stature."""
+"""Least height of the head of a standing adult; lower heads do not show a person's stature."""
 _USUAL_HAND_M = {"controller_right": (0.31, -0.14, -0.15), "controller_left": (0.31, 0.14, -0.15)}
 """Ahead, left and up of the headset: medians of 54 recorded rounds of Whac-A-Mole, where no headset
 was recorded."""
@@ -23,14 +23,14 @@ was recorded."""
 
 @dataclass(frozen=True)
 class Placement:
-    """A turn about the vertical, a scale and a shift: recorded -> body's world.
+    """Registration of a recorded world in the body's: rotation about the vertical, scale and shift.
 
     Attributes:
-        head_m: (3,) where the recorded head is, in the recorded world, MuJoCo's axes.
-        at_m: (3,) where that comes to lie in the body's world.
-        left_rad: by which what is recorded is turned to the left (from above) about the head.
+        head_m: (3,) position of the recorded head, in the recorded world, MuJoCo's axes.
+        at_m: (3,) the same point in the body's world.
+        left_rad: rotation of the recording to the left (from above) about the head.
         scale: of distances from the head.
-        notes: what a reader has to know of it.
+        notes: remarks for the reader.
     """
 
     head_m: FloatArray
@@ -64,15 +64,16 @@ def place(
     scale: float = 1.0,
     offset_m: FloatArray | None = None,
 ) -> Placement:
-    """Lay a recorded world so that the middle of the person's head lies where the body's head is.
+    """Register a recorded world so that the middle of the recorded head is at the body's head.
 
-    Without a recorded head, the middle of the hand's path lies where the hand usually is.
+    Without a recorded head, the middle of the hand's path is registered with the usual position of
+    the hand.
 
     Args:
-        path: what was recorded.
-        body_head_m: (3,) where the body's headset is, MuJoCo's world.
-        yaw: by how many degrees the person is turned to the right of the recorded forward;
-            ``head``: as the head looks at the middle of the time.
+        path: the recording.
+        body_head_m: (3,) position of the body's headset, MuJoCo's world.
+        yaw: degrees by which the person is turned to the right of the recorded forward; ``head``:
+            the direction of the head at the middle of the time.
         scale: of distances from the head.
         offset_m: (3,) a further shift in the body's world: forward, left, up.
     """
@@ -109,7 +110,7 @@ def head_height_m(path: RecordedPath) -> float | None:
 
 
 def estimated_stature_m(path: RecordedPath) -> float | None:
-    """Stature from the height of the head, where the person stood; None: it cannot be told."""
+    """Return the stature estimated from the height of a standing person's head; None: unknown."""
     height = head_height_m(path)
     if height is None or height < STANDING_M:
         return None

@@ -1,4 +1,4 @@
-"""A recording from file to figures: who follows it, how near, and what it asks of the muscles."""
+"""Tracking of a recording: from the file to errors and muscle loads."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
@@ -34,18 +34,18 @@ _PERCENT = 0.95
 
 @dataclass(frozen=True)
 class TrackingSettings:
-    """How a recording is followed.
+    """Settings for tracking a recording.
 
     Attributes:
-        refined: whether muscles are planned ahead then, for the path and little effort.
+        refined: True: trajectory optimisation of the muscles follows, for the path and low effort.
         yaw: degrees to the right of the recorded forward that the person faces, or ``head``.
         scale: of distances from the person's head.
-        offset_m: further shift of what is recorded in the body's world: forward, left, up.
-        stature_m: of the person; None: estimated where the person stood.
-        mass_kg: of the person; None: by the stature.
-        pointed: whether hands are to point as the person's did, too.
-        seed: of everything drawn.
-        play: whether the recorded game is played by the body's hand.
+        offset_m: further shift of the recording in the body's world: forward, left, up.
+        stature_m: of the person; None: estimated from the recording.
+        mass_kg: of the person; None: computed from the stature.
+        pointed: True: the hands' directions are tracked, too.
+        seed: of all random numbers.
+        play: True: the recorded game is played by the body's hand.
     """
 
     refined: bool = True
@@ -61,13 +61,13 @@ class TrackingSettings:
 
 @dataclass(frozen=True)
 class TrackingOutcome:
-    """How a round of Whac-A-Mole went.
+    """Outcome of a round of Whac-A-Mole.
 
     Attributes:
-        targets: that appeared.
-        hits: of them.
-        misses: that disappeared unhit.
-        contacts: touches too slow for a hit.
+        targets: number of targets that appeared.
+        hits: number of targets that were hit.
+        misses: number of targets that disappeared without a hit.
+        contacts: number of touches that were too slow for a hit.
     """
 
     targets: int
@@ -77,25 +77,25 @@ class TrackingOutcome:
 
     @property
     def hit_rate(self) -> float | None:
-        """Of the targets that came and went."""
+        """Hit rate over the targets that were hit or disappeared."""
         over = self.hits + self.misses
         return self.hits / over if over else None
 
 
 @dataclass(frozen=True)
 class HandError:
-    """How near a hand was; places at the ends of the user steps.
+    """Tracking error of a hand, at the ends of the user steps.
 
     Attributes:
         hand: the device.
-        median_m: all steps.
-        most_m: 95 % of all steps are below.
-        unreachable: share of the steps whose place lies beyond the joints' limits by more than
+        median_m: over all steps.
+        most_m: 95th percentile over all steps.
+        unreachable: proportion of the steps whose place lies beyond the joints' limits by more than
             ``REACHED_M``.
-        reachable_median_m: of the other steps; None without any.
-        reachable_most_m: 95 % of these are below.
+        reachable_median_m: over the other steps; None if there are none.
+        reachable_most_m: 95th percentile over these.
         layer_median_m: of the motor layer alone, all steps and hands.
-        layer_most_m: the same, 95 %.
+        layer_most_m: the same, 95th percentile.
     """
 
     hand: str
@@ -110,13 +110,13 @@ class HandError:
 
 @dataclass(frozen=True)
 class MuscleLoad:
-    """What a muscle did.
+    """Load of a muscle.
 
     Attributes:
         muscle: its name.
-        mean: activation.
-        most: activation that 95 % of the time is below.
-        fatigued: share of its motor units that are fatigued at the end (3CC-r); None: unknown.
+        mean: mean activation.
+        most: 95th percentile of the activation.
+        fatigued: proportion of its motor units that are fatigued at the end (3CC-r); None: unknown.
     """
 
     muscle: str
@@ -127,20 +127,20 @@ class MuscleLoad:
 
 @dataclass(frozen=True)
 class Tracked:
-    """A recording that a body has followed.
+    """A recording that a body has tracked.
 
     Attributes:
         path: the recording.
-        body: who followed.
-        stature_m: that the body was cut to; None: its own.
-        estimated: whether that is an estimate.
+        body: the tracking body.
+        stature_m: stature that the body was scaled to; None: its own.
+        estimated: True if that is an estimate.
         placement: of the recorded world in the body's.
-        followed: what the body did.
-        beyond_m: (K, H) how far the wanted places are beyond reach; 0 of hands that rest.
-        hands: how near they were.
+        followed: motion of the body.
+        beyond_m: (K, H) distance of the reference places beyond reach; 0 for hands that rest.
+        hands: their tracking errors.
         muscles: their loads, the most loaded first.
-        outcomes: of the game, by who played; empty where none was recorded.
-        settings: how.
+        outcomes: of the game, by player; empty if none was recorded.
+        settings: of the tracking.
     """
 
     path: RecordedPath
@@ -198,7 +198,7 @@ def track(
     *,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> Tracked:
-    """Let a body follow a recording, without motor noise.
+    """Track a recording with a body, without motor noise.
 
     Args:
         env: the user's: body, person, effort.
@@ -312,10 +312,10 @@ def _muscles(body: Body, followed: Followed) -> tuple[MuscleLoad, ...]:
 def outcomes(
     recording: Session, placement: Placement, followed: Followed
 ) -> dict[str, TrackingOutcome]:
-    """Return how the round went by who held the hammer.
+    """Return the outcomes of the round, by the pose of the hammer.
 
-    ``person``: as recorded. ``tracked``: the body's hand, turned as the person's was. ``tracked
-    pose``: turned as the body's, which is not asked to turn as the person did.
+    ``person``: as recorded. ``tracked``: the body's hand, with the person's rotation. ``tracked
+    pose``: with the body's own rotation, which is not required to follow the person's.
 
     Targets appear as recorded: at the same times, in the same cells.
 
@@ -331,7 +331,7 @@ def outcomes(
 
 
 def outcome_of(events: Iterable[TargetEvent]) -> TrackingOutcome:
-    """Count what happened to the targets."""
+    """Count the outcomes of the targets."""
     kinds = [event.kind for event in events]
     return TrackingOutcome(*(kinds.count(kind) for kind in ("spawn", "hit", "miss", "contact")))
 
@@ -339,13 +339,13 @@ def outcome_of(events: Iterable[TargetEvent]) -> TrackingOutcome:
 def played_by_body(
     recording: Session, placement: Placement, followed: Followed, *, turned: bool
 ) -> Session:
-    """Return the recording with the body's hand in the place of the person's.
+    """Return the recording with the body's hand instead of the person's.
 
-    Frames before and after what was followed stay as they were.
+    Frames before and after the tracked period are not changed.
 
     Args:
         placement: of its world in the body's.
-        turned: whether rotations are the body's, too.
+        turned: True: rotations are the body's, too.
     """
     side: Literal["left", "right"] = "right" if recording.left is None else "left"
     hand = recording.controllers[side]

@@ -22,28 +22,28 @@ from sim2vr_harness.users import UserBatch
 FloatArray = NDArray[np.float64]
 
 WARM_UP_S = 1.5
-"""How long the body holds the first place before the recording begins."""
+"""Time for which the body holds the first place before the recording begins."""
 POSE_SAMPLES = 5
 """Poses of the devices kept of every user step."""
 _REFINED_TAKES = 150
-"""How many goes refinement takes as long as."""
+"""Duration of trajectory optimisation, as a number of tracking passes."""
 _LEVER_M = 0.1
-"""Length at which the way a hand points counts beside its place, about that of a hand."""
+"""Lever arm that converts the direction error of a hand to a distance, about a hand's length."""
 _SLOPE_S = 0.02
-"""Velocities of what was recorded are differences over twice this."""
+"""Half the time step of the central differences for velocities of the recording."""
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What the H hands of a body are to do, in its world, every user step from the warm-up on.
+    """Reference trajectories of a body's H hands, in its world, per user step from the warm-up on.
 
     Attributes:
         hands: names of the devices.
-        followed: (H,) whether the hand was recorded; the others rest.
-        times_s: (J,) since the recording's first moment; less than 0 while warming up.
+        followed: (H,) True if the hand was recorded; the others rest.
+        times_s: (J,) since the recording's first frame; less than 0 during the warm-up.
         places: (J, H, 3) m.
         velocities: (J, H, 3) m/s.
-        axes: (J, H, 3) where the devices point; zeros where it does not matter.
+        axes: (J, H, 3) directions in which the devices point; zeros if the direction is free.
         first: the row at time 0.
     """
 
@@ -63,11 +63,11 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Pass:
-    """How near the hands were in one go at the recording, over all of it.
+    """Tracking error of the hands in one pass over the whole recording.
 
     Attributes:
-        median_m: error of the hands' places.
-        most_m: 95 % of the steps are below.
+        median_m: median position error of the hands.
+        most_m: 95th percentile over the steps.
     """
 
     median_m: float
@@ -76,21 +76,21 @@ class Pass:
 
 @dataclass(frozen=True)
 class Followed:
-    """What a body did, from the recording's first moment on; K user steps.
+    """Motion of a body that tracks a recording, from the recording's first frame on; K user steps.
 
     Attributes:
-        wanted: what it was to do.
-        places: (K + 1, H, 3) where the hands were; row 0 is time 0.
-        columns: of ``values``: devices, joints, muscles, fatigue, as evaluations have them.
+        wanted: the reference trajectories.
+        places: (K + 1, H, 3) positions of the hands; row 0 is time 0.
+        columns: of ``values``: devices, joints, muscles, fatigue, as in evaluations.
         values: (K, C) at the ends of the steps.
         effort: (K,) cost of the steps, weighted.
         angles: (K, J) of the independent joints.
         qpos: (K, nq) postures.
         activations: (K, M).
-        fatigued: (K, M) shares of fatigued motor units (3CC-r), or none where that is not known.
-        sampled_s: (S,) since the recording's first moment, several times a step.
-        sampled: device -> positions (S, 3) and rotations w x y z (S, 4) then.
-        passes: how near it was in every go; this is the one that missed least, on average.
+        fatigued: (K, M) proportions of fatigued motor units (3CC-r), or None if unknown.
+        sampled_s: (S,) since the recording's first frame, several times a step.
+        sampled: device -> positions (S, 3) and rotations w x y z (S, 4) at these times.
+        passes: errors of every pass; the motion is that of the pass with the least mean error.
     """
 
     wanted: Wanted
@@ -114,13 +114,13 @@ class Followed:
 
     @property
     def targets(self) -> FloatArray:
-        """(K, H, 3) where the hands should be at the ends of the steps."""
+        """(K, H, 3) reference positions of the hands at the ends of the steps."""
         first = self.wanted.first
         return self.wanted.places[first + 1 : first + 1 + len(self.values)]
 
     @property
     def errors_m(self) -> FloatArray:
-        """(K, H) how far they were from there."""
+        """(K, H) distances of the hands from these."""
         return np.asarray(np.linalg.norm(self.places[1:] - self.targets, axis=-1))
 
 
@@ -132,14 +132,14 @@ def wanted_of(
     *,
     pointed: bool = False,
 ) -> Wanted:
-    """Return what a recording asks of a body's hands.
+    """Return the reference trajectories of a body's hands for a recording.
 
     Args:
-        path: what was recorded.
+        path: the recording.
         placement: of the recorded world in the body's.
         hands: the body's devices.
         step_s: duration of a user step.
-        pointed: whether the devices are to point where they did, too.
+        pointed: True: the directions of the devices are tracked, too.
 
     Raises:
         InputError: the body has none of the recorded hands, or the recording is too short.
@@ -180,17 +180,16 @@ def follow(
     seed: int = 1,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> Followed:
-    """Let a body follow a recording: by its motor layer, then by planned muscles, if requested.
+    """Track a recording with a body: by its motor layer, then by trajectory optimisation.
 
-    Plans (:class:`~sim2vr_harness.tools.track.trajectory_optimisation.Refinement`) begin with what
-    the motor layer does. The go that misses least counts, on average.
+    Plans (:class:`~sim2vr_harness.tools.track.trajectory_optimisation.Refinement`) start from the
+    motor layer's actions. The result is the pass with the least mean error.
 
     Args:
         users: one body.
         layer: of that body.
-        wanted: what it is to do.
-        many: makes N bodies such as the one that follows, which try things for it; None: no
-            refinement.
+        wanted: the reference trajectories.
+        many: makes N copies of the body for perturbations; None: no optimisation.
         seed: of the body's first activations.
 
     Raises:
@@ -212,11 +211,11 @@ def follow(
 
 @dataclass(frozen=True)
 class _Went:
-    """How a go went.
+    """Result of one tracking pass.
 
     Attributes:
-        missed_m: mean of what was missed by, the way hands point included where it counts.
-        followed: what the body did.
+        missed_m: mean error, including the direction of the hands if it is tracked.
+        followed: motion of the body.
     """
 
     missed_m: float
@@ -224,14 +223,14 @@ class _Went:
 
     @property
     def error(self) -> Pass:
-        """How near the recorded hands were."""
+        """Return the tracking error of the recorded hands."""
         errors = self.followed.errors_m[:, self.followed.wanted.followed]
         return Pass(float(np.median(errors)), float(np.quantile(errors, 0.95)))
 
 
 @dataclass(frozen=True)
 class _Follower:
-    """A body that goes at a recording; fields as the arguments of :func:`follow`, and a posture."""
+    """A body that tracks a recording; fields as the arguments of :func:`follow`, and a posture."""
 
     users: UserBatch
     layer: MotorPolicy
@@ -270,7 +269,7 @@ class _Follower:
         return _Went(missed_m, record.followed(self.layer.step_s))
 
     def refinement(self, many: Callable[[int], UserBatch]) -> Refinement:
-        """Return what plans muscles ahead from what the motor layer does."""
+        """Return the trajectory optimisation that starts from the motor layer's actions."""
         return Refinement(
             many,
             lambda bodies, step: _actions(self.layer, bodies, self.wanted, step),
@@ -280,7 +279,7 @@ class _Follower:
 
 
 class _Record:
-    """What a body does in a go: its hands from now on, the rest from the recording's beginning."""
+    """Recorder of a pass: the hands from now on, the rest from the recording's beginning."""
 
     def __init__(self, users: UserBatch, wanted: Wanted) -> None:
         self._users, self._wanted = users, wanted
@@ -295,7 +294,7 @@ class _Record:
         return np.stack([self._users.device_poses(name)[0][0] for name in self._wanted.hands])
 
     def take(self, step: int) -> None:
-        """Keep what the users are like after a step."""
+        """Record the users' state after a step."""
         users = self._users
         self.places.append(self._hands())
         if step < self._wanted.first:
@@ -333,7 +332,7 @@ class _Record:
 
 
 def _actions(layer: MotorPolicy, users: UserBatch, wanted: Wanted, step: int) -> FloatArray:
-    """(N, A) the layer's, whose hands shall be somewhere ``LEAD_STEPS`` steps from now."""
+    """Return the layer's actions (N, A) for the reference ``LEAD_STEPS`` steps from now."""
     row, shape = step + LEAD_STEPS, (users.n, len(wanted.hands))
     goals = MotorGoals.none(*shape)
     goals.place = _for_each(wanted.places[row], users.n)
@@ -349,10 +348,10 @@ def _for_each(values: NDArray[Any], n: int) -> torch.Tensor:
 
 
 def _misses(users: UserBatch, wanted: Wanted, step: int) -> FloatArray:
-    """(N, E) how far the hands are beside where they shall be after a step, m.
+    """Return the errors (N, E) of the hands after a step, m.
 
-    Three numbers for each followed hand, and three more where it shall point somewhere: how far a
-    point ``_LEVER_M`` ahead of it is beside the way.
+    There are three numbers for each tracked hand, and three more if its direction is tracked: the
+    error of a point ``_LEVER_M`` ahead of it.
     """
     parts = []
     for hand in np.flatnonzero(wanted.followed):

@@ -23,27 +23,28 @@ from sim2vr_harness.world_models.actuator_state import ActuatorState
 FloatArray = NDArray[np.float64]
 
 AHEAD = 6
-"""Steps before a recording begins in which the body may get ready for it: a stroke takes .3 s."""
+"""Steps before a recording begins in which the body may prepare for it: a stroke takes 0.3 s."""
 _PLANNED, _DONE = 40, 15
-"""Steps that are planned at a time, and those of them that are done before all begins anew."""
+"""Steps of a plan (horizon), and those of them that are executed before the next plan."""
 _GOES = 16
 """Times at most that a stretch is planned."""
 _ENOUGH = 0.02
-"""After two goes in a row that make a plan better by less than this share what was measured a
-little beside it is no longer good enough; after another, or later two in a row, it is done."""
+"""Least improvement of a plan per iteration, as a share. After two smaller ones in a row, responses
+that were measured a little beside the state are measured again; after another one, or later two in
+a row, the plan is finished."""
 _NEARER = 0.1
-"""Share of the usual distances up to which what was measured is good enough then."""
+"""Factor on the distances up to which earlier measurements are used after that."""
 _LOST_M = 0.1
-"""Who would be farther off than this, along an axis, in what is done plans afresh, too: plans get
-stuck where nothing slight is any better."""
+"""Planned error along an axis, m, from which a second plan is computed from scratch: plans get
+stuck in local minima."""
 _FAR_M = 0.04
-"""An error of this size costs half as much again as its square, a larger one more: what is far off
-matters more than what is nearly there."""
+"""Error whose cost is 1.5 times its square; larger errors cost more, so that large errors matter
+more than small ones."""
 _EFFORT_M2 = 2e-3
 """Mean squared activation of 1 is worth this much squared error in every step."""
 _STOP_M2 = 0.04
-"""A joint that is 1 rad (of a slide 1 m) within the margin of its stop is worth this much in every
-step: at a stop nothing that one could do better shows."""
+"""Cost in every step of a joint that is 1 rad (of a slide 1 m) within the margin of its limit: at
+the limit, perturbations show no improvement."""
 _MARGIN = 0.1
 """Margin of the stops, rad (of a slide m)."""
 _CAUTION_M2 = 2.5e-3
@@ -57,15 +58,15 @@ _DESCENT = 0.1
 
 @dataclass
 class _Plan:
-    """K steps from somewhere.
+    """A plan of K steps from a state.
 
     Attributes:
-        moments: K + 1.
+        moments: K + 1 states.
         motions: (K + 1, X) of them.
         shares: (K, A) controls.
         missed: (K, E) errors after each step, m.
         cost: m^2.
-        feedback: (K, A, X) change of controls by what the motion is beside the plan's.
+        feedback: (K, A, X) gains: change of controls by the deviation from the planned motion.
     """
 
     moments: list[DynamicsState]
@@ -77,7 +78,7 @@ class _Plan:
 
 
 class _Costs:
-    """What a step costs beside the squared errors after it: effort, and joints at their stops."""
+    """Costs of a step besides the squared errors after it: effort, and joints at their limits."""
 
     def __init__(self, body: Body) -> None:
         low, high = body.joint_ranges.T
@@ -111,12 +112,12 @@ class _Costs:
 
 
 class Refinement:
-    """Controls that bring hands nearer to where they shall be.
+    """Trajectory optimisation of controls that bring hands nearer to their reference.
 
     Args:
-        many: makes N bodies such as the one that follows.
-        act: (bodies, step) -> (N, A) actions of the motor layer for the goals of that step; what
-            it does is planned from.
+        many: makes N copies of the tracking body.
+        act: (bodies, step) -> (N, A) actions of the motor layer for the goals of that step; plans
+            start from them.
         misses: (bodies, step) -> (N, E) errors of the hands after that step, m, along each axis.
         steps: of the whole recording.
     """
@@ -147,7 +148,7 @@ class Refinement:
         return self._drives.actions(self._drives.of(users), shares)
 
     def _best(self, start: DynamicsState, step: int) -> _Plan:
-        """The plan of the steps from one on: of what is left of the last, or afresh if lost."""
+        """Return the plan from a step on: from the rest of the last one, or a new one if poor."""
         old = self._plan
         self._perturbations.forget_before(step)
         plan = self._planned(self._begun(start, step, old), step)
@@ -158,7 +159,7 @@ class Refinement:
         return min(plan, afresh, key=lambda one: one.cost)
 
     def _planned(self, plan: _Plan, step: int) -> _Plan:
-        """A plan made better, until it hardly becomes so any more."""
+        """Return a plan after iterations until it hardly improves."""
         gained, nearness = True, 1.0
         for _ in range(_GOES):
             responses = [
@@ -182,7 +183,7 @@ class Refinement:
         return plan
 
     def _begun(self, start: DynamicsState, step: int, old: _Plan | None) -> _Plan:
-        """What is left of the plan before, and then what the motor layer does."""
+        """Return the rest of the previous plan, followed by the motor layer's actions."""
         bodies = self._one
         left = 0 if old is None else len(old.shares) - _DONE
 
@@ -199,7 +200,7 @@ class Refinement:
     def _better(
         self, plan: _Plan, changes: list[tuple[FloatArray, FloatArray]], step: int
     ) -> tuple[_Plan, int]:
-        """The best of what several changes of a plan lead to, and which one it is of."""
+        """Return the best of the plans after several changes, and the index of its change."""
         bodies = self._tried
         steps = np.repeat([change[0] for change in changes], len(_SIZES), 0)
         steps *= np.tile(_SIZES, len(changes))[:, None, None]
@@ -222,7 +223,7 @@ class Refinement:
         count: int,
         shares: Callable[[int], FloatArray],
     ) -> list[_Plan]:
-        """What N bodies do who begin alike, with (N, A) controls of every step."""
+        """Simulate N bodies from the same state, with (N, A) controls for every step."""
         start.times(bodies.n).put(bodies)
         moments, controls, missed = [DynamicsState.of(bodies)], [], []
         for k in range(count):
@@ -282,7 +283,7 @@ def _changes(
 
 
 def _apart(errors: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What errors along each axis cost, m^2, and the slope and the bend of that."""
+    """Return the cost of errors along each axis, m^2, with its first and second derivatives."""
     far = (errors / _FAR_M) ** 2
     return errors**2 * (1.0 + 0.5 * far), 2.0 * errors * (1.0 + far), 2.0 + 6.0 * far
 
@@ -290,7 +291,7 @@ def _apart(errors: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 def least_within(
     curve: FloatArray, slope: FloatArray, low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """The x from low to high at which slope x + x curve x / 2 is least, by projected Newton steps.
+    """Return x from low to high that minimises slope x + x curve x / 2, by projected Newton steps.
 
     Args:
         curve: (A, A) positive definite.
@@ -327,15 +328,15 @@ def least_within(
 _ANGLE, _SPEED, _DRIVE = 1e-3, 1e-2, 0.03
 """Perturbations in rad (of a slide m), rad/s, and shares of the controls' ranges."""
 _SAME = 0.1, 1.0
-"""Who is less than this beside the angles, rad (of a slide m), and the speeds, rad/s, at which a
-response was measured responds the same, but for the activations: muscles pull in proportion."""
+"""Largest differences in the angles, rad (of a slide m), and in the speeds, rad/s, for which a
+measured response is reused, except for the activations: muscles pull in proportion."""
 _SLIGHT = 1e-5
-"""Change of an angle, an activation or a control, where what follows is known in formulas."""
+"""Perturbation of an angle, an activation or a control for derivatives of known formulas."""
 
 
 @dataclass(frozen=True)
 class DynamicsState:
-    """Where bodies are; N of them, or none of the leading axes for one.
+    """State of N bodies; without the leading axes, of one body.
 
     Attributes:
         qpos: (..., nq).
@@ -350,7 +351,7 @@ class DynamicsState:
     motor: FloatArray
 
     def times(self, n: int) -> DynamicsState:
-        """The same for n bodies."""
+        """Return the state of n bodies in this state."""
         parts = (self.qpos, self.qvel, self.act, self.motor)
         return DynamicsState(*(np.repeat(part[None], n, 0) for part in parts))
 
@@ -359,12 +360,12 @@ class DynamicsState:
         return DynamicsState(self.qpos[i], self.qvel[i], self.act[i], self.motor[i])
 
     def put(self, bodies: UserBatch) -> None:
-        """Put N bodies there."""
+        """Set N bodies to this state."""
         bodies.set_motion(self.qpos, self.qvel, self.act, self.motor)
 
     @staticmethod
     def of(bodies: UserBatch) -> DynamicsState:
-        """Where N bodies are now."""
+        """Return the present state of N bodies."""
         return DynamicsState(bodies.qpos, bodies.qvel, bodies.act, bodies.motor)
 
 
@@ -395,10 +396,10 @@ class Response:
 
 @dataclass(frozen=True)
 class _Measured:
-    """What perturbations of a step came to.
+    """Effects of finite-difference perturbations of a step.
 
     Attributes:
-        point: (2 J,) angles and speeds there.
+        point: (2 J,) angles and speeds of the unperturbed state.
         moved: (2 J + A, X) change of the motion after it by each joint, speed and drive, where a
             muscle's is its activation and its control at once.
         errors: (2 J + A, E).
@@ -412,12 +413,12 @@ class _Measured:
 class Perturbations:
     """Finite differences of whole user steps.
 
-    What an activation does, and what a muscle's control does, differ only by when in the step the
-    muscle pulls, which its own dynamics say. So one body serves both: its activation and its
-    control are perturbed together, and the difference is shared out.
+    The effects of an activation and of a muscle's control differ only in the time at which the
+    muscle pulls within the step, which its own dynamics determine. Therefore one body serves both:
+    its activation and its control are perturbed together, and the difference is divided.
 
     Args:
-        many: makes N bodies such as the one that follows.
+        many: makes N copies of the tracking body.
         misses: (bodies, step) -> (N, E) errors of the hands after that step, m, along each axis.
     """
 
@@ -439,15 +440,15 @@ class Perturbations:
     def response(
         self, moment: DynamicsState, shares: FloatArray, step: int, nearness: float = 1.0
     ) -> Response:
-        """What a step from somewhere with (A,) controls, shares of their ranges, responds.
+        """Return the response of a step from a state with (A,) controls, as shares of their ranges.
 
-        Of a step that was measured before it is what was found then, if little has changed since,
-        shared out anew between activations and controls.
+        If the step was measured before and little has changed since, the earlier measurement is
+        used, divided anew between activations and controls.
 
         Args:
             moment: of one body.
             shares: (A,) controls.
-            nearness: share of the usual distances up to which what was found counts.
+            nearness: factor on the distances up to which an earlier measurement is used.
         """
         point = motion_of(moment, self._bodies)[: 2 * self._joints]
         known = self._known.get(step)
@@ -475,7 +476,7 @@ class Perturbations:
         return Response(by_motion, by_control, error_by_motion, error_by_control)
 
     def forget_before(self, step: int) -> None:
-        """Drop what was measured of earlier steps, which are done."""
+        """Delete measurements of earlier steps, which are done."""
         self._known = {known: found for known, found in self._known.items() if known >= step}
 
     def _measured(
@@ -521,11 +522,14 @@ class _Muscles:
     def parts(
         self, act: FloatArray, control: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """What of a muscle's pull in a step is owed to its activation before; the rest to control.
+        """Return the shares of a muscle's pull in a step that are due to its earlier activation.
+
+        The rest is due to its control.
 
         Returns:
-            (M,) each: the shares in what changes speeds (any time counts alike) and in what moves
-            joints (early pulls count more), and the activation after by that before and by control.
+            (M,) each: the shares in the change of speeds (all times have the same weight) and in
+            the movement of joints (early pulls weigh more), and the derivatives of the activation
+            after the step by the one before and by the control.
         """
         now = np.stack([act, act + _SLIGHT, act])
         aim = np.stack([control, control, control + _SLIGHT])

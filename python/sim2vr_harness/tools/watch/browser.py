@@ -1,4 +1,4 @@
-"""Play in the browser, by viser: one scene to walk around in, and what drives it beside it."""
+"""Play in the browser, by viser: a 3D scene, with controls and plots beside it."""
 
 import contextlib
 import io
@@ -39,7 +39,7 @@ _SEEN_GROUPS = (0, 1, 2)
 
 @dataclass(frozen=True)
 class BodyShape:
-    """What a part of the body looks like in one colour.
+    """Shape of a body part in one colour.
 
     Attributes:
         part: number of the part in the model.
@@ -58,7 +58,7 @@ class BodyShape:
 
 @dataclass(frozen=True)
 class Posture:
-    """Where a body's parts and muscles are.
+    """Poses of a body's parts, and paths of its muscles.
 
     Attributes:
         positions: (parts, 3) MuJoCo's world, m.
@@ -173,7 +173,7 @@ def _shape(model: mujoco.MjModel, geom: int) -> tuple[FloatArray, IntArray] | No
 def _rings(
     rings: list[tuple[float, FloatArray]], scale: FloatArray | list[float]
 ) -> tuple[FloatArray, IntArray]:
-    """A closed skin over rings of as many corners, (height, (K, 2)) from low to high."""
+    """Return a closed skin over rings of as many corners, (height, (K, 2)) from low to high."""
     count = len(rings[0][1])
     vertices = [np.column_stack([ring, np.full(count, height)]) for height, ring in rings]
     ids = np.arange(len(rings) * count).reshape(len(rings), count)
@@ -193,17 +193,17 @@ SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 
 
 class Playback:
-    """Walks through a show's moments; new ones are made when they are needed, and kept.
+    """Plays a show's frames; new ones are made when they are needed, and kept.
 
     Args:
-        show: whose.
+        show: the source of frames.
 
     Attributes:
-        moments: made so far.
-        at: number of the one that is shown; -1: none yet.
-        playing: whether time goes on.
+        moments: frames made so far.
+        at: number of the shown frame; -1: none yet.
+        playing: True if time runs.
         speed: game seconds per second.
-        over: whether the last one was made.
+        over: True if the last frame was made.
     """
 
     def __init__(self, show: Playlist) -> None:
@@ -215,13 +215,13 @@ class Playback:
 
     @property
     def now(self) -> ViewerFrame | None:
-        """The moment that is shown."""
+        """The shown frame."""
         return self.moments[self.at] if self.at >= 0 else None
 
     def tick(self, seconds: float) -> bool:
-        """Let time go by; return whether another moment is shown now.
+        """Advance the time; return whether another frame is shown.
 
-        At most one moment is made at a time: where that takes longer than its time, play is slower.
+        At most one frame is made at a time: if that takes longer than its duration, play is slower.
         """
         if not self.playing or (self.over and self.at == len(self.moments) - 1):
             self._due = 0.0
@@ -263,12 +263,12 @@ class Playback:
         return True
 
     def restart(self) -> None:
-        """Begin anew: another round where the show is live."""
+        """Start again: with another round if the show is live."""
         self.close()
         self.moments, self.at, self.over = [], -1, False
 
     def close(self) -> None:
-        """Let go of what the show opened."""
+        """Close the resources that the show opened."""
         source, self._source = self._source, None
         if source is not None:
             source.close()  # type: ignore[attr-defined]
@@ -279,7 +279,7 @@ _MOST_WANTED = 100
 """Presses that wait for the next moment; more of them are dropped."""
 _LIGHTEST = 0.995
 _SEATED_M, _BESIDE_M = (0.3, -0.05, 0.85), (-1.2, -1.55, 0.75)
-"""MuJoCo's world: the middle of what a seated user does, and from where on it is seen."""
+"""Middle of a seated user's movements, and position of the camera, MuJoCo's world."""
 _LARGE_M = 3.0
 """Objects that are larger are floors and skies."""
 _KEYS: tuple[tuple[str, str, tuple[float, float, float]], ...] = (
@@ -297,7 +297,7 @@ _TURNS: tuple[tuple[str, str, tuple[float, float, float]], ...] = (
     ("arrowup", "Look up", (-1.0, 0.0, 0.0)),
     ("arrowdown", "Look down", (1.0, 0.0, 0.0)),
 )
-"""Turns about axes of the head, app frame: left-handed, so that a turn about y goes right."""
+"""Rotations about axes of the head, app frame: left-handed, so that one about y turns right."""
 _TURN_RAD = np.radians(5.0)
 
 
@@ -306,7 +306,7 @@ class ViewerStage:
 
     Args:
         scene: of a viser server.
-        show: whose body.
+        show: the source of frames.
     """
 
     def __init__(self, scene: Any, show: Playlist) -> None:
@@ -425,7 +425,7 @@ class Viewer:
 
     @property
     def address(self) -> str:
-        """Where to look; it holds the token without which the server sends nothing of the show."""
+        """Address of the page, with the token without which the server sends no frames."""
         return page_of(self._gate.address(self._server.get_port(), "ws"))
 
     def _build(self) -> None:
@@ -486,7 +486,7 @@ class Viewer:
         return self.playback.seek(number)
 
     def _give_hands(self, hands: Hands) -> None:
-        """Let a person move head and hands: arrows to drag, keys to press."""
+        """Add controls for a person's head and hands: arrows to drag, keys to press."""
         for device in hands.poses:
             position, quat = pose_to_mujoco(hands.poses[device])
             grip = self._server.scene.add_transform_controls(
@@ -543,7 +543,7 @@ class Viewer:
             self._sliding = False
 
     def turn(self, seconds: float) -> None:
-        """Do what was requested in the browser, let time go by, and draw what changed."""
+        """Process requests from the browser, advance the time, and draw changes."""
         changed = False
         while self._wanted:
             changed |= self._wanted.pop(0)()
@@ -551,7 +551,7 @@ class Viewer:
             self.draw()
 
     def run(self, until: Callable[[], bool] = lambda: False) -> None:
-        """Go on until interrupted, or ``until`` says so; time goes by once someone is there."""
+        """Run until interrupted, or ``until`` returns True; time runs once a page is connected."""
         before = time.monotonic()
         while not until():
             now = time.monotonic()
@@ -567,7 +567,7 @@ class Viewer:
 
 
 def middle_of(moment: ViewerFrame, otherwise: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Where the things of a moment are, MuJoCo's world: people sit and stand anywhere."""
+    """Return the middle of a frame's objects, MuJoCo's world: users sit and stand anywhere."""
     places = []
     for one in moment.scene.drawn(player=True):
         position, _, scale = one.in_mujoco()
@@ -579,16 +579,16 @@ def middle_of(moment: ViewerFrame, otherwise: NDArray[np.float64]) -> NDArray[np
 def open_server(viser: Any, gate: Gate, host: str, port: int) -> Any:
     """Start a viser server that exchanges messages only with pages that pass a gate.
 
-    viser hands out its page, which holds nothing of the show, to everyone. The show and what
-    is pressed go over WebSockets; each is checked before its first message.
+    viser sends its page, which contains no frames, to everyone. Frames and inputs go over
+    WebSockets; each is checked before its first message.
 
     Args:
-        gate: WebSockets that may pass.
+        gate: checks WebSockets.
         host: Address to listen on.
         port: Port to listen on, or the next one that is free.
 
     Raises:
-        InputError: This version of viser does not tell how a page opened its WebSocket.
+        InputError: This version of viser does not report how a page opened its WebSocket.
     """
     # Strangers must not fill the terminal with failed handshakes.
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
@@ -637,7 +637,7 @@ def page_of(address: str) -> str:
 
 
 def _require_own(host: str) -> None:
-    """Refuse an address that no one can listen on here; viser would wait for ever."""
+    """Reject an address that cannot be listened on here; viser would wait forever."""
     try:
         kind, *_, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(kind, socket.SOCK_STREAM) as probe:
@@ -664,6 +664,6 @@ def turned(pose: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.f
 
 
 def _product(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The turn a after b, x y z w."""
+    """Return the product of rotations a and b, x y z w: b is applied first."""
     vector = a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3])
     return np.array([*vector, a[3] * b[3] - a[:3] @ b[:3]])

@@ -32,15 +32,15 @@ HEADSET_SIZE = (240, 160)
 
 @dataclass(frozen=True)
 class ViewerFrame:
-    """What there is to see.
+    """Content of one frame of the viewer.
 
     Attributes:
         time_s: since the round began.
         scene: of the app.
         headset: (H, W, 3) uint8.
-        text: the game's numbers now, for people.
-        events: what happened since the moment before, a line each.
-        qpos: (nq,) of the user's body; None: no one knows the body.
+        text: the game's present numbers, as text.
+        events: events since the frame before, one line each.
+        qpos: (nq,) of the user's body; None: the body is unknown.
         activations: (M,) of its muscles.
         bars: name -> 0 to 1.
         numbers: name -> value, to be plotted: reward, effort, the game's log.
@@ -59,14 +59,14 @@ class ViewerFrame:
 
 @dataclass
 class Playlist:
-    """A source of moments, made when they are requested.
+    """A source of frames, made when they are requested.
 
     Attributes:
-        title: for people.
-        frequency_hz: moments per second.
-        moments: yields them until the round is over; closes what it opened.
-        body: of the user; None: only what stands for the player is known.
-        hands: where a person holds head and hand; None: no one can take part.
+        title: name that is shown.
+        frequency_hz: frames per second.
+        moments: yields frames until the round is over; closes what it opened.
+        body: of the user; None: only the player's objects in the app are known.
+        hands: poses of a person's head and hands; None: no person can take part.
     """
 
     title: str
@@ -87,7 +87,7 @@ class Hands:
     poses: dict[str, NDArray[np.float64]]
 
     def devices(self) -> DevicePoses:
-        """Return them as an app takes them."""
+        """Return them as device poses for an app."""
         return DevicePoses(
             self.poses["head"],
             self.poses.get("right_controller"),
@@ -96,7 +96,7 @@ class Hands:
 
 
 class Counters:
-    """Words for the game's numbers, and for what changed in them."""
+    """Text for the game's numbers, and for changes in them."""
 
     def __init__(self, facts: GameFacts) -> None:
         self._facts = facts
@@ -119,7 +119,7 @@ class Counters:
 
 
 def look(app: AppClient) -> tuple[AppScene, NDArray[np.uint8]]:
-    """Return what is to be seen of an app: of one that tells nothing of its scene, the picture."""
+    """Return an app's scene, empty if the app does not report it, and its headset image."""
     scene = app.scene() if "scene" in app.capabilities else AppScene((), ())
     if "views" in app.capabilities:
         return scene, np.ascontiguousarray(app.render_headset(*HEADSET_SIZE)[..., :3])
@@ -139,11 +139,11 @@ def user_show(
     """Return a round of a user.
 
     Args:
-        user: who plays; None: the body of ``env``, which moves at random, gently.
+        user: the player; None: the body of ``env`` with small random actions.
         env: the environment.
         seed: of body, policy and game.
-        deterministic: whether actions are the policy's mean; None: as the user's configuration.
-        simulation: how to make the user: (ResolvedEnv, n) -> simulation.
+        deterministic: True: actions are the policy's mean; None: as in the user's configuration.
+        simulation: makes the user: (ResolvedEnv, n) -> simulation.
     """
     facts, config = env.facts, env.config
     mean = deterministic
@@ -182,7 +182,7 @@ def user_show(
 def _frame(
     player: Player, reward: float, info: Mapping[str, Any], counters: Counters, most: float
 ) -> ViewerFrame:
-    """Return what there is to see of a player's one user after a step.
+    """Return the frame of a player's one user after a step.
 
     Args:
         player: after the step.
@@ -216,7 +216,7 @@ def _frame(
 
 
 def person_show(env: ResolvedEnv, *, seed: int = 1) -> Playlist:
-    """Return a round that a person plays, whose head and hands a viewer moves.
+    """Return a round that a person plays with head and hands that a viewer moves.
 
     Args:
         env: the game and its options.

@@ -1,4 +1,4 @@
-"""Selection of what to watch: a trained user, a body, a recorded round, a page or a game."""
+"""Selection of a playlist: a trained user, a body, a recorded round, a page or a game."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -27,19 +27,19 @@ def choose(
     untrained: str | None = None,
     overrides: Sequence[str] = (),
 ) -> Playlist:
-    """Return what to watch.
+    """Return the playlist to watch.
 
     Args:
         run: a user, configuration or body, or a logged or recorded round's folder or file.
-        person: whether a person plays.
+        person: True if a person plays.
         game: another game than the user's.
         condition: of the game.
         seed: of the round.
-        deterministic: whether actions are the policy's mean; None: as the user's configuration.
-        trust_app: whether the app that it names may be started, though you never have.
+        deterministic: True: actions are the policy's mean; None: as in the user's configuration.
+        trust_app: True: the app that it names may be started, even if you never started it before.
         app: settings of ``env.app``, which name a page or program; no user is needed then.
         untrained: instead of ``run``, a user without training.
-        overrides: ``env.KEY=VALUE``, what else is different.
+        overrides: ``env.KEY=VALUE``, further settings.
 
     Raises:
         InputError: It is none of them, or options exclude each other.
@@ -104,7 +104,7 @@ def _environment(
 
 
 def _recorded(path: Path) -> bool:
-    """Whether it is a round's log or a recording rather than a run."""
+    """Return whether a path is a round's log or a recording rather than a run."""
     if path.is_file():
         return path.suffix in (".csv", ".npz", ".json")
     if not path.is_dir() or (path / "config.yaml").exists() or (path / "card.json").exists():

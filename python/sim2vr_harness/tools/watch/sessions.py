@@ -75,7 +75,7 @@ def session_show(
 
 
 def _with_devices(scene: AppScene, session: Session, i: int) -> AppScene:
-    """Add boxes for head and hands where the app has nothing that stands for them."""
+    """Add boxes for head and hands if the app has no objects for them."""
     if any(one.layer == PLAYER_LAYER and one.mesh is not None for one in scene.objects):
         return scene
     poses = {"head": session.head[i]}
@@ -95,12 +95,12 @@ def _with_devices(scene: AppScene, session: Session, i: int) -> AppScene:
 
 
 def beside(user: Playlist, person: Playlist) -> Playlist:
-    """Return a user's round with a recorded one to its left, moment by moment.
+    """Return a user's round with a recorded one to its left, frame by frame.
 
-    Times are since each round began; the one that is over first stays as it ended.
+    Times are since each round began; the shorter round stays at its last frame.
 
     Args:
-        user: whose body, numbers and effort are shown.
+        user: the round with body, numbers and effort.
         person: of a session.
     """
 

@@ -1,9 +1,9 @@
-"""A policy that sees learns from a teacher that observes (DAgger, on the app's real pictures).
+"""DAgger: a policy with vision imitates a teacher, on the app's real images.
 
 The student acts, so that it meets the situations its own mistakes lead to, and the teacher labels
-each of them with what it would have done. The student's network learns the teacher's mean action;
-heads on its image features, which are dropped afterwards, learn facts that the picture shows, such
-as which targets are there. Ross, Gordon & Bagnell (2011), "A Reduction of Imitation Learning and
+each of them with its own action. The student's network learns the teacher's mean action; heads on
+its image features, which are dropped afterwards, learn facts that the image shows, such as which
+targets are visible. Ross, Gordon & Bagnell (2011), "A Reduction of Imitation Learning and
 Structured Prediction to No-Regret Online Learning".
 """
 
@@ -47,7 +47,7 @@ from sim2vr_harness.training.run.stage import Callbacks, Stage
 from sim2vr_harness.training.teacher.env import game_of, privileged_senses
 
 PICTURE_FILES = "frames.*.bin"
-"""Files of what the student has seen, the star being the sense's key."""
+"""Files of the student's recorded images; ``*`` stands for the sense's key."""
 COLLECTED = 0.4
 """Proportion of a round's time that is over after collecting."""
 
@@ -74,22 +74,22 @@ class DaggerSettings:
     checkpoint_rounds: int = 20
     """Rounds of collecting between two checkpoints: 41,000 frames of 64 users."""
     statistics_episodes: int = 100
-    """Latest episodes that the printed statistics are taken over."""
+    """Number of latest episodes in the printed statistics."""
     farthest: float = 3.0
     """Standard deviations from the mean at which the teacher's numbers are cut."""
     nearest_m: float = 0.1
     """Nearer things, or those behind the eyes, get no attention crop."""
     scale_steps: int = 120
-    """User steps from which the scale of the proprioception is taken."""
+    """User steps from which the scale of the proprioception is estimated."""
 
 
 SETTINGS = DaggerSettings()
 _TARGETS = ("label", "facts", "numbers", "crop_places")
-"""What a stored frame holds beside the observation."""
+"""Fields that a stored frame has in addition to the observation."""
 
 
 class TeacherExpert:
-    """A trained teacher beside a student, which acts on more than the student observes."""
+    """A trained teacher that acts on more than the student observes."""
 
     crop_columns: tuple[tuple[int, ...], ...]
     """Of each of :meth:`crop_places`, which of :meth:`numbers` are about it."""
@@ -109,25 +109,25 @@ class TeacherExpert:
         self._facts = [name for name in self._senses.names if fnmatch.fnmatchcase(name, game.facts)]
 
     def actions(self, simulation: Any) -> NDArray[np.float32]:
-        """(N, A) what the teacher would do now, in [-1, 1]."""
+        """Return the teacher's actions in the present state, (N, A) in [-1, 1]."""
         return self._policy.act({OBSERVATION: self._senses.observe()})
 
     def facts(self, simulation: Any) -> NDArray[np.float32]:
-        """(N, F) in [0, 1]: which places have a target, by the picture; F may be 0."""
+        """Return facts (N, F) in [0, 1]: which places have a target in the image; F may be 0."""
         columns = [self._senses.seen(name) for name in self._facts]
         if not columns:
             return np.zeros((simulation.n, 0), np.float32)
         return np.clip(np.stack(columns, axis=1), 0.0, 1.0)
 
     def numbers(self, simulation: Any) -> NDArray[np.float32]:
-        """(N, K) what the teacher observes of the game, as its network takes it."""
+        """Return the teacher's observations of the game, standardised for its network, (N, K)."""
         with torch.inference_mode():
             told = {OBSERVATION: torch.from_numpy(self._senses.observe())}
             scaled: NDArray[np.float32] = self._policy.normaliser(told).numpy()
         return np.clip(scaled[:, self._game], -SETTINGS.farthest, SETTINGS.farthest)
 
     def crop_places(self, simulation: Any) -> NDArray[np.float32]:
-        """(N, G, 3) places of the game's ``attention_targets``; see :func:`seen_at`."""
+        """Return the places (N, G, 3) of the game's ``attention_targets``; see :func:`seen_at`."""
         heads = pose_to_app(*simulation.users.device_poses("headset"))
         told = [
             np.stack(
@@ -156,15 +156,16 @@ class TeacherExpert:
 
 
 def seen_at(told: NDArray[np.floating[Any]], head_xyzw: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return where in the picture things are.
+    """Return the positions of objects in the image.
 
     Args:
-        told: (N, G, 4) whether there is one, and where it is from the head, m, in the app's frame.
+        told: (N, G, 4) 1 if there is an object, else 0, and its position relative to the head, m,
+            in the app's frame.
         head_xyzw: (N, 4) orientations of the heads, app frame.
 
     Returns:
-        (N, G, 3) tangents of the angles right and up of straight ahead, at most 10, and 1 if there
-        is one before the eyes, else 0.
+        (N, G, 3) tangents of the angles right and up of straight ahead, at most 10, and 1 if the
+        object is in front of the eyes, else 0.
     """
     # In the frame of the head: turned back by the conjugate.
     axis, w = -head_xyzw[:, None, :3], head_xyzw[:, None, 3:]
@@ -188,7 +189,7 @@ class StudentProgress:
     facts_error: float
     """Mean cross entropy of the facts, 0 without any."""
     numbers_error: float
-    """Mean squared error of what the teacher observes of the game, 0 if it is not learned."""
+    """Mean squared error of the predicted game observations of the teacher; 0 if not predicted."""
     crops_error: float
     """Of the locator, see ``AttentionCrops.loss``; 0 without attention crops."""
     reading_error: float
@@ -207,10 +208,10 @@ class Student(State):
     """DAgger on N users.
 
     Args:
-        policy: the network to train, where it is to learn (CPU or GPU); its critic is left alone.
-        simulation: N users who see; owned by the caller.
-        folder: that the collected pictures go to; made or reused.
-        game: what the game publishes, for the means of episodes.
+        policy: the network to train, on the device of its training; its critic is not trained.
+        simulation: N users with vision; owned by the caller.
+        folder: of the collected images; made or reused.
+        game: facts that the game publishes, for the means of episodes.
     """
 
     def __init__(
@@ -296,7 +297,7 @@ class Student(State):
 
     @property
     def finished(self) -> bool:
-        """Whether all frames are collected and learned from."""
+        """Return whether all frames are collected and all updates on them are done."""
         return self.store.count >= self.config.frames
 
     # --- a round -----------------------------------------------------------------------------
@@ -352,7 +353,7 @@ class Student(State):
         )
 
     def act(self, observation: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
-        """(N, A) the student's mean actions."""
+        """Return the student's mean actions, (N, A)."""
         batch = {
             key: torch.from_numpy(value).to(self._device) for key, value in observation.items()
         }
@@ -461,9 +462,9 @@ class Student(State):
                 }
 
     def _network(self, batch: dict[str, Tensor]) -> tuple[Tensor, ...]:
-        """Mean actions (B, A), facts' logits (B, F), numbers (B, K), places (B, G, 3, cells).
+        """Return mean actions (B, A), fact logits (B, F), numbers (B, K), places (B, G, 3, cells).
 
-        What the student does not learn is left out.
+        Outputs that the student does not learn are left out.
         """
         extractor: Any = self.policy.features_extractor
         features, where = extractor.look(batch)
@@ -549,12 +550,12 @@ class StudentStage(Stage):
         )
 
     def learned(self, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return what may not be NaN."""
+        """Return the parts of the state that must be finite."""
         heads = {"heads": "_heads", "tell": "_tell", "read": "_read", "optimizer": "_optimizer"}
         return {"policy": state["policy"]} | {title: state[k] for title, k in heads.items()}
 
     def run(self, callbacks: Callbacks) -> None:
-        """Go through the rounds that are left."""
+        """Run the remaining rounds."""
         student = self._learner
         self.resume(callbacks)
         first, began, doing = student.store.count, time.monotonic(), "collecting the first frames"

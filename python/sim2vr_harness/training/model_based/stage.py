@@ -39,18 +39,18 @@ _RANDOM_SECONDS = 1.0
 
 @dataclass(frozen=True)
 class CycleReport:
-    """What a cycle was like.
+    """Results of one training cycle.
 
     Attributes:
         cycle: its number, from 1.
-        step: user steps taken in the true game so far.
+        step: user steps simulated in the true game so far.
         updates: of the policy so far.
-        played: rate of successes in the true game, with noise on the actions, by condition; NaN
-            where nothing came up, and in the first cycle, in which users move at random.
+        played: success rate in the true game, with noise on the actions, by condition; NaN if no
+            target appeared, and in the first cycle, in which actions are random.
         imagined: the same in imagined rollouts.
-        worst_cell: the lowest of all cells' rates in imagined rollouts.
-        place_error_m: body model error: mean distance of the devices from where they go in one
-            user step.
+        worst_cell: the lowest success rate of any cell in imagined rollouts.
+        place_error_m: body model error: mean distance between predicted and simulated device
+            positions after one user step.
     """
 
     cycle: int
@@ -62,7 +62,7 @@ class CycleReport:
     place_error_m: float
 
     def in_words(self, cycles: int) -> str:
-        """Return one line, for people, of a cycle among so many."""
+        """Return a line of text on the cycle, with the number of all cycles."""
 
         def rates(values: Sequence[float]) -> str:
             return ", ".join("-" if math.isnan(value) else f"{value:.2f}" for value in values)
@@ -77,16 +77,16 @@ class CycleReport:
 
 
 class GameTask(Task):
-    """Success in a game; see :class:`~.trainer.Task`.
+    """Training task whose goal is success in a game; see :class:`~.trainer.Task`.
 
     Args:
-        policy: what learns; its statistics of observations are set here.
+        policy: the policy to train; its statistics of observations are set here.
         simulation: users in the true game; their rounds continue from cycle to cycle.
-        seed: of everything drawn here, but for the body model.
+        seed: of all random numbers drawn here, except for the body model's.
 
     Raises:
-        InputError: the policy observes something that the game's model does not know, or the model
-            cannot be used with this user.
+        InputError: the policy observes something that the game's model does not compute, or the
+            model cannot be used with this user.
     """
 
     policy: TeacherPolicy
@@ -159,7 +159,7 @@ class GameTask(Task):
         return imagined, rounds
 
     def imagined_senses(self, users: ImaginedUsers, rounds: Any) -> ImaginedSenses:
-        """Return what a policy observes of imagined users, before they start."""
+        """Return the senses with which a policy observes imagined users, before they start."""
         senses = self.simulation.senses
         try:
             return ImaginedSenses(senses.layout, senses.everything, users, rounds)
@@ -189,7 +189,7 @@ class GameTask(Task):
     def simulate(
         self, actions: NDArray[Any]
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[Any], NDArray[Any]]:
-        """See :class:`Task`; user steps that end an episode are not a body's."""
+        """Advance by one user step; steps that end an episode are not learned from."""
         sim = self.simulation
         over = sim.step(actions).over
         columns = [sim.senses.names.index(name) for name in sim.game.fields]
@@ -219,7 +219,7 @@ class GameTask(Task):
     # --- a cycle -----------------------------------------------------------------------------
 
     def begin_cycle(self, cycle: int) -> None:
-        """Set delays, imagined motor noise and costs to what they are in this cycle."""
+        """Set the delays, imagined motor noise and costs of this cycle."""
         config = self.config
 
         def reached(cycles: int, after: int = 0) -> float:
@@ -268,7 +268,7 @@ class GameTask(Task):
     # --- imagined users ----------------------------------------------------------------------
 
     def start(self, ids: Tensor, pool: TransitionStore, rows: Tensor) -> None:
-        """See :class:`Task`; some start near a target."""
+        """Start imagined episodes; some of them start near a target."""
         weights = self.game.spawn_weights.cpu()
         with rows.device:
             cells = torch.full((len(ids),), -1)
@@ -314,7 +314,7 @@ class GameTask(Task):
     _state = ("game", "senses", "simulation")
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from a state, whose tensors are on the device but for the simulation's."""
+        """Continue from a state, whose tensors are on the device except for the simulation's."""
         super().load_state_dict(state)
         self._started = True
 
@@ -323,7 +323,7 @@ GameTrainer = ModelBasedTrainer[GameTask]
 
 
 def torch_seed(seed: int) -> int:
-    """Return the first of the seeds of what torch's generator draws in a training."""
+    """Return the first of the seeds of torch's random generator in a training."""
     return int(np.random.SeedSequence([seed, 92]).generate_state(1)[0])
 
 
@@ -364,15 +364,15 @@ class CycleStage(Stage):
 
     @abstractmethod
     def write_result(self, file: Path, trainer: ModelBasedTrainer[Any], report: Any) -> None:
-        """Write what is learned; ``report`` is that of the last cycle, None before a first one."""
+        """Write the policy; ``report`` is that of the last cycle, None before the first one."""
 
     def learned(self, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return what may not be NaN."""
+        """Return the parts of the state that must be finite."""
         names = {"policy": "task.policy", "body model": "body", "critic": "_critic"}
         return {title: state[name] for title, name in (names | {"optimizer": "_optimizer"}).items()}
 
     def run(self, callbacks: Callbacks) -> None:
-        """Go through the cycles that are left."""
+        """Run the remaining cycles."""
         trainer, report = self._learner, None
         self.resume(callbacks)
         callbacks.say(f"Imagined rollouts on {trainer.device}.")
@@ -413,7 +413,7 @@ class ImaginedStage(CycleStage):
         self._learner = game_trainer(imagined, policy, sim, seed=seed, device=device)
 
     def run(self, callbacks: Callbacks) -> None:
-        """Say what is easier than the game, and learn."""
+        """Report the settings that are easier than the game, and train."""
         imagined = self._config.teacher.imagined
         if imagined.cycles <= imagined.easier_cycles:
             callbacks.say(

@@ -23,31 +23,32 @@ from sim2vr_harness.world_models.weight_average import WeightAverage
 
 
 class Task(State, ABC):
-    """A game model's rounds, or goals of hands.
+    """A training task: success in a game model's rounds, or reaching goals with the hands.
 
-    N simulated users in MuJoCo take the user steps that the body model is fitted to. B imagined
-    users are what the policy learns from. Observations are (B, size), actions (B, A).
+    The body model is fitted to user steps of N simulated users in MuJoCo. The policy is trained
+    with B imagined users. Observations are (B, size), actions (B, A).
     """
 
     policy: nn.Module
-    """What learns."""
+    """The policy that is trained."""
     actor: Sequence[nn.Parameter]
     """The policy's weights that gradients move."""
     body: BodyModel
     users: ImaginedUsers
     parts: Sequence[Part]
-    """What imagined user steps change, beside the users."""
+    """Further objects whose state imagined user steps change."""
     starts: int
     """Starts of all imagined users before the first update; 0: they continue from the rest pose,
     and the policy has its statistics of observations already."""
     recent_per_early: int
-    """Start states of the last cycles for each of the first cycle, whose states are everywhere."""
+    """Start states from the last cycles for each one from the first cycle, whose states cover the
+    most."""
     warm_up: int = 0
     """User steps after a start until an observation's past is the user's own."""
     batch: UserBatch
     """The simulated users."""
     rng: np.random.Generator
-    """Of what simulated users do, noise on the actions included."""
+    """Random generator of the simulated users, noise on the actions included."""
     random_size: tuple[float, float]
     """Smallest and largest standard deviation of random actions; drawn per user."""
     success_rates: tuple[float, ...] = ()
@@ -88,7 +89,7 @@ class Task(State, ABC):
         """Start new episodes of simulated users (K,)."""
 
     def end_collecting(self) -> None:
-        """Measure what was done since :meth:`begin_collecting`."""
+        """Measure the results since :meth:`begin_collecting`."""
 
     # --- a cycle -----------------------------------------------------------------------------
 
@@ -96,16 +97,16 @@ class Task(State, ABC):
         """Set how difficult this cycle is, the first being 0."""
 
     def calibrate(self, steps: TransitionStore) -> None:
-        """Fit what the task has to know of the tools to the user steps of the first cycle."""
+        """Fit the task's parameters of the tools to the user steps of the first cycle."""
 
     def begin_updates(self, pool: TransitionStore) -> None:
-        """Take note of the states that imagined users start from in this cycle."""
+        """Process the states that imagined users start from in this cycle."""
 
     @abstractmethod
     def report(
         self, cycle: int, updates: int, success_rates: tuple[float, ...], place_error_m: float
     ) -> Any:
-        """Return what the cycle that has just ended was like, and adapt the next one to it.
+        """Return the results of the cycle that has just ended, and adapt the next cycle to them.
 
         Args:
             success_rates: of its simulated users, by condition.
@@ -115,7 +116,7 @@ class Task(State, ABC):
     # --- imagined users ----------------------------------------------------------------------
 
     def place(self, steps: TransitionStore) -> Tensor:
-        """(K, D, 4, 4) where the devices were after user steps."""
+        """Return the poses of the devices after user steps, (K, D, 4, 4)."""
         with torch.no_grad():
             place: Tensor = self.body.places(steps.after.angles, steps.after.persons)
         return place
@@ -129,7 +130,7 @@ class Task(State, ABC):
 
     @abstractmethod
     def observe(self) -> Tensor:
-        """Return what the policy observes."""
+        """Return the policy's observations."""
 
     @abstractmethod
     def present(self) -> Tensor:
@@ -145,7 +146,7 @@ class Task(State, ABC):
 
     @abstractmethod
     def step(self, actions: Tensor, done: float) -> Tensor:
-        """Return the (B,) rewards of the user step that the imagined users have just taken.
+        """Return the (B,) rewards of the last user step of the imagined users.
 
         Args:
             done: proportion of the training that is over; rewards may be relaxed at first.
@@ -153,7 +154,7 @@ class Task(State, ABC):
 
     @abstractmethod
     def cut(self) -> None:
-        """Detach the present from what led to it."""
+        """Detach the present state from the computation graph before it."""
 
 
 _KEPT = (0.0, 0.6, 0.9)
@@ -170,11 +171,11 @@ def collect(
     randomly: bool,
     on_progress: Callable[[float], None],
 ) -> TransitionStore:
-    """Return user steps that simulated users have taken.
+    """Return collected user steps of simulated users.
 
     Args:
         action_noise: standard deviation on the policy's actions.
-        randomly: move at random, in short episodes, instead of acting by the policy.
+        randomly: True: random actions in short episodes, instead of the policy's actions.
     """
     rng, batch, drives = task.rng, task.batch, task.body.drives
     task.begin_collecting(randomly=randomly)
@@ -222,7 +223,7 @@ _STATISTICS_STARTS = 8
 """Starts of all imagined users that the statistics of observations are from."""
 
 OnProgress = Callable[[str, float], None]
-"""Called with what is being done, and which share of the cycle's time is over, more or less."""
+"""Called with the present activity and the approximate proportion of the cycle that is done."""
 
 AnyTask = TypeVar("AnyTask", bound=Task)
 
@@ -272,12 +273,12 @@ class ModelBasedTrainer(State, Generic[AnyTask]):
 
     @property
     def device(self) -> torch.device:
-        """Where imagined rollouts are computed."""
+        """Device on which imagined rollouts are computed."""
         return self._device.device
 
     @property
     def finished(self) -> bool:
-        """Whether all cycles are done."""
+        """Return whether all cycles are done."""
         return self.cycle >= self.config.cycles
 
     # --- a cycle -----------------------------------------------------------------------------
@@ -399,7 +400,7 @@ class ModelBasedTrainer(State, Generic[AnyTask]):
     # --- where imagined rollouts start -------------------------------------------------------
 
     def _restart(self, ids: Tensor) -> None:
-        """Let imagined users ``ids`` (K,) continue from states of simulated ones."""
+        """Continue imagined users ``ids`` (K,) from states of simulated ones."""
         assert self._pool is not None
         rows = torch.randint(len(self._pool), (len(ids),), device="cpu")
         self.task.start(ids, self._pool, rows)

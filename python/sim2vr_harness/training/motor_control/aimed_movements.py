@@ -44,7 +44,7 @@ SAMPLE_S = 0.01
 _SETTLE_S, _LONGEST_S, _REST_M = 0.8, 2.0, 0.03
 _OF_PEAK = 0.1
 _FRONT_M, _HEIGHTS_M = 0.2, (0.9, 1.5)
-"""Places of targets: so far before the body's axis, and of persons so high."""
+"""Positions of targets: distance in front of the body's axis, and heights for persons, m."""
 _POOL, _AT_DISTANCE_M, _COMFORT = 3000, 0.01, 0.6
 """Postures that places are taken from, the tolerance of distances, and the part of the joints'
 ranges that postures are drawn from: people reach from comfortable ones."""
@@ -182,10 +182,10 @@ def measure_movements(
     seed: int = 1,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> AimedMovements:
-    """Measure aimed movements of persons that no training has had, or of the average body.
+    """Measure aimed movements of persons that were not in the training, or of the average body.
 
     Args:
-        policy: what moves them: a motor layer moves bodies that are all the same.
+        policy: a human motor policy, or a motor layer, with which all bodies are the same.
         user: configuration, with people for a human motor policy.
         repeats: movements of each in each cell.
     """
@@ -214,7 +214,7 @@ class _Course:
     # --- what a kind of policy does in its own way ---------------------------------------------
 
     def _reset(self, postures: Sequence[FloatArray] | None, seeds: NDArray[np.int64]) -> None:
-        """Let everyone be at rest in a posture; None: in that of the body."""
+        """Reset all bodies at rest in a posture; None: in that of the body."""
         raise NotImplementedError
 
     def _places(self, angles: torch.Tensor, i: int) -> torch.Tensor:
@@ -226,18 +226,18 @@ class _Course:
         return np.asarray(places[:, 0] > _FRONT_M)
 
     def _look(self, place: FloatArray) -> None:
-        """Let places (N, 3) be those of new targets."""
+        """Set the places (N, 3) of new targets."""
 
     def _act(
         self, place: FloatArray, width_m: float, left_s: float
     ) -> tuple[NDArray[np.floating], NDArray[np.bool_]]:
-        """(N, A) actions towards places (N, 3), and (N,) who ends the movement with them."""
+        """Return (N, A) actions towards places (N, 3), and (N,) True if the movement ends."""
         raise NotImplementedError
 
     # --- movements -----------------------------------------------------------------------------
 
     def aim(self, distance_m: float, width_m: float, longest_s: float) -> tuple[Any, ...]:
-        """Let everyone settle at a place, and aim at another one: a cell of the movements."""
+        """Move all bodies to a place, then to another one; return a cell of the movements."""
         start, goal = self._pairs(distance_m)
         self._look(start)
         for step in range(round(_SETTLE_S / self._policy.step_s)):
@@ -255,13 +255,13 @@ class _Course:
         return distance, width_m, time_s, reaction_s, end, -path[:, 0], profile, peak
 
     def _at(self, place: FloatArray, sample: int = -1) -> FloatArray:
-        """(N, 3) where hands are from targets, at a sample of the last user step."""
+        """Return the vectors (N, 3) from targets to hands, at a sample of the last user step."""
         return self._users.device_poses(self._policy.hands[0], sample)[0] - place
 
     def _step(
         self, place: FloatArray, width_m: float, left_s: float
     ) -> tuple[NDArray[np.bool_], FloatArray]:
-        """Advance by a user step: (N,) who ends the movement, and (N, S, 3) where hands were."""
+        """Advance by a step; return (N,) True if the movement ends, and (N, S, 3) positions."""
         actions, ends = self._act(place, width_m, left_s)
         self._users.step(actions, pose_samples=self._samples)
         return ends, np.stack([self._at(place, k) for k in range(self._samples)], 1)
@@ -269,7 +269,7 @@ class _Course:
     def _follow(
         self, place: FloatArray, width_m: float, longest_s: float
     ) -> tuple[FloatArray, NDArray[np.int64], FloatArray]:
-        """Let everyone move to targets, which appear now, until all have stopped.
+        """Move all bodies to new targets until all have stopped.
 
         Args:
             place: (N, 3) m.
@@ -295,7 +295,7 @@ class _Course:
         return np.concatenate(path, 1), ended, end
 
     def _pairs(self, distance_m: float) -> tuple[FloatArray, FloatArray]:
-        """(N, 3) starts, with everyone's posture there, and targets at a distance from them."""
+        """Return (N, 3) starts, with the bodies there, and targets at a distance from them."""
         low, high = self._users.body.joint_ranges.T
         rng, n = self._rng, self._n
         spread = rng.uniform(-_COMFORT, _COMFORT, (_POOL, len(low)))

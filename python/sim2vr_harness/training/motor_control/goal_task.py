@@ -29,14 +29,15 @@ from sim2vr_harness.world_models.rollout_env import ImaginedUsers
 from sim2vr_harness.world_models.transitions import TransitionStore
 
 MOTOR_STATE = "the state of a motor training"
-"""What a file of a motor trainer's state is called in errors."""
+"""Name in error messages of the file that holds a motor trainer's state."""
 
 _EPISODE_STEPS, _RANDOM_EPISODE_STEPS = 60, 20
 _EFFORT = 0.3
 """Cost of the mean square of the drives per user step; arriving well is worth about 10."""
 _FIRST_PLAY_STEPS, _BODY_WIDTH, _USERS, _WINDOW_STEPS = 400, 256, 256, 16
-"""User steps of each body in the first cycle, at random; width of the body model's hidden layers;
-imagined users; user steps through which gradients go, about as many as a reach takes."""
+"""User steps of each body in the first cycle, with random actions; width of the body model's hidden
+layers; imagined users; user steps of backpropagation through time, about the duration of a
+reach."""
 
 
 class _Cycles(ImaginedConfig):
@@ -70,16 +71,17 @@ def _settings(config: MotorTrainingConfig) -> ImaginedConfig:
 
 @dataclass(frozen=True)
 class MotorTrainingCycle:
-    """What a cycle was like; medians, over the simulated bodies in MuJoCo.
+    """Results of one cycle: medians over the simulated bodies in MuJoCo.
 
-    In the first one bodies move at random: nothing is asked of their hands, and errors are 0.
+    In the first cycle actions are random, so the hands have no goals and the errors are 0.
 
     Attributes:
         cycle: its number, from 1.
-        place_m: how far from their goals tips were at the time of arrival.
-        speed_mps: how far their velocities were from those wanted then.
-        follow_m: how far from the paths that they were to follow.
-        model_m: error of the body model: of the hands' places after a user step, mean.
+        place_m: distance between tip and goal at the time of arrival.
+        speed_mps: difference between actual and desired velocity at that time.
+        follow_m: distance of the tips from the paths that they track.
+        model_m: body model error: mean distance between predicted and simulated hand positions
+            after one user step.
     """
 
     cycle: int
@@ -89,7 +91,7 @@ class MotorTrainingCycle:
     model_m: float
 
     def in_words(self, cycles: int) -> str:
-        """One line, for people, of a cycle among so many."""
+        """Return a line of text on the cycle, with the number of all cycles."""
         if self.cycle == 1:
             return (
                 f"Cycle 1/{cycles}: moved at random, to learn what muscles and motors do "
@@ -103,12 +105,12 @@ class MotorTrainingCycle:
 
 
 class GoalTask(Task):
-    """Hands that arrive where and when goals say.
+    """Training task in which hands reach goals at given times.
 
     Args:
-        noise: motor noise of the muscles, imagined and simulated; None: none.
+        noise: motor noise of the muscles, imagined and simulated; None: no noise.
         begin: a motor policy of this body to continue from, of the same width; None: a new one.
-            The body model is learned anew.
+            The body model is fitted from scratch.
     """
 
     policy: MotorPolicy
@@ -175,7 +177,7 @@ class GoalTask(Task):
         self._age[:] = self.rng.integers(0, self._longest, self.batch.n)
 
     def motion(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-        """See :class:`Task`; float32."""
+        """Return angles, speeds and drives, as float32."""
         angles, speeds, drives = self.policy.motion(self.batch)
         return angles.numpy(), speeds.numpy(), drives.numpy()
 
@@ -194,7 +196,7 @@ class GoalTask(Task):
         return ~diverged, (self._age >= self._longest) | diverged, none, none
 
     def restart(self, ids: NDArray[np.int64]) -> None:
-        """See :class:`Task`; in any posture."""
+        """Start new episodes, each in a random posture."""
         low, high = self._user.joint_ranges.T
         middle, half = 0.5 * (low + high), 0.5 * INSIDE * (high - low)
         postures = middle + half * self.rng.uniform(-1.0, 1.0, (len(ids), len(low)))
@@ -228,7 +230,7 @@ class GoalTask(Task):
         return self.policy.places(motion.angles, motion.speeds)
 
     def observe(self) -> Tensor:
-        """See :class:`Task`; worked out once per user step."""
+        """Return what the policy observes, computed once per user step."""
         if self._observed is None:
             motion = self.users.motion
             goals = self.goals.observe(*self._places())
@@ -257,7 +259,7 @@ class GoalTask(Task):
     _state = ("goals", "_played")
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from a state; the simulated bodies begin every cycle anew."""
+        """Continue from a state; the simulated bodies start every cycle in new states."""
         super().load_state_dict(state)
         self._observed = None
 
@@ -288,7 +290,7 @@ def motor_trainer(
 
 
 def needs_motor_policy(config: TrainingConfig, env: ResolvedEnv) -> bool:
-    """Whether a run has to make its motor layer first."""
+    """Return whether a run has to train its motor layer first."""
     if config.skills.motor is not None or config.skills.people:
         return False
     try:
@@ -311,7 +313,7 @@ class MotorStage(CycleStage):
 
     @property
     def layer_file(self) -> Path:
-        """Where the motor policy is, once there is one."""
+        """File of the motor policy; it exists once the stage is finished."""
         return self.folder / self.result
 
     def open(self) -> None:

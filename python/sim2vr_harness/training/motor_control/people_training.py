@@ -1,7 +1,8 @@
 """The training of a human motor policy: a forward model of the body, and feedback in space.
 
-In each cycle simulated persons move, at first at random and then to goals, and the forward model is
-fitted to what they did. Then the policy in space learns with the noise and delays of persons.
+In each cycle virtual participants move, at first at random and then to goals, and the forward
+model is fitted to their movements. Then the policy in space learns with the noise and delays of
+people.
 """
 
 from collections.abc import Callable, Mapping
@@ -40,7 +41,7 @@ class ReachSettings:
     steps: int = 40
     """User steps after which a movement is given up."""
     stop: float = 0.55
-    """Proportion of movements that come to rest in the target."""
+    """Proportion of movements that stop in the target."""
     select: float = 0.2
     """Proportion that end in the target at any speed; the others pass it at a given velocity."""
     distances_m: tuple[float, float] = (0.03, 0.7)
@@ -72,17 +73,17 @@ SETTINGS = ReachSettings()
 
 @dataclass(frozen=True)
 class Execution:
-    """How well hands do what is wanted, per user step.
+    """Accuracy with which hands execute a desired change of velocity, per user step.
 
-    Measured in reaches of ``mobl_arms_wrist`` (docs/evidence/people.md). Of the error that
-    grows with the change of velocity, half is taken to be noise; the rest is the same for a person
-    and a posture, and is adapted to.
+    Measured in reaches of ``mobl_arms_wrist`` (docs/evidence/people.md). Of the error that grows
+    with the change of velocity, half is assumed to be noise. The other half is the same for a
+    person and a posture, and is adapted to.
 
     Attributes:
-        gain: share of a wanted change of velocity that happens within the user step.
+        gain: proportion of a desired change of velocity that happens within the user step.
         constant_mps: standard deviation of the velocity beside that, along each axis.
-        change: the same, of the change of velocity that was wanted.
-        speed: the same, of the velocity.
+        change: the same, as a proportion of the desired change of velocity.
+        speed: the same, as a proportion of the velocity.
         kept: correlation of the error from one user step to the next.
     """
 
@@ -94,12 +95,12 @@ class Execution:
 
 
 def ending(way: Tensor, velocity: Tensor, goals: HumanGoals) -> tuple[Tensor, Tensor, Tensor]:
-    """(B, H) each: in how far a movement that ends so succeeds; m and m/s that it is off.
+    """Return success (0 to 1), position and velocity error (m, m/s) of movement ends, (B, H).
 
     Args:
         way: (B, H, 3) from the hands to their goals, m.
         velocity: (B, H, 3) of the hands, m/s.
-        goals: what was wanted.
+        goals: the goals of the movements.
     """
     through = goals.velocity.square().sum(-1).add(1e-6).sqrt()
     passes = (through > 2e-3).float()
@@ -224,7 +225,7 @@ class _Reaches:
 
 
 def _length(vectors: Tensor) -> Tensor:
-    """(B, H) lengths, whose gradients are finite."""
+    """Return lengths (B, H) with finite gradients."""
     return vectors.square().sum(-1).add(1e-6).sqrt()
 
 
@@ -275,7 +276,7 @@ class Bodies:
         )
 
     def reset(self, ids: NDArray[np.int64], rng: np.random.Generator) -> None:
-        """Let users be other persons, in any posture."""
+        """Replace the users' persons, in random postures."""
         low, high = self.body.joint_ranges.T
         middle, half = 0.5 * (low + high), 0.5 * INSIDE * (high - low)
         postures = middle + half * rng.uniform(-1.0, 1.0, (len(ids), len(low)))
@@ -287,12 +288,14 @@ class Bodies:
 
 @dataclass(frozen=True)
 class PeopleCycle:
-    """What a cycle was like.
+    """Results of one training cycle.
 
     Attributes:
         cycle: its number, from 1.
-        model_m: error of the forward model: of the hands' places after a user step, mean.
-        velocity_mps: median error of the velocities that were wanted of hands, 0 in the first one.
+        model_m: forward model error: mean distance between predicted and simulated hand positions
+            after one user step.
+        velocity_mps: median difference between actual and desired hand velocity; 0 in the first
+            cycle.
     """
 
     cycle: int
@@ -300,7 +303,7 @@ class PeopleCycle:
     velocity_mps: float
 
     def in_words(self, cycles: int) -> str:
-        """Return one line, for people, of a cycle among so many."""
+        """Return a line of text on the cycle, with the number of all cycles."""
         return (
             f"Cycle {self.cycle}/{cycles}: forward model error {1000 * self.model_m:.1f} mm a "
             f"step; velocities of hands are {self.velocity_mps:.2f} m/s off"
@@ -339,14 +342,14 @@ class PeopleTrainer(State):
 
     @property
     def finished(self) -> bool:
-        """Whether all cycles are done."""
+        """Return whether all cycles are done."""
         return self.cycle >= self.config.cycles
 
     def step(self, on_progress: Callable[[str, float], None] = lambda doing, share: None) -> Any:
-        """Do a cycle; the last one ends with the training of the policy in space.
+        """Run a cycle; the last one ends with the training of the policy in space.
 
         Returns:
-            What it was like.
+            Results of the cycle.
         """
         config, first = self.config, self.cycle == 0
         rng = np.random.default_rng([self._seed, self.cycle, 61])
@@ -413,7 +416,7 @@ class _Collection:
     def steps(
         self, count: int, *, randomly: bool, on_progress: Callable[[str, float], None]
     ) -> TransitionStore:
-        """Return so many user steps of everyone."""
+        """Return the given number of user steps of all persons."""
         users, drives, rng = self._bodies.users, self._policy.drives, self._rng
         everyone = np.arange(self._n)
         longest = _RANDOM_STEPS if randomly else _GOAL_STEPS
@@ -455,7 +458,7 @@ class _Collection:
         return self._hands.motion(self._bodies.users, self._policy.persons.of(self._bodies))  # type: ignore[arg-type]
 
     def _begin(self, ids: NDArray[np.int64]) -> None:
-        """Let persons be others, with other tools."""
+        """Replace the persons and their tools."""
         if not len(ids):
             return
         self._bodies.reset(ids, self._rng)
@@ -486,7 +489,7 @@ class _Collection:
         self._mps[rows] = torch.from_numpy(speed).float()
 
     def _to_goals(self, now: Motion) -> NDArray[np.float64]:
-        """(N, A) actions that follow a plain rule in space: nothing is learned of reaching yet."""
+        """Return (N, A) actions of a simple rule in space, used before reaching is learned."""
         goals = HumanGoals.none(self._n, len(self._policy.hands))
         goals.tip, goals.place = self._tip, self._goal
         goals.active = torch.ones_like(goals.active)

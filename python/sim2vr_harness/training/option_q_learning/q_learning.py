@@ -123,7 +123,7 @@ def draw_decisions(
 
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 SCENE = ("pictures", "head", "turned", "tips", "velocities")
-"""What a scene is made of, in the order of its fields."""
+"""Fields of a scene, in their order."""
 
 
 class ValueLearner(State):
@@ -146,12 +146,12 @@ class ValueLearner(State):
         self.since = 0
         """First decision that counts."""
         self.scale = 1.0
-        """What rewards are divided by."""
+        """Divisor of the rewards."""
         self.corrected = 0.0
         """Exponent of the importance weights: 0 at first, 1 at the end (Schaul et al. 2016)."""
 
     def settle_scale(self) -> None:
-        """Let a good decision be worth about 1."""
+        """Set the scale of rewards so that a good decision has a value of about 1."""
         if self.scale != 1.0:
             return
         known = np.abs(self.decisions.read("game_reward", np.arange(self.decisions.count)))
@@ -168,7 +168,7 @@ class ValueLearner(State):
         return loss
 
     def _update(self, each: Map) -> float:
-        """One step of learning, from a batch that is always parted alike."""
+        """Run one training step on a batch, which is always divided in the same way."""
         memory = self.decisions
         have = min(
             memory.count - self.since, max(SETTINGS.n_step + 1, SETTINGS.kept_decisions // self._n)
@@ -195,7 +195,7 @@ class ValueLearner(State):
     def _gradients(
         self, rows: NDArray[np.int64], users: NDArray[np.int64], weights: NDArray[np.float64]
     ) -> tuple[float, tuple[Tensor, ...]]:
-        """Return what decisions (K,) of users (K,) add to a batch's mean loss and gradients."""
+        """Return the parts of decisions (K,) of users (K,) in a batch's mean loss and gradients."""
         memory = self.decisions
         total, weight, last, known = self.returns(rows, users)
         then = self._scene(last, users)
@@ -216,12 +216,13 @@ class ValueLearner(State):
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64], NDArray[np.bool_]]:
         """Add up the rewards after decisions (K,) of users (K,), until a value is bootstrapped.
 
-        A truncated round goes on in principle, but its last image is not stored: the value is that
-        of the last decision before. A decision in which a round was truncated is not known.
+        A truncated round has a value after its end, but its last image is not stored, so the value
+        of the last decision before it is used. The outcome of a decision during which a round was
+        truncated is unknown.
 
         Returns:
-            (K,) rewards, weights of the value, rows whose scenes have it, and whether that is
-            known.
+            (K,) rewards, weights of the value, rows of the scenes with the value, and True if the
+            outcome is known.
         """
         total, weight = np.zeros(len(rows), np.float32), np.ones(len(rows), np.float32)
         last, left = rows + SETTINGS.n_step, np.ones(len(rows), bool)
@@ -246,7 +247,7 @@ class ValueLearner(State):
 
     @staticmethod
     def _worth(values: Tensor, chosen: Tensor) -> Tensor:
-        """(N,) sums over hands of the values of choices (N, H)."""
+        """Return the sums over hands of the values of choices (N, H), (N,)."""
         return values.gather(-1, chosen[..., None])[..., 0].sum(1)
 
 
@@ -257,7 +258,7 @@ class Exploration:
         self._policy, self._sight, self.rng = policy, policy.values.sight, rng
         self._options = policy.values.options
         self.colours = np.ones(SETTINGS.colours**3)
-        """How often each colour was seen."""
+        """Number of times that each colour was seen."""
 
     def draw(self, near: NDArray[np.float64], far: NDArray[np.float64]) -> int:
         """Draw a choice, by weights (cells,) of cells to touch and of cells to point at."""
@@ -277,7 +278,7 @@ class Exploration:
         return move * cells + min(cell, cells - 1)
 
     def steps(self, chosen: int) -> int:
-        """How long a try is seen through, user steps."""
+        """Return the duration of an exploratory action, in user steps."""
         placed, option = self._options.placed, chosen // self._sight.cells
         if option < len(placed) and placed[option] == "pull":
             return SETTINGS.pull_steps
@@ -310,7 +311,7 @@ class Exploration:
 
 
 def _colours(pictures: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """(N, H, W) numbers of the colours of pixels."""
+    """Return the numbers of the colours of pixels, (N, H, W)."""
     level = (pictures[:, :3].astype(np.int64) * SETTINGS.colours) // 256
     number: NDArray[np.int64] = (
         level[:, 0] * SETTINGS.colours + level[:, 1]
@@ -319,7 +320,7 @@ def _colours(pictures: NDArray[np.uint8]) -> NDArray[np.int64]:
 
 
 def _spread(where: NDArray[np.float64], rare: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(K, cells) weights that prefer rare colours among places, half of them by far."""
+    """Return weights (K, cells) that prefer rare colours among places; half of them strongly."""
     weights: NDArray[np.float64] = where * (0.3 * rare / rare.mean() + 0.7)
     rarest = where * rare
     return 0.5 * weights / weights.sum(1, keepdims=True) + 0.5 * rarest / rarest.sum(
@@ -371,9 +372,9 @@ class OptionQLearning(State):
             self.net = ActionValueMap(policy.values.sight, hands, policy.values.options)
         self._take_up(simulation, policy)
         self.persons = False
-        """Whether the present users are persons."""
+        """True if the present users are virtual participants."""
         self.manner_chosen = False
-        """Whether the manner of hands has been compared."""
+        """True if the manners of moving the hands have been compared."""
         self.step_count = self.compared = 0
         """User steps of learning, and of comparisons of manners and durations, of all users."""
         sight = self.net.sight
@@ -391,12 +392,12 @@ class OptionQLearning(State):
         }
         length = -(-config.user_steps // (n * SETTINGS.decide_steps)) + 1
         self._decisions = ReplayStore(pictures, length, shapes)
-        """Decisions of all users, and what came of them."""
+        """Decisions of all users, and their outcomes."""
         self._rewards: deque[float] = deque(maxlen=200)
         self.learner = ValueLearner(self.net, self._decisions, self.rng, n)
 
     def _take_up(self, simulation: Any, policy: HierarchicalPolicy) -> None:
-        """Let these users play from now on, in rounds that begin."""
+        """Continue with these users, in new rounds."""
         self.simulation, self.policy = simulation, policy
         policy.values, policy.together = self.net, self.n
         if isinstance(policy, PersonPolicy):
@@ -408,7 +409,7 @@ class OptionQLearning(State):
         self._exploration = Exploration(policy, self.rng)
 
     def begin_rounds(self, *seed: int) -> None:
-        """Let every user's rounds begin anew."""
+        """Start new rounds for all users."""
         self.simulation.reset(seeds=self._round_seeds(*seed))
         self._memory = self.policy.begin(self.n)
 
@@ -416,11 +417,11 @@ class OptionQLearning(State):
         return np.random.SeedSequence(seed).generate_state(self.n, np.uint32).tolist()
 
     def continue_with_persons(self, simulation: Any, policy: PersonPolicy) -> None:
-        """Go on learning the same values with persons, from their own decisions.
+        """Continue learning the same values from the decisions of virtual participants.
 
         Args:
             simulation: N persons in the same app; owned by the caller.
-            policy: theirs, with the same tool and options.
+            policy: their policy, with the same tool and options.
         """
         self._take_up(simulation, policy)
         self.learner.since = self._decisions.count
@@ -428,7 +429,7 @@ class OptionQLearning(State):
         self._rewards.clear()
 
     def scene(self) -> tuple[Moment, OptionScene]:
-        """Return what users sense now, and the scenes by which they decide."""
+        """Return the users' present observations, and the scenes on which they base decisions."""
         moment = self.policy.sense(self.simulation.observation(), self._memory[0])
         return moment, self.policy.scene(moment, self._memory[0], moment.decides)
 
@@ -453,7 +454,7 @@ class OptionQLearning(State):
 
     @property
     def finished(self) -> bool:
-        """Whether all user steps are taken."""
+        """Return whether all user steps are done."""
         return self.step_count >= self.config.user_steps
 
     def step(self, doing: Callable[[str], None] = lambda part: None) -> QLearningReport:
@@ -511,8 +512,8 @@ class OptionQLearning(State):
         """Complete the present decision.
 
         Returns:
-            (N,) rewards less effort, rewards of the app, whose episodes ended, and whose of these
-            were truncated.
+            (N,) rewards minus effort, rewards of the app, True if the episode ended, and True if it
+            was truncated.
         """
         (memory,) = self._memory
         reward, game_reward = np.zeros((2, self.n), np.float32)
@@ -593,7 +594,7 @@ class OptionQLearning(State):
         }
 
     def _manner(self) -> dict[str, Tensor]:
-        """Return how hands move: what :func:`choose_manner` compares."""
+        """Return the manner of moving the hands, which :func:`choose_manner` compares."""
         policy = self.policy
         own = {"vigour": policy.vigour} if isinstance(policy, PersonPolicy) else {}
         return {"lifts": policy.lifts} | own

@@ -45,17 +45,18 @@ HOLDS = (1, 3, 5)
 _HOLD_S = 128.0
 """Seconds of play of all users together that compare them: 4 to 10 of each user."""
 _VIGOURS, _MANNER_S = (1.0, 6.0, 36.0), 5.0
-"""What persons' weights of effort may be divided by, and seconds of play that compare manners."""
+"""Divisors of a participant's effort weight that are compared, and seconds of play per
+comparison."""
 _PICTURES = "pictures.bin"
 _SAVE_DECISIONS, _REPORT_DECISIONS = 100, 20
 _MEASURED_SHARE = 0.75
-"""Proportion of the user steps in which the measured body plays, undelayed but for its pictures,
-before persons do: what an app rewards does not depend on who moves, and persons move slowly."""
+"""Proportion of the user steps in which the measured body plays, with delayed images only, before
+persons do: an app's rewards do not depend on the player, and persons move slowly."""
 _COMPARED_SHARE = 0.5
 """Proportion of the user steps before plain users compare manners of their hands; persons do when
 they begin to play."""
 _HOPELESS = 0.35
-"""Proportion of the stage after which a user should do better than one who does nothing."""
+"""Proportion of the stage after which a user should do better than the idle baseline."""
 UPDATE_STEPS, PERSON_STEPS, PERSON_COMPARED = 110, 1.5, 3.5
 """Work in the progress bar, in user steps of plain users: of an update of the Q-network (of 64
 decisions), of a user step of a person, and of one in which a person may decide in every step.
@@ -82,9 +83,9 @@ def best_hold(
 def choose_manner(
     learner: OptionQLearning, steps: int, callbacks: Callbacks, show: Callable[[str], None]
 ) -> None:
-    """Let hands lift off before they touch if it pays, and persons move as fast as it pays.
+    """Choose whether hands lift off before they touch, and the speed of persons, by the reward.
 
-    People move faster where rewards come more often (Yoon et al. 2018). Nothing of this counts as
+    People move faster if rewards come more often (Yoon et al. 2018). These steps are not used for
     learning.
     """
     callbacks.doing("manner of hands")
@@ -118,11 +119,11 @@ def choose_manner(
 
 
 class QLearningStage(Stage):
-    """The training of option values.
+    """Stage that trains option values.
 
     Args:
-        motor: the stage of the run's own motor layer, if it makes one.
-        run: whose checkpoints are hierarchical policies.
+        motor: the stage of the run's own motor layer, if it has one.
+        run: the run folder of the checkpoints, which are hierarchical policies.
         stop: user steps after which the session ends, at most all of the stage.
     """
 
@@ -154,7 +155,7 @@ class QLearningStage(Stage):
 
     @property
     def finished(self) -> bool:
-        """Whether there is a user that has learned for so long."""
+        """Return whether a checkpoint has at least ``stop`` user steps."""
         return bool(self._run.checkpoints()) and self._run.step >= self.stop
 
     def _human(self) -> HumanMotorPolicy:
@@ -165,7 +166,7 @@ class QLearningStage(Stage):
         return human_policy_for(env.user, step_s)
 
     def _layer(self) -> MotorPolicy:
-        """Return what moves the hands, of persons before they play: those of the measured body."""
+        """Return the motor policy of the hands; before persons play, that of the measured body."""
         env, given = with_measured_body(self._config.env), self._config.skills.motor
         given = None if self._config.skills.people else given  # a person's, then
         body, step_s = ResolvedEnv(env).body, 1.0 / env.action_frequency_hz
@@ -184,11 +185,11 @@ class QLearningStage(Stage):
         return self._played(self.stop) + self._compared(each * self._users)
 
     def _compared(self, steps: float) -> float:
-        """Return the work of so many user steps of comparisons."""
+        """Return the work for a number of user steps of comparisons."""
         return (PERSON_COMPARED if self._people else 1.0) * steps
 
     def _played(self, steps: float) -> float:
-        """Return the work of so many user steps of learning."""
+        """Return the work for a number of user steps of learning."""
         config = self._config.skills.q_learning
         updates = SETTINGS.updates_for_persons if self._people else SETTINGS.updates
         each = updates * UPDATE_STEPS / (config.users * SETTINGS.decide_steps)
@@ -280,11 +281,11 @@ class QLearningStage(Stage):
         super().take(state)
 
     def learned(self, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return what may not be NaN."""
+        """Return the parts of the state that must be finite."""
         return {"values": state["net"], "optimizer": state["learner"]["optimizer"]}
 
     def _begin_persons(self, learner: OptionQLearning) -> None:
-        """Let persons play in the place of the measured body, and learn from what they do."""
+        """Let virtual participants replace the measured body, and learn from their decisions."""
         measured, config = self._simulation, self._config
         self._simulation = Simulation(_seeing(config.env), config.skills.q_learning.users)
         learner.continue_with_persons(self._simulation, self._person(learner.policy))
@@ -300,7 +301,7 @@ class QLearningStage(Stage):
 
     @property
     def _before_persons(self) -> TrainingConfig:
-        """The configuration of the users who begin: of plain users, or of the measured body."""
+        """Return the configuration of the first users: the users as set, or the measured body."""
         return self._config.model_copy(update={"env": with_measured_body(self._config.env)})
 
     def _prepared(
@@ -416,6 +417,6 @@ class QLearningStage(Stage):
 
 
 def _seeing(env: EnvConfig) -> EnvConfig:
-    """What users decide by is drawn, and no larger."""
+    """Return the environment settings without zoom: images have the size that the policy uses."""
     vision = env.vision.model_copy(update={"zoom": 1})
     return env.model_copy(update={"vision": vision})

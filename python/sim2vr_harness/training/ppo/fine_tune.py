@@ -1,8 +1,9 @@
-"""Trained users that go on: the recipe ``adapt``, and the configuration that it needs.
+"""Continued training of users: the recipe ``adapt``, and the configuration that it needs.
 
 A user that plays one app well learns a changed app in minutes: PPO begins with the user's weights,
-its critic's included, and takes some thousand user steps more. What the policy relies on stays as
-it is (:mod:`sim2vr_harness.envs.resolved`); effort, noise and the game's options may change.
+including its critic's, and needs some thousand further user steps. The policy's senses and actions
+stay the same (:mod:`sim2vr_harness.envs.resolved`). Effort, noise and the game's options may
+change.
 """
 
 from collections.abc import Sequence
@@ -21,16 +22,16 @@ _NOT_ITS_OWN = ("teacher", "student", "skills")
 def adapting(
     user: TrainedUser, name: str, overrides: Sequence[str] = (), *, env: EnvConfig | None = None
 ) -> TrainingConfig:
-    """Return the configuration with which a trained user goes on: its own, but for what is said.
+    """Return the configuration to continue a trained user: its own, with the given changes.
 
     Args:
-        user: Who goes on.
-        name: What :func:`.find_user` finds it by.
+        user: The trained user.
+        name: Its name for :func:`.find_user`.
         overrides: ``key=value`` with dotted keys, such as ``total_timesteps=60000``.
-        env: Where it goes on; None: where it was trained.
+        env: Environment in which it continues; None: the one of its training.
 
     Raises:
-        InputError: A key or value cannot be used, or the user cannot act there.
+        InputError: A key or value cannot be used, or the user cannot act in the environment.
     """
     tree = user.config.model_dump(mode="json", exclude=set(_NOT_ITS_OWN))
     where = str(Path(name).resolve()) if Path(name).exists() else name
@@ -57,7 +58,7 @@ def user_to_adapt(config: TrainingConfig) -> TrainedUser:
 
 
 def _require_same(user: TrainedUser, config: TrainingConfig) -> None:
-    """Refuse what the user's weights do not fit: another network, other senses or actions."""
+    """Reject a configuration whose network, senses or actions differ from the user's."""
     if user.config.policy_kind == "hierarchical":
         got = f"{user.config.name!r}, whose policy is hierarchical"
         raise InputError("from_user", got, "a user whose policy goes from senses to muscles")

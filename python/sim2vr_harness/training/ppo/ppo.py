@@ -36,9 +36,9 @@ class LearningRate:
 
 
 class PPO(stable_baselines3.PPO):
-    """PPO whose schedule runs over ``schedule_timesteps``, wherever a session stops.
+    """PPO whose schedule runs over ``schedule_timesteps``, independent of where a session stops.
 
-    The reference restarts its schedule when it resumes; here a run that is stopped and resumed is
+    The reference restarts its schedule when it resumes. Here a run that is stopped and resumed is
     the same as one that is not. One log row per iteration holds the rollout and the update that
     followed it (Stable-Baselines3 logs the update before).
     """
@@ -87,7 +87,7 @@ class PPO(stable_baselines3.PPO):
 
     @property
     def user_policy(self) -> VisualActorCritic:
-        """The policy, with what is asked of it beyond Stable-Baselines3."""
+        """Return the policy, typed as :class:`VisualActorCritic`."""
         assert isinstance(self.policy, VisualActorCritic)
         return self.policy
 
@@ -108,7 +108,7 @@ class PPO(stable_baselines3.PPO):
 
     @contextmanager
     def _critic_first(self) -> Iterator[None]:
-        """Keep the actor, and what it shares with the critic, as it is in the first updates."""
+        """Freeze the actor, including weights that the critic shares, in the first updates."""
         update = self.num_timesteps // (self.n_steps * self.n_envs)
         if update > self.critic_first_updates:
             yield
@@ -139,7 +139,7 @@ class PPO(stable_baselines3.PPO):
 
 
 def build(config: TrainingConfig, env: SimulationVecEnv) -> PPO:
-    """Return a fresh learner of a user who sees, networks initialised from the seed."""
+    """Return a new learner for a user with vision, with networks initialised from the seed."""
     learner = config.ppo
     model = PPO(
         VisualActorCritic,

@@ -50,10 +50,10 @@ from sim2vr_harness.training.run.stage import Callbacks, Stage
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A moment between two iterations.
+    """State of the training between two iterations.
 
     Attributes:
-        step: User steps taken so far.
+        step: Number of user steps so far.
         weights: The policy's state.
         optimizer: The optimiser's state.
         header: Counters, random generators and episode statistics, as JSON.
@@ -111,11 +111,12 @@ def take(model: PPO) -> Snapshot:
 
 
 def restore(path: Path, model: PPO) -> None:
-    """Bring a freshly built learner and its environment to the state of a checkpoint.
+    """Load a checkpoint into a new learner and its environment.
 
     Raises:
         UnusableFile: The file is no checkpoint, is damaged or belongs to another configuration. The
-            learner and its environment may be at no moment at all then: they are to be made anew.
+            learner and its environment may then be in an inconsistent state and have to be made
+            again.
     """
     weights, optimizer, header, arrays = good_parts(path, model.policy, model.device)
     env = model.get_env()
@@ -145,7 +146,7 @@ def restore(path: Path, model: PPO) -> None:
 
 
 def load_moment(model: BaseAlgorithm, env: SimulationVecEnv, arrays: dict[str, NDArray]) -> None:
-    """Bring the environment and what was last seen of it to a checkpoint's moment."""
+    """Restore the environment and its last observation from a checkpoint."""
     parts: dict[str, dict[str, NDArray]] = {"environment": {}, "observation": {}}
     for key, value in arrays.items():
         part, _, name = key.partition(".")
@@ -162,7 +163,7 @@ def load_moment(model: BaseAlgorithm, env: SimulationVecEnv, arrays: dict[str, N
 
 @contextmanager
 def _holding(model: PPO, snapshot: Snapshot) -> Iterator[None]:
-    """Let ``model`` hold a snapshot's weights and counters for a moment."""
+    """Load a snapshot's weights and counters into ``model`` temporarily."""
     now = (
         copy.deepcopy(model.policy.state_dict()),
         copy.deepcopy(model.policy.optimizer.state_dict()),
@@ -187,12 +188,12 @@ NOT_EXACT = "--resume starts new rounds, since this app cannot save its state."
 
 
 class PPOStage(Stage):
-    """PPO from what the user senses.
+    """PPO on the user's own observations.
 
     Its checkpoints are the trained users; it works in the run's own folder.
 
     Args:
-        begin: puts the weights to begin with into the policy, when the stage begins.
+        begin: sets the policy's initial weights when the stage begins.
         stop: user steps after which the stage ends, rounded up to whole iterations.
     """
 
@@ -217,21 +218,21 @@ class PPOStage(Stage):
         self._make_simulation, self._begin = make_simulation, begin
         self._checkpoints: CheckpointCallback | None = None
         self.lost_steps = 0
-        """User steps of an unfinished iteration, which resuming takes again."""
+        """User steps of an unfinished iteration, which resuming repeats."""
 
     @property
     def begun(self) -> bool:
-        """Whether there is a checkpoint."""
+        """Return whether there is a checkpoint."""
         return bool(self._run.checkpoints())
 
     @property
     def finished(self) -> bool:
-        """Whether a checkpoint has as many user steps."""
+        """Return whether a checkpoint has at least ``stop`` user steps."""
         return self.begun and self._run.step >= self.stop
 
     @property
     def saved(self) -> str:
-        """How far the newest checkpoint is."""
+        """Progress at the newest checkpoint, as text."""
         return f"{self._run.step:,} of {self.stop:,} user steps" if self.begun else ""
 
     @property
@@ -245,7 +246,7 @@ class PPOStage(Stage):
         self._learner = ppo.build(self._config, self._simulation)
 
     def run(self, callbacks: Callbacks) -> None:
-        """Go through the iterations that are left."""
+        """Run the remaining iterations."""
         model, kept = self._learner, self._config.checkpoint
         if self.begun:
             restore(self._run.latest_checkpoint(), model)
@@ -295,7 +296,7 @@ class PPOStage(Stage):
         self._checkpoints = None
 
     def tidy(self) -> None:
-        """Nothing: checkpoints are kept."""
+        """Do nothing: checkpoints are kept."""
 
     def _greet(self, callbacks: Callbacks, start: int) -> None:
         model, env = self._learner, self._simulation
@@ -425,11 +426,11 @@ class ProgressCallback(BaseCallback):
         error."""
 
     def note_checkpoint(self, file: Path, step: int) -> None:
-        """Show what was saved last."""
+        """Show the newest checkpoint."""
         self._note = f"Saved {file}"
 
     def view(self) -> View:
-        """Return what is shown now."""
+        """Return the present state for display."""
         model, size = self.model, self.model.n_envs * self.model.n_steps
         parts = self._callbacks.watch.parts
         took = {name: parts[name].seconds for name in ("playing", "learning") if name in parts}

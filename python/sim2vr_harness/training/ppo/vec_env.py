@@ -42,13 +42,13 @@ class SimulationVecEnv(VecEnv):
         """The games' logs after the last step (``StepBatch.logs``), for displays; None before."""
         resolved = getattr(simulation, "resolved", None)
         self.facts = GameFacts("") if resolved is None else resolved.facts
-        """What the game publishes."""
+        """Facts that the game publishes."""
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Set the seeds of the next :meth:`reset`.
 
-        They are drawn from ``seed``, not counted up from it: an evaluation, whose rounds have the
-        seeds 1, 2, ..., shall not repeat rounds of the training.
+        They are drawn from ``seed``, not counted up from it, so that an evaluation, whose rounds
+        have the seeds 1, 2, ..., does not repeat rounds of the training.
         """
         (checked,) = checked_seeds([seed], 1)
         drawn = np.random.SeedSequence(checked).generate_state(self.num_envs, np.uint32)
@@ -56,7 +56,7 @@ class SimulationVecEnv(VecEnv):
         return self._seeds
 
     def reset(self) -> dict[str, NDArray]:
-        """Start a new episode for everyone.
+        """Start a new episode for all users.
 
         With the seeds given to :meth:`seed` and the options given to :meth:`set_options`, if any.
         Options hold from this round on, as those of a single environment's ``reset`` do.
@@ -98,7 +98,7 @@ class SimulationVecEnv(VecEnv):
         self._options = [checked_options(one) for one in given]
 
     def step_async(self, actions: NDArray) -> None:
-        """Take a copy of the actions, (N, A) in [-1, 1], of the next :meth:`step_wait`.
+        """Copy the actions, (N, A) in [-1, 1], for the next :meth:`step_wait`.
 
         Raises:
             ValueError: Another shape, or no numbers.
@@ -133,7 +133,7 @@ class SimulationVecEnv(VecEnv):
         return observation, result.reward.astype(np.float32), dones, infos
 
     def _end(self, i: int, observation: dict[str, NDArray], result: Any) -> dict[str, Any]:
-        """The info of user i, whose episode is over."""
+        """Return the info of user i, whose episode has ended."""
         info: dict[str, Any] = result.info(i)
         info["terminal_observation"] = {key: value[i] for key, value in observation.items()}
         info["TimeLimit.truncated"] = not bool(result.terminated[i])
@@ -167,7 +167,7 @@ class SimulationVecEnv(VecEnv):
         """Continue from :meth:`state_dict` of an environment with the same configuration.
 
         Returns:
-            The users whose rounds had to start anew, their apps cannot be saved.
+            The users whose rounds start again because their apps cannot be saved.
         """
         saved = len(state["lengths"])
         if saved != self.num_envs:
@@ -221,5 +221,5 @@ class SimulationVecEnv(VecEnv):
         return [False for _ in self._get_indices(indices)]
 
     def get_images(self) -> Sequence[NDArray | None]:
-        """Return None for every environment: ask the apps for pictures instead."""
+        """Return None for every environment: images are requested from the apps instead."""
         return [None] * self.num_envs

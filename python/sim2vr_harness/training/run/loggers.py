@@ -44,11 +44,11 @@ class JsonLines(KVWriter):
         append_row(self._path, row)
 
     def close(self) -> None:
-        """Nothing is open between two rows."""
+        """Do nothing: no file is open between two rows."""
 
 
 class TensorBoard(KVWriter):
-    """Writes scalars for TensorBoard; a resumed run hides what it will take again."""
+    """Writer of scalars for TensorBoard; a resumed run hides the steps that it will repeat."""
 
     def __init__(self, folder: Path, start_step: int) -> None:
         from torch.utils.tensorboard import SummaryWriter
@@ -123,11 +123,12 @@ def silent_logger() -> Logger:
 
 
 def episode_means(episodes: list[dict[str, Any]], facts: GameFacts) -> dict[str, float]:
-    """Return the means of finished episodes' values, keyed as :func:`metric_key` says.
+    """Return the means of finished episodes' values, with keys of :func:`metric_key`.
 
     Args:
         episodes: ``info["episode"]`` of ``SimulationVecEnv``.
-        facts: What the game publishes: its shares, such as a hit rate, are ratios of means.
+        facts: Facts that the game publishes: its proportions, such as a hit rate, are ratios of
+            means.
     """
     if not episodes:
         return {}

@@ -30,16 +30,16 @@ class StageStopped(Exception):
 
 @dataclass(frozen=True)
 class Report:
-    """How far a training is; what a ``report`` callback gets.
+    """Progress of a training, as a ``report`` callback receives it.
 
     Attributes:
         stage: name of the stage.
-        number: which stage it is, from 1.
-        stages: how many the run has.
-        done: how far the stage is, of ``total``.
-        total: where the stage ends.
+        number: of the stage, from 1.
+        stages: number of stages of the run.
+        done: progress of the stage, out of ``total``.
+        total: value of ``done`` at which the stage ends.
         unit: what ``done`` counts: ``cycles``, ``frames`` or ``user steps``.
-        values: the row of the stage's log that this report goes with.
+        values: the row of the stage's log that belongs to this report.
     """
 
     stage: str
@@ -52,28 +52,28 @@ class Report:
 
 
 class Stage(ABC):
-    """A part of a run that learns something and leaves it in the run's folder.
+    """A part of a run that trains something and saves it in the run's folder.
 
-    A subclass makes its learner in :meth:`open` and lets it learn in :meth:`run`; the learner's
-    ``state_dict`` is what a stopped stage goes on from. Subclasses say what they are called.
+    A subclass makes its learner in :meth:`open` and trains it in :meth:`run`; a stopped stage
+    continues from the learner's ``state_dict``. Subclasses set the attributes below.
 
     Args:
-        total: where it ends, in ``unit``.
+        total: value of ``done`` at which it ends, in ``unit``.
     """
 
     name: str
     """Of the stage, and of its folder unless it is the last one."""
     title: str
-    """One sentence for people: who learns what."""
+    """One sentence on what the stage trains."""
     unit: str
-    """What it counts."""
+    """Unit of the stage's progress, such as ``cycles``."""
     result: str
-    """Name of the file that holds what is learned, once the stage is over."""
+    """Name of the file with the trained result, written at the end of the stage."""
     state_of = "the state of this stage"
-    """What the file of the learner's state is called in errors."""
+    """Name in error messages of the file that holds the learner's state."""
     log_file = "metrics.jsonl"
     leftovers: tuple[str, ...] = ()
-    """Patterns of further files that no one needs once the stage is over."""
+    """Patterns of further files that are deleted when the stage is over."""
 
     def __init__(self, config: TrainingConfig, folder: Path, total: float) -> None:
         self._config, self.folder, self.total = config, folder, float(total)
@@ -86,32 +86,35 @@ class Stage(ABC):
 
     @property
     def begun(self) -> bool:
-        """Whether the folder holds something of it to go on from; stages before it are over."""
+        """Return whether the folder holds a saved state or the result of this stage.
+
+        The stages before it are then finished.
+        """
         return self.finished or self.state_file.is_file()
 
     @property
     def finished(self) -> bool:
-        """Whether there is nothing left to do."""
+        """Return whether the stage has written its result."""
         return (self.folder / self.result).is_file()
 
     @property
     def saved(self) -> str:
-        """What the folder holds of it, for people: ``3 of 22 cycles``."""
+        """Saved progress as text, for example ``3 of 22 cycles``."""
         return f"{self._saved:,.0f} of {self.total:,.0f} {self.unit}" if self._saved else ""
 
     @property
     def work(self) -> float:
-        """Where the progress bar ends: ``total``, or what takes equally long per unit."""
+        """End of the progress bar: ``total``, or a quantity that takes equally long per unit."""
         return self.total
 
     @property
     @abstractmethod
     def done(self) -> float:
-        """How far the learner is, in ``unit``."""
+        """Progress of the learner, in ``unit``."""
 
     @abstractmethod
     def open(self) -> None:
-        """Make what is expensive, of the settings and of what the stages before it have left.
+        """Make what is expensive, from the settings and the results of the stages before.
 
         Raises:
             InputError: a setting cannot be used.
@@ -119,16 +122,16 @@ class Stage(ABC):
 
     @abstractmethod
     def run(self, callbacks: Callbacks) -> None:
-        """Go on from what the folder holds to the end."""
+        """Continue from the folder's state and train to the end."""
 
     def learned(self, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the parts of a learner's state that have to be finite, by what they are called."""
+        """Return the parts of a learner's state that must be finite, by their names."""
         raise NotImplementedError
 
     # --- what a subclass calls in run ----------------------------------------------------------
 
     def resume(self, callbacks: Callbacks) -> None:
-        """Let the learner go on from the folder's state, and drop later rows of the log."""
+        """Let the learner continue from the folder's state, and drop later rows of the log."""
         self.folder.mkdir(parents=True, exist_ok=True)
         if self.state_file.is_file():
             take_in(self.state_file, self.state_of, self.take)
@@ -137,7 +140,7 @@ class Stage(ABC):
         keep_rows(self.folder / self.log_file, lambda row: row[self._log_key] <= self.done)
 
     def take(self, state: dict[str, Any]) -> None:
-        """Let the learner go on from a state."""
+        """Let the learner continue from a state."""
         self._require_finite(state, None)
         self._learner.load_state_dict(state)
 
@@ -147,7 +150,7 @@ class Stage(ABC):
         callbacks.report(self.done, row)
 
     def remember(self) -> None:
-        """Take the learner's state, which the stage saves however it ends.
+        """Store the learner's state, which the stage saves however it ends.
 
         Raises:
             NotFinite: the learner is spoilt; the state before it is written.
@@ -169,13 +172,13 @@ class Stage(ABC):
             self._state, self._saved = None, self._remembered
 
     def close(self) -> None:
-        """Free what :meth:`open` has made."""
+        """Free the resources that :meth:`open` has allocated."""
         if self._simulation is not None:
             self._simulation.close()
         self._simulation = self._learner = self._state = None
 
     def tidy(self) -> None:
-        """Delete what no one needs of a finished stage; also after a kill while it did so."""
+        """Delete files that a finished stage does not need; also after a kill during deletion."""
         self._state = None
         for file in (self.state_file, *(f for p in self.leftovers for f in self.folder.glob(p))):
             file.unlink(missing_ok=True)
@@ -215,14 +218,14 @@ class Stopwatch:
     _cpu_began: float = field(default_factory=time.process_time)
 
     def begin(self, part: str) -> None:
-        """Count what follows as this part's; to be called as often as one likes."""
+        """Add the following time to this part; it may be called at any rate."""
         if part == self._now:
             return
         self.stop()
         self._now = part
 
     def stop(self) -> None:
-        """Count what has been."""
+        """Add the time since the last call."""
         now, cpu = time.monotonic(), time.process_time()
         part = self.parts.setdefault(self._now, PartTime())
         part.seconds += now - self._began
@@ -231,12 +234,12 @@ class Stopwatch:
 
 
 class Callbacks:
-    """What a stage calls while it runs.
+    """Functions that a stage calls while it runs.
 
     Args:
-        display: shows how far it is.
+        display: shows the progress.
         report: called with every row of the stage's log.
-        stop: asked at every step; True ends the training.
+        stop: called at every step; True ends the training.
     """
 
     def __init__(
@@ -256,18 +259,18 @@ class Callbacks:
         """Times of the stage's parts."""
 
     def doing(self, part: str) -> None:
-        """Say what the stage does from now on, for the table of its times."""
+        """Name the stage's present activity, for the table of its times."""
         self.watch.begin(part)
 
     def show(self, view: Callable[[], View], *, force: bool = False) -> None:
-        """Show how far the stage is; to be called often.
+        """Show the stage's progress; to be called often.
 
         Args:
-            view: asked whenever something is drawn.
+            view: called whenever something is drawn.
             force: print a line even if the last one is recent.
 
         Raises:
-            StageStopped: the ``stop`` callback says so.
+            StageStopped: the ``stop`` callback returned True.
         """
         self._display.update(view, force=force)
         self.check()
@@ -282,26 +285,26 @@ class Callbacks:
         self._display.say(text)
 
     def report(self, done: float, values: Mapping[str, Any]) -> None:
-        """Pass on a row of the stage's log."""
+        """Report a row of the stage's log."""
         if self._report is not None:
             stage = self._stage
             where = (stage.name, self._number, self._stages)
             self._report(Report(*where, done, stage.total, stage.unit, values))
 
     def note(self, **values: Any) -> None:
-        """Write what is known of the session into run.json."""
+        """Write values on the session into run.json."""
         self._folder.note_session(**values)
 
 
 @dataclass
 class StageOutcome:
-    """How a session ended.
+    """Outcome of a session.
 
     Attributes:
         status: ``finished``, ``interrupted`` (Ctrl-C, SIGTERM), ``stopped`` (by the callback) or
             ``failed``.
         stage: name of the last stage that ran; empty if there was nothing to do.
-        saved: what that stage has saved, for people.
+        saved: the saved progress of that stage, as text.
         seconds: wall time of each stage that ran.
     """
 
@@ -326,15 +329,15 @@ def run_stages(
     report: Callable[[Report], None] | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> StageOutcome:
-    """Run what is left of a run's stages, one after the other.
+    """Run the remaining stages of a run, one after the other.
 
     Args:
         folder: of the run; every stage's wall time is noted in it.
-        console: where to show how far it is.
+        console: shows the progress.
         opened: the stage that was opened already.
 
     Returns:
-        How it ended. An error passes through, after the stage has saved.
+        The outcome. An error passes through, after the stage has saved.
     """
     outcome = StageOutcome()
     for stage in stages:

@@ -56,15 +56,15 @@ MakeSimulation = Callable[[TrainingConfig], SimulationLike]
 
 @dataclass(frozen=True)
 class Run:
-    """What a recipe makes stages of.
+    """Settings from which a recipe builds its stages.
 
     Attributes:
         config: of the run.
         folder: of the run.
         stop: user steps after which the last stage ends.
         make_simulation: makes the users of the last stage.
-        resumed: whether it goes on with what is in its folder; otherwise that is deleted before a
-            stage runs, and nothing of it counts.
+        resumed: True if training continues from the run's folder; otherwise the folder's contents
+            are ignored, and deleted before a stage runs.
     """
 
     config: TrainingConfig
@@ -86,9 +86,9 @@ def _from_pixels(
 
 
 def _distill(run: Run) -> list[Stage]:
-    """A teacher that knows, a student that sees, then PPO on what it senses itself.
+    """Return the stages teacher (privileged observations), student (own senses) and PPO.
 
-    The result is a policy that is best for its own senses and its own effort.
+    The result is a policy that is optimised for its own senses and its own effort.
     """
     config, path = run.config, run.folder.path
     teacher = ImaginedStage(config, path / ImaginedStage.name)
@@ -106,7 +106,7 @@ def _distill(run: Run) -> list[Stage]:
 
 
 def _skills(run: Run) -> list[Stage]:
-    """Hands that know how to come to places, then what is worth doing there."""
+    """Return the stages of a motor layer, if it has to be trained, and of option values."""
     config, path = run.config, run.folder.path
     motor = None
     if needs_motor_policy(config, run.env):
@@ -116,7 +116,7 @@ def _skills(run: Run) -> list[Stage]:
 
 
 def _adapt(run: Run) -> list[Stage]:
-    """A trained user that goes on where something is different."""
+    """Return the stage that continues a trained user in a changed environment."""
     title = "a trained user goes on: PPO from what it senses."
     if run.resumed and run.folder.checkpoints():
         return [_from_pixels(run, title)]
@@ -150,7 +150,7 @@ EPYC; `whacamole_constrained_distill` was measured."""
 _USER_STEP_S, _SEEN_STEP_S = 0.6e-3, 0.9e-3
 """Processor time of a user step without and with images."""
 _SAMPLE_S, _SAMPLE_GPU_S = 0.4e-3, 0.03e-3
-"""Time of learning from a sample of what a user sees; on a processor, on a GPU."""
+"""Time of training on one image, s: on a processor core, on a GPU."""
 _FIT_S, _FIT_GPU_S = 19e-3, 1e-3
 """A minibatch of the body model."""
 _UPDATE_S, _UPDATE_GPU_S = 0.25, 0.06
@@ -160,7 +160,7 @@ _CORES_OF_UPDATES = 1.4
 
 
 def slowness() -> float:
-    """Return how much longer this core takes than the one of the figures; by processor time."""
+    """Return this core's time for a computation, relative to the reference core; processor time."""
     values = np.random.default_rng(0).standard_normal(65_536)
     fastest = math.inf
     for _ in range(6):
@@ -181,7 +181,7 @@ def device_of(stage: str, config: TrainingConfig) -> str:
 
 
 def expected_seconds(stage: str, config: TrainingConfig, cores: float, slow: float) -> float | None:
-    """Return about how long a stage takes; None: it says so itself once it is known."""
+    """Return the expected duration of a stage, s; None: the stage itself reports it once known."""
     gpu = device_of(stage, config) == "cuda"
     sample_s = _SAMPLE_GPU_S if gpu else _SAMPLE_S * slow / cores
     seen_s = _SEEN_STEP_S * slow / cores
@@ -230,7 +230,7 @@ def plan_lines(stages: Sequence[Stage], config: TrainingConfig) -> list[str]:
 
 
 USER_BYTES = 100_000
-"""At least so much for a user's body and app (docs/reference/performance.md)."""
+"""Least memory of a user's body and app, bytes (docs/reference/performance.md)."""
 
 _M_TRIM_THRESHOLD = -1
 _M_MMAP_MAX = -4
@@ -290,18 +290,18 @@ CHANGEABLE = (
 
 @dataclass(frozen=True)
 class TrainResult:
-    """How a session ended.
+    """Outcome of a session.
 
     Attributes:
         folder: The run's folder.
-        checkpoint: The newest checkpoint: the trained user; None if the session was stopped before
-            there is one.
-        step: User steps of the last stage, taken in all sessions, as far as saved.
-        interrupted: Whether it was stopped by Ctrl-C, SIGTERM or the ``stop`` callback.
-        lost_steps: User steps of the unfinished iteration, which resuming takes again.
+        checkpoint: The newest checkpoint, which is the trained user; None if the session was
+            stopped before the first checkpoint.
+        step: User steps of the last stage in all sessions, as far as saved.
+        interrupted: True if the session was stopped by Ctrl-C, SIGTERM or the ``stop`` callback.
+        lost_steps: User steps of the unfinished iteration, which resuming repeats.
         seconds: Wall time of the session.
         stage: Name of the stage that the session ended in; empty if there was nothing to do.
-        saved: What that stage has saved, for people; empty if it has not come so far.
+        saved: The saved progress of that stage, as text; empty if nothing is saved yet.
     """
 
     folder: RunFolder

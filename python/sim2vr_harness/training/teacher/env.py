@@ -33,13 +33,13 @@ class InitialStates:
         self._postures = {name: dict(cells) for name, cells in postures.items()}
 
     def counts(self, condition: str) -> dict[int, int]:
-        """How many postures there are for each cell."""
+        """Return the number of postures for each cell."""
         return {cell: len(found) for cell, found in self._postures[condition].items()}
 
     def draw(
         self, condition: str, weights: NDArray[np.floating], rng: np.random.Generator
     ) -> FloatArray | None:
-        """A posture near a cell drawn by ``weights`` (by cell); None where there is none."""
+        """Return a posture near a cell drawn by ``weights`` (by cell); None if there is none."""
         cells = [cell for cell, found in self._postures[condition].items() if len(found)]
         if not cells:
             return None
@@ -130,7 +130,7 @@ _FAIL_RATE_MEMORY = 0.97
 _FAILING_CELLS = 0.3
 """Proportion of spawns that follow the cells' fail rates; most are uniform, as in the true game."""
 _STARTS_PER_CELL = 40
-"""Start postures that are looked for, for each cell and condition."""
+"""Number of start postures that are searched for each cell and condition."""
 _EPISODE_S = 12.0
 """Episodes are cut after this time, so that starts near a cell are frequent; the value of the state
 stands for the rest."""
@@ -140,10 +140,10 @@ _EXPLORING_NEAR = 0.9
 
 
 def game_of(env: EnvConfig) -> ImaginedGame:
-    """Return what the fast recipe knows of the environment's game.
+    """Return the differentiable game model of the environment's game.
 
     Raises:
-        InputError: nothing, or nothing for the hand that the user plays with.
+        InputError: there is none, or none for the hand that the user plays with.
     """
     app = env.app
     game = imagined_game(app.game) if app.transport == "in_process" else None
@@ -186,15 +186,15 @@ def blind_env(env: EnvConfig) -> EnvConfig:
 
 
 class TeacherSimulation(State):
-    """N users as a teacher's vector environment wants them (``SimulationLike``).
+    """N users in the form of a teacher's vector environment (``SimulationLike``).
 
-    Rules and rewards are the true ones. Which targets come up and where rounds start is the
-    curriculum's. Episodes are cut after a while (truncated), the first ones at different times.
+    Rules and rewards are the true ones. The curriculum selects the targets that appear and the
+    starts of rounds. Episodes are truncated after some time, the first ones at different times.
 
     Args:
-        env: the true environment; pictures are switched off here.
+        env: the true environment; images are switched off here.
         seed: of conditions, starts and episodes' lengths.
-        n: number of users; None takes ``config.imagined.n_envs``.
+        n: number of users; None: ``config.imagined.n_envs``.
 
     Raises:
         InputError: the game has no differentiable model.
@@ -236,15 +236,15 @@ class TeacherSimulation(State):
             )
 
     def explore(self, seconds: float | None) -> None:
-        """Let episodes be so short and begin near a cell, from the next ones on; None ends it."""
+        """Shorten the next episodes and start them near a cell; None ends this."""
         self._exploring_s = seconds
 
     def condition_of(self, user: int) -> int:
-        """Which of the conditions a user plays."""
+        """Return the index of the condition that a user plays."""
         return int(self._condition[user])
 
     def describe(self, number: int) -> ImaginedCondition:
-        """Return what imagined rounds have to know of a condition.
+        """Return the parameters of a condition for imagined rounds.
 
         The first user's episode is lost.
         """
@@ -310,7 +310,7 @@ class TeacherSimulation(State):
         return {OBSERVATION: self.senses.observe()}
 
     def step(self, actions: NDArray[Any]) -> StepBatch:
-        """Advance everyone by one user step."""
+        """Advance all users by one user step."""
         result = self.simulation.step(np.clip(actions, -1.0, 1.0))
         self.step_count += self.n
         self._length += 1
@@ -343,10 +343,10 @@ class TeacherSimulation(State):
 def privileged_senses(
     simulation: Simulation, config: TeacherConfig, game: ImaginedGame, env: EnvConfig
 ) -> PrivilegedSenses:
-    """Return what a teacher of these users observes.
+    """Return the privileged observations of a teacher of these users.
 
     Args:
-        simulation: the users; watched from its next reset on where the senses are late.
+        simulation: the users; if senses are delayed, its states are recorded from the next reset.
     """
     lag = Lag.of(env, config.recognition_latency_steps)
     hidden = game.hidden_fields if config.hidden_fields is None else config.hidden_fields

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 import yaml
-from fake_simulation import FakeSimulation
+from fake_simulation import FakeSimulation, played_by
 
 from python.cli.calls import call
 from sim2vr_harness import __version__
@@ -33,9 +33,7 @@ TINY = [
 @pytest.fixture(autouse=True)
 def fake(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every command plays on the quick stand-in."""
-    import sim2vr_harness.envs.simulation as module
-
-    monkeypatch.setattr(module, "Simulation", FakeSimulation)
+    played_by(monkeypatch, FakeSimulation)
     monkeypatch.setattr("sim2vr_harness.play.users.doing_nothing_pays", lambda env: None)
     monkeypatch.setattr("sim2vr_harness.evaluation.evaluate.doing_nothing_pays", lambda env: None)
 
@@ -88,14 +86,12 @@ def test_train_ends_with_the_table_and_where_to_look_next(capsys: Any, tmp_path:
 def test_ctrl_c_saves_and_says_so(
     capsys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import sim2vr_harness.envs.simulation as module
-
     def impatient(config: Any, n: int) -> FakeSimulation:
         simulation = FakeSimulation(config, n)
         simulation.fail_at = 25
         return simulation
 
-    monkeypatch.setattr(module, "Simulation", impatient)
+    played_by(monkeypatch, impatient)
     status, out, _ = train(capsys, tmp_path / "run", "--timesteps", "180")
     assert status == 130
     lost = "(12 steps of an unfinished iteration will be repeated)"
@@ -246,7 +242,7 @@ def test_failures_are_status_1_and_tracebacks_are_for_debugging(
     def broken(*arguments: Any, **settings: Any) -> None:
         raise RuntimeError("no renderer\nworks")
 
-    monkeypatch.setattr("sim2vr_harness.envs.simulation.Simulation", broken)
+    played_by(monkeypatch, broken)
     assert call(capsys, "evaluate", str(trained)) == (1, "", "error: no renderer works\n")
     with pytest.raises(RuntimeError, match="no renderer"):
         main(["--debug", "evaluate", str(trained)])

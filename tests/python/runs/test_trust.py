@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fake_simulation import FakeSimulation
+from fake_simulation import FakeSimulation, played_by
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import main
@@ -30,8 +30,6 @@ def stranger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture(autouse=True)
 def started(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The programs that commands would have started; everything plays on the stand-in."""
-    import sim2vr_harness.envs.simulation as module
-
     programs: list[str] = []
 
     class Simulation(FakeSimulation):
@@ -40,7 +38,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[str]:
             app = self.config.app
             programs.append(app.executable or app.connect or "our own")
 
-    monkeypatch.setattr(module, "Simulation", Simulation)
+    played_by(monkeypatch, Simulation)
     # It plays idle users, which the stand-in has none of.
     idle = "sim2vr_harness.play.users.doing_nothing_pays"
     monkeypatch.setattr(idle, lambda _: None)

@@ -5,12 +5,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from parts import needs
 from webxr_pages import NEEDS_BROWSER, NEEDS_ENGINES
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
+@pytest.mark.slow
 @NEEDS_BROWSER
 @NEEDS_ENGINES
 @needs("openxr", shutil.which("hello_xr"), "no hello_xr (apt-get install libopenxr-utils)")

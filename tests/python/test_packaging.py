@@ -132,7 +132,7 @@ def test_the_example_workflow_passes(tmp_path: Path) -> None:
             ["bash", "-euo", "pipefail", "-c", command], cwd=tmp_path, env=environment, check=False
         ).returncode
 
-    play = steps["Play and check"].replace("--episodes 3", "--episodes 1")
+    play = steps["Play and check"].replace("--episodes 3", "--episodes 2")
     evaluate = play.partition("--expect")[0].replace("--out played", "--out ci").rstrip(" \\\n")
     assert run(f"{evaluate} && mv ci/results.json ci/baseline.json") == 0
     assert run(play) == 0

@@ -3,6 +3,7 @@
 // depend on the window system is in graphics_egl_test.cpp.
 #include <dlfcn.h>
 #include <gtest/gtest.h>
+#include <link.h>
 #include <poll.h>
 #include <signal.h>
 #include <sys/prctl.h>
@@ -73,8 +74,8 @@ class Xvfb {
 class GraphicsOpenGl : public testing::Test {
  protected:
   void SetUp() override {
-    x11_ = dlopen("libX11.so.6", RTLD_NOW | RTLD_LOCAL);
-    gl_ = dlopen("libGL.so.1", RTLD_NOW | RTLD_LOCAL);
+    x11_ = dlopen("libX11.so.6", RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
+    gl_ = dlopen("libGL.so.1", RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
     if (x11_ == nullptr || gl_ == nullptr) GTEST_SKIP() << "no libX11 or no libGL";
     xvfb_.emplace();
     if (xvfb_->display.empty()) GTEST_SKIP() << "Xvfb does not start";
@@ -94,6 +95,16 @@ class GraphicsOpenGl : public testing::Test {
     context_ = createContext();
     ASSERT_NE(context_, nullptr);
     makeCurrent(context_);
+    // The driver stays loaded, so that a report of leaks can name it.
+    std::string driver;
+    dl_iterate_phdr(
+        [](dl_phdr_info* library, std::size_t, void* found) {
+          const std::string name = library->dlpi_name;
+          if (name.ends_with("_dri.so")) *static_cast<std::string*>(found) = name;
+          return 0;
+        },
+        &driver);
+    if (!driver.empty()) dlopen(driver.c_str(), RTLD_NOW | RTLD_NODELETE);
   }
 
   void TearDown() override {

@@ -32,7 +32,7 @@ struct RuntimeRequest {
 using Negotiate = XrResult (*)(const LoaderInfo*, RuntimeRequest*);
 
 struct Library : ::testing::Test {
-  void* library = ::dlopen(SIM2VR_OPENXR_LIBRARY, RTLD_NOW | RTLD_LOCAL);
+  void* library = ::dlopen(SIM2VR_OPENXR_LIBRARY, RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
   Negotiate negotiate =
       reinterpret_cast<Negotiate>(::dlsym(library, "xrNegotiateLoaderRuntimeInterface"));
 };
@@ -65,7 +65,7 @@ TEST_F(Library, NegotiatesInterfaceOne) {
 /// Khronos' loader finds the library by its manifest, and a headless program plays through it.
 TEST(Loader, PlaysThroughTheManifest) {
   ::setenv("XR_RUNTIME_JSON", SIM2VR_OPENXR_MANIFEST, 1);
-  void* loader = ::dlopen("libopenxr_loader.so.1", RTLD_NOW | RTLD_LOCAL);
+  void* loader = ::dlopen("libopenxr_loader.so.1", RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
   if (loader == nullptr) GTEST_SKIP() << "no OpenXR loader here (libopenxr-loader1)";
   const auto get =
       reinterpret_cast<PFN_xrGetInstanceProcAddr>(::dlsym(loader, "xrGetInstanceProcAddr"));

@@ -97,7 +97,10 @@ CHANGES = (
     ("\nseconds: 20\n", "\nseconds: 3\n"),
     ("\npeople: 12 ", "\npeople: 3 "),
     ("--vary button_m=0.04,0.08,0.16", f"--vary button_m=0.04,0.16 --people 2 {ROUND}"),
-    ("--vary size=0.04,0.06,0.08 --vary height=1.0,1.4 --people 24", "--vary size=0.04,0.08 --people 2"),
+    (
+        "--vary size=0.04,0.06,0.08 --vary height=1.0,1.4 --people 24",
+        "--vary size=0.04,0.08 --people 2",
+    ),
     ("\npeople: 6\n", "\npeople: 3\n"),
     ("\nepisodes: 3 ", "\nepisodes: 1 "),
     ("\nfactors:", "\n  env.app.options.round_seconds: 5\nfactors:"),

@@ -24,24 +24,14 @@ def test_no_file_breaks_a_rule() -> None:
     assert [str(problem) for problem in prose.find_problems()] == []
 
 
-def test_a_long_sentence_is_found_and_short_ones_are_not() -> None:
+def test_a_long_line_is_found() -> None:
     assert rules(SHORT * 5) == ["line"]
     assert rules("\n".join([SHORT] * 5)) == []
-    assert rules("\n".join(["word " * 15 + "word"] * 2)) == ["sentence"]
-    assert rules("- " + "word " * 20 + "\n- " + "word " * 20) == []
-    assert rules("\n".join(["Words `of code` count " + "word " * 12] * 2)) == []
 
 
 def test_tables_and_code_blocks_are_exempt() -> None:
     many = "1 2 3 4 " * 30
     assert rules(f"```\n{many}\n```\n| {many} |\n<!-- {many} -->\n[page]: {many}\n") == []
-
-
-def test_numbers_are_counted_per_page() -> None:
-    page = "\n".join([SHORT] * 12)  # 108 words: 3 numbers
-    assert rules(page + "\n\nIt takes 1, 2 and 3.5 s.") == []
-    assert rules(page + "\n\nIt takes 1, 2, 3 and .5 s.") == ["number"]
-    assert rules(page + "\n\n1. Step\n2. Step\n\nOf `4 5` and SAC2: 1, 2, 3.") == []
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,8 @@
-"""Checks the words and sentences of the documentation and the package.
+"""Check the words of the documentation and the package.
 
 Rules:
 
-- ``sentence``: a sentence of a page has at most 30 words
 - ``line``: a line of prose on a page has at most 120 characters
-- ``number``: a page has at most 3 numbers per 100 words
 - ``docstring``: a module's docstring does not begin with What, Who, Where, How or Which
 - ``word``: no word of tests/data/retired_words.txt in pages, configurations and the package
 
@@ -24,9 +22,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 WORDS = "tests/data/retired_words.txt"
 
-SENTENCE_WORDS = 30
 LINE_CHARACTERS = 120
-NUMBERS_PER_100_WORDS = 3
 
 EXEMPT = (
     "docs/evidence/",
@@ -64,57 +60,11 @@ def prose(text: str) -> list[str]:
     return ["" if re.match(r"\s*\||\[\w+\]: ", line) else line for line in text.split("\n")]
 
 
-def plain(line: str) -> str:
-    """Return a line as read: links by their text, inline code as one word, no markup."""
-    line = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", line)
-    line = re.sub(r"`[^`]*`", "code", line)
-    return re.sub(r"<[^>]+>|[*_]{1,2}(?=\w)|(?<=\w)[*_]{1,2}", "", line)
-
-
-def paragraphs(lines: Sequence[str]) -> Iterator[tuple[int, str]]:
-    """Yield each paragraph or list item with its first line's number."""
-    start, parts = 0, list[str]()
-    for number, line in enumerate([*lines, ""], start=1):
-        heading = re.match(r"\s*#", line)
-        item = re.match(r"\s*(?:[-*+]|\d+\.)\s+", line)
-        if parts and (not line.strip() or heading or item):
-            yield start, " ".join(parts)
-            parts = []
-        if line.strip() and not heading:
-            start = start if parts else number
-            parts.append(line[item.end() :] if item else line.strip())
-
-
-def word_count(text: str) -> int:
-    """Return the number of words of a text without markup."""
-    return len(re.findall(r"[^\s]*\w[^\s]*", text))
-
-
-def long_sentences(lines: Sequence[str]) -> Iterator[tuple[int, str]]:
-    """Yield sentences over the limit."""
-    for number, paragraph in paragraphs(lines):
-        for sentence in re.split(r"(?<=[.!?])[\")]*\s+(?=[\W\d_]*[A-Z`\d]|code)", plain(paragraph)):
-            count = word_count(sentence)
-            if count > SENTENCE_WORDS:
-                yield number, f"{count} words: {sentence[:60]}..."
-
-
 def page_problems(path: str, text: str) -> Iterator[Problem]:
     """Yield what breaks the rules of pages."""
-    lines = prose(text)
-    for number, found in long_sentences(lines):
-        yield Problem(path, number, "sentence", found)
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(prose(text), start=1):
         if len(line) > LINE_CHARACTERS:
             yield Problem(path, number, "line", f"{len(line)} characters: {line[:60]}...")
-    words, numbers = 0, list[tuple[int, str]]()
-    for number, line in enumerate(lines, start=1):
-        line = re.sub(r"^\s*\d+\.\s", "", plain(line))
-        words += word_count(line)
-        numbers += [(number, each) for each in re.findall(r"(?<![\w.])[-+]?\.?\d[\d.,]*", line)]
-    for number, each in numbers[words * NUMBERS_PER_100_WORDS // 100 :]:
-        share = f"{len(numbers)} numbers in {words} words of this page"
-        yield Problem(path, number, "number", f"{each} ({share})")
 
 
 # ---------------------------------------------------------------- the package

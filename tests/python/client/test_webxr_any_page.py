@@ -283,7 +283,7 @@ def test_a_page_without_webxr_is_told_so_soon(
     shared: Shared, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """After the patience and 2 s of its own time, not after 15 s."""
-    monkeypatch.setattr("sim2vr_harness.client.webxr.page._PATIENCE_S", 0.3)
+    monkeypatch.setattr("sim2vr_harness.client.webxr.page._PATIENCE_S", 0.0)
     app = shared("""let frames = 0;
     const draw = () => {
       document.title = ++frames;

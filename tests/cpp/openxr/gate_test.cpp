@@ -108,11 +108,11 @@ TEST_F(Gate, AHarnessThatIsGoneStopsAndThenLosesTheSession) {
 TEST_F(Gate, AProgramThatIgnoresStoppingLosesItsSessionAfterASecond) {
   start();
   harness.close();
-  const auto begun = steady_clock::now();
-  XrResult result = XR_SUCCESS;
-  while (result == XR_SUCCESS) result = program.frame();
-  EXPECT_EQ(result, XR_ERROR_SESSION_LOST);
-  EXPECT_LT(steady_clock::now() - begun, std::chrono::seconds(4));
+  int frames = 0;
+  while (program.frame() == XR_SUCCESS && frames < 1000) ++frames;
+  // A second at 90 Hz, however long the machine takes for it, and the frame that was on its way.
+  EXPECT_NEAR(frames, 90, 1);
+  EXPECT_EQ(program.frame(), XR_ERROR_SESSION_LOST);
 }
 
 TEST_F(Gate, ACallThatDoesNotComeIsNamed) {

@@ -110,6 +110,7 @@ class GraphicsOpenGl : public testing::Test {
   void TearDown() override {
     if (context_ == nullptr) return;
     makeCurrent(nullptr);
+    glx<decltype(&glXDestroyPbuffer)>("glXDestroyPbuffer")(display_, drawable_);
     glx<decltype(&glXDestroyContext)>("glXDestroyContext")(display_, context_);
     x11<decltype(&XCloseDisplay)>("XCloseDisplay")(display_);
   }

@@ -108,11 +108,16 @@ class GraphicsOpenGl : public testing::Test {
   }
 
   void TearDown() override {
-    if (context_ == nullptr) return;
+    if (display_ == nullptr) return;
     makeCurrent(nullptr);
-    glx<decltype(&glXDestroyPbuffer)>("glXDestroyPbuffer")(display_, drawable_);
-    glx<decltype(&glXDestroyContext)>("glXDestroyContext")(display_, context_);
-    x11<decltype(&XCloseDisplay)>("XCloseDisplay")(display_);
+    if (drawable_ != 0) {
+      glx<decltype(&glXDestroyPbuffer)>("glXDestroyPbuffer")(display_, drawable_);
+    }
+    if (context_ != nullptr) {
+      glx<decltype(&glXDestroyContext)>("glXDestroyContext")(display_, context_);
+    }
+    // The display stays open: closing it unloads Mesa's driver, and what the driver does not free
+    // would be a leak without the name by which sanitizers leave drivers alone.
   }
 
   template <class Function>
@@ -213,7 +218,6 @@ TEST_F(GraphicsOpenGl, ADestroyedContextIsLeftAlone) {
   context_ = nullptr;
   images.reset();
   graphics.reset();
-  x11<decltype(&XCloseDisplay)>("XCloseDisplay")(display_);
 }
 
 TEST_F(GraphicsOpenGl, BindingsThatCannotBe) {

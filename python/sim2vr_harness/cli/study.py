@@ -107,9 +107,9 @@ def study(request: StudyRequest) -> int:
         file, jobs = _made(request), available() if jobs is None else jobs
     else:
         for name in ("vary", "overrides", "page", "game", "people", "episodes", "measure", "seed"):
-            if getattr(request, name):
-                field, expected = f"--{name.strip('_')}", "it with --vary alone; a file says all"
-                raise InputError(field, f"it with {file}", expected)
+            if getattr(request, name) not in (None, ()):
+                field = "--set" if name == "overrides" else f"--{name}"
+                raise InputError(field, f"it with {file}", "it with --vary alone; a file says all")
     if file.is_dir():
         return _effects(request, asked=checked.asked)
     if request.user is not None and request.file is not None:

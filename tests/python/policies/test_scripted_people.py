@@ -186,6 +186,8 @@ def test_a_question_in_one_command(tmp_path: Path, capsys: pytest.CaptureFixture
         (["--vary", "button_m=0.1,0.2", "--user", LIT, "--measure", "hit"], "did you mean 'hits'"),
         (["a.yaml", "--vary", "button_m=0.1,0.2"], "--vary: got it with a.yaml"),
         (["a.yaml", "--people", "3"], "--people: got it with a.yaml"),
+        (["a.yaml", "--set", "env.cores=1"], "--set: got it with a.yaml"),
+        (["a.yaml", "--seed", "0"], "--seed: got it with a.yaml"),
     ],
 )
 def test_studies_that_are_refused(

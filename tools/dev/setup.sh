@@ -13,7 +13,8 @@ readonly root=$PWD venv=.venv stamps=.venv/.sim2vr log_dir=build/log
 readonly py=$venv/bin/python
 mkdir -p "$log_dir"
 
-step_number=0
+step_number=0 packages=
+trap '[[ -z $packages ]] || kill -- "-$packages" 2>/dev/null' EXIT
 say() { printf '[%d/5] %s\n' "$step_number" "$*"; }
 step() { step_number=$((step_number + 1)); }
 
@@ -140,11 +141,14 @@ deps_key="$(digest requirements.lock)-$python_version"
 if stamp_is deps "$deps_key"; then
   say "Python packages: as in requirements.lock"
 else
-  say "Python packages: installing requirements.lock (some minutes the first time)"
-  install_torch
-  logged "$log_dir/pip.log" pip install -r requirements.lock \
-    || fail "Python packages" "check the network, then: $py -m pip install -r requirements.lock" "$log_dir/pip.log"
-  stamp deps "$deps_key"
+  say "Python packages: installing requirements.lock while the C++ parts compile (some minutes the first time)"
+  # The extension module needs this one; the rest takes minutes of one core, so that the compiler need not wait.
+  logged "$log_dir/pip.log" pip install "$(grep '^pybind11==' requirements.lock)" \
+    || fail "Python packages" "check the network, then: make setup" "$log_dir/pip.log"
+  set -m  # a process group of its own, which the trap ends
+  { install_torch && logged "$log_dir/pip.log" pip install -r requirements.lock; } &
+  packages=$!
+  set +m
 fi
 
 # ---------------------------------------------------------------- 4 C++ build
@@ -161,6 +165,11 @@ logged "$log_dir/build.log" cmake --build --preset release --parallel "$jobs" --
 # Headers and a CMake package for games of one's own: find_package looks beside the active bin/.
 logged "$log_dir/install.log" cmake --install build/release --component development --prefix "$venv" \
   || fail "installing headers" "read build/log/install.log, then: make setup" "$log_dir/install.log"
+if [[ -n $packages ]]; then
+  wait "$packages" \
+    || fail "Python packages" "check the network, then: $py -m pip install -r requirements.lock" "$log_dir/pip.log"
+  stamp deps "$deps_key"
+fi
 say "C++ build: build/release/app_runtime is up to date (sim2vr-app, the OpenXR runtime, its layer, the virtual clock)"
 
 # ---------------------------------------------------------------- 5 the package itself

@@ -61,26 +61,6 @@ class Outer(BaseModel):
 Outer.__module__ = "sim2vr_harness.test"
 
 
-def test_rows_of_a_model(monkeypatch: pytest.MonkeyPatch) -> None:
-    sources = {Inner: SOURCE_INNER, Outer: SOURCE_OUTER}
-    monkeypatch.setattr(reference.inspect, "getsource", lambda model: sources[model])
-    rows = {row.key: row for row in reference.settings(Outer, Outer())}
-    assert list(rows) == ["one.delay_s", "some", "some.NAME.delay_s", "many"]
-    row = rows["one.delay_s"]
-    assert (row.type, row.unit, row.default, row.range) == ("number", "s", "1", "0 to below 2")
-    assert row.meaning == "How late."
-    assert rows["some.NAME.delay_s"].default == "0.5"
-    assert rows["some"].meaning == "Named ones ([reference/senses.md](../reference/senses.md))."
-    assert (rows["many"].type, rows["many"].default) == ("integer or none", "none")
-
-
-SOURCE_INNER = 'class Inner:\n    delay_s: float = 0.5\n    """How late. More text."""\n'
-SOURCE_OUTER = (
-    "class Outer:\n    one: Inner = 0\n    some: dict = 0\n"
-    '    """Named ones (docs/reference/senses.md)."""\n    many: int = 0\n'
-)
-
-
 def test_every_command_and_option_has_a_sentence() -> None:
     page = reference.command_line_page()
     commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]

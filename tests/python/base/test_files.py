@@ -16,7 +16,7 @@ import torch
 
 from sim2vr_harness.base import files
 from sim2vr_harness.base.bounded_yaml import parse_yaml
-from sim2vr_harness.base.errors import InputError, reason, shown
+from sim2vr_harness.base.errors import InputError
 
 EXPECTED = "a thing"
 READERS: dict[str, Callable[[Path, str], Any]] = {
@@ -104,18 +104,11 @@ def bomb(levels: int) -> str:
     [
         (bomb(9), "f, line 6: got more than 20,000 values"),
         ("a: &a [*a]", "f, line 1: got an anchor that is used inside itself"),
-        ("x: &x {<<: *x}", "f, line 1: got an anchor that is used inside itself"),
         ("[" * 100_000, "f, line 1: got more than 32 levels"),
         ("a: 1\nb: 2\na: 3", "f, line 3: got the key 'a' twice"),
-        ("b:\n  on: 2", "f, line 2: got the key 'on', which is no text"),
-        ("? [1]\n: 2", "f, line 1: got a sequence as a key"),
         (f"a: {'9' * 400}", "f, line 1: got a number of 400 digits"),
-        (f"a: 0x{'f' * 4999}", "f, line 1: got a number of 5,001 digits"),
         ("a: [1", "f, line 1: got text that is not YAML (expected ',' or ']', but got"),
-        ("a: 2001-99-99", "f: got text that is not YAML (month must be in 1..12)"),
-        ("a: !!timestamp x", "f: got text that is not YAML ("),
         ("a: !!python/name:os.system", "f, line 1: got text that is not YAML ("),
-        ("a: 1\x00", "f: got text that is not YAML (unacceptable character #x0000"),
         ("--- 1\n--- 2", "f, line 2: got text that is not YAML ("),
     ],
 )
@@ -144,10 +137,8 @@ def test_an_integer_that_no_float_holds_is_infinite() -> None:
     ("text", "message"),
     [
         ('{"a": 1,\n}', "f, line 2: got text that is not JSON (Expecting property name"),
-        ("[1]", "f: got JSON of [1], expected a thing"),
         ("[" * 100_000, "f: got JSON nested too deep"),
         ('{"a": 1, "a": 2}', "f: got the key 'a' twice"),
-        (" \n", "f: got an empty file"),
     ],
 )
 def test_json_says_where_it_is_wrong(text: str, message: str) -> None:
@@ -239,9 +230,7 @@ def test_an_archive_is_refused_by_the_sizes_in_its_headers(
             zipped({"t.npy": npy((850_000_000,))}),
             r"'t.npy' declares shape \(850000000,\) of float32",
         ),
-        (zipped({"t.npy": npy((10**12,), "|V0")}), r"'t.npy' declares shape \(1000000000000,\)"),
         (zipped({"t.npy": npy((4,), "(200000000,)<f4")}), "'t.npy' declares shape"),
-        (npy((850_000_000,)), "no zip archive"),
     ],
 )
 def test_an_array_is_refused_by_the_shape_in_its_header(content: bytes, message: str) -> None:
@@ -261,22 +250,11 @@ def test_an_array_is_refused_by_the_shape_in_its_header(content: bytes, message:
             "a bytearray in it",
         ),
         (saved({"w": [torch.zeros(1).expand(100_000_000)]}), "f: got .* unpack to 400,000,000,"),
-        (
-            saved({"w": torch.sparse_coo_tensor(torch.zeros(1, 1), torch.ones(1), (100_000_000,))}),
-            "f: got .* unpack to 400,000,000,",
-        ),
-        (saved({"w": torch.zeros(4)}, _use_new_zipfile_serialization=False), "no zip archive"),
     ],
 )
 def test_tensors_are_refused_by_what_they_declare(content: bytes, message: str) -> None:
     with pytest.raises(InputError, match=message):
         files.parse_tensors(content, "f", EXPECTED)
-
-
-def test_large_arrays_that_are_stored_as_they_are_can_be_read(zeros: bytes) -> None:
-    stream = io.BytesIO()
-    np.savez(stream, t=np.frombuffer(zeros, np.uint8))
-    assert files.parse_arrays(stream.getvalue(), "f", EXPECTED)["t"].nbytes == 300_000_000
 
 
 def test_a_full_disk_is_named(tmp_path: Path) -> None:
@@ -288,9 +266,3 @@ def test_a_full_disk_is_named(tmp_path: Path) -> None:
         stream.write(b"x")
     assert caught.value.errno == errno.ENOSPC
     assert caught.value.filename == str(tmp_path / "results.json")
-
-
-def test_values_are_quoted_in_short() -> None:
-    assert shown("x" * 1000) == f"'{'x' * 65}...{'x' * 24}'"
-    assert reason(ValueError("one\n  two\x1b")) == "one two\\x1b"
-    assert reason(KeyError()) == "KeyError"

@@ -134,17 +134,6 @@ def test_an_app_of_ones_own(capsys: Any, tmp_path: Path, monkeypatch: pytest.Mon
     assert (app["executable"], app["arguments"]) == (None, [])
 
 
-def test_games_are_listed_with_their_conditions(capsys: Any) -> None:
-    status, out, _ = call(capsys, "games")
-    assert status == 0
-    assert "sim2vr/WhacAMole-v0" in out
-    status, out, _ = call(capsys, "games", "sample")
-    assert "Radius 2.5 cm" in out and "lower" in out
-    out = call(capsys, "evaluate", "--help")[1]
-    assert "medium, low-medium, high-medium" in out
-    assert "10 unless set" in " ".join(out.split())
-
-
 def test_changes_are_told_in_words(capsys: Any, trained: Path, tmp_path: Path) -> None:
     change = ("--set", "env.user.noise.constant=white", "--out", str(tmp_path))
     status, out, err = call(capsys, "evaluate", str(trained), "--episodes", "1", *change)
@@ -164,12 +153,6 @@ def test_practice_that_is_stopped_says_how_to_go_on(
     status, _, err = call(capsys, "users", "motor", "train", "mobl_arms_wrist", *out, *small)
     assert status == 130
     assert err.endswith("Stopped after cycle 0; the same command goes on.\n")
-
-
-def test_curves(capsys: Any, trained: Path, tmp_path: Path) -> None:
-    file = tmp_path / "c.png"
-    written = call(capsys, "plot", "curves", str(trained), "--out", str(file))
-    assert written == (0, f"Written: {file}\n", "") and file.is_file()
 
 
 BAD_INPUT = """

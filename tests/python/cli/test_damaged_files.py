@@ -1,6 +1,5 @@
 """Commands that are given files which nobody can read: one line, which names the file; status 2."""
 
-import json
 import lzma
 import shutil
 from pathlib import Path
@@ -118,12 +117,3 @@ def test_names_with_line_breaks_and_escape_codes(capsys: Any) -> None:
             assert status == 2
             assert said.count("\n") == 1
             assert said.rstrip("\n").isprintable()
-
-
-def test_a_group_that_is_off_is_switched_on_by_its_keys() -> None:
-    off = defaults()
-    assert off.env.vision.foveation is None
-    on = defaults(["env.vision.foveation=null", "env.vision.foveation.gaze=ahead"])
-    assert on.env.vision.foveation is not None
-    assert on.env.vision.foveation.gaze == "ahead"
-    assert json.loads(json.dumps(on.model_dump(mode="json")))["env"]["vision"]["foveation"]

@@ -10,7 +10,6 @@ from PIL import Image
 
 from python.cli.calls import call
 from sim2vr_harness.base import paths
-from sim2vr_harness.cli.command import HEADINGS
 from sim2vr_harness.cli.main import app
 
 SHIPPED = paths.trained_users_dir()
@@ -28,18 +27,6 @@ def shown_commands() -> list[tuple[str, Any]]:
     return found
 
 
-def test_every_command_is_in_a_group(capsys: Any) -> None:
-    out = call(capsys, "--help")[1]
-    sections = dict(part.split(":\n", 1) for part in out.split("\n\n") if ":\n" in part)
-    assert [name for name in sections if name in HEADINGS] == list(HEADINGS)
-    names = [
-        line.split()[0] for heading in HEADINGS for line in sections[heading].strip().split("\n")
-    ]
-    assert len(names) == len(set(names))
-    assert "Commands" not in sections, "a command is in no group"
-    assert "..." not in "".join(sections[heading] for heading in HEADINGS)
-
-
 @pytest.mark.parametrize(("words", "command"), shown_commands(), ids=lambda each: str(each)[:30])
 def test_help_ends_with_two_examples(capsys: Any, words: str, command: Any) -> None:
     out = call(capsys, *words.split(), "--help")[1]
@@ -49,18 +36,6 @@ def test_help_ends_with_two_examples(capsys: Any, words: str, command: Any) -> N
     assert lines[-2] != lines[-1]
     for example in command.examples:
         assert f"{example} ".startswith(f"sim2vr-harness {words} ".replace("  ", " "))
-
-
-def test_users_are_one_table(capsys: Any) -> None:
-    """The headline is the game's score, its mean over the card's conditions."""
-    status, out, _ = call(capsys, "users", "list")
-    assert status == 0
-    rows = [line.split() for line in out.splitlines() if line.startswith("  whacamole_people ")]
-    card = json.loads((SHIPPED / "whacamole_people" / "card.json").read_text())
-    rates = [row["hit_rate"] for row in card["results"].values()]
-    mean = f"{sum(rates) / len(rates):.2f}"
-    assert rows == [["whacamole_people", "whacamole", "distill", "Hit", "rate", mean]]
-    assert max(map(len, out.splitlines())) <= 80
 
 
 def test_a_user_has_a_page(capsys: Any) -> None:
@@ -96,24 +71,6 @@ def test_a_game_lists_measures_and_options(capsys: Any) -> None:
     assert options["adaptive"]["type"] == "bool"
     assert options["spawn_times"]["default"] == []
     assert {"easy", "medium"} < set(options["condition"]["choices"])
-
-
-def test_commands_that_play_take_an_app_a_user_and_changes() -> None:
-    options = {words: {o for each in command.params for o in each.opts}
-               for words, command in shown_commands()}  # fmt: skip
-    for words in ("train", "evaluate", "watch", "render snapshot", "replay", "compare", "audit"):
-        assert {"--page", "--map", "--task", "--browser", "--openxr"} <= options[words], words
-        assert "--set" in options[words] or words == "replay"
-    assert all("--user" in options[words] for words in ("evaluate", "watch", "render snapshot"))
-
-
-def test_all_help_fits_80_columns(capsys: Any) -> None:
-    for words, _ in shown_commands():
-        out = call(capsys, *words.split(), "--help")[1]
-        assert max(map(len, out.splitlines())) <= 80, words
-    status, out, err = call(capsys, "users")
-    assert (status, err) == (2, "")
-    assert out.startswith("Usage: sim2vr-harness users")
 
 
 def test_a_snapshot_takes_user_and_set(tmp_path: Path, capsys: Any) -> None:

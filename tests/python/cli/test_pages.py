@@ -72,15 +72,9 @@ def test_what_the_user_sees_of_a_page(capsys: Any, tmp_path: Path) -> None:
     ("arguments", "words"),
     [
         (("train", "--page", TOUCH), "--task: got nothing, expected what the app is worth"),
-        (("train", "--page", TOUCH, "--app", "x"), "--page: got it together with --app"),
         (("evaluate", "--user", "random", "--map", "x=y"), "--map: got it without --page"),
         (("evaluate", "--page", TOUCH, "--map", "x"), "--map: got 'x', expected URL=FOLDER"),
-        (("evaluate", "--page", TOUCH), "RUN: got nothing, expected a run's folder, or --user"),
-        (("evaluate", "run", "--user", "still"), "--user: got it together with 'run'"),
-        (("evaluate", "--user", "still", "--log"), "--log: got it without --out, expected a fol"),
         (("evaluate", "--user", "stil", "--page", TOUCH), "did you mean 'still'"),
-        (("render", "snapshot", "--page", "nowhere.html"), "app.page: got '"),
-        (("evaluate", "--user", "still", "--page", TOUCH, "--task", "x.py:Y"), "no file '"),
         (("evaluate", "--user", "still", "--page", TOUCH, "--browser", "/no"), "app.browser: got"),
     ],
 )  # fmt: skip
@@ -115,24 +109,6 @@ def test_files_beside_a_configuration(tmp_path: Path) -> None:
         assert config.page == str(tmp_path / "page.html")
         assert config.map == {"https://c.de/": str(tmp_path)}
         assert config.task == f"{tmp_path}/{found}"
-
-
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        ({"transport": "webxr"}, "page: got none for 'webxr', expected a page in HTML"),
-        ({"page": "x.html"}, "got 'in_process' together with page, expected 'webxr'"),
-        ({"browser": "chromium"}, "got 'in_process' together with browser"),
-        ({"transport": "webxr", "page": "x.html", "connect": "a:1"}, "together with connect"),
-        (
-            {"transport": "webxr", "page": "x", "transport_options": {"profil": "x"}},
-            "got 'profil' for 'webxr'.*did you mean 'profile'",
-        ),
-    ],
-)
-def test_settings_that_do_not_go_together(settings: dict[str, Any], words: str) -> None:
-    with pytest.raises(ValueError, match=words):
-        AppConfig(**settings)
 
 
 def test_pages_and_code_of_others_are_asked_for(

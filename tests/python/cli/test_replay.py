@@ -1,7 +1,6 @@
 """``sim2vr-harness replay`` on a small round of our own."""
 
 import json
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.cli.main import main
-from sim2vr_harness.client import DevicePoses, InProcessApp
 from sim2vr_harness.sessions import read_session, write_session
 
 FIXTURE = Path(__file__).resolve().parents[2] / "data" / "whacamole_round"
@@ -52,34 +50,6 @@ def test_tables(capsys: Any) -> None:
     # 18 targets, all as recorded: 7 hits, 8 misses, 4 contacts.
     assert events == ["whacamole_round", "18", "1", "7/7", "8/8", "4/4", "none"]
     assert times == ["whacamole_round", "1/1", "1/1", "1", "0.000", "0.0000/0.0000"]
-
-
-def test_a_round_of_another_game(capsys: Any, tmp_path: Path) -> None:
-    """Beats logs poses and events as well, but none that could be compared."""
-    hand = np.array([0.1, 1.0, 0.3, 0.0, 0.0, 0.0, 1.0])
-    poses = DevicePoses(hand, hand, hand)
-    with InProcessApp("beats", renderer="null", log_dir=tmp_path) as app:
-        app.reset(1, poses)
-        for frame in range(1, 5):
-            app.step(50_000_000 * frame, poses)
-    (round_,) = tmp_path.iterdir()
-    status, _, err = call(capsys, str(round_))
-    assert status != 0
-    assert err == (
-        f"error: {round_}/events.csv: got no event that tells its game, expected such events; or "
-        "--game NAME\n"
-    )
-
-
-def test_tables_fit_80_columns(capsys: Any, tmp_path: Path) -> None:
-    name = "a-round-with-a-name-that-is-longer-than-its-column"
-    for folder in (tmp_path / "one" / name, tmp_path / "two" / name):
-        shutil.copytree(FIXTURE, folder)
-    status, out, _ = call(capsys, str(tmp_path))
-    assert status == 0
-    assert max(map(len, out.splitlines())) <= 80
-    (total,) = [line for line in out.splitlines() if "constrained" in line and "14/14" in line]
-    assert total.split() == ["constrained", "36", "1", "14/14", "16/16", "8/8", "none"]
 
 
 def test_json(capsys: Any) -> None:

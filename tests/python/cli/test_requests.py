@@ -82,24 +82,10 @@ def test_an_option_may_stand_without_its_number(
     assert (got.people, got.place, got.names) == (people, Path("here"), names)
 
 
-def test_fields_without_a_help_sentence_are_for_programs() -> None:
-    assert run("here").inner == 4
-    with pytest.raises(Exception, match="No such option: --inner"):
-        run("here", "--inner", "5")
-
-
 @pytest.mark.parametrize(("name", "value"), [("--length-m", "nan"), ("--out", "/proc/x")])
 def test_numbers_and_places_are_checked_by_their_type(name: str, value: str) -> None:
     with pytest.raises(InputError, match=f"^{name}: got "):
         run("here", name, value)
-
-
-def test_own_options_come_first_and_arguments_in_order() -> None:
-    names = {words: [each.name for each in command.params] for words, command in shown_commands()}
-    assert names["session convert"][:2] == ["source", "out"]
-    assert names["evaluate"].index("conditions") < names["evaluate"].index("record")
-    options = names["train"]
-    assert options.index("timesteps") < options.index("trust_app") < options.index("page")
 
 
 def test_every_place_to_write_is_tried_first(capsys: Any) -> None:

@@ -130,12 +130,8 @@ NO_DEPTH = r"vision.channels: got depth, but fake.py"
         ("import time; time.sleep(60)", AppTimeout, r"no xrCreateInstance within 1 s; is it an"),
         ("hello(); time.sleep(60)", AppTimeout, r"no xrCreateSession within 1 s; it made an inst"),
         ("print('no GPU'); sys.exit(5)", AppDied, r"status 5 before its xrCreateInst.*no GPU"),
-        ("hello(); sys.exit(6)", AppDied, r"ended with exit status 6 before its xrCreateSession"),
-        ("os.kill(os.getpid(), 11)", AppDied, r"was killed \(SIGSEGV\) before its xrCr"),
         ("say(1, protocol=7); time.sleep(9)", ProtocolError, r"got 7, expected 2; rebuild the run"),
-        (f"hello(); say(3, {NO_IMAGES}); time.sleep(9)", ProtocolError, NO_MEMORY),
         (f"hello(); say(3, {SMALL}, {NO_IMAGES}); time.sleep(9)", ProtocolError, NO_MEMORY),
-        ("send(77); time.sleep(9)", ProtocolError, r"a message of kind 77 with 1 bytes"),
         ("session(hello()); time.sleep(60)", AppTimeout, r"within 1 s \(it drew no frame: .*=pipe"),
         (
             f"session(hello()); step(); {LATE}; time.sleep(9)",
@@ -143,11 +139,6 @@ NO_DEPTH = r"vision.channels: got depth, but fake.py"
             r"xrEndFrame: did not follow",
         ),
         (f"session(hello()); answer([], 0, [{FOOT}]); time.sleep(9)", ProtocolError, NO_HAND),
-        (
-            "session(hello()); send(6, b'x'); time.sleep(9)",
-            ProtocolError,
-            r"1 bytes', expected at l",
-        ),
         ("session(hello(), depth=False)", AppRefused, rf"{NO_DEPTH} does not enable the extension"),
         (f"session(hello()); {FLAT}; time.sleep(9)", AppRefused, rf"{NO_DEPTH} submits no depth"),
     ],
@@ -195,9 +186,7 @@ def test_a_program_that_leaves_ends_the_round(tmp_path: Path) -> None:
     ("after", "then", "error", "words"),
     [
         (2, "sys.exit(3)", AppDied, r"\(xrDestroySession\) after 1\.5 s, ended with exit status 3"),
-        (2, "os.kill(os.getpid(), 11)", AppDied, r"after 1\.5 s, was killed \(SIGSEGV\)"),
         (0, "sys.exit(0)", AppRefused, r"before its first frame, ended with exit status 0, exp"),
-        (0, "sys.exit(3)", AppDied, r"before its first frame, ended with exit status 3"),
     ],
 )
 def test_a_program_that_leaves_early_or_fails_then_is_named(
@@ -207,15 +196,6 @@ def test_a_program_that_leaves_early_or_fails_then_is_named(
     with open_program(file) as app, pytest.raises(error, match=rf"^fake: the program .*{words}"):
         app.reset(1, hands())
         app.step(frame_time_ns(30, 20), hands())
-
-
-def test_a_headless_program_that_ends_no_frame_is_told_so(tmp_path: Path) -> None:
-    end = "say(8, reason='', call='xrDestroySession')"
-    with (
-        open_program(program(tmp_path, f"session(hello(), 'headless'); {end}")) as app,
-        pytest.raises(AppRefused, match=r"before its first frame.*no graphics \(XR_MND_headless\)"),
-    ):
-        app.reset(1, hands())
 
 
 def test_rounds_say_that_their_program_left(
@@ -235,17 +215,6 @@ def test_rounds_say_that_their_program_left(
             "app_failed": int(end == "app_failed"),
         }
         assert ("App left VR by itself" in said.out) == (end == "app_left")
-
-
-def test_a_snapshot_of_a_program_that_left_says_so(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = r"fake: the program ended its session \(xrRequestExitSession\) after 0\.9 s, .*status"
-    for status, exits, start in ((0, "0", "^"), (3, "[12]", "^error: ")):
-        file = leaving(tmp_path, 20, f"sys.exit({status})")
-        with pytest.raises(SystemExit, match=exits):
-            main(["render", "snapshot", "--openxr", str(file), "--out", str(tmp_path / "out")])
-        assert re.search(f"(?m){start}{words} {status}", capsys.readouterr().err)
 
 
 def pids(folder: Path) -> list[int]:
@@ -274,12 +243,7 @@ def test_a_killed_program_is_started_again(tmp_path: Path) -> None:
     [
         ("app.score", r"with another form, expected printed\(\"REGEX\"\), label"),
         ('printed("(")', r"with the regular expression '\(' \(missing"),
-        (r'printed("(\d) (\d)")', r"with 2 pairs of brackets"),
-        ('haptics("foot")', r"with the hand 'foot'"),
-        ('pose("nose.x")', r"with 'nose.x'; there are head"),
         ('shouted("x")', r"with 'shouted'"),
-        ('printed("x") => 2', r"with '=>' behind it"),
-        ('printed("x") >= two', r"could not convert"),
     ],
 )
 def test_expressions_that_are_none(tmp_path: Path, expression: str, words: str) -> None:

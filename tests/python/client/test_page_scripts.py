@@ -60,13 +60,6 @@ def bundles(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return sorted(folder.glob("*.js"))
 
 
-def test_every_script_is_in_a_bundle_and_has_no_syntax_error(bundles: list[Path]) -> None:
-    whole = "".join(file.read_text() for file in bundles)
-    assert [one.name for one in SCRIPTS.glob("*.js") if one.read_text() not in whole] == []
-    for file in bundles:
-        subprocess.run(["node", "--check", file], check=True, timeout=60)
-
-
 def test_the_linter_finds_nothing(bundles: list[Path]) -> None:
     require_npm()
     folder = bundles[0].parent
@@ -80,10 +73,6 @@ def test_the_linter_finds_nothing(bundles: list[Path]) -> None:
 
 
 # --- parts ------------------------------------------------------------------------------------
-
-
-def test_what_the_page_replaces_is_not_used() -> None:
-    assert asked("random", "replaced") == [[7], True, "function"]
 
 
 def test_random_numbers_are_those_of_mulberry32() -> None:

@@ -131,8 +131,6 @@ def test_a_start_that_fails_is_told_with_the_end_of_the_log(
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("nosuch", "which is no file, expected a program"),
-        (".", "which is a folder, expected a program"),
         ("plain.txt", "may not be executed; run: chmod"),
         ("broken", "which cannot be started"),
     ],
@@ -176,9 +174,7 @@ print(process.pid, flush=True)
 {end}
 """
 ENDS: dict[str, tuple[str, Callable[[int], None] | None]] = {
-    "end of the program": ("", None),
     "exception": ("raise RuntimeError('x')", None),
-    "exit": ("sys.exit(3)", None),
     "Ctrl-C": ("time.sleep(600)", lambda pid: os.kill(pid, signal.SIGINT)),
     "SIGTERM": ("time.sleep(600)", lambda pid: os.kill(pid, signal.SIGTERM)),
     "SIGKILL": ("time.sleep(600)", lambda pid: os.kill(pid, signal.SIGKILL)),

@@ -6,7 +6,6 @@ import os
 import re
 import signal
 import socket
-import stat
 import struct
 import subprocess
 import sys
@@ -305,18 +304,10 @@ def liar(request: pytest.FixtureRequest) -> Iterator[str]:
     ("liar", "message"),
     [
         ([lambda n: [b"{}"]], "expected a header of protocol 2"),
-        ([lambda n: [header(1, n)[:20], HELLO_JSON]], "expected a header of protocol 2"),
-        ([lambda n: [header(2, n), HELLO_JSON]], "type 0x8002.*expected 0x8001"),
         ([lambda n: [header(1, n + 1), HELLO_JSON]], "sequence 2; expected"),
-        ([lambda n: [header(1, n)]], "hello: IndexError"),
-        ([lambda n: [header(1, n), b"{"]], "hello: got b'{', expected JSON"),
         ([lambda n: [header(1, n), DEEP]], "JSON nested at most 100 deep"),
-        ([lambda n: [header(1, n), HELLO_JSON.replace(b":2,", b":1e999,")]], "width: got inf"),
         ([lambda n: [header(1, n, status=77), b""]], "status 77, expected 0 to 7"),
-        ([lambda n: [header(1, n), b"{}"]], "game: got nothing"),
         ([lambda n: [header(1, n), HELLO_JSON.replace(b":2,", b":9,")]], "images of"),
-        ([lambda n: [header(1, n), HELLO_JSON.replace(b'"eyes":1', b'"eyes":2')]], "images of"),
-        ([lambda n: [header(1, n, status=6), b"no version 3"]], "no version 3"),
         (
             [lambda n: [HEADER.pack(MAGIC, 2, 1 | REPLY, n, 0, 6, 0), b"version: got 3"]],
             "messages of version 2 of protocol 2, expected 3: take app and harness from the same",
@@ -335,22 +326,13 @@ def test_malformed_hello(liar: str, message: str) -> None:
         ([hello_reply, answer], message)
         for answer, message in (
             (lambda n: [header(2, n, 1)], "0 frames after the header, expected 7"),
-            (lambda n: results(n, RECORD[:39]), "ValueError"),
             (lambda n: results(n, RECORD * 2, images=IMAGE * 2), "records of apps"),
-            (lambda n: results(n, with_number(0, 1)), "records of apps"),
-            (lambda n: results(n, values=b"\0"), "ValueError"),
             (lambda n: results(n, values=b"\0" * 8), "of another number than the records say"),
             (lambda n: results(n, names=b"[]"), "names: got .*, expected a JSON obj"),
-            (lambda n: results(n, images=IMAGE[1:]), "ValueError"),
             (lambda n: results(n, images=b"", flags=1), "not requested"),
-            (lambda n: results(n, LOG_RECORD, values=b"\0" * 8), "KeyError"),
             (lambda n: results(n, NAN_RECORD), "that is not finite"),
-            (lambda n: results(n, PULSE_RECORD), "of another number than the records say"),
             (lambda n: results(n, PULSE_RECORD, haptics=b"\7" * 24), "IndexError"),
-            (lambda n: results(n, SOUND_RECORD, sounds=b"\0" * 32), "KeyError"),
             (lambda n: results(n, sounds=b"\0" * 31), "ValueError"),
-            (lambda n: results(n, names=DEEP), "JSON nested at most 100 deep"),
-            (lambda n: [*results(n, BAD_RECORD)[:5], DEEP, b"", b""], "nested at most 100 deep"),
             (lambda n: results(n, STATUS_RECORD), "status 77, expected 0 to 7"),
             (lambda n: results(n, PULSE_RECORD, haptics=NAN_PULSE), "vibration .* not finite"),
             (lambda n: results(n, SOUND_RECORD, sounds=NAN_SOUND), "sound .* not finite"),
@@ -372,14 +354,10 @@ def test_malformed_results(liar: str, message: str) -> None:
     [
         ([able_reply, answer], ask, message)
         for answer, ask, message in (
-            (lambda n: [header(9, n), DEEP], "head_request", "nested at most 100 deep"),
             (lambda n: [header(9, n), b'{"pitch_deg":NaN}'], "head_request", "pitch_deg: got nan"),
-            (lambda n: [header(9, n), b'{"pitch_deg":"up"}'], "head_request", "_deg: got 'up'"),
             (lambda n: [header(10, n), DEEP, b""], "scene", "nested at most 100 deep"),
-            (lambda n: [header(10, n)], "scene", "a scene: IndexError"),
             (lambda n: [header(10, n), scene(mesh=1), MESH], "scene", "mesh 1 of 1"),
             (lambda n: [header(10, n), scene(pose=[0.0] * 6), MESH], "scene", "pose"),
-            (lambda n: [header(10, n), scene(), MESH[:-1]], "scene", "a scene: ValueError"),
             (lambda n: [header(10, n), scene(), MESH[:-4] + b"\3\0\0\0"], "scene", "past its 3"),
         )
     ],
@@ -422,18 +400,6 @@ def test_a_closed_port_is_told_in_seconds() -> None:
         with pytest.raises(AppTimeout, match=f"127.0.0.1:{port}, where no one listens"):
             Protocol2Connection(connect(f"127.0.0.1:{port}", 60.0))
     assert time.monotonic() - started < 10.0
-
-
-def test_nothing_is_left_of_a_server_killed_after_hello(server: StartingApp) -> None:
-    before = set(os.listdir("/dev/shm"))
-    connection = session(server)
-    file = Path(connection.channel.endpoint.removeprefix("ipc://"))
-    assert stat.S_ISSOCK(file.stat().st_mode)
-    assert file.parent.stat().st_mode & 0o077 == 0
-    os.kill(server.process.pid, signal.SIGKILL)
-    connection.close()
-    assert set(os.listdir("/dev/shm")) <= before
-    assert not file.exists()
 
 
 def test_sockets_of_killed_servers_are_swept() -> None:

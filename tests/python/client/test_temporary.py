@@ -73,23 +73,6 @@ def test_files_elsewhere_go_with_the_folder_unless_they_are_others_by_now(
     assert anew.exists()
 
 
-def test_a_living_process_keeps_its_folder(place: Path) -> None:
-    mine = TemporaryFolder()
-    code = (
-        "from sim2vr_harness.client.temporary import TemporaryFolder\n"
-        "import os; print(TemporaryFolder().path, flush=True)"
-    )
-    other = subprocess.run(
-        [sys.executable, "-c", code],
-        env={**os.environ, "TMPDIR": str(place)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert Path(other.stdout.strip()).parent.parent == place
-    assert mine.path.is_dir()
-
-
 def test_the_folder_goes_when_its_process_is_killed_though_a_fork_lives(place: Path) -> None:
     code = (
         "from sim2vr_harness.client.temporary import TemporaryFolder\n"

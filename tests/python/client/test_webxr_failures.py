@@ -36,11 +36,6 @@ button('Enter VR', () => boxes.enter(() => { frames += 1; %s }));"""
 
 REFUSED = {
     "no WebXR call": ("document.title = 'flat';", r"never calls WebXR \(navigator\.xr\)"),
-    "never enters": (
-        "import { button } from './boxes.js'; navigator.xr.isSessionSupported('immersive-vr');"
-        "button('Enter VR', () => {});",
-        r"never enters VR; tried to click: Enter VR",
-    ),
     "a session of another kind": (
         "navigator.xr.requestSession('immersive-ar').catch(() => {});",
         r"is an AR page: it asks for immersive-ar only, expected immersive-vr",
@@ -54,12 +49,6 @@ REFUSED = {
         "const app = {};\napp.start();",
         r"script error: TypeError: app\.start is not a function \(page\.html:\d+\)",
     ),
-    "syntax error": ("let let = 1;", r"script error: SyntaxError: .*\(page\.html:\d+\)"),
-    "unmapped address": (
-        "import 'https://cdn.example.com/engine.js';",
-        r"asks for https://cdn\.example\.com/engine\.js, which app\.map maps to no folder",
-    ),
-    "missing file": ("import './engine.js';", r"never calls WebXR .*not found: .*/engine\.js"),
     "source code": (
         "import './main.ts';",
         r"never calls WebXR .*loads https://\S*/main\.ts, source code that no browser runs: build",
@@ -68,27 +57,11 @@ REFUSED = {
         "navigator.getVRDisplays = () => Promise.resolve([]);",
         r"page\.html: uses WebVR, which WebXR replaced, expected an engine with WebXR",
     ),
-    "a door without words": (
-        "import { button } from './boxes.js'; button('', () => {}); button('', () => {});"
-        "const made = document.querySelectorAll('button'); made[0].title = 'Go VR';"
-        "made[1].className = 'enter-vr';",
-        r'tried to click: Go VR, <button class="enter-vr">$',
-    ),
     "WebGL 1 without its extensions": (
         "import { Boxes, button } from './boxes.js'; const boxes = new Boxes('webgl');"
         "WebGLRenderingContext.prototype.getExtension = () => null;"
         "button('Enter VR', () => boxes.enter(() => {}).catch(() => {}));",
         r"draws with WebGL 1, where this browser has no WEBGL_depth_texture, expected WebGL 2",
-    ),
-    "WebGL 1 without its extensions, unhandled": (
-        "import { Boxes, button } from './boxes.js'; const boxes = new Boxes('webgl');"
-        "WebGLRenderingContext.prototype.getExtension = () => null;"
-        "button('Enter VR', () => boxes.enter(() => {}));",
-        r"page\.html: draws with WebGL 1, where this browser has no WEBGL_depth_texture, expected",
-    ),
-    "no frames": (
-        "navigator.xr.requestSession('immersive-vr');",
-        r"enters VR, but asks for no frames there",
     ),
 }
 
@@ -106,16 +79,6 @@ def test_a_page_that_cannot_be_played_says_why(what: str, shared: Shared) -> Non
         app.reset(1, hands(0))
     assert "\n" not in str(caught.value)
     assert "page.html" in str(caught.value)
-
-
-@NEEDS_BROWSER
-def test_an_endless_loop_at_the_start_takes_its_time_only(tmp_path: Path) -> None:
-    page = page_with(tmp_path, "for (;;);")
-    with (
-        open_page(page, start_timeout_s=4.0) as app,
-        pytest.raises(AppRefused, match=r"page\.html: gave no answer for 1 s while it loaded"),
-    ):
-        app.reset(1, hands(0))
 
 
 DIES = {
@@ -233,9 +196,7 @@ def play(app: Any) -> None:
 
 
 @NEEDS_BROWSER
-@pytest.mark.parametrize(
-    ("ending", "hung"), [(None, False), (signal.SIGTERM, False), (signal.SIGKILL, True)]
-)
+@pytest.mark.parametrize(("ending", "hung"), [(None, False), (signal.SIGKILL, True)])
 def test_no_browser_outlives_the_harness(
     ending: signal.Signals | None, hung: bool, tmp_path: Path
 ) -> None:
@@ -269,18 +230,12 @@ def test_no_browser_outlives_the_harness(
     ("page", "mapped", "words"),
     [
         ("nowhere.html", {}, r"app\.page: got 'nowhere\.html', which is no file"),
-        (".", {}, r"app\.page: got '\.', which is no file"),
         (
             "https://x.example.com/a.html",
             {},
             r"app\.page: .*no file below the addresses of app.map",
         ),
         ("page.html", {"cdn": "."}, r"app\.map: got 'cdn', expected the beginning of an address"),
-        (
-            "page.html",
-            {"https://c.de/": "no"},
-            r"app\.map: got 'no' for https://c\.de/, which is not",
-        ),
     ],
 )
 def test_places_that_are_not_there(page: str, mapped: dict[str, str], words: str) -> None:
@@ -345,29 +300,11 @@ def test_addresses_without_a_file_are_counted(tmp_path: Path) -> None:
 
 
 @NEEDS_BROWSER
-def test_a_flood_of_messages_is_counted(shared: Shared) -> None:
-    script = """import { Boxes, button } from './boxes.js';
-    const boxes = new Boxes();
-    const flood = () => { for (let k = 0; k < 5000; k++) console.error('message', k); };
-    button('Enter VR', () => boxes.enter(flood));"""
-    app = shared(script)
-    app.reset(1, hands(0))
-    app.step(frame_time_ns(1, 20), hands(1))
-    complaints = app._page.watch.complaints
-    assert (len(complaints), len(list(complaints))) == (10_000, 40)
-    assert complaints.last == "message 4999"
-
-
-@NEEDS_BROWSER
-def test_files_that_are_missing_are_said_in_one_line(shared: Shared) -> None:
-    app = shared("for (let k = 0; k < 300; k++) await fetch(`${k}.png`);")
-    with pytest.raises(AppRefused, match=r"not found: \S*/0\.png, .*/4\.png and 295 more"):
-        app.reset(1, hands(0))
-
-
-@NEEDS_BROWSER
 @pytest.mark.parametrize(
-    "kept", ["new Uint8Array(2e7).fill(1)", "Array(2e6).fill().map(() => [0])"]
+    "kept",
+    [
+        "new Uint8Array(2e7).fill(1)",
+    ],
 )
 def test_a_page_that_takes_too_much_memory_has_failed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kept: str

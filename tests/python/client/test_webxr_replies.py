@@ -21,7 +21,6 @@ from sim2vr_harness.client.webxr.replies import (
     Box,
     step_reply,
 )
-from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, VisionConfig
 from webxr_pages import NEEDS_BROWSER, hands, open_page, page_with
 
 GOOD: dict[str, Any] = {
@@ -46,39 +45,22 @@ DEEP: list[Any] = []
 for _ in range(500):
     DEEP = [DEEP]
 ODD = {
-    "nothing": None,
     "a text": '{"haptics": []}',
-    "a list": [],
     "a key too few": {"ended": False},
     "a key too many": GOOD | {"more": 1},
     "no truth": GOOD | {"ended": "no"},
-    "no list of pulses": GOOD | {"haptics": {}},
-    "no pulse": GOOD | {"haptics": [None]},
     "a hand that is none": GOOD | {"haptics": [["foot", 0.5, 0.1]]},
-    "a hand that is a list": GOOD | {"haptics": [[["left"], 0.5, 0.1]]},
-    "an amplitude that is none": GOOD | {"haptics": [["left", None, 0.1]]},
     "an amplitude of NaN": GOOD | {"haptics": [["left", float("nan"), 0.1]]},
     "an amplitude of 2": GOOD | {"haptics": [["left", 2, 0.1]]},
     "an amplitude of true": GOOD | {"haptics": [["left", True, 0.1]]},
-    "an endless pulse": GOOD | {"haptics": [["left", 1, float("inf")]]},
-    "a pulse of less than no time": GOOD | {"haptics": [["left", 1, -1]]},
-    "a duration beyond all numbers": GOOD | {"haptics": [["left", 1, 10**400]]},
     "a flood of pulses": GOOD | {"haptics": [["left", 0.5, 0.1]] * 10_001},
-    "a failure that is a number": GOOD | {"failure": 3},
     "a failure without words": GOOD | {"failure": ["lost", None]},
-    "no values": GOOD | {"values": []},
     "values of another name": GOOD | {"values": [["x", 1], ["z", 1]]},
-    "values twice": GOOD | {"values": [["x", 1], ["x", 1]]},
-    "a name that is a list": GOOD | {"values": [[["x"], 1], ["y", 1]]},
     "a value of NaN": GOOD | {"values": [["x", float("nan")], ["y", 1]]},
-    "a place of NaN": GOOD | {"values": [["x", [0, 0, float("nan")]], ["y", 1]]},
     "a place of two": GOOD | {"values": [["x", [0, 0]], ["y", 1]]},
-    "a text as a value": GOOD | {"values": [["x", "1"], ["y", 1]]},
     "a value beyond all numbers": GOOD | {"values": [["x", 10**400], ["y", 1]]},
     "a value without end": GOOD | {"values": [["x", DEEP], ["y", 1]]},
     "a picture too small": GOOD | {"picture": "AAA="},
-    "a picture in no base64": GOOD | {"picture": "AA\u00e4A"},
-    "a picture that is a number": GOOD | {"picture": 7},
 }
 
 
@@ -95,42 +77,19 @@ BOX = ["box", [0.0, 1.0, 0.5], [0.0, 0.0, 0.0, 1.0], [0.1, 0.1, 0.1], [1.0, 0.5,
 @pytest.mark.parametrize(
     ("kind", "answer", "message"),
     [
-        (DOOR, ["done"], "it: got .*, expected a JSON object"),
         (DOOR, {"done": True, "failure": ["lost", 7]}, "it, failure, 1: got 7, expected a text"),
-        (DOOR, {"click": True, "at": [1, float("nan")]}, "it, at, 1: got nan"),
         (REPORT, {"engines": [7]}, "it, engines, 0: got 7, expected a text"),
-        (REPORT, {"more": []}, "it, more"),
         (PLACE, [1, 2], "it, 2: got nothing, expected a value"),
-        (PLACE, [1, 2, True], "it, 2: got True, expected a finite number"),
         (SIGNS, [{"a": 1}, 0, 0, []], "it, 0, a"),
-        (SIGNS, [{"1": 0.5}, 0, 0, []], "it, 0, 1: got 0.5"),
-        (SIGNS, [{}, 0, 0, [[[0, 0, 0], [0, 0]]]], "it, 3, 0, 1, 2: got nothing"),
         (THINGS, [["a"]], "it, 0, 1: got nothing"),
-        (
-            THINGS,
-            [["a", "lick", [0, 0, 0], [0, 0, 0], 0, 0]],
-            "it, 0, 1: got 'lick', exp.* 'touch'",
-        ),
         (THINGS, [["a", "touch", [0, 0], [0, 0, 0], 0, 0]], "it, 0, 2, 2: got nothing"),
-        (THINGS, [["a", "touch", [0, 0, 0], [0, 0, 0], "many", 0]], "it, 0, 4: got 'many'"),
-        (BOXES, 3, "it: got 3, expected a list"),
         (BOXES, [BOX] * 501, "it: got .* expected at most 500 entries"),
         (BOXES, [BOX[:4]], "it, 0, 4: got nothing"),
-        (BOXES, [[*BOX[:2], [0.0, 0.0, 1.0], *BOX[3:]]], "it, 0, 2, 3: got nothing"),
     ],
 )
 def test_other_answers_are_checked_too(kind: Any, answer: object, message: str) -> None:
     with pytest.raises(BadReply, match=f"^{message}"):
         checked("it", kind, answer)
-
-
-def test_other_answers_are_read() -> None:
-    lost = checked("it", DOOR, {"done": True, "failure": ["lost", "lost\nits  context"]})
-    assert lost.failure == ("lost", "lost its context")
-    assert checked("it", SIGNS, [{"3": 7}, 1, 2, []]).objects == {3: 7}
-    assert checked("it", BOXES, [BOX]) == (
-        Box("box", (0.0, 1.0, 0.5), STRAIGHT, (0.1,) * 3, (1.0, 0.5, 0.0, 1.0)),
-    )
 
 
 @pytest.mark.parametrize("name", ["x" * 300, "d/" * 3000 + "x", "x" * 300 + "/y"])
@@ -242,17 +201,11 @@ def test_a_page_with_odd_built_ins_is_played(what: str, shared: Callable[..., We
 NOT_ANY_MORE = r"has no value of 'app\.place' any more: is"
 TAMPERED = {
     "haptics of NaN": ("__sim2vr.haptics.push(['left', NaN, 1]);", "answer, haptics, 0, 1: got "),
-    "a third hand": ("__sim2vr.haptics.push(['foot', 1, 1]);", "haptics, 0, 0: got 'foot', exp"),
     "no answer": ("__sim2vr.step = () => undefined;", ""),
-    "a text": ("__sim2vr.step = async () => '[['.repeat(100000);", ""),
     "depth": ("let a = []; for (let k = 0; k < 900; k++) a = [a]; __sim2vr.step = () => a;", ""),
     "a circle": ("const all = []; all[0] = all; __sim2vr.step = () => all;", ""),
     "a throw": ("__sim2vr.step = () => { throw null; };", ""),
-    "no step": ("delete __sim2vr.step;", ""),
-    "iterators": ("Array.prototype[Symbol.iterator] = () => { throw new Error('odd'); };", ""),
     "NaN": ("app.place = NaN;", NOT_ANY_MORE),
-    "Infinity": ("app.place = Infinity;", NOT_ANY_MORE),
-    "a place of NaN": ("app.place = [0, NaN, 0];", NOT_ANY_MORE),
     "a vector of NaN": ("app.place = { x: 0, y: 0, z: NaN };", NOT_ANY_MORE),
 }
 
@@ -280,21 +233,3 @@ def test_a_page_that_breaks_while_it_loads_has_failed(tmp_path: Path) -> None:
         pytest.raises((ProtocolError, AppDied), match=r"page\.html: stops .* script: Error: odd"),
     ):
         app.reset(1, hands(0))
-
-
-@NEEDS_BROWSER
-def test_users_go_on_when_a_page_answers_another_thing(tmp_path: Path) -> None:
-    page = page_with(tmp_path, PLAYS % "__sim2vr.haptics.push(['foot', NaN, 1]);")
-    config = AppConfig(transport="webxr", page=str(page), task={"seconds": 5})
-    simulation = Simulation(EnvConfig(app=config, vision=VisionConfig(width=24, height=16)), 1)
-    try:
-        still = np.zeros((1, simulation.action_space.shape[0]))
-        for _ in range(2):
-            simulation.reset(seeds=[1])
-            batch = simulation.step(still)
-            assert batch.truncated.tolist() == [True]
-            assert batch.info(0)["termination"] == "app_failed"
-            words = "page.html: answered with another thing: a step's answer, haptics"
-            assert words in batch.info(0)["app_error"]
-    finally:
-        simulation.close()

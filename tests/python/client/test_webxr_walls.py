@@ -240,20 +240,6 @@ def test_what_a_round_keeps_is_gone_in_the_next(shared: Callable[..., WebXRApp])
         assert app.reset(1, hands(0)).values == dict.fromkeys(names, 0)
 
 
-@NEEDS_BROWSER
-def test_a_page_with_frames_within_is_played(shared: Callable[..., WebXRApp]) -> None:
-    script = """import { Boxes, button } from './boxes.js';
-    for (const src of ['', 'within.html']) {
-      document.body.append(Object.assign(document.createElement('iframe'), { src }));
-    }
-    const boxes = new Boxes();
-    button('Enter VR', () => boxes.enter(() => {}));"""
-    beside = {"within.html": "<!doctype html><script>const here = 1;</script>"}
-    app = shared(script, beside=beside)
-    for _ in range(2):
-        app.reset(1, hands(0))
-
-
 SANDBOXED = """import { Boxes, button } from './boxes.js';
 const app = window.app = {};
 const frame = document.createElement('iframe');

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from sim2vr_harness.tools.track.trajectory_optimisation import (
-    _DONE,
     DynamicsState,
     Perturbations,
     Refinement,
@@ -64,7 +63,7 @@ def test_the_least_within_a_box_is_what_bounded_least_squares_finds(seed: int) -
 # --- what a step responds -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["mobl_arms_wrist", "mobl_arms_bimanual_motor"])
+@pytest.mark.parametrize("name", ["mobl_arms_bimanual_motor"])
 def test_a_response_foretells_a_step(name: str) -> None:
     """Small changes of posture, speed, activation and control at once; 20 of them."""
     make = many(name)
@@ -125,17 +124,6 @@ def test_a_response_serves_for_other_activations() -> None:
         assert apart < 0.75 * np.linalg.norm(getattr(before, part) - true)
 
 
-@pytest.mark.parametrize("name", ["mobl_arms_wrist", "mobl_arms_bimanual_motor"])
-def test_actions_lead_to_the_controls_that_are_asked_for(name: str) -> None:
-    body = load_body(name)
-    bodies = UserBatch(body, 50, threads=1, effort="neural")
-    drives = ActuatorState(body)
-    rng = np.random.default_rng(3)
-    asked = drives.shares(drives.of(bodies), rng.uniform(-1.0, 1.0, (50, drives.count)))
-    bodies.step(drives.actions(drives.of(bodies), asked))
-    np.testing.assert_allclose(drives.controls(bodies), asked, atol=1e-12)
-
-
 # --- all of it -----------------------------------------------------------------------------------
 
 HELD = 0.35
@@ -171,23 +159,6 @@ def test_a_hand_is_held_where_it_is_with_less_effort() -> None:
         acts.append((users.act**2).mean())
     assert np.mean(acts[10:]) < 0.5 * HELD**2
     assert np.max(errors) < 0.02
-
-
-def test_a_plan_that_has_gone_wrong_is_made_afresh(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of plans that nothing makes better, here, the motor layer's is left if the old one loses."""
-    users, _, refinement = held_arm(60)
-    held = np.full((1, users.action_size), HELD)
-    monkeypatch.setattr(Refinement, "_planned", lambda self, plan, step: plan)
-    plan = refinement._best(DynamicsState.of(users).row(0), 0)
-    np.testing.assert_allclose(plan.shares, np.repeat(held, 40, 0))
-    for worse in (False, True):
-        plan.shares[_DONE:] = np.arange(users.action_size) < 8 if worse else 0.36
-        refinement._plan = plan
-        # A plan's own steps are kept as long as they lead where the hand shall be.
-        after = refinement._best(plan.moments[_DONE], _DONE)
-        everywhere = np.repeat(held, len(after.shares), 0)
-        np.testing.assert_allclose(after.shares, everywhere, atol=0.0 if worse else 0.01)
-        assert (after.shares[0, 0] == pytest.approx(HELD)) == worse
 
 
 def test_what_is_far_off_counts_more_than_its_square() -> None:

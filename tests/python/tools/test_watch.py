@@ -1,7 +1,6 @@
 """What is to be seen of play, without a browser."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +15,7 @@ from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.frames import pose_to_mujoco
 from sim2vr_harness.tools.watch import browser
 from sim2vr_harness.tools.watch import selection as choosing
-from sim2vr_harness.tools.watch.browser import Playback, Poser, body_shapes, middle_of
+from sim2vr_harness.tools.watch.browser import Playback, Poser, body_shapes
 from sim2vr_harness.tools.watch.frames import Hands, Playlist, ViewerFrame
 from sim2vr_harness.users import Body, load_body
 from webxr_pages import NEEDS_BROWSER, PAGES
@@ -262,16 +261,3 @@ def test_any_user_is_watched() -> None:
         assert show.title == ("still: sample big" if idle else "no particular person: sample usual")
         assert second.activations is not None and first.activations is not None
         assert (second.activations < first.activations).all() == idle, "muscles relax"
-
-
-def test_the_camera_looks_to_where_people_are() -> None:
-    """A recorded person stood off the middle of the room; floor and sky do not count."""
-    moment = next(iter(choosing.recorded_show(ROUND).moments()))
-    middle = middle_of(moment, np.zeros(3))
-    things = list(moment.scene.drawn(player=True))
-    places = np.array([one.in_mujoco()[0] for one in things if max(one.in_mujoco()[2]) < 3.0])
-    assert len(places) >= 1
-    # Between the lowest thing and the highest: nothing lies far out of a picture of it.
-    assert np.allclose(np.abs(places - middle).max(axis=0), np.ptp(places, axis=0) / 2)
-    nothing = replace(moment, scene=AppScene((), ()))
-    assert middle_of(nothing, np.ones(3)).tolist() == [1.0, 1.0, 1.0]

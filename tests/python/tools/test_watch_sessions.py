@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from python.tools.test_watch import ball, moment, show_of
-from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import AppScene
 from sim2vr_harness.client.scene import PLAYER_LAYER
-from sim2vr_harness.sessions import AppIdentity, read_session
+from sim2vr_harness.sessions import read_session
 from sim2vr_harness.tools.watch import sessions
 from sim2vr_harness.tools.watch.frames import Playlist
 from sim2vr_harness.tools.watch.sessions import beside, session_show
@@ -60,11 +59,3 @@ def test_a_user_and_a_session_side_by_side() -> None:
     assert (one.path, one.id, one.mesh) == ("Session/Ball 4", 9, 1)
     assert one.pose[0] == player.pose[0] - 1.2
     assert both[0].headset.shape == (4, 12, 3)
-
-
-def test_a_session_of_a_page_says_what_it_needs() -> None:
-    session = replace(read_session(ROUND), app=AppIdentity("page", "game.html"))
-    with pytest.raises(
-        InputError, match=r"^SESSION: got a session of game\.html, expected the app"
-    ):
-        session_show(session, "round")

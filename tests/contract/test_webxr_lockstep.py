@@ -12,7 +12,7 @@ from webxr_pages import NEEDS_BROWSER, PAGES, hands, open_page, page_with, requi
 
 pytestmark = NEEDS_BROWSER
 
-ROUNDS, STEPS = 4, 40
+ROUNDS, STEPS = 4, 30
 FIBER = PAGES / "fiber" / "built" / "index.html"
 
 BETWEEN_FRAMES = """import { Boxes, button } from './boxes.js';

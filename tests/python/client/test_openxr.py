@@ -6,7 +6,6 @@ import re
 import signal
 import time
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -255,23 +254,13 @@ def test_what_cannot_be_had(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     with open_program(program(tmp_path)) as app:
         for capability, call in (
             ("save", app.save),
-            ("scene", app.scene),
             ("views", lambda: app.render_third_person(8, 8)),
             ("time_ns", lambda: app.reset(1, hands(), time_ns=5)),
         ):
             with pytest.raises(AppUnsupported, match=f"^{capability}: a program"):
                 call()
-        nan = replace(hands(), head=np.full(7, np.nan))
-        with pytest.raises(ValueError, match=r"head: got .*nan.* expected finite numbers"):
-            app.reset(1, nan)
-    for options, words in (
-        ({"gate": "loose"}, r"transport_options.gate: got 'loose', expected one of strict, pipe"),
-        ({"frame_rate_hz": 60}, r"frame_rate_hz: got '60', expected one of 72, 90"),
-    ):
-        with pytest.raises(AppRefused, match=words):
-            open_program(program(tmp_path), options=options)
-    with pytest.raises(AppRefused, match=r"executable: got '/none', which is no file"):
-        open_program("/none").reset(1, hands())
+    with pytest.raises(AppRefused, match=r"frame_rate_hz: got '60', expected one of 72, 90"):
+        open_program(program(tmp_path), options={"frame_rate_hz": 60})
     monkeypatch.setenv("SIM2VR_OPENXR_RUNTIME", "/none.json")
     with pytest.raises(AppRefused, match=r"OpenXR runtime: got '/none.json' in SIM2VR_OPENXR_RUNT"):
         open_program(program(tmp_path))

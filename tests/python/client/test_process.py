@@ -91,15 +91,6 @@ def exists(file: Path, within_s: float = 10.0) -> bool:
     return file.exists()
 
 
-def test_children_of_an_app_that_ended_by_itself_are_ended_too(tmp_path: Path) -> None:
-    process = AppProcess([script(tmp_path, "sleep 600 &\necho ready")])
-    assert process.wait(10.0)
-    assert process.exit_status == 0
-    assert len(group(process.pid)) == 1
-    process.stop()
-    assert emptied(process.pid)
-
-
 @pytest.mark.parametrize(
     ("text", "error", "words"),
     [
@@ -128,26 +119,11 @@ def test_a_start_that_fails_is_told_with_the_end_of_the_log(
     process.log_file.unlink(missing_ok=True)
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("plain.txt", "may not be executed; run: chmod"),
-        ("broken", "which cannot be started"),
-    ],
-)
-def test_what_is_no_program_is_refused(tmp_path: Path, name: str, message: str) -> None:
-    (tmp_path / "plain.txt").touch()
-    (tmp_path / "broken").write_text("#!/no/such/interpreter\n")
-    (tmp_path / "broken").chmod(0o755)
-    with pytest.raises(AppRefused, match=message):
-        AppProcess([tmp_path / name]).wait_for_output(re.compile("listening"), 10.0)
-
-
-def test_a_forgotten_process_is_ended(tmp_path: Path) -> None:
-    process = AppProcess([script(tmp_path, "sleep 600")])
-    pid = process.pid
-    del process
-    assert gone(pid)
+def test_what_is_no_program_is_refused(tmp_path: Path) -> None:
+    for name, message in (("plain.txt", "may not be executed; run: chmod"), ("none", "is no file")):
+        (tmp_path / "plain.txt").touch()
+        with pytest.raises(AppRefused, match=message):
+            AppProcess([tmp_path / name])
 
 
 def test_a_process_outlives_the_thread_that_started_it(tmp_path: Path) -> None:
@@ -185,16 +161,9 @@ ENDS: dict[str, tuple[str, Callable[[int], None] | None]] = {
 def test_no_process_is_left_however_its_starter_ends(tmp_path: Path, end: str) -> None:
     code, act = ENDS[end]
     noted = tmp_path / "daemon"
+    words = [STARTER.format(end=code), script(tmp_path, SLEEPER), DAEMON, noted, "600"]
     starter = subprocess.Popen(
-        [
-            sys.executable,
-            "-c",
-            STARTER.format(end=code),
-            script(tmp_path, SLEEPER),
-            DAEMON,
-            noted,
-            "600",
-        ],
+        [sys.executable, "-c", *words],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,

@@ -36,17 +36,6 @@ def test_the_browser_s_own_renderer_is_found_and_given_one_thread(
 
 
 @NEEDS_BROWSER
-def test_swiftshader_has_one_thread_in_a_browser() -> None:
-    with open_page(PAGES / "touch.html") as app:
-        app.reset(7, hands(0))
-        group, names = app._browser.process.pid, []
-        for stat in Path("/proc").glob("[0-9]*/stat"):
-            if stat.read_text().rpartition(") ")[2].split()[2] == str(group):
-                names += [file.read_text() for file in stat.parent.glob("task/*/comm")]
-        assert sum(name.startswith("Thread<") for name in names) == 1
-
-
-@NEEDS_BROWSER
 def test_mesa_draws_the_same_scene() -> None:
     pictures = []
     for renderer in ("swiftshader", "mesa"):

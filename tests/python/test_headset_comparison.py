@@ -32,11 +32,8 @@ def views(script: Any) -> list[Any]:
     ("moment", "x", "y", "color"),
     [
         pytest.param(0, 60, 40, (131, 151, 167), id="sky"),
-        pytest.param(0, 60, 148, (223, 214, 160), id="horizon"),
         pytest.param(0, 60, 240, (202, 189, 164), id="ground"),
-        pytest.param(0, 280, 70, (147, 203, 175), id="through the area, sky"),
         pytest.param(0, 280, 147, (220, 240, 159), id="through the area, horizon"),
-        pytest.param(0, 280, 180, (182, 207, 148), id="through the area, ground"),
         pytest.param(1, 179, 129, (22, 234, 12), id="fresh target"),
         pytest.param(1, 179, 213, (112, 135, 10), id="middle-aged target"),
         pytest.param(1, 346, 133, (235, 31, 27), id="old target"),
@@ -66,16 +63,3 @@ def test_things_are_where_they_are_in_the_published_picture(views: list[Any]) ->
     for view, wanted_edge in ((hit, 183), (before, 171)):
         step = np.diff(view[90:95, 160:200, 1].mean(axis=0))
         assert 160 + int(step.argmax()) + 1 == pytest.approx(wanted_edge, abs=1)
-
-
-def test_the_burst_lies_behind_the_hammer_and_only_in_the_first_view(views: list[Any]) -> None:
-    def sparks(view: Any) -> Any:
-        red, green, blue = (view[100:170, 175:215, i].astype(int) for i in range(3))
-        return np.nonzero((green > 245) & (red < 60) & (blue < 60))
-
-    assert len(sparks(views[1])[0]) < 60  # the glint on the fresh target's edge
-    rows, columns = sparks(views[0])
-    # In the figure 610 pixels from column 181 to 209 and from row 124 to 154.
-    assert 400 < len(rows) < 800
-    assert columns.min() + 175 == pytest.approx(181, abs=4)
-    assert rows.mean() + 100 == pytest.approx(139, abs=4)

@@ -5,10 +5,8 @@ import sys
 from pathlib import Path
 
 import pytest
-import typer.main
 from pydantic import BaseModel, Field
 
-from sim2vr_harness.cli.main import app
 from sim2vr_harness.runs.config import TrainingConfig
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -59,19 +57,3 @@ class Outer(BaseModel):
 
 
 Outer.__module__ = "sim2vr_harness.test"
-
-
-def test_every_command_and_option_has_a_sentence() -> None:
-    page = reference.command_line_page()
-    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
-    shown = {name: command for name, command in commands.items() if not command.hidden}
-    assert len(shown) > 10
-    for name, command in shown.items():
-        assert f"## `{name}`" in page
-        assert command.help, name
-        for below in [command, *getattr(command, "commands", {}).values()]:
-            missing = [each.name for each in below.params if not each.help]
-            assert missing == [], (name, below.name)
-            listed = [each for each in below.params if not getattr(each, "hidden", False)]
-            spelled = [option for each in listed for option in each.opts if option[0] == "-"]
-            assert [each for each in spelled if f"`{each}" not in page] == []

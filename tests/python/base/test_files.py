@@ -76,22 +76,6 @@ def test_every_reader_names_the_file_and_what_it_found(kind: str, tmp_path: Path
         assert caught.value.got == found.get(problem, caught.value.got)
 
 
-def test_what_is_wrong_with_a_text(tmp_path: Path) -> None:
-    place = tmp_path / "file"
-    place.write_bytes("name: Zoë".encode("utf-16"))
-    with pytest.raises(InputError, match=r"file: got UTF-16, expected a thing, in UTF-8$"):
-        files.read_text(place, EXPECTED)
-    place.write_bytes(b"name: Zo\xeb")
-    with pytest.raises(
-        InputError, match=r"got a byte at 8 that is no UTF-8 text, expected a thing"
-    ):
-        files.read_text(place, EXPECTED)
-    place.write_bytes(b"\xef\xbb\xbfname: 1")
-    assert files.read_yaml(place, EXPECTED) == {"name": 1}
-    with pytest.raises(InputError, match=r"file: got more than 3 bytes, expected a thing$"):
-        files.read_text(place, EXPECTED, most=3)
-
-
 def bomb(levels: int) -> str:
     """YAML that stands for 9 ** levels values, in some hundred bytes."""
     lines = ["a0: &a0 [x]"]

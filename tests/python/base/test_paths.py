@@ -62,11 +62,6 @@ def test_an_unknown_configuration_is_refused_with_the_known_ones(installed, name
         paths.config_path(name)
 
 
-def test_environment_variables_take_precedence(installed, tmp_path, monkeypatch):
-    monkeypatch.setenv(paths.APP_VARIABLE, sys.executable)
-    assert paths.app_executable() == Path(sys.executable)
-
-
 def test_wrong_environment_variables_are_named(installed, tmp_path, monkeypatch):
     monkeypatch.setenv(paths.APP_VARIABLE, str(tmp_path))
     with pytest.raises(FileNotFoundError, match=r"SIM2VR_APP is '.*', which is no executable"):

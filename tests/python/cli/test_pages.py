@@ -2,7 +2,6 @@
 
 import json
 import os
-import socket
 import subprocess
 import sys
 import time
@@ -19,8 +18,7 @@ from python.cli.calls import call
 from sim2vr_harness.audit import auditing
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.app_options import AppOptions
-from sim2vr_harness.envs import AppConfig, EnvConfig
-from sim2vr_harness.envs.config import page_name
+from sim2vr_harness.envs import EnvConfig
 from sim2vr_harness.play.environment import as_overrides
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.runs.trust import require_trust
@@ -85,19 +83,6 @@ def test_one_line_for_what_cannot_be(capsys: Any, arguments: tuple[str, ...], wo
     assert err.count("\n") == 1
 
 
-def test_options_of_a_page_as_settings(tmp_path: Path) -> None:
-    (tmp_path / "engine").mkdir()
-    cdn = f"https://cdn.example.com/a=b/={tmp_path}/engine"
-    settings = AppOptions(page=TOUCH, map_=(cdn,), task="t.py:T").remote()
-    app = AppConfig(**settings)
-    assert app.game == "touch"
-    assert app.map == {"https://cdn.example.com/a=b/": f"{tmp_path}/engine"}
-    assert app.task == f"{Path.cwd()}/t.py:T"
-    assert page_name("https://example.com/my game/index.html?x=1") == "my_game"
-    assert page_name("games/play.htm") == "play"
-    assert page_name("/") == "page"
-
-
 def test_files_beside_a_configuration(tmp_path: Path) -> None:
     for name in ("page.html", "task.py", "rules.yaml"):
         (tmp_path / name).write_text("")
@@ -135,20 +120,14 @@ def test_pages_and_code_of_others_are_asked_for(
 
 
 @NEEDS_BROWSER
-@pytest.mark.parametrize("command", ["evaluate", "watch"])
-def test_sigterm_cleans_up_as_ctrl_c_does(command: str, tmp_path: Path) -> None:
+def test_sigterm_cleans_up_as_ctrl_c_does(tmp_path: Path) -> None:
     rules = tmp_path / "task.yaml"
     rules.write_text("seconds: 5000\n")
     temporary = tmp_path / "tmp"
     temporary.mkdir()
-    words = [sys.executable, "-m", "sim2vr_harness.cli.main", command, "--page", TOUCH]
-    words += ["--task", str(rules), "--user", "random"]
-    if command == "evaluate":
-        words += ["--episodes", "1", "--out", str(tmp_path / "out")]
-    else:
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            words += ["--port", str(free.getsockname()[1])]
+    words = [sys.executable, "-m", "sim2vr_harness.cli.main", "evaluate", "--page", TOUCH]
+    words += ["--task", str(rules), "--user", "random", "--episodes", "1"]
+    words += ["--out", str(tmp_path / "out")]
     harness = subprocess.Popen(
         words,
         env={**os.environ, "TMPDIR": str(temporary)},
@@ -203,16 +182,10 @@ def test_an_audit_takes_options_of_its_page(
     assert (asked[0].app.page, asked[0].app.options) == (TOUCH, {"size": 0.03})
 
 
-@pytest.mark.parametrize(
-    "written", ["1.50", "0x10", "true", "'1'", "[1, 2]", "1e-2", "", "a b", "{}"]
-)
+@pytest.mark.parametrize("written", ["1.50", "0x10", "true", "'1'", "[1, 2]", "1e-2", "a b"])
 def test_options_in_an_address_are_read_as_set_reads_them(written: str) -> None:
     page = AppOptions(page=f"{TOUCH}?it={written}").remote()
     by_address = load_config("webxr", as_overrides(page))
     plain = AppOptions(page=TOUCH).remote()
     by_set = load_config("webxr", [*as_overrides(plain), f"env.app.options.it={written}"])
     assert by_address.env.app.options == by_set.env.app.options
-    with pytest.raises(
-        InputError, match=r"--page: got 'env.app.options.it=yes', a truth or a word"
-    ):
-        AppOptions(page=f"{TOUCH}?it=yes").remote()

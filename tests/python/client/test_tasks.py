@@ -143,19 +143,6 @@ def test_events_are_counted_and_timed() -> None:
     assert next(one for one in task.measures if one.name == "selection_time").value(log) is None
 
 
-@NEEDS_BROWSER
-def test_objects_that_are_not_there_are_events_too() -> None:
-    events = [
-        {"name": "lost", "on": {"object": "nothing", "becomes": "absent"}},
-        {"name": "there", "on": {"object": "block", "becomes": "present"}},
-    ]
-    task = RuleTask(TaskRules(events=events, seconds=1.0))
-    with open_page(PAGES / "keypad.html", values=dict(task.values)) as page:
-        values = page.reset(1, hands(0)).values
-    assert values["event_lost"] is None
-    assert values["event_there"] == pytest.approx((0.25, 0.95, 0.4))
-
-
 @pytest.mark.parametrize(
     ("rules", "words"),
     [

@@ -24,7 +24,6 @@ from sim2vr_harness.client import (
     limits,
 )
 from sim2vr_harness.client.limits import Kept
-from sim2vr_harness.client.webxr.files import HOST, PageFiles
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, VisionConfig
 from webxr_pages import NEEDS_BROWSER, PAGES, hands, open_page, page_with
 
@@ -250,16 +249,6 @@ def test_the_first_and_the_last_texts_are_kept() -> None:
     assert (len(kept), list(kept)) == (0, [])
     kept.add("one")
     assert kept.first == kept.last == "one"
-
-
-def test_addresses_without_a_file_are_counted(tmp_path: Path) -> None:
-    (tmp_path / "index.html").write_text("<!doctype html>")
-    files = PageFiles(str(tmp_path), {})
-    for k in range(1000):
-        assert files.answer(f"{HOST}{k}.png").status == 404
-        assert files.answer(f"https://elsewhere.example.com/{k}.png").status == 0
-    assert (len(files.missing), len(list(files.missing))) == (1000, 40)
-    assert (len(files.refused), len(list(files.refused))) == (1000, 40)
 
 
 @NEEDS_BROWSER

@@ -239,32 +239,6 @@ def test_what_a_round_keeps_is_gone_in_the_next(shared: Callable[..., WebXRApp])
         assert app.reset(1, hands(0)).values == dict.fromkeys(names, 0)
 
 
-SANDBOXED = """import { Boxes, button } from './boxes.js';
-const app = window.app = {};
-const frame = document.createElement('iframe');
-frame.sandbox = 'allow-scripts allow-popups allow-forms';
-frame.srcdoc = `<script>
-const found = [typeof SharedWorker, typeof navigator.gpu];
-const socket = new WebSocket('wss://127.0.0.1:9');
-found.push(new Promise((resolve) => { socket.onclose = ({ code }) => resolve(code); }));
-found.push(open('about:blank') === null ? 'null' : 'made', navigator.hardwareConcurrency);
-Promise.all(found).then((told) => parent.postMessage(told.join(' '), '*'));
-<\\/script>`;
-app.told = new Promise((resolve) => addEventListener('message', ({ data }) => resolve(data)));
-document.body.append(frame);
-const boxes = new Boxes();
-button('Enter VR', () => boxes.enter(() => {}));
-"""
-
-
-@NEEDS_BROWSER
-def test_a_sandboxed_frame_has_every_wall(shared: Callable[..., WebXRApp]) -> None:
-    app = shared(SANDBOXED)
-    app.reset(1, hands(0))
-    told = app._page._evaluate("app.told").split()
-    assert told == ["undefined", "undefined", "1006", "null", "4"]
-
-
 WINDOWS = """import { Boxes, button } from './boxes.js';
 const frame = document.createElement('iframe');
 frame.srcdoc = '<a href=boxes.js target=_blank></a><form target=_blank></form>';

@@ -13,12 +13,11 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.evaluation.data import read_data
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorGoals, MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
-from sim2vr_harness.sessions.logs import TargetEvent as Event
 from sim2vr_harness.tools.track.files import write
-from sim2vr_harness.tools.track.paths import RecordedPath, first_of_play, read_paths
+from sim2vr_harness.tools.track.paths import RecordedPath, read_paths
 from sim2vr_harness.tools.track.postures import REACHED_M, beyond_reach_m, posture_at
 from sim2vr_harness.tools.track.registration import estimated_stature_m, place
-from sim2vr_harness.tools.track.tracking import Tracked, TrackingSettings, outcome_of, track
+from sim2vr_harness.tools.track.tracking import Tracked, TrackingSettings, track
 from sim2vr_harness.tools.track.tracking_controller import WARM_UP_S, Followed, wanted_of
 from sim2vr_harness.tools.users import environment_of
 from sim2vr_harness.users import Body, UserBatch
@@ -126,11 +125,6 @@ def test_what_is_wrong_with_a_csv_file_is_said(tmp_path: Path, text: str, messag
     with pytest.raises(InputError) as caught:
         read_paths(csv_file(tmp_path, text))
     assert message in str(caught.value)
-
-
-def test_the_countdown_is_no_movement() -> None:
-    assert first_of_play(np.array([0.0, 4.0, 4.01, 4.02])) == 1
-    assert first_of_play(np.array([0.0, 0.01, 0.02, 0.03])) == 0
 
 
 # --- placement -----------------------------------------------------------------------------------
@@ -316,17 +310,3 @@ def test_somebody_else_s_size(tmp_path: Path) -> None:
     assert found.stature_m == 1.5 and not found.estimated
     # The body's own headset is at 1.170 m, that of its 1.70 m.
     assert found.placement.at_m[2] == pytest.approx(1.170 * 1.5 / 1.7, abs=2e-3)
-
-
-def test_a_round_is_counted() -> None:
-    events = [
-        Event(1.0, "spawn", 0, 4),
-        Event(1.1, "spawn", 1, 2),
-        Event(1.4, "contact", 0, 4),
-        Event(1.5, "hit", 0, 4),
-        Event(2.1, "miss", 1, 2),
-    ]
-    found = outcome_of(events)
-    assert (found.targets, found.hits, found.misses, found.contacts) == (2, 1, 1, 1)
-    assert found.hit_rate == 0.5
-    assert outcome_of(events[:1]).hit_rate is None

@@ -1,7 +1,6 @@
 """Planning of muscles ahead: its parts against other ways to the same numbers."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -47,7 +46,7 @@ def inwards(shares: FloatArray, sizes: FloatArray) -> FloatArray:
 # --- least within a box --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(5))
 def test_the_least_within_a_box_is_what_bounded_least_squares_finds(seed: int) -> None:
     rng = np.random.default_rng(seed)
     matrix, aim = rng.normal(size=(40, 12)), rng.normal(size=40) * 2.0
@@ -99,29 +98,6 @@ def test_a_response_foretells_a_step(name: str) -> None:
     for part in (slice(0, joints), slice(joints, 2 * joints), slice(2 * joints, size)):
         apart = np.linalg.norm(told[:, part] - moved[:, part])
         assert apart <= 0.05 * np.linalg.norm(moved[:, part])
-
-
-def test_a_response_serves_for_other_activations() -> None:
-    """Where joints are and move as before, muscles that pull otherwise need no new measuring."""
-    make = many()
-    one = make(1)
-    one.reset([0], [np.random.default_rng(1)], [one.body.joint_ranges.mean(1)])
-    swinging(one)
-    at, drives = DynamicsState.of(one).row(0), ActuatorState(one.body)
-    rng = np.random.default_rng(4)
-    other = replace(at, act=rng.uniform(0.0, 1.0, at.act.shape))
-    first, then = rng.uniform(0.0, 1.0, (2, drives.count))
-    known = Perturbations(make, hand)
-    before = known.response(at, first, 0)
-    served, measured = (
-        known.response(other, then, 0),
-        Perturbations(make, hand).response(other, then, 0),
-    )
-    for part in ("by_motion", "by_control", "error_by_control"):
-        found, true = getattr(served, part), getattr(measured, part)
-        apart = np.linalg.norm(found - true)
-        assert apart < 0.2 * np.linalg.norm(true)
-        assert apart < 0.75 * np.linalg.norm(getattr(before, part) - true)
 
 
 # --- all of it -----------------------------------------------------------------------------------

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.base.optional import needed
 from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.frames import pose_to_mujoco
 from sim2vr_harness.tools.watch import browser
@@ -18,7 +17,6 @@ from sim2vr_harness.tools.watch import selection as choosing
 from sim2vr_harness.tools.watch.browser import Playback, Poser, body_shapes
 from sim2vr_harness.tools.watch.frames import Hands, Playlist, ViewerFrame
 from sim2vr_harness.users import Body, load_body
-from webxr_pages import NEEDS_BROWSER, PAGES
 
 ROUND = Path(__file__).parents[2] / "data" / "whacamole_round"
 SHEET = SceneMesh("sheet", np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
@@ -193,31 +191,13 @@ def test_a_person_s_hand_and_head_move_by_keys() -> None:
     np.testing.assert_array_equal(hands.devices().right_controller, ahead)
 
 
-def test_what_is_to_be_watched(tmp_path: Path) -> None:
-    assert choosing._recorded(ROUND)
-    show = choosing.choose(str(ROUND))
-    assert show.body is None
+def test_what_cannot_be_watched() -> None:
     with pytest.raises(InputError, match=r"^--game or --condition: got it with a recording"):
         choosing.choose(str(ROUND), game="sample")
-    with pytest.raises(
-        InputError, match=r"^RUN: got 'nobody', expected .*round, .*mobl_arms_wrist"
-    ):
+    with pytest.raises(InputError, match=r"^RUN: got 'nobody', expected .*mobl_arms_wrist"):
         choosing.choose("nobody")
-    with pytest.raises(InputError, match=r"^--try: got it with a recording, expected it with a ga"):
-        choosing.choose(str(ROUND), person=True)
-    with pytest.raises(
-        InputError, match=r"^--host: got '300\.1\.1\.1', expected an address of this"
-    ):
+    with pytest.raises(InputError, match=r"^--host: got '300\.1\.1\.1', expected an address"):
         browser._require_own("300.1.1.1")
-    browser._require_own("127.0.0.1")
-    with pytest.raises(InputError, match=r"^--condition: got 'hrad', expected .*'hard'"):
-        choosing.choose("mobl_arms_wrist", condition="hrad")
-    with pytest.raises(InputError, match=r"^--game: got 'golf', expected"):
-        choosing.choose(None, person=True, game="golf")
-    with pytest.raises(InputError):
-        choosing.recorded_show(tmp_path)
-    with pytest.raises(InputError, match=r"^watch: got it without the package 'nosuch'"):
-        needed("nosuch.part", "watch", "watch")
 
 
 def test_a_person_plays_a_round() -> None:
@@ -232,18 +212,6 @@ def test_a_person_plays_a_round() -> None:
     moments.close()  # type: ignore[attr-defined]
     assert any("Points 1" in line for line in seen), seen
     assert first.headset.shape == (160, 240, 3)
-
-
-@NEEDS_BROWSER
-def test_a_page_is_watched_with_nobody_trained() -> None:
-    page = {"transport": "webxr", "page": str(PAGES / "touch.html")}
-    show = choosing.choose(None, app=page, untrained="still")
-    moments = show.moments()
-    first, second = next(moments), next(moments)
-    moments.close()  # type: ignore[attr-defined]
-    assert (second.time_s, first.scene.objects) == (2 / show.frequency_hz, ())
-    assert first.headset.shape == (160, 240, 3)
-    assert int(np.ptp(first.headset)) > 0
 
 
 def test_any_user_is_watched() -> None:

@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 from python.tools.test_watch import ball, moment, show_of
-from sim2vr_harness.client import AppScene
 from sim2vr_harness.client.scene import PLAYER_LAYER
 from sim2vr_harness.sessions import read_session
-from sim2vr_harness.tools.watch import sessions
 from sim2vr_harness.tools.watch.frames import Playlist
 from sim2vr_harness.tools.watch.sessions import beside, session_show
 
@@ -28,18 +26,6 @@ def test_a_session_is_played_again_in_its_game() -> None:
     rows = np.searchsorted(session.time_ns - session.time_ns[0], round(shown[40].time_s * 1e9))
     heads = [one.pose[:3] for one in shown[40].scene.objects if one.layer == PLAYER_LAYER]
     assert min(np.linalg.norm(head - session.head[rows, :3]) for head in heads) < 0.01
-
-
-def test_an_app_that_shows_no_player_gets_boxes_for_the_devices() -> None:
-    session = read_session(ROUND)
-    scene = sessions._with_devices(
-        AppScene((ball(7, [1, 0, 0, 1]),), moment(1).scene.meshes), session, 3
-    )
-    assert [one.mesh for one in scene.objects] == [1, *[0] * (len(scene.objects) - 1)]
-    assert scene.meshes[1].name == "sheet"
-    (head,) = scene.named("head")
-    np.testing.assert_array_equal(head.pose, session.head[3])
-    assert len(scene.objects) == 2 + len(session.controllers)
 
 
 def test_a_user_and_a_session_side_by_side() -> None:

@@ -106,7 +106,7 @@ def test_targets_are_tapped_and_the_logs_say_what_the_game_measured(
     spread = sum(one.spread_m**2 for one in found.difficulties) / 9
     assert spread**0.5 == pytest.approx(log["EndpointSpread"], rel=1e-3)
     assert [round(one.bits, 3) for one in found.difficulties] == [
-        *(1.688, 2.115, 2.322, 2.585, 2.807, 3.02, 3.322, 3.544, 4.087),
+        *(1.688, 2.115, 2.322, 2.585, 2.807, 3.02, 3.322, 3.544, 4.087)
     ]
 
 

@@ -13,12 +13,7 @@ from players import trace
 from transports import ALONE
 
 from sim2vr_harness.base.paths import app_executable
-from sim2vr_harness.client import (
-    DevicePoses,
-    InProcessApp,
-    frame_time_ns,
-    start_sim2vr_app,
-)
+from sim2vr_harness.client import DevicePoses, InProcessApp, frame_time_ns, start_sim2vr_app
 from sim2vr_harness.client.protocol2 import Protocol2Connection
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation
 

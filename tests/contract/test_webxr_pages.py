@@ -11,7 +11,6 @@ import pytest
 from sim2vr_harness.client import (
     INPUT_COUNT,
     AppRefused,
-    AppUnsupported,
     DevicePoses,
     HapticPulse,
     WebXRApp,
@@ -32,7 +31,6 @@ from webxr_pages import (
 
 pytestmark = NEEDS_BROWSER
 STEPS = 12
-CAPABILITIES = {"frames", "inputs", "left_controller", "haptics", "two_eyes", "scene"}
 VALUES = {
     "score": "app.score",
     "ticks": "app.ticks",
@@ -222,14 +220,3 @@ def test_controllers_that_come_and_go(touch: WebXRApp) -> None:
     assert touch._page._evaluate(names) == "left,right"
     touch.step(frame_time_ns(1, 20), DevicePoses(HEAD, hands(1).right_controller))
     assert touch._page._evaluate(names) == "right"
-
-
-def test_what_a_page_cannot_do_is_said_by_capability(touch: WebXRApp) -> None:
-    assert touch.capabilities == CAPABILITIES
-    touch.reset(7, hands(0))
-    with pytest.raises(AppUnsupported, match=r"^save: "):
-        touch.save()
-    with pytest.raises(AppUnsupported, match=r"^views: "):
-        touch.render_third_person(64, 48)
-    np.testing.assert_array_equal(touch.render_headset(120, 80), touch.image)
-    assert "SwiftShader" in touch.renderer_description

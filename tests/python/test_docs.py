@@ -13,8 +13,7 @@ from sim2vr_harness.base.paths import config_path
 from sim2vr_harness.cli.errors import _ClickException as ClickError
 from sim2vr_harness.cli.errors import _usage
 from sim2vr_harness.cli.main import app
-from sim2vr_harness.client import describe_game, list_games, list_options
-from sim2vr_harness.policies.store import list_cards, more_users
+from sim2vr_harness.client import list_games
 from sim2vr_harness.runs.config import apply_overrides, defaults, load_config, parse_config
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -51,8 +50,6 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 BLOCK = re.compile(r"^ *```\w*\n(.*?)^ *```", flags=re.S | re.M)
 COMMANDS: Any = typer.main.get_command(app)
-SHIPPED_USERS = {card["name"] for card in list_cards()} | more_users().keys()
-CONDITIONS = {one.name for game in list_games() for one in describe_game(game).conditions}
 
 
 def _calls(page: Path) -> list[tuple[list[str], bool]]:
@@ -122,13 +119,6 @@ def _refused(names: list[str], rest: list[str], changes: list[str]) -> str | Non
         parse_config(apply_overrides(first.model_dump(), [below + change for change in changes]))
     except ValueError as error:
         return str(error)
-    if names == ["train"] and rest[0] in list_games():
-        known = {option.name for option in list_options(rest[0])}
-        for change in changes:
-            key = change.partition("=")[0]
-            option = key.removeprefix("env.app.options.")
-            if option != key and option not in known:
-                return f"{rest[0]} has no option {option}"
     return None
 
 
@@ -150,18 +140,3 @@ def test_the_program_takes_the_commands_of_a_page(page: Path) -> None:
 def _examples(command: Any) -> list[str]:
     below = [each for each in getattr(command, "commands", {}).values() if not each.hidden]
     return [*command.examples, *(example for each in below for example in _examples(each))]
-
-
-@pytest.mark.parametrize("example", dict.fromkeys(_examples(COMMANDS)))
-def test_the_program_takes_the_examples_of_its_help(example: str) -> None:
-    words = shlex.split(example)
-    assert words.pop(0) == "sim2vr-harness"
-    assert _problem(words, whole=True) is None
-    for word in words:  # of what ships
-        if word.startswith("pretrained:") or word in SHIPPED_USERS:
-            assert word.removeprefix("pretrained:") in SHIPPED_USERS
-        if word.startswith("studies/") and word.endswith(".yaml"):
-            assert (ROOT / word).is_file()
-    for option, names in (("--game", list_games()), ("--condition", CONDITIONS)):
-        if option in words:
-            assert words[words.index(option) + 1] in names

@@ -313,8 +313,7 @@ def folders_that_are_read(case: Case) -> None:
     package = case.python("evil_read.py").stem
     body = case.body(package=package, model="arm")
     run = case.run(
-        user={"model": str(body)},
-        app={"transport": "protocol1", "executable": str(case.program())},
+        user={"model": str(body)}, app={"transport": "protocol1", "executable": str(case.program())}
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(work, "evaluate", _on_the_stand_in)

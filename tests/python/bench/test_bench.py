@@ -64,20 +64,6 @@ def test_a_slower_scene_fails(tmp_path: Path, capsys: Any) -> None:
     assert compare.main([a, b, "--fail-below", "0.89"]) == 0
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [],
-)
-def test_files_that_cannot_be_used(tmp_path: Path, capsys: Any, content: str, message: str) -> None:
-    a, b = write(tmp_path / "a", row("env", 1.0)), tmp_path / "b"
-    b.write_text(content)
-    assert compare.main([a, str(b)]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("error: ")
-    assert message in error
-    assert compare.main([a, str(tmp_path / "none")]) == 2
-
-
 def test_rows_of_scenes_have_hashes_that_threads_do_not_change(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,6 +13,7 @@ from fake_simulation import FakeSimulation, played_by
 from python.cli.calls import call
 from sim2vr_harness.cli.main import main
 
+DATA = Path(__file__).parents[2] / "data"
 TINY = [
     "policy.net_arch=[16]",
     "policy.vision_features=8",
@@ -147,6 +148,17 @@ BAD_INPUT = """
     train {config} --app a --connect b:1 | --connect: got it toget
     users motor train arm --begin nope.pt --out {empty}/x | --begin: got 'nope.pt', which is no fil
     evaluat | command: got 'evaluat', expected one of audit,
+    evaluate --user still --xvfb | --xvfb: got it without --openxr, expected it together with
+    evaluate --user still --openxr x --page y | --openxr: got it together with --page
+    evaluate --user still --openxr "x 'y" | --openxr: got "x 'y" (No closing quotation)
+    train --page {page} | --task: got nothing, expected what the app is worth
+    evaluate --user random --map x=y | --map: got it without --page
+    evaluate --page {page} --user still --map x | --map: got 'x', expected URL=FOLDER
+    evaluate {run} --user still | --user: got it together with '{run}'
+    replay {empty}/no | PATH: got
+    replay {round} --video film.avi | --video: got film.avi, expected a file name
+    replay {round} --video f.mp4 --size 9 | --size: got '9', expected WIDTHxH
+    replay {round} --fixed-step 7 | --fixed-step: got 7, expected a period
 """
 """Words of a command, and how its error begins."""
 
@@ -156,6 +168,7 @@ def test_bad_input_is_one_line_and_status_2(
     capsys: Any, tmp_path: Path, trained: Path, case: str
 ) -> None:
     values = {"config": "whacamole_constrained", "empty": tmp_path, "run": trained}
+    values |= {"page": DATA / "webxr" / "touch.html", "round": DATA / "whacamole_round"}
     words, message = (part.strip().format(**values, file=__file__) for part in case.split(" | "))
     status, out, err = call(capsys, *shlex.split(words))
     assert (status, out, err.count("\n")) == (2, "", 1), err

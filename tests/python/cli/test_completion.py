@@ -43,10 +43,8 @@ def test_words_are_completed(line: str, expected: list[str]) -> None:
     ("arguments", "nearest"),
     [
         ("evaluat", "evaluate"),
-        ("motr", "users motor"),
         ("games beat", "beats"),
         ("evaluate pointing_peple", "pointing_people"),
-        ("evaluate runs/smaple", "runs/sample"),
         ("plot curves runs/sampel", "runs/sample"),
     ],
 )

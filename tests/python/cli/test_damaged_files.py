@@ -14,10 +14,7 @@ from sim2vr_harness.runs.config import defaults, to_yaml
 
 DATA = Path(__file__).parents[2] / "data"
 DAMAGES = ("missing", "folder", "garbage", "utf-16", "list", "deep")
-KINDS = (
-    *("configuration", "policy", "user", "curves", "states", "events", "results"),
-    "details",
-)
+KINDS = (*("configuration", "policy", "user", "curves", "states", "events", "results"), "details")
 
 
 def damage(file: Path, how: str) -> None:
@@ -94,16 +91,3 @@ def test_one_line_names_the_file(how: str, capsys: Any, tmp_path: Path) -> None:
         assert named in said or str(file.parent) in said, (name, said)
         assert "expected" in said
         assert "Traceback" not in said
-
-
-def test_names_with_line_breaks_and_escape_codes(capsys: Any) -> None:
-    for name in ("one\ntwo.yaml", "\x1b[31mred.yaml", "x" * 5000, "\udcff.yaml"):
-        for command in (
-            ["train", name, "--timesteps", "0"],
-            ["replay", name],
-            ["users", "show", name],
-        ):
-            status, _, said = call(capsys, *command)
-            assert status == 2
-            assert said.count("\n") == 1
-            assert said.rstrip("\n").isprintable()

@@ -32,22 +32,6 @@ def test_a_program_with_its_arguments(tmp_path: Path, monkeypatch: pytest.Monkey
     assert (found["transport"], found["game"]) == ("openxr", "play")
 
 
-@pytest.mark.parametrize(
-    ("words", "error"),
-    [
-        (("--xvfb",), "--xvfb: got it without --openxr, expected it together with --openxr"),
-        (("--openxr", "x", "--page", "y"), "--openxr: got it together with --page"),
-        (("--openxr", "x 'y"), '--openxr: got "x \'y" (No closing quotation)'),
-        (("--openxr", "/no/game"), "executable: got '/no/game', which is no file"),
-    ],
-)
-def test_one_line_for_what_cannot_be(capsys: Any, words: tuple[str, ...], error: str) -> None:
-    status, out, err = call(capsys, "evaluate", "--user", "still", *words)
-    assert status == 2 or "/no/game" in error
-    assert error in err and "Traceback" not in err
-    assert out == ""
-
-
 def test_a_user_without_training_plays(tmp_path: Path, capsys: Any) -> None:
     """The scripted hand pulls the trigger, which the stand-in answers by a vibration and lines."""
     task = tmp_path / "task.yaml"

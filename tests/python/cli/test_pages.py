@@ -1,10 +1,6 @@
 """WebXR pages on the command line: baselines, and what cannot be."""
 
 import json
-import os
-import subprocess
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +9,6 @@ import pytest
 import yaml
 from PIL import Image
 
-from processes import emptied, gone
 from python.cli.calls import call
 from sim2vr_harness.audit import auditing
 from sim2vr_harness.base.errors import InputError
@@ -66,23 +61,6 @@ def test_what_the_user_sees_of_a_page(capsys: Any, tmp_path: Path) -> None:
     assert (np.abs(large[::2, ::2] - small).max(axis=2) <= 8).mean() > 0.9
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("train", "--page", TOUCH), "--task: got nothing, expected what the app is worth"),
-        (("evaluate", "--user", "random", "--map", "x=y"), "--map: got it without --page"),
-        (("evaluate", "--page", TOUCH, "--map", "x"), "--map: got 'x', expected URL=FOLDER"),
-        (("evaluate", "--user", "stil", "--page", TOUCH), "did you mean 'still'"),
-        (("evaluate", "--user", "still", "--page", TOUCH, "--browser", "/no"), "app.browser: got"),
-    ],
-)  # fmt: skip
-def test_one_line_for_what_cannot_be(capsys: Any, arguments: tuple[str, ...], words: str) -> None:
-    status, _, err = call(capsys, *arguments)
-    assert status == 2
-    assert words in err
-    assert err.count("\n") == 1
-
-
 def test_files_beside_a_configuration(tmp_path: Path) -> None:
     for name in ("page.html", "task.py", "rules.yaml"):
         (tmp_path / name).write_text("")
@@ -117,37 +95,6 @@ def test_pages_and_code_of_others_are_asked_for(
     elsewhere = EnvConfig(app=mapped)
     with pytest.raises(InputError, match="not opened before"):
         require_trust(elsewhere, "runs/x")
-
-
-@NEEDS_BROWSER
-def test_sigterm_cleans_up_as_ctrl_c_does(tmp_path: Path) -> None:
-    rules = tmp_path / "task.yaml"
-    rules.write_text("seconds: 5000\n")
-    temporary = tmp_path / "tmp"
-    temporary.mkdir()
-    words = [sys.executable, "-m", "sim2vr_harness.cli.main", "evaluate", "--page", TOUCH]
-    words += ["--task", str(rules), "--user", "random", "--episodes", "1"]
-    words += ["--out", str(tmp_path / "out")]
-    harness = subprocess.Popen(
-        words,
-        env={**os.environ, "TMPDIR": str(temporary)},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    deadline = time.monotonic() + 60.0
-    while not list(temporary.glob("sim2vr-*/*/profile/Default")):
-        assert harness.poll() is None, harness.communicate()
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-    groups = [int(file.read_text()) for file in temporary.glob("sim2vr-*/*/group")]
-    (folder,) = temporary.glob(f"sim2vr-{harness.pid}-*")
-    harness.terminate()
-    _, err = harness.communicate(timeout=20)
-    assert harness.returncode == 130
-    assert "Traceback" not in err
-    assert all(emptied(group, 5.0) for group in groups)
-    assert gone(folder)
 
 
 def test_options_in_the_address_of_a_page_are_the_apps_options(tmp_path: Path) -> None:

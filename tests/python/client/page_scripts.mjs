@@ -33,25 +33,6 @@ const cases = {
     };
   },
 
-  controller: () => {
-    const source = sim.inputSource({}, 'right');
-    const row = Array.from({ length: 13 }, () => 0);
-    const events = [[0, 0.6], [1, 1], [3, 0.25], [0, 0.4], [1, 0]].map(([column, value]) => {
-      row[column] = value;
-      return sim.takeInputs(source, row);
-    });
-    const { gamepad } = source;
-    gamepad.vibrationActuator.pulse(3, 20);
-    gamepad.vibrationActuator.playEffect('dual-rumble', { duration: 1e3, weakMagnitude: 0.5 });
-    gamepad.vibrationActuator.pulse(NaN, Infinity);
-    const state = { right: sim.spaces.IDENTITY };
-    const ray = sim.idl.own(source.targetRaySpace, sim.classes.XRSpace).where(state);
-    const forward = sim.spaces.compose(ray, { p: [0, 0, -1], q: [0, 0, 0, 1] }).p;
-    const { axes } = gamepad;
-    const left = sim.takeInputs(source, null);
-    return { events, axes, haptics: sim.haptics, forward, left, parts: [...sim.parts] };
-  },
-
   steps: async () => {
     const calls = [];
     let now = 0;

@@ -5,11 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sim2vr_harness.client import frames
-from sim2vr_harness.client.frames import (
-    aim_direction,
-    position_to_app,
-    rotation_to_app,
-)
+from sim2vr_harness.client.frames import aim_direction, position_to_app, rotation_to_app
 
 # Handedness flip as a matrix: app = FLIP @ mujoco.
 FLIP = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])

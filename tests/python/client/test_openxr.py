@@ -129,9 +129,7 @@ NO_DEPTH = r"vision.channels: got depth, but fake.py"
         ("import time; time.sleep(60)", AppTimeout, r"no xrCreateInstance within 1 s; is it an"),
         ("hello(); time.sleep(60)", AppTimeout, r"no xrCreateSession within 1 s; it made an inst"),
         ("print('no GPU'); sys.exit(5)", AppDied, r"status 5 before its xrCreateInst.*no GPU"),
-        ("say(1, protocol=7); time.sleep(9)", ProtocolError, r"got 7, expected 2; rebuild the run"),
         (f"hello(); say(3, {SMALL}, {NO_IMAGES}); time.sleep(9)", ProtocolError, NO_MEMORY),
-        ("session(hello()); time.sleep(60)", AppTimeout, r"within 1 s \(it drew no frame: .*=pipe"),
         (
             f"session(hello()); step(); {LATE}; time.sleep(9)",
             AppDied,
@@ -196,17 +194,13 @@ def test_rounds_say_that_their_program_left(
     """In the table, in results.json, and in a sentence; a status is a failure."""
     play = ["--user", "still", "--episodes", "1", "--out", str(tmp_path / "results")]
     play += ["--set", "env.app.task={seconds: 3}"]
-    for then, end in (("sys.exit(0)", "app_left"), ("sys.exit(3)", "app_failed")):
-        with pytest.raises(SystemExit, match="0"):
-            main(["evaluate", "--openxr", str(leaving(tmp_path, 20, then)), *play])
-        said = capsys.readouterr()
-        assert "the program ended its session (xrRequestExitSession) after 0.9 s" in said.err
-        found = json.loads((tmp_path / "results/results.json").read_text())["standard"]
-        assert {key: found[key] for key in ("app_left", "app_failed")} == {
-            "app_left": int(end == "app_left"),
-            "app_failed": int(end == "app_failed"),
-        }
-        assert ("App left VR by itself" in said.out) == (end == "app_left")
+    with pytest.raises(SystemExit, match="0"):
+        main(["evaluate", "--openxr", str(leaving(tmp_path, 20, "sys.exit(0)")), *play])
+    said = capsys.readouterr()
+    assert "the program ended its session (xrRequestExitSession) after 0.9 s" in said.err
+    found = json.loads((tmp_path / "results/results.json").read_text())["standard"]
+    assert (found["app_left"], found["app_failed"]) == (1, 0)
+    assert "App left VR by itself" in said.out
 
 
 def pids(folder: Path) -> list[int]:
@@ -244,22 +238,6 @@ def test_what_cannot_be_had(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setenv("SIM2VR_OPENXR_RUNTIME", "/none.json")
     with pytest.raises(AppRefused, match=r"OpenXR runtime: got '/none.json' in SIM2VR_OPENXR_RUNT"):
         open_program(program(tmp_path))
-
-
-def test_nothing_is_left(tmp_path: Path) -> None:
-    before = set(os.listdir("/proc/self/fd"))
-    for _ in range(3):
-        app = open_program(program(tmp_path), options={"ahead": True})
-        app.reset(1, hands())
-        latest = time.monotonic() + 20.0
-        while len(pids(tmp_path)) != 2:  # the next one is started ahead
-            assert time.monotonic() < latest
-            time.sleep(0.05)
-        app.close()
-        app.close()
-        assert pids(tmp_path) == []
-    assert set(os.listdir("/proc/self/fd")) <= before | {str(k) for k in range(64)}
-    assert len(os.listdir("/proc/self/fd")) <= len(before) + 4  # watcher and folder, once
 
 
 @pytest.mark.parametrize(

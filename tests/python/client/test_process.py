@@ -94,11 +94,7 @@ def exists(file: Path, within_s: float = 10.0) -> bool:
 @pytest.mark.parametrize(
     ("text", "error", "words"),
     [
-        (
-            "echo one >&2; exit 3",
-            AppDied,
-            r"app\.sh .*ended with exit status 3 .*log: LOG\none$",
-        ),
+        ("echo one >&2; exit 3", AppDied, r"app\.sh .*ended with exit status 3 .*log: LOG\none$"),
         ("echo 'it: got none' >&2; exit 2", AppRefused, r"refused its arguments: it: got none"),
         ("sleep 600", AppTimeout, r"was not ready within 0\.5 s"),
     ],

@@ -76,41 +76,6 @@ def test_a_loop_that_an_error_stopped_ends_the_round(shared: Shared) -> None:
         played(shared(script), 60)
 
 
-def test_a_preview_on_the_canvas_comes_before_vr(shared: Shared) -> None:
-    script = plays("""app.previews = app.wrong = 0;
-    const { gl } = boxes;
-    navigator.xr.isSessionSupported('inline').then(async (yes) => {
-      const session = yes && await navigator.xr.requestSession('inline');
-      session.updateRenderState({ baseLayer: new XRWebGLLayer(session, gl) });
-      const space = await session.requestReferenceSpace('viewer');
-      session.requestAnimationFrame(function frame(time, xr) {
-        session.requestAnimationFrame(frame);
-        const [view] = xr.getViewerPose(space).views;
-        const { baseLayer } = session.renderState;
-        const { width, height } = baseLayer.getViewport(view);
-        // The canvas itself, 90 degrees from top to bottom.
-        if (baseLayer.framebuffer !== null || width !== gl.canvas.width
-          || height !== gl.canvas.height || Math.abs(view.projectionMatrix[5] - 1) > 1e-6)
-          app.wrong += 1;
-        app.previews += 1;
-      });
-    });
-    button('Enter VR', async () => {
-      app.ar = await navigator.xr.isSessionSupported('immersive-ar');
-      go();
-    });""")
-    app = shared(
-        script, values={name: f"app.{name}" for name in ("previews", "wrong", "ar", "frames")}
-    )
-    first = app.reset(1, hands(0)).values
-    last = app.step(frame_time_ns(1, 20), hands(1)).values
-    previews = first["previews"]
-    assert isinstance(previews, int)
-    assert previews > 5
-    assert first == {"previews": previews, "wrong": 0, "ar": False, "frames": 1}
-    assert last == {**first, "frames": 2}  # the immersive session has the display
-
-
 DOORS = {
     "a drawn icon": "document.body.insertAdjacentHTML('beforeend', `<svg id='vr-icon'"
     " width='40' height='20'><rect width='40' height='20'/></svg>`);"
@@ -280,26 +245,3 @@ def test_css_animations_keep_the_time_of_the_page(shared: Shared) -> None:
     assert found["width"] == pytest.approx(200, abs=8)  # px after 2 s of 4
     assert found["full"] == pytest.approx(4000, abs=100)
     assert played(app, steps=5)["faded"] == found["faded"]
-
-
-SOUNDS = """const context = new AudioContext();
-const source = context.createBufferSource();
-source.buffer = context.createBuffer(1, 44100, 44100);
-source.connect(context.destination);
-source.onended = () => { app.ended = context.currentTime - app.started; };
-button('Enter VR', async () => {
-  await context.resume();
-  app.started = context.currentTime;
-  source.start(context.currentTime + 0.5);
-  go();
-});
-const clock = setInterval(() => {
-  app.off = Math.abs(context.currentTime - performance.now() / 1000);
-}, 100);
-"""
-
-
-def test_audio_contexts_keep_the_time_of_the_page(shared: Shared) -> None:
-    found = played(shared(plays(SOUNDS), values=named("ended", "off")), steps=60)
-    assert found["ended"] == pytest.approx(0.5 + 1.0)  # s: start and duration of the buffer
-    assert found["off"] < 0.05  # s: from the document's start to the context's

@@ -129,16 +129,6 @@ def test_rooms_skies_and_floors_are_left_out(
     assert bool(scene_of([Box("it", place, rotation, size, RED)], HEAD).objects) == shown
 
 
-def test_sides_of_the_box_face_outwards() -> None:
-    (mesh,) = scene_of([], HEAD).meshes
-    vertices, triangles = mesh.in_mujoco()
-    corners = vertices[triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    assert (np.einsum("ij,ij->i", normals, corners.mean(axis=1)) > 0.0).all()
-    # Two triangles of half a square metre on each of six sides.
-    assert np.abs(normals).sum(axis=0) == pytest.approx([4.0, 4.0, 4.0])
-
-
 # --- in a browser -------------------------------------------------------------------------------
 
 PLAYS = """import { Boxes, button } from './boxes.js';

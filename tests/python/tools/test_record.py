@@ -22,13 +22,7 @@ from chromium import Page
 from parts import needs
 from sim2vr_harness.sessions import Session, read_session
 from sim2vr_harness.sessions.replay import replay_session
-from sim2vr_harness.tools.record import (
-    RecordingServer,
-    bookmarklet,
-    parts,
-    script_tag,
-    server,
-)
+from sim2vr_harness.tools.record import RecordingServer, bookmarklet, parts, script_tag, server
 from sim2vr_harness.tools.record.parts import MAX_PART_BYTES, Parts, RefusedPart
 from sim2vr_harness.tools.record.script import with_script
 from webxr_pages import ENGINES, NEEDS_BROWSER, PAGES
@@ -282,10 +276,6 @@ def attacks() -> ModuleType:
 def test_killed_recorders_lose_nothing(tmp_path: Path) -> None:
     counts = attacks().kills(tmp_path, 3, random.Random(1))
     assert counts == {"SIGHUP": 1, "SIGQUIT": 1, "SIGKILL": 1}
-
-
-def test_a_full_disk_keeps_the_parts(tmp_path: Path) -> None:
-    assert attacks().disk(tmp_path, 2000)["sessions"] == 2
 
 
 def test_parts_come_in_any_order_and_twice(tmp_path: Path) -> None:

@@ -7,14 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from sim2vr_harness.tools.track.trajectory_optimisation import (
-    DynamicsState,
-    Perturbations,
-    Refinement,
-    _apart,
-    least_within,
-    motion_of,
-)
+from sim2vr_harness.tools.track.trajectory_optimisation import Refinement, _apart, least_within
 from sim2vr_harness.users import UserBatch, load_body
 from sim2vr_harness.world_models.actuator_state import ActuatorState
 
@@ -26,21 +19,9 @@ def hand(bodies: UserBatch, step: int) -> FloatArray:
     return bodies.device_poses("controller_right")[0]
 
 
-def swinging(bodies: UserBatch) -> None:
-    """Half a second of controls that change, so that nothing is at rest."""
-    rng = np.random.default_rng(5)
-    for _ in range(10):
-        bodies.step(np.repeat(rng.uniform(-0.3, 0.3, (1, bodies.action_size)), bodies.n, 0))
-
-
 def many(name: str = "mobl_arms_wrist") -> Callable[[int], UserBatch]:
     body = load_body(name)
     return lambda n: UserBatch(body, n, threads=1, effort="neural")
-
-
-def inwards(shares: FloatArray, sizes: FloatArray) -> FloatArray:
-    """Changes of shares of these sizes that stay between 0 and 1."""
-    return np.where(shares > 0.5, -sizes, sizes)
 
 
 # --- least within a box --------------------------------------------------------------------------
@@ -60,44 +41,6 @@ def test_the_least_within_a_box_is_what_bounded_least_squares_finds(seed: int) -
 
 
 # --- what a step responds -------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", ["mobl_arms_bimanual_motor"])
-def test_a_response_foretells_a_step(name: str) -> None:
-    """Small changes of posture, speed, activation and control at once; 20 of them."""
-    make = many(name)
-    one = make(1)
-    body = one.body
-    one.reset([0], [np.random.default_rng(1)], [body.joint_ranges.mean(1)])
-    swinging(one)
-    at, drives = DynamicsState.of(one).row(0), ActuatorState(body)
-    shares = drives.shares(drives.of(one), np.full((1, drives.count), 0.05))[0]
-    response = Perturbations(make, hand).response(at, shares, 0)
-    joints, size = len(body.independent_joints), len(response.by_motion)
-    rng = np.random.default_rng(2)
-    turned, faster = rng.normal(0.0, 2e-3, (20, joints)), rng.normal(0.0, 0.05, (20, joints))
-    more = inwards(shares, rng.uniform(0.0, 0.03, (20, drives.count)))
-    pulled = inwards(at.act, rng.uniform(0.0, 0.03, (20, size - 2 * joints)))
-
-    tried = make(21)
-    changed, angles = at.times(21), at.qpos[body.qpos_independent]
-    there = body.coupled_qpos(angles)
-    changed.qpos[1:] += body.coupled_qpos(angles + turned) - there
-    changed.qvel[1:] += (body.coupled_qpos(angles + 1e-4 * faster) - there) / 1e-4
-    changed.act[1:] += pulled
-    changed.put(tried)
-    controls = np.concatenate([shares[None], shares + more])
-    tried.step(drives.actions(drives.of(tried), controls))
-    after = motion_of(DynamicsState.of(tried), tried)
-    moved, places = after[1:] - after[0], hand(tried, 0)[1:] - hand(tried, 0)[0]
-
-    beside = np.concatenate([turned, faster, pulled], 1)
-    told = beside @ response.by_motion.T + more @ response.by_control.T
-    told_places = beside @ response.error_by_motion.T + more @ response.error_by_control.T
-    assert np.linalg.norm(told_places - places) < 0.03 * np.linalg.norm(places)
-    for part in (slice(0, joints), slice(joints, 2 * joints), slice(2 * joints, size)):
-        apart = np.linalg.norm(told[:, part] - moved[:, part])
-        assert apart <= 0.05 * np.linalg.norm(moved[:, part])
 
 
 # --- all of it -----------------------------------------------------------------------------------

@@ -1,7 +1,6 @@
 """What is to be seen of play, without a browser."""
 
 from collections.abc import Iterator
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,16 +8,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.frames import pose_to_mujoco
 from sim2vr_harness.tools.watch import browser
 from sim2vr_harness.tools.watch import selection as choosing
-from sim2vr_harness.tools.watch.browser import Playback, Poser, body_shapes
+from sim2vr_harness.tools.watch.browser import Playback, Poser
 from sim2vr_harness.tools.watch.frames import Hands, Playlist, ViewerFrame
 from sim2vr_harness.users import Body, load_body
 
-ROUND = Path(__file__).parents[2] / "data" / "whacamole_round"
 SHEET = SceneMesh("sheet", np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
 
 
@@ -146,31 +143,6 @@ def test_the_body_stands_as_in_mujoco_and_muscles_have_colours(body: Body) -> No
     assert scene.handles["/body/muscles"].points.shape == (len(lengths), 2, 3)
 
 
-def test_shapes_have_the_sizes_of_the_model_s() -> None:
-    spec = mujoco.MjSpec.from_string("""
-        <mujoco><worldbody><body name="b">
-          <geom type="capsule" size=".1 .3" rgba="1 0 0 1"/>
-          <geom type="box" size=".1 .2 .3" rgba="0 1 0 1"/>
-          <geom type="ellipsoid" size=".1 .2 .3" rgba="0 0 1 1"/>
-          <geom type="cylinder" size=".1 .3" pos="1 0 0" rgba="1 1 0 1"/>
-          <geom type="sphere" size=".1" rgba="1 1 1 0"/>
-        </body></worldbody></mujoco>""")
-    shapes = {s.color: s for s in body_shapes(SimpleNamespace(model=spec.compile()))}  # type: ignore[arg-type]
-    assert len(shapes) == 4, "what cannot be seen is left out"
-    for color, top, volume in (
-        ((255, 0, 0), 0.4, np.pi * 0.01 * 0.6 + 4 / 3 * np.pi * 0.001),
-        ((0, 255, 0), 0.3, 8 * 0.1 * 0.2 * 0.3),
-        ((0, 0, 255), 0.3, 4 / 3 * np.pi * 0.1 * 0.2 * 0.3),
-        ((255, 255, 0), 0.3, np.pi * 0.01 * 0.6),
-    ):
-        shape = shapes[color]
-        assert shape.vertices[:, 2].max() == pytest.approx(top, rel=0.05)
-        a, b, c = shape.vertices[shape.faces].transpose(1, 0, 2)
-        # Twelve corners around: up to a tenth less than the round thing, fronts outside.
-        found = np.einsum("fx,fx->", a, np.cross(b, c)) / 6.0
-        assert 0.85 * volume < found <= volume * 1.0001
-
-
 def test_a_person_s_hand_and_head_move_by_keys() -> None:
     pose = np.array([0.0, 1.0, 0.3, 0.0, 0.0, 0.0, 1.0])
     ahead = browser.moved(pose, np.array([0.0, 0.0, 1.0]))
@@ -191,15 +163,6 @@ def test_a_person_s_hand_and_head_move_by_keys() -> None:
     np.testing.assert_array_equal(hands.devices().right_controller, ahead)
 
 
-def test_what_cannot_be_watched() -> None:
-    with pytest.raises(InputError, match=r"^--game or --condition: got it with a recording"):
-        choosing.choose(str(ROUND), game="sample")
-    with pytest.raises(InputError, match=r"^RUN: got 'nobody', expected .*mobl_arms_wrist"):
-        choosing.choose("nobody")
-    with pytest.raises(InputError, match=r"^--host: got '300\.1\.1\.1', expected an address"):
-        browser._require_own("300.1.1.1")
-
-
 def test_a_person_plays_a_round() -> None:
     show = choosing.choose(None, person=True, game="sample")
     assert show.hands is not None
@@ -212,20 +175,3 @@ def test_a_person_plays_a_round() -> None:
     moments.close()  # type: ignore[attr-defined]
     assert any("Points 1" in line for line in seen), seen
     assert first.headset.shape == (160, 240, 3)
-
-
-def test_any_user_is_watched() -> None:
-    """An idle one in a game, and the body of a configuration that no one trained."""
-    for chosen in (
-        {"run": None, "untrained": "still", "game": "sample", "condition": "big"},
-        {"run": "mobl_arms_wrist", "game": "sample"},
-    ):
-        show = choosing.choose(**chosen)  # type: ignore[arg-type]
-        moments = show.moments()
-        first, second = next(moments), next(moments)
-        moments.close()  # type: ignore[attr-defined]
-        assert (first.time_s, second.time_s) == (0.05, 0.1)
-        idle = chosen["run"] is None
-        assert show.title == ("still: sample big" if idle else "no particular person: sample usual")
-        assert second.activations is not None and first.activations is not None
-        assert (second.activations < first.activations).all() == idle, "muscles relax"

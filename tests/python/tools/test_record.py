@@ -395,7 +395,7 @@ def test_a_page_that_moves_before_vr_replays_the_same(tmp_path: Path) -> None:
         tmp_path / "index.html", BALLS, button, "app.missed > 0", counts
     )
     assert session.page_start is not None
-    assert missed >= 1 and caught >= 5
+    assert missed >= 1 and caught >= 2
     assert session.page_start.requested_ms > 2000 and len(session.page_start.frames_ms) > 10
     settings = {
         "transport": "webxr",

@@ -121,7 +121,7 @@ EIGHTH = (0.0, np.sin(np.pi / 8), 0.0, np.cos(np.pi / 8))
         # A wall 0.4 m before the head, turned by 45 degrees, 10 cm thick; 80 cm hold the head.
         ((0.0, 1.2, 0.4), EIGHTH, (2.0, 2.0, 0.1), True),
         ((0.0, 1.2, 0.4), EIGHTH, (2.0, 2.0, 0.8), False),
-        # Half a metre from its middle, along its turned x (0.71, 0, -0.71): the head is in the wall.
+        # Half a metre from its middle along its turned x, (0.71, 0, -0.71): in the wall.
         ((-0.3536, 1.2, 0.3536), EIGHTH, (2.0, 2.0, 0.1), False),
         ((0.3536, 1.2, 0.3536), EIGHTH, (2.0, 2.0, 0.1), True),
     ],

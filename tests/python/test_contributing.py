@@ -7,7 +7,6 @@ installed into a folder instead of the environment, and the training is cut shor
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -150,13 +149,3 @@ def test_a_library_that_does_not_fit_is_one_clear_error(
     command = [str(APP), "--game-library", str(file), "--list-games"]
     served = subprocess.run(command, capture_output=True, text=True, check=False)
     assert served.returncode == 2 and problem in served.stderr
-
-
-@pytest.mark.usefixtures("outputs")
-def test_a_name_that_is_taken_is_refused(author: Author) -> None:
-    other = author.library.with_name("copy.so")
-    shutil.copy(author.library, other)
-    once = f"{APP} --list-games --game-library {author.library} --game-library"
-    assert "mygame" in author.run(f"{once} {author.library}")
-    refused = author.run(f"{once} {other}", fails=True)
-    assert f"got '{other}' with a game 'mygame', a name that is taken" in refused

@@ -4,7 +4,6 @@ import json
 import os
 import re
 import signal
-import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -94,21 +93,6 @@ def test_each_round_is_another_process_and_arguments_have_the_seed(tmp_path: Pat
     names = sorted(one.name.split()[0] for one in place.iterdir())
     assert names == ["3-2", "4-2"]
     assert len({one.name.split()[1] for one in place.iterdir()}) == 2
-
-
-def test_the_next_start_is_made_ahead(tmp_path: Path) -> None:
-    slow = "import time; time.sleep(0.4)\n" + PLAY
-    with open_program(program(tmp_path, slow)) as app:
-        began = time.monotonic()
-        app.reset(1, hands())
-        assert time.monotonic() - began > 0.4
-        for step in range(1, 41):  # 0.8 s, in which the other program is greeted
-            app.step(frame_time_ns(step, 20), hands())
-            time.sleep(0.02)
-        began = time.monotonic()
-        app.reset(2, hands())
-        assert time.monotonic() - began < 0.3
-        assert (app.image == [2, 110, 0, 128]).all()
 
 
 # --- what goes wrong ---------------------------------------------------------------------------

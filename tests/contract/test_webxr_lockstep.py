@@ -8,12 +8,11 @@ from pathlib import Path
 import pytest
 
 from sim2vr_harness.client import frame_time_ns
-from webxr_pages import NEEDS_BROWSER, PAGES, hands, open_page, page_with, require_npm
+from webxr_pages import NEEDS_BROWSER, hands, open_page, page_with
 
 pytestmark = NEEDS_BROWSER
 
 ROUNDS, STEPS = 4, 30
-FIBER = PAGES / "fiber" / "built" / "index.html"
 
 BETWEEN_FRAMES = """import { Boxes, button } from './boxes.js';
 const boxes = new Boxes();
@@ -99,13 +98,3 @@ def test_what_the_browser_does_between_frames(tmp_path: Path) -> None:
         *("idle", "fonts", "worker", "click", "frame", "copied"),
     }
     assert sum(line.startswith("frame") for line in first) == STEPS
-
-
-def test_a_page_of_react_three_fiber() -> None:
-    if not FIBER.exists():
-        require_npm()
-        subprocess.run(["sh", PAGES / "fiber" / "build.sh"], check=True, timeout=300.0)
-    first, *others = logs(FIBER)
-    for other in others:
-        assert other == first
-    assert any(line.startswith("effect right 9") for line in first)

@@ -35,12 +35,6 @@ def test_every_key_has_a_row() -> None:
     assert [key for key in dumped(TrainingConfig().model_dump()) if key not in rows] == []
 
 
-def test_every_key_has_a_sentence() -> None:
-    rows = list(reference.settings(TrainingConfig, TrainingConfig()))
-    rows += [row for _, rows_of_game in reference.game_settings() for row in rows_of_game]
-    assert [row.key for row in rows if len(row.meaning) < 8] == []
-
-
 class Inner(BaseModel):
     delay_s: float = Field(default=0.5, ge=0.0, lt=2.0)
     """How late. More text."""

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from processes import emptied, group
+from processes import emptied, group, until
 from processes import gone as removed
 from sim2vr_harness.client import AppDied, AppProcess, AppRefused, AppTimeout
 
@@ -27,15 +27,13 @@ def script(folder: Path, text: str) -> Path:
 
 
 def gone(pid: int, within_s: float = 10.0) -> bool:
-    deadline = time.monotonic() + within_s
-    while time.monotonic() < deadline:
+    def ended() -> bool:
         try:
-            if Path(f"/proc/{pid}/stat").read_text().split(") ")[1][0] == "Z":
-                return True
+            return Path(f"/proc/{pid}/stat").read_text().split(") ")[1][0] == "Z"
         except OSError:
             return True
-        time.sleep(0.02)
-    return False
+
+    return until(ended, within_s)
 
 
 def test_a_stubborn_process_is_killed_with_its_children(tmp_path: Path) -> None:
@@ -74,7 +72,7 @@ def test_a_daemon_that_an_app_has_started_ends_with_it(tmp_path: Path, stays_s: 
     noted = tmp_path / "pid"
     other = AppProcess([sys.executable, "-c", DAEMON, str(tmp_path / "other"), "600"])
     process = AppProcess([sys.executable, "-c", DAEMON, str(noted), str(stays_s)])
-    assert exists(noted) and exists(tmp_path / "other")
+    assert until((tmp_path / "pid").exists) and until((tmp_path / "other").exists)
     pid, others = int(noted.read_text()), int((tmp_path / "other").read_text())
     assert os.getsid(pid) == pid
     process.kill()
@@ -82,13 +80,6 @@ def test_a_daemon_that_an_app_has_started_ends_with_it(tmp_path: Path, stays_s: 
     assert not gone(others, 0.0)  # of another app
     other.kill()
     assert gone(others)
-
-
-def exists(file: Path, within_s: float = 10.0) -> bool:
-    deadline = time.monotonic() + within_s
-    while not file.exists() and time.monotonic() < deadline:
-        time.sleep(0.02)
-    return file.exists()
 
 
 @pytest.mark.parametrize(

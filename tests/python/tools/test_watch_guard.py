@@ -15,6 +15,7 @@ import viser
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
+from processes import free_port, until
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import AppScene
 from sim2vr_harness.tools.gate import Gate, Refused
@@ -46,13 +47,6 @@ def show() -> Playlist:
 
     hand = np.array([0.0, 1.0, 0.3, 0.0, 0.0, 0.0, 1.0])
     return Playlist("empty", 20.0, moments, hands=Hands({"right_controller": hand}))
-
-
-def free_port() -> int:
-    with contextlib.closing(socket.socket()) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 @pytest.fixture
@@ -111,13 +105,6 @@ def refusal(theatre: Viewer, address: str | None = None, origin: str | None = No
 
 def send(client: ClientConnection, **message: Any) -> None:
     client.send(msgspec.msgpack.encode(message))
-
-
-def until(true: Any, seconds: float = 30.0) -> bool:
-    deadline = time.monotonic() + seconds
-    while not true() and time.monotonic() < deadline:
-        time.sleep(0.02)
-    return bool(true())
 
 
 def test_only_the_own_page_with_the_token_gets_in(theatre: Viewer) -> None:

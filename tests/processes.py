@@ -1,9 +1,11 @@
-"""Processes of this machine, for tests of what must not outlive others."""
+"""Processes of this machine, for tests of what must not outlive others, and ports."""
 
+import socket
 import time
+from collections.abc import Callable
 from pathlib import Path
 
-__all__ = ["emptied", "gone", "group", "of_type"]
+__all__ = ["emptied", "free_port", "gone", "group", "of_type", "until"]
 
 
 def group(pid: int) -> list[int]:
@@ -20,14 +22,17 @@ def group(pid: int) -> list[int]:
     return found
 
 
+def until(true: Callable[[], object], within_s: float = 60.0) -> bool:
+    """Whether something becomes true in time."""
+    deadline = time.monotonic() + within_s
+    while not (found := true()) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    return bool(found)
+
+
 def emptied(number: int, within_s: float = 10.0) -> bool:
     """Whether all processes of a group are gone; init takes its time to bury the orphans."""
-    deadline = time.monotonic() + within_s
-    while group(number):
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.02)
-    return True
+    return until(lambda: not group(number), within_s)
 
 
 def of_type(pid: int, kind: str) -> int:
@@ -41,9 +46,11 @@ def of_type(pid: int, kind: str) -> int:
 
 def gone(file: Path, within_s: float = 5.0) -> bool:
     """Whether a file or folder is gone; the watcher of a killed process takes its time."""
-    deadline = time.monotonic() + within_s
-    while file.exists():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.02)
-    return True
+    return until(lambda: not file.exists(), within_s)
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port

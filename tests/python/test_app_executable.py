@@ -2,23 +2,21 @@
 
 import json
 import os
-import re
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import zmq
 
+from python.cli.calls import call
 from sim2vr_harness.base.paths import app_executable
-from sim2vr_harness.cli.main import main
 from sim2vr_harness.client import DevicePoses, InProcessApp, frame_time_ns
 from sim2vr_harness.client.launch import options_beside, unity_arguments
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
@@ -49,16 +47,6 @@ def test_scripted_player_scores_and_leaves_pictures_and_logs(tmp_path: Path) -> 
     assert events.count("target_hit") == float(log["Points"])
 
 
-def test_numbers_that_a_round_does_not_have_are_not_printed() -> None:
-    """Beats has the terms of its shaped reward only where that is chosen."""
-    beats = ("--game", "beats", "--play", "--seconds", "0.2", "--renderer", "null")
-    plain, shaped = run(*beats), run(*beats, "--options", '{"reward": "shaped"}')
-    assert "  Score 0\n" in plain.stdout
-    assert "ApproachReward" not in plain.stdout
-    assert "nan" not in plain.stdout
-    assert "  ApproachReward 0\n" in shaped.stdout
-
-
 def test_the_program_and_the_module_play_the_same_bits() -> None:
     result = run("--condition", "hard", "--seed", "5", "--seconds", "10", "--renderer", "null")
     assert result.returncode == 0, result.stderr
@@ -74,108 +62,35 @@ def test_the_program_and_the_module_play_the_same_bits() -> None:
         assert f"state hash {app.state_hash():x}" in result.stdout
 
 
-@pytest.mark.parametrize("name", ["sim2vr-app", "whac-a-mole.x86_64"])
-@pytest.mark.parametrize("app_arguments", [(), ("-condition", "easy")])
+@pytest.mark.parametrize(
+    ("name", "app_arguments"), [("sim2vr-app", ()), ("whac-a-mole.x86_64", ("-condition", "easy"))]
+)
 def test_the_program_plays_as_a_unity_build_is_started(
-    name: str, app_arguments: tuple[str, ...], tmp_path: Path
+    name: str, app_arguments: tuple[str, ...], tmp_path: Path, capsys: Any
 ) -> None:
     """By its name or as any other build, with the condition named for it or not."""
     executable = tmp_path / name
     executable.symlink_to(app_executable())
-    words = [sys.executable, "-m", "sim2vr_harness.cli.main", "evaluate", "--user", "still"]
-    words += ["--app", str(executable)]
+    words = ["evaluate", "--user", "still", "--app", str(executable)]
     for word in app_arguments:
         words += ["--app-arg", word]
     words += ["--condition", "easy", "--episodes", "1", "--out", str(tmp_path / "out")]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    status, _, err = call(capsys, *words)
+    assert status == 0, err
     found = json.loads((tmp_path / "out/results.json").read_text())
     assert list(found) == ["easy"]
     # Nobody hits: every target of the condition comes and goes.
-    assert found["easy"]["misses"] == in_process_misses()
-
-
-@pytest.mark.parametrize("protocol", ["1", "2"])
-@pytest.mark.parametrize("conditions", [("--condition", "easy"), ()])
-def test_a_trained_user_plays_with_the_arguments_of_a_unity_build(
-    protocol: str, conditions: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The run's own condition, random and adaptive, gives way to the app's arguments."""
-    words = ["evaluate", "pretrained:whacamole_constrained", *conditions, "--no-steps"]
-    words += ["--app", str(app_executable()), "--protocol", protocol]
-    words += ["--app-arg", "-condition", "--app-arg", "easy", "--episodes", "1"]
-    words += ["--set", "env.app.options.round_seconds=2", "--out", str(tmp_path)]
-    with pytest.raises(SystemExit) as left:
-        main(words)
-    assert not left.value.code, capsys.readouterr().err
-    assert list(json.loads((tmp_path / "results.json").read_text())) == ["easy"]
-
-
-def test_an_argument_and_another_condition_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["evaluate", "pretrained:whacamole_constrained", "--condition", "hard"]
-    words += ["--app", "build.x86_64", "--app-arg", "-condition", "--app-arg", "easy"]
-    with pytest.raises(SystemExit) as left:
-        main([*words, "--out", str(tmp_path)])
-    assert left.value.code == 2
-    assert capsys.readouterr().err.strip() == (
-        "error: --condition: got hard together with --app-arg -condition easy, expected one of the "
-        "two"
-    )
+    expected = evaluate("still", Request(["easy"], episodes=1)).summaries["easy"]["misses"]
+    assert found["easy"]["misses"] == expected
 
 
 def test_what_is_passed_to_which_app() -> None:
     options = {"condition": "random", "adaptive": True, "life_seconds": 1.0}
     given = ["-condition", "easy"]
     assert unity_arguments(options, given, None) == [*given, "-adaptive"]
-    assert unity_arguments(options, ["-condition=easy", "-adaptive"], None) == [
-        *("-condition=easy", "-adaptive")
-    ]
     assert options_beside("whacamole", options, given) == {"adaptive": True, "life_seconds": 1.0}
-    assert options_beside("whacamole", options, ["--adaptive"]) == {
-        "condition": "random",
-        "life_seconds": 1.0,
-    }
     level = {"level": "first", "end_on_miss": True, "energy": True}
     assert options_beside("beats", level, ["-condition", "full"]) == {"energy": True}
-
-
-@cache
-def in_process_misses() -> float:
-    """Targets that nobody hits in a round of the condition easy."""
-    return float(evaluate("still", Request(["easy"], episodes=1)).summaries["easy"]["misses"])
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--condition", "meduim"], "did you mean 'medium'"),
-        (["--game", "wackamole"], "did you mean 'whacamole'"),
-        (["--script", "nosuch.json"], "--script: got 'nosuch.json' (No such file"),
-        (["--options", "[1]"], "options: got '[1]', expected a JSON object"),
-        (["--view", "spektator"], "did you mean 'spectator'"),
-        (["--renderer", "vulkan"], "renderer"),
-        (
-            ["--width", "0", "--record", "unused"],
-            "--width: got '0', expected a whole number from 1",
-        ),
-        (["--nosuch"], "--nosuch"),
-    ],
-)
-def test_wrong_arguments_are_one_line_and_exit_code_2(
-    arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    result = run(*arguments, "--log-level", "off", "--seconds", "0.1")
-    assert result.returncode == 2
-    assert message in result.stderr
-    assert result.stdout == ""
-
-
-def test_version_and_games() -> None:
-    assert run("--version").stdout.startswith("sim2vr-app ")
-    assert "whacamole\t" in run("--list-games").stdout
 
 
 @contextmanager
@@ -244,8 +159,7 @@ def test_a_killed_client_ends_the_server(tmp_path: Path) -> None:
         assert "the client's connection went away" in process.stderr.read()
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
-def test_shared_memory_goes_with_the_server(number: int) -> None:
+def test_shared_memory_goes_with_the_server() -> None:
     def ask(client: zmq.Socket[bytes], kind: int, *frames: bytes) -> list[bytes]:
         header = b"S2VR" + bytes([3, 0, kind, 0]) + bytes(16)
         client.send_multipart([header, *frames])
@@ -258,101 +172,54 @@ def test_shared_memory_goes_with_the_server(number: int) -> None:
         assert memory.stat().st_size == 120 * 80 * 4
         # It has no name in any file system, so that nothing is left whenever the server ends.
         assert set(Path("/dev/shm").iterdir()) <= before
-        os.kill(process.pid, number)
+        process.kill()
         process.wait(20)
         assert not memory.exists()
 
 
-def test_a_port_in_use_is_one_line_and_exit_code_2() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        result = run("-simulated", "-port", str(port), "-condition", "medium")
-    assert result.returncode == 2
-    assert result.stderr.startswith("sim2vr-app: port: got")
-    assert result.stderr.count("\n") == 1
-    assert result.stdout == ""
-
-
-def test_files_that_are_none_are_named_in_one_sentence(tmp_path: Path) -> None:
+def test_wrong_arguments_are_named_in_one_sentence(tmp_path: Path) -> None:
     binary = tmp_path / "binary"
     binary.write_bytes(bytes(range(256)))
-    empty = tmp_path / "empty"
-    empty.touch()
     wrong = {
         str(tmp_path): "a folder",
-        str(empty): "empty",
         str(binary): r"\u0000\u0001",
         str(tmp_path / "none"): "No such file",
-        f"{binary}/below": "Not a directory",
-        "": "",
     }
     for path, words in wrong.items():
         for arguments in (["--script", path], ["--replay", "--state-log", path]):
-            if not path and arguments[0] == "--script":
-                continue  # as good as none: the resting player
             result = run(*arguments, "--renderer", "null")
-            assert result.returncode == 2, (arguments, result)
-            assert result.stderr.count("\n") == 1, result.stderr
-            assert result.stderr.isprintable() or result.stderr[:-1].isprintable()
+            assert (result.returncode, result.stderr.count("\n")) == (2, 1), (arguments, result)
             assert path in result.stderr and words in result.stderr, result.stderr
-    for arguments in (
-        *(["--log-file", str(tmp_path)], ["--log-dir", str(binary)]),
-        *(["--record", str(binary)], ["--record", f"{binary}/below"]),
-        *(["--logging", "--output-folder", str(binary)], ["--log-file", f"{binary}/x.log"]),
-    ):
-        for mode in (["--port", "0"], ["--seconds", "0.1"]):
-            result = run(*arguments, *mode, "--renderer", "null")
-            assert result.returncode == 2, (arguments, result)
-            assert result.stderr.count("\n") == 1, result.stderr
+    for arguments in (["--game", "wackamole"], ["--options", "[1]"], ["--width", "0"]):
+        result = run(*arguments, "--renderer", "null", "--record", "unused")
+        assert (result.returncode, result.stderr.count("\n")) == (2, 1), (arguments, result)
+        assert arguments[-1] in result.stderr, result.stderr
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        for arguments in (
+            ["--log-file", str(tmp_path)],
+            ["--record", str(binary)],
+            ["--port", port],
+        ):
+            result = run("--port", "0", "--renderer", "null", *arguments)
+            assert (result.returncode, result.stderr.count("\n")) == (2, 1), (arguments, result)
             assert arguments[-1] in result.stderr, result.stderr
 
 
-def test_a_closed_output_is_no_socket() -> None:
-    """The first descriptor that a server opened would be taken for the output."""
-    command = [str(app_executable()), "--bind", "127.0.0.1", "--port", "0", "--timeout", "0.2"]
-    script = '"$@" >&- 2>/dev/null'
-    result = subprocess.run(["sh", "-c", script, "sh", *command, "--renderer", "null"], check=False)
-    assert result.returncode == 3, "timed out: nobody has asked it to end"
-
-
 def test_results_that_nobody_gets_are_an_error() -> None:
+    command = [str(app_executable()), "--list-games"]
     with Path("/dev/full").open("w") as full:
-        for arguments in (["--list-games"], ["--seconds", "0.1", "--renderer", "null"]):
-            result = subprocess.run(
-                [str(app_executable()), *arguments],
-                stdout=full,
-                stderr=subprocess.PIPE,
-                text=True,
-                check=False,
-            )
-            assert result.returncode == 1
-            assert result.stderr.splitlines()[-1] == (
-                "sim2vr-app: the standard output cannot be written"
-            )
+        result = subprocess.run(
+            command, stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert result.returncode == 1
+    assert result.stderr.splitlines()[-1] == "sim2vr-app: the standard output cannot be written"
 
 
 def cpu_s(pid: int) -> float:
     """Processor time that a process has used."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-@pytest.mark.parametrize("limit", [8, 13, 18])
-def test_too_few_descriptors_to_begin_with_are_one_line(limit: int) -> None:
-    """ZeroMQ would end the process with words about its own source files."""
-    command = [str(app_executable()), "--port", "0", "--renderer", "null"]
-    result = subprocess.run(
-        ["sh", "-c", f'ulimit -n {limit}; exec "$@"', "sh", *command],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert result.returncode == 2
-    assert re.fullmatch(
-        r"sim2vr-app: open files: got \d+ more that may be opened, expected 16 or more; "
-        r"'ulimit -n' sets their number\n",
-        result.stderr,
-    )
 
 
 def rests(pid: int, seconds: int = 20) -> bool:
@@ -368,17 +235,6 @@ def rests(pid: int, seconds: int = 20) -> bool:
     return False
 
 
-@pytest.fixture(params=["all processors", "one processor"])
-def processors(request: pytest.FixtureRequest) -> Iterator[None]:
-    """What is started meanwhile has them; with one, one of its threads runs at a time."""
-    before = os.sched_getaffinity(0)
-    if request.param == "one processor":
-        os.sched_setaffinity(0, {min(before)})
-    yield
-    os.sched_setaffinity(0, before)
-
-
-@pytest.mark.usefixtures("processors")
 def test_a_server_without_descriptors_rests_and_goes_on() -> None:
     """Strangers take all of them; the owner plays on, and when they go the next ones get in."""
     limit = 48
@@ -402,27 +258,3 @@ def test_a_server_without_descriptors_rests_and_goes_on() -> None:
         process.send_signal(signal.SIGTERM)
         assert process.wait(20) == 0
         assert process.stderr.read().count("no descriptor") == 0, "said once"
-
-
-def test_a_soft_limit_of_descriptors_is_raised(tmp_path: Path) -> None:
-    """Over a Unix socket ZeroMQ ends a process that has none left for a connection."""
-    file = tmp_path / "app.socket"
-    command = [str(app_executable()), "--bind", f"ipc://{file}", "--renderer", "null"]
-    with subprocess.Popen(
-        ["sh", "-c", 'ulimit -Sn 24; exec "$@"', "sh", *command], stdout=subprocess.PIPE, text=True
-    ) as process:
-        try:
-            assert process.stdout is not None
-            assert "listening" in process.stdout.readline()
-            with connected(f"ipc://{file}") as client, ExitStack() as strangers:
-                start_round(client)
-                for _ in range(48):
-                    stranger = strangers.enter_context(socket.socket(socket.AF_UNIX))
-                    stranger.connect(str(file))
-                client.send_string('{"stateHash": true}')
-                assert "stateHash" in json.loads(client.recv_string())
-                client.send_string('{"quitApplication": true}')
-                client.recv_string()
-            assert process.wait(20) == 0
-        finally:
-            process.kill()

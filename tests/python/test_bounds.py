@@ -13,13 +13,7 @@ from sim2vr_harness.studies.config import StudyConfig
 from sim2vr_harness.users import Physique
 from sim2vr_harness.users.bodies.description import BodyDescription
 
-MODELS: tuple[type[BaseModel], ...] = (
-    TrainingConfig,
-    BodyDescription,
-    Physique,
-    GameModelSettings,
-    StudyConfig,
-)
+MODELS = (TrainingConfig, BodyDescription, Physique, GameModelSettings, StudyConfig)
 LOW, HIGH = {"minimum", "exclusiveMinimum"}, {"maximum", "exclusiveMaximum"}
 WRONG = (float("nan"), float("inf"), -float("inf"), 1e300, -1e300, 2**63, -(2**63), 10**400, "x")
 ODD = (-1, 0, 1e-9, 0.5, 1, 2**31)

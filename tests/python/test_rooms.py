@@ -4,8 +4,6 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 PACKAGE = Path(__file__).parents[2] / "python" / "sim2vr_harness"
 NAME = "sim2vr_harness"
 
@@ -57,45 +55,19 @@ def imports(file: Path) -> Iterator[tuple[int, str]]:
             yield from ((node.lineno, f"{node.module}.{alias.name}") for alias in node.names)
 
 
-def rooms() -> list[str]:
-    return sorted(path.parent.name for path in PACKAGE.glob("*/__init__.py"))
-
-
-def test_every_room_has_its_place() -> None:
-    assert set(rooms()) - {"cli"} <= BELOW.keys()
-
-
-@pytest.mark.parametrize("room", sorted(BELOW))
-def test_a_room_imports_only_the_rooms_below_it(room: str) -> None:
+def test_rooms_import_the_rooms_below_them_only() -> None:
+    """A game's own room is found by its name, and packages of others have one importer."""
+    games = {folder.name for folder in (PACKAGE / "games").iterdir() if folder.is_dir()}
+    rooms = {path.parent.name for path in PACKAGE.glob("*/__init__.py")}
+    assert rooms - {"cli"} <= BELOW.keys()
     wrong = []
-    for file in sorted((PACKAGE / room).rglob("*.py")):
-        for line, name in imports(file):
-            parts = name.split(".")
-            if parts[0] != NAME or len(parts) < 2 or not (PACKAGE / parts[1]).is_dir():
-                continue
-            if parts[1] not in (room, *BELOW[room]):
-                wrong.append(f"{file.relative_to(PACKAGE)}:{line}: {name}")
-    assert wrong == []
-
-
-@pytest.mark.parametrize("package", sorted(ALONE))
-def test_a_package_has_one_importer(package: str) -> None:
-    found = {
-        file.relative_to(PACKAGE).parts[0]
-        for file in PACKAGE.rglob("*.py")
-        for _, name in imports(file)
-        if name.split(".")[0] == package
-    }
-    assert found <= ALONE[package]
-
-
-def test_a_game_s_own_room_is_found_by_its_name_only() -> None:
-    games = [folder.name for folder in (PACKAGE / "games").iterdir() if folder.is_dir()]
-    found = []
     for file in sorted(PACKAGE.rglob("*.py")):
+        place = file.relative_to(PACKAGE).parts
         for line, name in imports(file):
             parts = name.split(".")
-            theirs = parts[:2] == [NAME, "games"] and len(parts) > 2 and parts[2] in games
-            if theirs and parts[2] not in file.relative_to(PACKAGE).parts:
-                found.append(f"{file.relative_to(PACKAGE)}:{line}: {name}")
-    assert found == []
+            own = parts[0] == NAME and len(parts) > 1 and parts[1] in rooms
+            above = own and place[0] in BELOW and parts[1] not in (place[0], *BELOW[place[0]])
+            game = own and parts[1] == "games" and len(parts) > 2 and parts[2] in games - {*place}
+            if above or game or place[0] not in ALONE.get(parts[0], {place[0]}):
+                wrong.append(f"{'/'.join(place)}:{line}: {name}")
+    assert wrong == []

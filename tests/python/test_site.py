@@ -39,17 +39,3 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
         assert page in index
     api = (tmp_path / "site/reference/api.html").read_text(encoding="utf-8")
     assert [name for name in exports() if f'id="{name}"' not in api] == []
-
-
-def test_a_dead_link_and_a_page_without_a_section_are_errors(tmp_path: Path) -> None:
-    docs = tmp_path / "docs"
-    docs.mkdir()
-    (docs / "conf.py").write_text((ROOT / "docs/conf.py").read_text(encoding="utf-8"))
-    (docs / "index.md").write_text("# Site\n\n[Dead](gone.md) and [folder](.).\n")
-    (docs / "architecture.md").write_text("# Architecture\n")
-    (docs / "stray.md").write_text("# Stray\n")
-    done = build(docs, tmp_path / "site")
-    assert done.returncode != 0
-    assert "gone.md" in done.stderr
-    assert "stray.md" in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 2

@@ -3,7 +3,6 @@
 import errno
 import io
 import math
-import os
 import tracemalloc
 import zipfile
 from collections.abc import Callable
@@ -16,7 +15,7 @@ import torch
 
 from sim2vr_harness.base import files
 from sim2vr_harness.base.bounded_yaml import parse_yaml
-from sim2vr_harness.base.errors import InputError, reason, shown
+from sim2vr_harness.base.errors import InputError
 
 EXPECTED = "a thing"
 READERS: dict[str, Callable[[Path, str], Any]] = {
@@ -27,69 +26,6 @@ READERS: dict[str, Callable[[Path, str], Any]] = {
     "tensors": files.read_tensors,
     "members": lambda path, expected: files.read_members(path, ["one"], expected),
 }
-
-
-def damaged(folder: Path) -> dict[str, Path]:
-    """Files that nobody can read, by what is wrong with them."""
-    places = {
-        name: folder / name
-        for name in (
-            "missing",
-            "folder",
-            "empty",
-            "garbage",
-            "utf16",
-            "latin1",
-            "loop",
-            "new\nline",
-        )
-    }
-    places["folder"].mkdir()
-    places["empty"].write_bytes(b"")
-    places["garbage"].write_bytes(np.random.default_rng(0).bytes(3000))
-    places["utf16"].write_bytes("name: Zoë".encode("utf-16"))
-    places["latin1"].write_bytes("name: Zoë".encode("latin-1"))
-    places["loop"].symlink_to(places["loop"])
-    places["new\nline"].write_bytes(b"\x00")
-    return {**places, "long name": folder / ("x" * 5000), "device": Path("/dev/zero")}
-
-
-@pytest.mark.parametrize("kind", sorted(READERS))
-def test_every_reader_names_the_file_and_what_it_found(kind: str, tmp_path: Path) -> None:
-    for problem, path in damaged(tmp_path).items():
-        if kind == "text" and problem in ("empty", "new\nline"):
-            continue
-        with pytest.raises(InputError) as caught:
-            READERS[kind](path, EXPECTED)
-        text = str(caught.value)
-        assert text.isprintable(), text
-        assert len(text) < 800
-        assert EXPECTED in caught.value.expected
-        assert caught.value.field.partition(", line")[0] == files.file_name(path)
-        found = {
-            "missing": "nothing: there is no such file",
-            "folder": "a folder",
-            "device": "no regular file",
-            "loop": "too many levels of symbolic links",
-            "long name": "file name too long",
-        }
-        assert caught.value.got == found.get(problem, caught.value.got)
-
-
-def test_what_is_wrong_with_a_text(tmp_path: Path) -> None:
-    place = tmp_path / "file"
-    place.write_bytes("name: Zoë".encode("utf-16"))
-    with pytest.raises(InputError, match=r"file: got UTF-16, expected a thing, in UTF-8$"):
-        files.read_text(place, EXPECTED)
-    place.write_bytes(b"name: Zo\xeb")
-    with pytest.raises(
-        InputError, match=r"got a byte at 8 that is no UTF-8 text, expected a thing"
-    ):
-        files.read_text(place, EXPECTED)
-    place.write_bytes(b"\xef\xbb\xbfname: 1")
-    assert files.read_yaml(place, EXPECTED) == {"name": 1}
-    with pytest.raises(InputError, match=r"file: got more than 3 bytes, expected a thing$"):
-        files.read_text(place, EXPECTED, most=3)
 
 
 def bomb(levels: int) -> str:
@@ -104,18 +40,11 @@ def bomb(levels: int) -> str:
     [
         (bomb(9), "f, line 6: got more than 20,000 values"),
         ("a: &a [*a]", "f, line 1: got an anchor that is used inside itself"),
-        ("x: &x {<<: *x}", "f, line 1: got an anchor that is used inside itself"),
         ("[" * 100_000, "f, line 1: got more than 32 levels"),
         ("a: 1\nb: 2\na: 3", "f, line 3: got the key 'a' twice"),
-        ("b:\n  on: 2", "f, line 2: got the key 'on', which is no text"),
-        ("? [1]\n: 2", "f, line 1: got a sequence as a key"),
         (f"a: {'9' * 400}", "f, line 1: got a number of 400 digits"),
-        (f"a: 0x{'f' * 4999}", "f, line 1: got a number of 5,001 digits"),
         ("a: [1", "f, line 1: got text that is not YAML (expected ',' or ']', but got"),
-        ("a: 2001-99-99", "f: got text that is not YAML (month must be in 1..12)"),
-        ("a: !!timestamp x", "f: got text that is not YAML ("),
         ("a: !!python/name:os.system", "f, line 1: got text that is not YAML ("),
-        ("a: 1\x00", "f: got text that is not YAML (unacceptable character #x0000"),
         ("--- 1\n--- 2", "f, line 2: got text that is not YAML ("),
     ],
 )
@@ -144,47 +73,14 @@ def test_an_integer_that_no_float_holds_is_infinite() -> None:
     ("text", "message"),
     [
         ('{"a": 1,\n}', "f, line 2: got text that is not JSON (Expecting property name"),
-        ("[1]", "f: got JSON of [1], expected a thing"),
         ("[" * 100_000, "f: got JSON nested too deep"),
         ('{"a": 1, "a": 2}', "f: got the key 'a' twice"),
-        (" \n", "f: got an empty file"),
     ],
 )
 def test_json_says_where_it_is_wrong(text: str, message: str) -> None:
     with pytest.raises(InputError) as caught:
         files.parse_json(text, "f", EXPECTED)
     assert str(caught.value).startswith(message)
-
-
-def test_tensors_and_arrays_cut_off_anywhere(tmp_path: Path) -> None:
-    tensors, arrays = io.BytesIO(), io.BytesIO()
-    torch.save({"weight": torch.arange(6.0).reshape(2, 3)}, tensors)
-    np.savez(arrays, t=np.arange(5.0))
-    place = tmp_path / "file"
-    for content, read in (
-        (tensors.getvalue(), files.read_tensors),
-        (arrays.getvalue(), files.read_arrays),
-    ):
-        place.write_bytes(content)
-        assert len(read(place, EXPECTED)) == 1
-        for length in range(0, len(content), 31):
-            place.write_bytes(content[:length])
-            with pytest.raises(InputError, match=r"file: got no \w+ of \w+, or damaged ones"):
-                read(place, EXPECTED)
-
-
-def test_a_pickle_is_not_run(tmp_path: Path) -> None:
-    class Harm:
-        def __reduce__(self) -> Any:
-            return os.mkdir, (str(tmp_path / "harm"),)
-
-    torch.save({"weight": Harm()}, tmp_path / "tensors")
-    np.savez(tmp_path / "arrays.npz", t=np.array([Harm()], dtype=object))
-    with pytest.raises(InputError, match="no tensors of torch"):
-        files.read_tensors(tmp_path / "tensors", EXPECTED)
-    with pytest.raises(InputError, match="no arrays of NumPy"):
-        files.read_arrays(tmp_path / "arrays.npz", EXPECTED)
-    assert not (tmp_path / "harm").exists()
 
 
 def zipped(members: dict[str, bytes]) -> bytes:
@@ -239,9 +135,7 @@ def test_an_archive_is_refused_by_the_sizes_in_its_headers(
             zipped({"t.npy": npy((850_000_000,))}),
             r"'t.npy' declares shape \(850000000,\) of float32",
         ),
-        (zipped({"t.npy": npy((10**12,), "|V0")}), r"'t.npy' declares shape \(1000000000000,\)"),
         (zipped({"t.npy": npy((4,), "(200000000,)<f4")}), "'t.npy' declares shape"),
-        (npy((850_000_000,)), "no zip archive"),
     ],
 )
 def test_an_array_is_refused_by_the_shape_in_its_header(content: bytes, message: str) -> None:
@@ -261,22 +155,11 @@ def test_an_array_is_refused_by_the_shape_in_its_header(content: bytes, message:
             "a bytearray in it",
         ),
         (saved({"w": [torch.zeros(1).expand(100_000_000)]}), "f: got .* unpack to 400,000,000,"),
-        (
-            saved({"w": torch.sparse_coo_tensor(torch.zeros(1, 1), torch.ones(1), (100_000_000,))}),
-            "f: got .* unpack to 400,000,000,",
-        ),
-        (saved({"w": torch.zeros(4)}, _use_new_zipfile_serialization=False), "no zip archive"),
     ],
 )
 def test_tensors_are_refused_by_what_they_declare(content: bytes, message: str) -> None:
     with pytest.raises(InputError, match=message):
         files.parse_tensors(content, "f", EXPECTED)
-
-
-def test_large_arrays_that_are_stored_as_they_are_can_be_read(zeros: bytes) -> None:
-    stream = io.BytesIO()
-    np.savez(stream, t=np.frombuffer(zeros, np.uint8))
-    assert files.parse_arrays(stream.getvalue(), "f", EXPECTED)["t"].nbytes == 300_000_000
 
 
 def test_a_full_disk_is_named(tmp_path: Path) -> None:
@@ -288,9 +171,3 @@ def test_a_full_disk_is_named(tmp_path: Path) -> None:
         stream.write(b"x")
     assert caught.value.errno == errno.ENOSPC
     assert caught.value.filename == str(tmp_path / "results.json")
-
-
-def test_values_are_quoted_in_short() -> None:
-    assert shown("x" * 1000) == f"'{'x' * 65}...{'x' * 24}'"
-    assert reason(ValueError("one\n  two\x1b")) == "one two\\x1b"
-    assert reason(KeyError()) == "KeyError"

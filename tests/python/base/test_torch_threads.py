@@ -39,13 +39,6 @@ def test_one_slow_turn_does_not_decide() -> None:
     assert threads.best == 2
 
 
-def test_a_hopeless_candidate_is_timed_once() -> None:
-    """Beside many programs a piece takes two threads ten times as long."""
-    work = Work({1: 1.0, 2: 10.0})
-    work.do(FastestThreads([1, 2], clock=lambda: work.now), 6)
-    assert work.used == [1, 2, 1, 1, 1, 1]
-
-
 def test_it_finds_out_anew_when_the_neighbours_have_changed() -> None:
     work = Work({1: 2.0, 2: 1.0})
     threads = FastestThreads([1, 2], clock=lambda: work.now)
@@ -55,10 +48,3 @@ def test_it_finds_out_anew_when_the_neighbours_have_changed() -> None:
     threads.measure()
     work.do(threads, 7)
     assert work.used[6:] == [1, 2, 1, 1, 1, 1, 1]
-
-
-def test_with_one_candidate_nothing_is_timed() -> None:
-    work = Work({3: 1.0})
-    threads = FastestThreads([3], clock=lambda: 1 / 0)
-    work.do(threads, 2)
-    assert work.used == [3, 3]

@@ -1,236 +1,24 @@
-"""tools/bench: two runs side by side, and the tables of the performance page."""
+"""tools/bench: states of scenes, by hashes."""
 
 import importlib.util
 import json
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 TOOLS = Path(__file__).resolve().parents[3] / "tools" / "bench"
 
 
-def tool(name: str) -> Any:
-    spec = importlib.util.spec_from_file_location(f"bench_{name}", TOOLS / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # its dataclasses look themselves up
-    spec.loader.exec_module(module)
-    return module
-
-
-compare, tables = tool("compare"), tool("tables")
-
-
-def row(scene: str, rate: float | None, **values: Any) -> dict[str, Any]:
-    return {
-        "scene": scene, "variant": "", "transport": "in_process", "n": 64, "threads": 2,
-        "unit": "user steps/s", "rate_per_s": rate, "cpu_us_per_step": 900.0, "spread": 0.05,
-        "state_hash": "0123", "observation_hash": "89ab", "parts": {}, "ratios": {},
-        "memory_mb": 500.0, "extra": {}, "cpu": "Z80", "cores": 2, "renderer": "llvmpipe",
-        "load_average": [0.1], "commit": "c0ffee", "dirty": False, "run": "2026-01-01T00:00 1",
-        "version": "1", "image": [120, 80], **values,
-    }  # fmt: skip
-
-
-def write(path: Path, *rows: dict[str, Any]) -> str:
-    path.write_text("".join(json.dumps(one) + "\n" for one in rows))
-    return str(path)
-
-
-def test_numbers_side_by_side(tmp_path: Path, capsys: Any) -> None:
-    a = write(tmp_path / "a", row("env", 1000.0), row("physics", 2000.0, transport=None))
-    b = write(
-        tmp_path / "b",
-        row("env", 1.0),  # an earlier run of the same file
-        row("physics", 1900.0, transport=None),
-        row("env", 1250.0, observation_hash="ffff"),
-    )
-    assert compare.main([a, b]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    env, physics = (line.split() for line in lines if line.startswith(("env", "physics")))
-    assert env == ["env", "N=64", "threads=2", "1,000.0", "1,250.0", "1.250", "equal", "DIFFER"]
-    assert physics[-3:] == ["0.950", "equal", "equal"]
-    assert not [line for line in lines if line.startswith("warning")]
-
-
-def test_a_slower_scene_fails(tmp_path: Path, capsys: Any) -> None:
-    a = write(tmp_path / "a", row("env", 1000.0), row("game", 1000.0))
-    b = write(tmp_path / "b", row("env", 899.0), row("game", 900.0))
-    assert compare.main([a, b, "--fail-below", "0.9"]) == 1
-    assert capsys.readouterr().err == ("FAILED: env N=64 threads=2: ratio 0.899 is below 0.9\n")
-    assert compare.main([a, b, "--fail-below", "0.89"]) == 0
-
-
-def test_other_states_fail_when_asked_for(tmp_path: Path, capsys: Any) -> None:
-    a = write(tmp_path / "a", row("env", 1.0), row("train", 1.0, state_hash=None))
-    b = write(tmp_path / "b", row("env", 1.0, state_hash="9"), row("train", 1.0, state_hash=None))
-    assert compare.main([a, b]) == 0
-    assert compare.main([a, b, "--same-states"]) == 1
-    assert capsys.readouterr().err == "FAILED: env N=64 threads=2: states differ\n"
-
-
-def test_what_makes_a_comparison_doubtful(tmp_path: Path, capsys: Any) -> None:
-    a = write(tmp_path / "a", row("env", 1.0), row("env", 1.0, n=8))
-    b = write(
-        tmp_path / "b",
-        row("env", 1.0, cpu="6502", image=[60, 40], load_average=[3.0], dirty=True, renderer=None),
-    )
-    assert compare.main([a, b]) == 0
-    warnings = [line for line in capsys.readouterr().out.splitlines() if "warning" in line]
-    assert warnings == [
-        "warning: machine differ: cpu: Z80 | 6502",
-        "warning: settings differ: image: [120, 80] | [60, 40]",
-        "warning: run B began with a load of 3.0 on 2 cores",
-        "warning: run B: commit c0ffee with changes",
-        "warning: only in A: env N=8 threads=2",
-    ]
-
-
-def test_memory_is_compared_but_never_fails(tmp_path: Path, capsys: Any) -> None:
-    a = write(tmp_path / "a", row("memory", None, unit="MB", state_hash=None))
-    b = write(tmp_path / "b", row("memory", None, unit="MB", state_hash=None, memory_mb=400.0))
-    assert compare.main([a, b, "--fail-below", "0.9"]) == 0
-    assert "400.0    0.800  -         equal     MB" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ("not json\n", "line 1: got 'not json', expected a JSON row of tools/bench/bench.py"),
-        ('{"scene": "env"}\n', "line 1: got"),
-        ("", "got no rows, expected those of tools/bench/bench.py --output"),
-        (json.dumps(row("game", 1.0)), "got no scene that both have measured, expected one"),
-    ],
-)
-def test_files_that_cannot_be_used(tmp_path: Path, capsys: Any, content: str, message: str) -> None:
-    a, b = write(tmp_path / "a", row("env", 1.0)), tmp_path / "b"
-    b.write_text(content)
-    assert compare.main([a, str(b)]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("error: ")
-    assert message in error
-    assert compare.main([a, str(tmp_path / "none")]) == 2
-
-
-def test_tables_are_replaced_and_nothing_else(tmp_path: Path, capsys: Any) -> None:
-    page = tmp_path / "page.md"
-    page.write_text(
-        "before\n<!-- table memory -->\nold\n<!-- end -->\nbetween\n"
-        "<!-- table key -->\nstays\n<!-- end -->\n"
-    )
-    rows = write(
-        tmp_path / "rows",
-        row("memory", None, n=16, memory_mb=100.0),
-        row("memory", None, n=144, memory_mb=228.0, extra={"memory_mb_per_user": 1.0}),
-    )
-    assert tables.main([rows, str(page)]) == 0
-    assert page.read_text() == (
-        "before\n<!-- table memory -->\n"
-        "| users | peak of the process, MB | per user added, MB |\n"
-        "| --- | ---: | ---: |\n"
-        "| 16 | 100 |  |\n"
-        "| 144 | 228 | 1.0 |\n"
-        "<!-- end -->\nbetween\n<!-- table key -->\nstays\n<!-- end -->\n"
-    )
-    assert "left as they were, not measured: key" in capsys.readouterr().out
-
-
-def test_the_scaling_table_by_hand() -> None:
-    def env(n: int, threads: int, rate: float, **ratios: float) -> dict[str, Any]:
-        return row("env", rate, n=n, threads=threads, ratios=ratios)
-
-    run = [
-        env(4, 1, 900.0, physics=0.6),
-        env(4, 2, 1500.0, **{"physics": 0.5, "1 thread": 1.67}),
-        env(16, 1, 1000.0, physics=0.7),
-        env(16, 2, 2000.0, **{"physics": 0.65, "1 thread": 2.0}),
-        env(64, 1, 1000.0),
-        env(64, 2, 2000.0),
-    ]
-    lines = tables.table_scaling(run).splitlines()
-    assert lines[-5:] == [
-        "| users | steps/s, 1 thread | steps/s, 2 threads | 2 threads / 1 | "
-        "env / physics, 1 thread | env / physics, 2 threads |",
-        "| --- | ---: | ---: | ---: | ---: | ---: |",
-        "| 4 | 900 | 1,500 | 1.67 | 0.60 | 0.50 |",
-        "| 16 | 1,000 | 2,000 | 2.00 | 0.70 | 0.65 |",
-        "| 64 | 1,000 | 2,000 |  |  |  |",
-    ]
-    assert tables.table_scaling(run[:4]) is None
-
-
-def test_the_last_run_with_the_scenes_counts() -> None:
-    old = [row("memory", None, n=16, memory_mb=1.0)]
-    new = [row("memory", None, n=16, memory_mb=2.0)]
-    text, written, left = tables.fill(
-        "<!-- table memory -->\nx\n<!-- end -->", [old, new, [row("env", 1.0)]]
-    )
-    assert "| 16 | 2 |" in text
-    assert (written, left) == (["memory"], [])
-    with pytest.raises(ValueError, match="table: got 'x', expected one of key, "):
-        tables.fill("<!-- table x -->\n<!-- end -->", [])
-
-
-def test_the_key_table_by_hand() -> None:
-    parts = {"rollout_steps_per_s": 1000.0, "update_steps_per_s": 250.0}
-    run = [
-        row("physics", 2500.0, transport=None),
-        row("env", 2000.0, ratios={"physics": 0.8, "physics, cpu": 0.75}),
-        row("train", 200.0, parts=parts),
-    ]
-    assert tables.table_key(run[:2]) is None
-    text = tables.table_key(run)
-    for line in (
-        "N = 64, 2 threads. Z80, 2 cores; llvmpipe; load 0.1 at the start; 2026-01-01, c0ffee.",
-        "| env: users in apps, observations | 2,000 | 500 | 900 | 5.0% |",
-        "| train, update alone | 250 | 4,000 |  |  |",
-        "env / physics: 0.80 (0.75 by processor time)",
-    ):
-        assert line in text.splitlines()
-
-
-def test_the_transports_table_by_hand() -> None:
-    ways = [
-        row(scene, rate, transport=way)
-        for way, rate in (("in_process", 100.0), ("protocol2", 72.0), ("tin can", 5.0))
-        for scene in ("render", "env")
-    ]
-    lines = tables.table_transports(ways).splitlines()
-    assert lines[2] == "| scene | N | in process | protocol2 | tin can |"
-    assert lines[-1] == "| env: users in apps, observations | 64 | 1.00 | 0.72 | 0.05 |"
-    assert tables.table_transports(ways[:1]) is None
-
-
-def test_the_senses_table_by_hand() -> None:
-    # 1,250 us a step, a fifth more than without (1,000 us); of 900 us processor time a tenth.
-    ratios = {"without": 0.8, "without, cpu": 0.9}
-    run = [row("env", 1000.0), row("env", 800.0, variant="sense=x", ratios=ratios)]
-    assert tables.table_senses(run).splitlines()[-1] == "| sense=x | +250 | +90 |"
-    assert tables.table_senses(run[:1]) is None
-
-
-def test_rows_that_no_table_can_be_made_of(tmp_path: Path, capsys: Any) -> None:
-    page = tmp_path / "page.md"
-    page.write_text("<!-- table memory -->\nx\n<!-- end -->")
-    old = {"scene": "memory", "run": "before", "n": 4}
-    (tmp_path / "old").write_text(json.dumps(old) + "\n")
-    assert tables.main([str(tmp_path / "old"), str(page)]) == 2
-    error = "error: table memory: got rows without 'memory_mb', expected those of this version"
-    assert capsys.readouterr().err.startswith(error)
-    (tmp_path / "other").write_text('{"scene": "env"}\n')
-    assert tables.main([str(tmp_path / "other"), str(page)]) == 2
-    assert "expected rows of tools/bench/bench.py" in capsys.readouterr().err
-    assert page.read_text().splitlines()[1] == "x"
-
-
 def test_rows_of_scenes_have_hashes_that_threads_do_not_change(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(str(TOOLS))
-    bench = tool("bench")
+    spec = importlib.util.spec_from_file_location("bench", TOOLS / "bench.py")
+    assert spec is not None and spec.loader is not None
+    bench = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "bench", bench)  # its dataclasses look themselves up
+    spec.loader.exec_module(bench)
     sizes = ["--set", "env.vision.width=32", "--set", "env.vision.height=24"]
     amounts = ["--n", "1,2", "--threads", "1,2", "--seconds", "0.05"]
     monkeypatch.setattr("measure.scene.WARM_UP_STEPS", 5)

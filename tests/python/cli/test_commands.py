@@ -1,9 +1,7 @@
 """The command line: outputs, exit statuses and one-line errors."""
 
 import json
-import os
 import shlex
-import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,10 +11,9 @@ import yaml
 from fake_simulation import FakeSimulation, played_by
 
 from python.cli.calls import call
-from sim2vr_harness import __version__
 from sim2vr_harness.cli.main import main
-from sim2vr_harness.training.model_based.trainer import ModelBasedTrainer
 
+DATA = Path(__file__).parents[2] / "data"
 TINY = [
     "policy.net_arch=[16]",
     "policy.vision_features=8",
@@ -41,15 +38,6 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> None:
 def train(capsys: Any, folder: Path, *more: str) -> tuple[int, str, str]:
     settings = [part for setting in TINY for part in ("--set", setting)]
     return call(capsys, "train", "whacamole_constrained", *settings, "--out", str(folder), *more)
-
-
-def test_version_and_help(capsys: Any) -> None:
-    assert call(capsys, "--version") == (0, f"sim2vr-harness {__version__}\n", "")
-    status, out, _ = call(capsys)
-    assert status == 0
-    for command in ("train", "evaluate", "doctor", "render", "plot"):
-        assert command in out
-    assert "--resume" in call(capsys, "train", "--help")[1]
 
 
 def test_help_needs_neither_torch_nor_mujoco() -> None:
@@ -134,92 +122,43 @@ def test_an_app_of_ones_own(capsys: Any, tmp_path: Path, monkeypatch: pytest.Mon
     assert (app["executable"], app["arguments"]) == (None, [])
 
 
-def test_games_are_listed_with_their_conditions(capsys: Any) -> None:
-    status, out, _ = call(capsys, "games")
-    assert status == 0
-    assert "sim2vr/WhacAMole-v0" in out
-    status, out, _ = call(capsys, "games", "sample")
-    assert "Radius 2.5 cm" in out and "lower" in out
-    out = call(capsys, "evaluate", "--help")[1]
-    assert "medium, low-medium, high-medium" in out
-    assert "10 unless set" in " ".join(out.split())
-
-
-def test_changes_are_told_in_words(capsys: Any, trained: Path, tmp_path: Path) -> None:
-    change = ("--set", "env.user.noise.constant=white", "--out", str(tmp_path))
-    status, out, err = call(capsys, "evaluate", str(trained), "--episodes", "1", *change)
-    assert status == 0, err
-    assert "With noise.constant = white" in out
-    assert "env.user" not in out.splitlines()[0]
-    assert "note: not trained for: noise.constant = white" in err
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_practice_that_is_stopped_says_how_to_go_on(
-    capsys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
-) -> None:
-    monkeypatch.setattr(ModelBasedTrainer, "step", lambda self, told: os.kill(os.getpid(), number))
-    small = ("--set", "bodies=8", "--set", "width=16")
-    out = ("--out", str(tmp_path / "layer.pt"))
-    status, _, err = call(capsys, "users", "motor", "train", "mobl_arms_wrist", *out, *small)
-    assert status == 130
-    assert err.endswith("Stopped after cycle 0; the same command goes on.\n")
-
-
-def test_curves(capsys: Any, trained: Path, tmp_path: Path) -> None:
-    file = tmp_path / "c.png"
-    written = call(capsys, "plot", "curves", str(trained), "--out", str(file))
-    assert written == (0, f"Written: {file}\n", "") and file.is_file()
-
-
 BAD_INPUT = """
     train | CONFIG: got nothing, expected a configuration file, or --resume
     train nope.yaml | CONFIG: got 'nope.yaml', expected a configuration
     train {config} --set ppo.n_step=1 | ppo.n_step: got an unknown key
     train {config} --set ppo.n_steps=x | ppo.n_steps: got 'x', expected
-    train {config} --seed -1 | seed: got -1, expected greater than
     train {config} --timesteps 0 | --timesteps: got 0, expected
-    train {config} --timestep 9 | --timestep: got an unknown option
     train {config} --timesteps x | --timesteps: got 'x', expected a who
-    train {config} --out | --out: got nothing, expected a value
     train whacamol_constrained | CONFIG: got 'whacamol_constrained', expected
     evaluate {run} --episodes=abc | --episodes: got 'abc', expected a whole
-    evaluate {run} --episodes 1.5 | --episodes: got '1.5', expected a wh
     doctor --jsn | --jsn: got an unknown option, expected one of the command's (d
     doctor --app-arg -x | --app-arg: got it without --app, expected it tog
-    doctor x y | arguments: got 'x y' behind the others, expected no more
-    users list --json=3 | --json: got a value, expected none
-    users pack | RUN: got nothing, expected a run's folder or a checkpoint
     render snapshot --seconds x | --seconds: got 'x', expected a number
-    render snapshot --out /proc/x | --out: got '/proc/x', but nothing can be writt
     render snapshot --out {file} | --out: got '{file}', which is a file, exp
     evaluate {run} --out {file}/x/y | --out: got '{file}/x/y', but {file} is a file, expected a
-    plot curves {run} --out {empty} | --out: got '{empty}', which is a folder
     train {config} --resume --overwrite | --overwrite: got it together
-    train {config} --resume --out {empty} | --resume: got
-    train --resume --out {empty}/x | RUN: got
     train {run} | CONFIG: got '{run}', the folder of a run, expected a con
-    train {run} --resume --out {empty} | --out: got '{empty}'
     train --resume | CONFIG: got nothing, expected a configuration file, or
     evaluate {empty}/none | RUN: got '{empty}/none', which does not exist
-    evaluate {empty} | RUN: got '{empty}', which holds no config.yaml
-    evaluate | RUN: got nothing
     evaluate {run} --condition x | --condition: got 'x', expected a cond
-    evaluate {run} --condition harrd | --condition: got 'harrd', expected
-    games sampel | game: got 'sampel', expected one o
     render snapshot --game sampel | game: got 'sampel', expected one o
     evaluate {run} --episodes 0 | --episodes: got 0, expected
-    plot curves {empty} | RUN: got '{empty}', which holds no config.yaml
     render snapshot --size 3 | --size: got '3', expected WIDTHxHEIGHT
-    render snapshot --condition x --out {empty} | condition: got 'x'
     train {config} --protocol 3 | --protocol: got 3, expected 1 or 2
     train {config} --app a --connect b:1 | --connect: got it toget
-    train {config} --connect 5555 | env.app.connect: got '5555', expected
-    train {config} --app-arg -x | --app-arg: got it without --app
-    evaluate {run} --connect 5555 | env.app.connect: got '5555', expected
     users motor train arm --begin nope.pt --out {empty}/x | --begin: got 'nope.pt', which is no fil
-    users motor measure arm --layer nope.pt | --layer: got 'nope.pt', which is no file, expected a
     evaluat | command: got 'evaluat', expected one of audit,
+    evaluate --user still --xvfb | --xvfb: got it without --openxr, expected it together with
+    evaluate --user still --openxr x --page y | --openxr: got it together with --page
+    evaluate --user still --openxr "x 'y" | --openxr: got "x 'y" (No closing quotation)
+    train --page {page} | --task: got nothing, expected what the app is worth
+    evaluate --user random --map x=y | --map: got it without --page
+    evaluate --page {page} --user still --map x | --map: got 'x', expected URL=FOLDER
+    evaluate {run} --user still | --user: got it together with '{run}'
+    replay {empty}/no | PATH: got
+    replay {round} --video film.avi | --video: got film.avi, expected a file name
+    replay {round} --video f.mp4 --size 9 | --size: got '9', expected WIDTHxH
+    replay {round} --fixed-step 7 | --fixed-step: got 7, expected a period
 """
 """Words of a command, and how its error begins."""
 
@@ -229,6 +168,7 @@ def test_bad_input_is_one_line_and_status_2(
     capsys: Any, tmp_path: Path, trained: Path, case: str
 ) -> None:
     values = {"config": "whacamole_constrained", "empty": tmp_path, "run": trained}
+    values |= {"page": DATA / "webxr" / "touch.html", "round": DATA / "whacamole_round"}
     words, message = (part.strip().format(**values, file=__file__) for part in case.split(" | "))
     status, out, err = call(capsys, *shlex.split(words))
     assert (status, out, err.count("\n")) == (2, "", 1), err

@@ -1,6 +1,5 @@
 """Commands that are given files which nobody can read: one line, which names the file; status 2."""
 
-import json
 import lzma
 import shutil
 from pathlib import Path
@@ -14,15 +13,8 @@ from sim2vr_harness.base import paths
 from sim2vr_harness.runs.config import defaults, to_yaml
 
 DATA = Path(__file__).parents[2] / "data"
-DAMAGES = (
-    *("missing", "folder", "empty", "garbage", "utf-16", "latin-1"),
-    *("long line", "loop", "list", "zero byte", "deep"),
-)
-
-KINDS = (
-    *("configuration", "policy", "user", "curves", "states", "events", "results"),
-    "details",
-)
+DAMAGES = ("missing", "folder", "garbage", "utf-16", "list", "deep")
+KINDS = (*("configuration", "policy", "user", "curves", "states", "events", "results"), "details")
 
 
 def damage(file: Path, how: str) -> None:
@@ -31,17 +23,11 @@ def damage(file: Path, how: str) -> None:
     file.unlink()
     if how == "folder":
         file.mkdir()
-    elif how == "loop":
-        file.symlink_to(file)
     elif how != "missing":
         contents = {
-            "empty": b"",
             "garbage": np.random.default_rng(0).bytes(5000),
             "utf-16": text.decode(errors="replace").encode("utf-16"),
-            "latin-1": b'{"na\xebme": 1}\n',
-            "long line": b"a" * 1_000_000,
             "list": b"[1, 2]",
-            "zero byte": b"\x00",
             "deep": b"[" * 50_000,
         }
         file.write_bytes(contents[how])
@@ -105,25 +91,3 @@ def test_one_line_names_the_file(how: str, capsys: Any, tmp_path: Path) -> None:
         assert named in said or str(file.parent) in said, (name, said)
         assert "expected" in said
         assert "Traceback" not in said
-
-
-def test_names_with_line_breaks_and_escape_codes(capsys: Any) -> None:
-    for name in ("one\ntwo.yaml", "\x1b[31mred.yaml", "x" * 5000, "\udcff.yaml"):
-        for command in (
-            ["train", name, "--timesteps", "0"],
-            ["replay", name],
-            ["users", "show", name],
-        ):
-            status, _, said = call(capsys, *command)
-            assert status == 2
-            assert said.count("\n") == 1
-            assert said.rstrip("\n").isprintable()
-
-
-def test_a_group_that_is_off_is_switched_on_by_its_keys() -> None:
-    off = defaults()
-    assert off.env.vision.foveation is None
-    on = defaults(["env.vision.foveation=null", "env.vision.foveation.gaze=ahead"])
-    assert on.env.vision.foveation is not None
-    assert on.env.vision.foveation.gaze == "ahead"
-    assert json.loads(json.dumps(on.model_dump(mode="json")))["env"]["vision"]["foveation"]

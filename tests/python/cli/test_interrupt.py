@@ -40,7 +40,3 @@ def test_an_interrupt_in_a_finalizer_is_not_lost() -> None:
     status, out, err = ended("Interrupts() and None or time.sleep(30)")
     assert (status, out) == (130, "cleaned up\n")
     assert "Exception ignored" not in err
-
-
-def test_others_end_as_python_does() -> None:
-    assert ended("0") == (0, "cleaned up\nfreed\n", "")

@@ -9,8 +9,6 @@ import pytest
 from openxr_programs import manifest, program
 from python.cli.calls import call
 from sim2vr_harness.cli.app_options import AppOptions
-from sim2vr_harness.play.environment import as_overrides
-from sim2vr_harness.runs.config import load_config
 
 
 @pytest.fixture(autouse=True)
@@ -34,39 +32,6 @@ def test_a_program_with_its_arguments(tmp_path: Path, monkeypatch: pytest.Monkey
     assert (found["transport"], found["game"]) == ("openxr", "play")
 
 
-def test_options_of_set_stay(tmp_path: Path) -> None:
-    app = AppOptions(openxr=str(program(tmp_path)), xvfb=True, virtual_clock=False).remote()
-    config = load_config(
-        "webxr", ["env.app.transport_options.depth_unit_m=0.01", *as_overrides(app)]
-    )
-    assert config.env.app.transport_options == {"depth_unit_m": "0.01", "xvfb": True}
-
-
-@pytest.mark.parametrize(
-    ("words", "error"),
-    [
-        (("--xvfb",), "--xvfb: got it without --openxr, expected it together with --openxr"),
-        (("--virtual-clock",), "--virtual-clock: got it without --openxr"),
-        (("--openxr", "x", "--page", "y"), "--openxr: got it together with --page"),
-        (("--openxr", "x", "--protocol", "2"), "--protocol: got it together with --openxr"),
-        (("--openxr", "x 'y"), '--openxr: got "x \'y" (No closing quotation)'),
-        (("--openxr", ""), "--openxr: got nothing, expected PROGRAM, or 'PROGRAM ARGS'"),
-        (("--openxr", "/no/game"), "executable: got '/no/game', which is no file"),
-    ],
-)
-def test_one_line_for_what_cannot_be(capsys: Any, words: tuple[str, ...], error: str) -> None:
-    status, out, err = call(capsys, "evaluate", "--user", "still", *words)
-    assert status == 2 or "/no/game" in error
-    assert error in err and "Traceback" not in err
-    assert out == ""
-
-
-def test_an_audit_of_a_program_asks_for_targets(tmp_path: Path, capsys: Any) -> None:
-    status, _, err = call(capsys, "audit", "--openxr", str(program(tmp_path)))
-    assert status == 2
-    assert "error: --openxr: got a program without --targets, expected it with --targets" in err
-
-
 def test_a_user_without_training_plays(tmp_path: Path, capsys: Any) -> None:
     """The scripted hand pulls the trigger, which the stand-in answers by a vibration and lines."""
     task = tmp_path / "task.yaml"
@@ -83,19 +48,3 @@ def test_a_user_without_training_plays(tmp_path: Path, capsys: Any) -> None:
     found = json.loads(out)["standard"]
     # The trigger is pulled for 0.2 s, four steps, each of which counts 10.
     assert (found["score"], found["buzzes"], found["steps_failed"]) == (40.0, 4.0, 0)
-
-
-def test_training_needs_a_task_and_depth(tmp_path: Path, capsys: Any) -> None:
-    from openxr_programs import PLAY
-
-    status, _, err = call(capsys, "train", "--openxr", str(program(tmp_path)))
-    assert status == 2
-    assert "--task: got nothing, expected what the app is worth" in err
-    task = tmp_path / "task.yaml"
-    task.write_text("seconds: 1\ndevices: [controller_right]\nvalues: {x: 'printed(\"x\")'}\n")
-    flat = program(tmp_path, PLAY.replace("(config)", "(config, depth=False)"), "flat.py")
-    out = ("--out", str(tmp_path / "run"))
-    status, _, err = call(capsys, "train", "--openxr", str(flat), "--task", str(task), *out)
-    assert status != 0
-    assert "vision.channels: got depth, but flat.py does not enable the extension" in err
-    assert "Traceback" not in err

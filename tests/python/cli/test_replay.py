@@ -1,7 +1,6 @@
 """``sim2vr-harness replay`` on a small round of our own."""
 
 import json
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -9,30 +8,9 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
-from sim2vr_harness.cli.main import main
-from sim2vr_harness.client import DevicePoses, InProcessApp
-from sim2vr_harness.sessions import read_session, write_session
+from python.cli.calls import call
 
 FIXTURE = Path(__file__).resolve().parents[2] / "data" / "whacamole_round"
-KEYS = {
-    "outcome_agreement",
-    "hit_recall_50ms",
-    "hit_precision_50ms",
-    "same_step",
-    "mean_abs_dt_s",
-    "dv_median",
-    "dv_p95",
-    "hits_recorded",
-    "hits_predicted",
-    "identical",
-}
-
-
-def call(capsys: Any, *arguments: str) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as exit_:
-        main(["replay", *arguments])
-    out, err = capsys.readouterr()
-    return int(exit_.value.code or 0), out, err
 
 
 def decoded(film: Path) -> np.ndarray:
@@ -45,7 +23,7 @@ def decoded(film: Path) -> np.ndarray:
 
 
 def test_tables(capsys: Any) -> None:
-    status, out, err = call(capsys, str(FIXTURE), "--closed")
+    status, out, err = call(capsys, "replay", str(FIXTURE), "--closed")
     assert (status, err) == (0, "Replaying ...\n")
     assert "seed and poses only" in out
     events, times = (line.split() for line in out.splitlines() if "whacamole_round" in line)
@@ -54,48 +32,8 @@ def test_tables(capsys: Any) -> None:
     assert times == ["whacamole_round", "1/1", "1/1", "1", "0.000", "0.0000/0.0000"]
 
 
-def test_a_round_of_another_game(capsys: Any, tmp_path: Path) -> None:
-    """Beats logs poses and events as well, but none that could be compared."""
-    hand = np.array([0.1, 1.0, 0.3, 0.0, 0.0, 0.0, 1.0])
-    poses = DevicePoses(hand, hand, hand)
-    with InProcessApp("beats", renderer="null", log_dir=tmp_path) as app:
-        app.reset(1, poses)
-        for frame in range(1, 5):
-            app.step(50_000_000 * frame, poses)
-    (round_,) = tmp_path.iterdir()
-    status, _, err = call(capsys, str(round_))
-    assert status != 0
-    assert err == (
-        f"error: {round_}/events.csv: got no event that tells its game, expected such events; or "
-        "--game NAME\n"
-    )
-
-
-def test_tables_fit_80_columns(capsys: Any, tmp_path: Path) -> None:
-    name = "a-round-with-a-name-that-is-longer-than-its-column"
-    for folder in (tmp_path / "one" / name, tmp_path / "two" / name):
-        shutil.copytree(FIXTURE, folder)
-    status, out, _ = call(capsys, str(tmp_path))
-    assert status == 0
-    assert max(map(len, out.splitlines())) <= 80
-    (total,) = [line for line in out.splitlines() if "constrained" in line and "14/14" in line]
-    assert total.split() == ["constrained", "36", "1", "14/14", "16/16", "8/8", "none"]
-
-
-def test_json(capsys: Any) -> None:
-    status, out, _ = call(capsys, str(FIXTURE), "--json")
-    assert status == 0
-    found = json.loads(out)
-    (one,) = found["rounds"]
-    assert one.keys() >= KEYS
-    assert (one["name"], one["hits_recorded"], one["identical"]) == ("whacamole_round", 7, True)
-    assert found["total"].keys() >= KEYS | {"constrained", "unconstrained"}
-    assert found["total"]["constrained"]["outcome_agreement"] == 1.0
-    assert found["total"]["unconstrained"] is None
-
-
 def test_unconstrained_makes_every_touch_a_hit(capsys: Any) -> None:
-    found = json.loads(call(capsys, str(FIXTURE), "--unconstrained", "--json")[1])
+    found = json.loads(call(capsys, "replay", str(FIXTURE), "--unconstrained", "--json")[1])
     (one,) = found["rounds"]
     assert one["condition"] == "hard-unconstrained"
     # The four contacts were too slow for hits; now three targets fall to them, one of them earlier.
@@ -104,7 +42,7 @@ def test_unconstrained_makes_every_touch_a_hit(capsys: Any) -> None:
 
 
 def test_log_keeps_the_replayed_rounds_log(capsys: Any, tmp_path: Path) -> None:
-    call(capsys, str(FIXTURE), "--closed", "--log", str(tmp_path / "logs"))
+    call(capsys, "replay", str(FIXTURE), "--closed", "--log", str(tmp_path / "logs"))
     (log,) = (tmp_path / "logs").rglob("states.csv")
     assert log.read_bytes() == (FIXTURE / "states.csv").read_bytes()
 
@@ -113,7 +51,7 @@ def test_log_keeps_the_replayed_rounds_log(capsys: Any, tmp_path: Path) -> None:
 def test_video(capsys: Any, tmp_path: Path) -> None:
     film = tmp_path / "films" / "round.mp4"
     status, out, _ = call(
-        capsys, str(FIXTURE), "--video", str(film), "--size", "97x64", "--fps", "10"
+        capsys, "replay", str(FIXTURE), "--video", str(film), "--size", "97x64", "--fps", "10"
     )
     assert status == 0
     assert f"Written: {film}" in out
@@ -124,39 +62,3 @@ def test_video(capsys: Any, tmp_path: Path) -> None:
     headset = frames[30, 50:108, :97].astype(float)
     assert headset.std() > 10  # not one colour
     assert abs(frames[10].astype(float) - frames[40].astype(float)).mean() > 0.5
-
-
-@pytest.mark.filterwarnings("ignore::ResourceWarning")  # pipes of the decoder
-def test_a_session_is_filmed_like_a_round(capsys: Any, tmp_path: Path) -> None:
-    """The same round by both ways: the same pictures but for the names above them."""
-    films = []
-    for name, source in (("round", FIXTURE), ("session", tmp_path / "round.jsonl")):
-        if name == "session":
-            write_session(read_session(FIXTURE), source)
-        film = tmp_path / f"{name}.mp4"
-        options = ("--closed",) if name == "round" else ()
-        given = ("--video", str(film), "--size", "96x64", "--fps", "10")
-        status, out, _ = call(capsys, str(source), *given, *options)
-        assert (status, f"Written: {film}" in out) == (0, True)
-        films.append(decoded(film)[:, 48:].astype(float))
-    assert films[0].shape == films[1].shape
-    assert abs(films[0] - films[1]).mean() < 1.0
-
-
-def test_errors_are_one_line(capsys: Any, tmp_path: Path) -> None:
-    for arguments, words in (
-        ([str(tmp_path / "no")], "PATH: got"),
-        ([str(tmp_path)], "a folder with states.csv and events.csv"),
-        ([str(FIXTURE), "--video", "film.avi"], "--video: got film.avi, expected a file name"),
-        ([str(FIXTURE), "--video", "f.mp4", "--size", "9"], "--size: got '9', expected WIDTHxH"),
-        ([str(FIXTURE), "--video", "f.mp4", "--fps", "0"], "--fps: got 0, expected 1 to 240"),
-        ([str(FIXTURE), "--fps", "nan"], "--fps: got nan, expected a finite number"),
-        ([str(FIXTURE), "--fixed-step", "nan"], "--fixed-step: got nan, expected a finite number"),
-        ([str(FIXTURE / "events.csv")], "events.csv: got another file, expected a session"),
-        ([str(FIXTURE), "--fixed-step", "7"], "--fixed-step: got 7, expected a period"),
-    ):
-        status, out, err = call(capsys, *arguments)
-        assert (status, out) == (2, "")
-        assert words in err
-        assert err.count("\n") == 1
-    assert not list(tmp_path.iterdir())

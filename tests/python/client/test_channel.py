@@ -1,17 +1,9 @@
 """A channel: interrupted, and told to wait for times that are none."""
 
-import math
-import os
-import re
-
 import pytest
 import zmq
 
-from sim2vr_harness.base.paths import app_executable
-from sim2vr_harness.client import Channel, Protocol1App, Protocol2Connection, connect
-from sim2vr_harness.client.launch import start_sim2vr_app
-
-NOWHERE = "tcp://127.0.0.1:9"
+from sim2vr_harness.client import Channel
 
 
 @pytest.mark.parametrize(("error", "usable"), [(KeyboardInterrupt, False), (OSError, True)])
@@ -31,21 +23,3 @@ def test_who_is_interrupted_while_sending_does_not_send_again(
             channel.request([b"step"], "a step")
         assert channel.usable == usable
         channel.close()
-
-
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, -1.0, 0.0, 1e300])
-def test_times_that_cannot_be_waited_are_refused(value: float) -> None:
-    words = re.escape(f"timeout_s: got {value}, expected a number above 0, at most 1e+09 s")
-    with pytest.raises(ValueError, match=words):
-        Channel(NOWHERE, timeout_s=value)
-    for client in (Protocol1App, Protocol2Connection):
-        with pytest.raises(ValueError, match=f"start_{words}"):
-            client(connect(NOWHERE, 1.0), start_timeout_s=value)
-
-
-def test_an_app_that_was_started_is_ended() -> None:
-    starting = start_sim2vr_app(app_executable(), ["--renderer", "null"])
-    with pytest.raises(ValueError, match="start_timeout_s: got nan"):
-        starting.channel(1.0, math.nan)
-    with pytest.raises(ProcessLookupError):
-        os.kill(starting.process.pid, 0)

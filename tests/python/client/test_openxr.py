@@ -4,9 +4,7 @@ import json
 import os
 import re
 import signal
-import time
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -97,21 +95,6 @@ def test_each_round_is_another_process_and_arguments_have_the_seed(tmp_path: Pat
     assert len({one.name.split()[1] for one in place.iterdir()}) == 2
 
 
-def test_the_next_start_is_made_ahead(tmp_path: Path) -> None:
-    slow = "import time; time.sleep(0.4)\n" + PLAY
-    with open_program(program(tmp_path, slow)) as app:
-        began = time.monotonic()
-        app.reset(1, hands())
-        assert time.monotonic() - began > 0.4
-        for step in range(1, 41):  # 0.8 s, in which the other program is greeted
-            app.step(frame_time_ns(step, 20), hands())
-            time.sleep(0.02)
-        began = time.monotonic()
-        app.reset(2, hands())
-        assert time.monotonic() - began < 0.3
-        assert (app.image == [2, 110, 0, 128]).all()
-
-
 # --- what goes wrong ---------------------------------------------------------------------------
 
 NO_IMAGES = "graphics='egl', depth_layers=True, image_bytes=0"
@@ -130,24 +113,13 @@ NO_DEPTH = r"vision.channels: got depth, but fake.py"
         ("import time; time.sleep(60)", AppTimeout, r"no xrCreateInstance within 1 s; is it an"),
         ("hello(); time.sleep(60)", AppTimeout, r"no xrCreateSession within 1 s; it made an inst"),
         ("print('no GPU'); sys.exit(5)", AppDied, r"status 5 before its xrCreateInst.*no GPU"),
-        ("hello(); sys.exit(6)", AppDied, r"ended with exit status 6 before its xrCreateSession"),
-        ("os.kill(os.getpid(), 11)", AppDied, r"was killed \(SIGSEGV\) before its xrCr"),
-        ("say(1, protocol=7); time.sleep(9)", ProtocolError, r"got 7, expected 2; rebuild the run"),
-        (f"hello(); say(3, {NO_IMAGES}); time.sleep(9)", ProtocolError, NO_MEMORY),
         (f"hello(); say(3, {SMALL}, {NO_IMAGES}); time.sleep(9)", ProtocolError, NO_MEMORY),
-        ("send(77); time.sleep(9)", ProtocolError, r"a message of kind 77 with 1 bytes"),
-        ("session(hello()); time.sleep(60)", AppTimeout, r"within 1 s \(it drew no frame: .*=pipe"),
         (
             f"session(hello()); step(); {LATE}; time.sleep(9)",
             AppDied,
             r"xrEndFrame: did not follow",
         ),
         (f"session(hello()); answer([], 0, [{FOOT}]); time.sleep(9)", ProtocolError, NO_HAND),
-        (
-            "session(hello()); send(6, b'x'); time.sleep(9)",
-            ProtocolError,
-            r"1 bytes', expected at l",
-        ),
         ("session(hello(), depth=False)", AppRefused, rf"{NO_DEPTH} does not enable the extension"),
         (f"session(hello()); {FLAT}; time.sleep(9)", AppRefused, rf"{NO_DEPTH} submits no depth"),
     ],
@@ -160,13 +132,6 @@ def test_failures_are_one_sentence(
         pytest.raises(error, match=f"(?s){words}"),
     ):
         app.reset(1, hands())
-
-
-def test_a_program_without_depth_plays_for_a_user_that_sees_none(tmp_path: Path) -> None:
-    file = program(tmp_path, PLAY.replace("session(config)", "session(config, depth=False)"))
-    with open_program(file, depth=False) as app:
-        app.reset(1, hands())
-        assert (app.image == [2, 110, 0, 128]).all()
 
 
 def leaving(folder: Path, after: int, then: str, call: str = "xrRequestExitSession") -> Path:
@@ -195,9 +160,7 @@ def test_a_program_that_leaves_ends_the_round(tmp_path: Path) -> None:
     ("after", "then", "error", "words"),
     [
         (2, "sys.exit(3)", AppDied, r"\(xrDestroySession\) after 1\.5 s, ended with exit status 3"),
-        (2, "os.kill(os.getpid(), 11)", AppDied, r"after 1\.5 s, was killed \(SIGSEGV\)"),
         (0, "sys.exit(0)", AppRefused, r"before its first frame, ended with exit status 0, exp"),
-        (0, "sys.exit(3)", AppDied, r"before its first frame, ended with exit status 3"),
     ],
 )
 def test_a_program_that_leaves_early_or_fails_then_is_named(
@@ -209,43 +172,19 @@ def test_a_program_that_leaves_early_or_fails_then_is_named(
         app.step(frame_time_ns(30, 20), hands())
 
 
-def test_a_headless_program_that_ends_no_frame_is_told_so(tmp_path: Path) -> None:
-    end = "say(8, reason='', call='xrDestroySession')"
-    with (
-        open_program(program(tmp_path, f"session(hello(), 'headless'); {end}")) as app,
-        pytest.raises(AppRefused, match=r"before its first frame.*no graphics \(XR_MND_headless\)"),
-    ):
-        app.reset(1, hands())
-
-
 def test_rounds_say_that_their_program_left(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """In the table, in results.json, and in a sentence; a status is a failure."""
     play = ["--user", "still", "--episodes", "1", "--out", str(tmp_path / "results")]
     play += ["--set", "env.app.task={seconds: 3}"]
-    for then, end in (("sys.exit(0)", "app_left"), ("sys.exit(3)", "app_failed")):
-        with pytest.raises(SystemExit, match="0"):
-            main(["evaluate", "--openxr", str(leaving(tmp_path, 20, then)), *play])
-        said = capsys.readouterr()
-        assert "the program ended its session (xrRequestExitSession) after 0.9 s" in said.err
-        found = json.loads((tmp_path / "results/results.json").read_text())["standard"]
-        assert {key: found[key] for key in ("app_left", "app_failed")} == {
-            "app_left": int(end == "app_left"),
-            "app_failed": int(end == "app_failed"),
-        }
-        assert ("App left VR by itself" in said.out) == (end == "app_left")
-
-
-def test_a_snapshot_of_a_program_that_left_says_so(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = r"fake: the program ended its session \(xrRequestExitSession\) after 0\.9 s, .*status"
-    for status, exits, start in ((0, "0", "^"), (3, "[12]", "^error: ")):
-        file = leaving(tmp_path, 20, f"sys.exit({status})")
-        with pytest.raises(SystemExit, match=exits):
-            main(["render", "snapshot", "--openxr", str(file), "--out", str(tmp_path / "out")])
-        assert re.search(f"(?m){start}{words} {status}", capsys.readouterr().err)
+    with pytest.raises(SystemExit, match="0"):
+        main(["evaluate", "--openxr", str(leaving(tmp_path, 20, "sys.exit(0)")), *play])
+    said = capsys.readouterr()
+    assert "the program ended its session (xrRequestExitSession) after 0.9 s" in said.err
+    found = json.loads((tmp_path / "results/results.json").read_text())["standard"]
+    assert (found["app_left"], found["app_failed"]) == (1, 0)
+    assert "App left VR by itself" in said.out
 
 
 def pids(folder: Path) -> list[int]:
@@ -269,64 +208,20 @@ def test_a_killed_program_is_started_again(tmp_path: Path) -> None:
         assert app.usable
 
 
-@pytest.mark.parametrize(
-    ("expression", "words"),
-    [
-        ("app.score", r"with another form, expected printed\(\"REGEX\"\), label"),
-        ('printed("(")', r"with the regular expression '\(' \(missing"),
-        (r'printed("(\d) (\d)")', r"with 2 pairs of brackets"),
-        ('haptics("foot")', r"with the hand 'foot'"),
-        ('pose("nose.x")', r"with 'nose.x'; there are head"),
-        ('shouted("x")', r"with 'shouted'"),
-        ('printed("x") => 2', r"with '=>' behind it"),
-        ('printed("x") >= two', r"could not convert"),
-    ],
-)
-def test_expressions_that_are_none(tmp_path: Path, expression: str, words: str) -> None:
-    with pytest.raises(AppRefused, match=rf"^task: got the expression .*{words}"):
-        open_program(program(tmp_path), values={"x": expression})
-
-
 def test_what_cannot_be_had(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with open_program(program(tmp_path)) as app:
         for capability, call in (
             ("save", app.save),
-            ("scene", app.scene),
             ("views", lambda: app.render_third_person(8, 8)),
             ("time_ns", lambda: app.reset(1, hands(), time_ns=5)),
         ):
             with pytest.raises(AppUnsupported, match=f"^{capability}: a program"):
                 call()
-        nan = replace(hands(), head=np.full(7, np.nan))
-        with pytest.raises(ValueError, match=r"head: got .*nan.* expected finite numbers"):
-            app.reset(1, nan)
-    for options, words in (
-        ({"gate": "loose"}, r"transport_options.gate: got 'loose', expected one of strict, pipe"),
-        ({"frame_rate_hz": 60}, r"frame_rate_hz: got '60', expected one of 72, 90"),
-    ):
-        with pytest.raises(AppRefused, match=words):
-            open_program(program(tmp_path), options=options)
-    with pytest.raises(AppRefused, match=r"executable: got '/none', which is no file"):
-        open_program("/none").reset(1, hands())
+    with pytest.raises(AppRefused, match=r"frame_rate_hz: got '60', expected one of 72, 90"):
+        open_program(program(tmp_path), options={"frame_rate_hz": 60})
     monkeypatch.setenv("SIM2VR_OPENXR_RUNTIME", "/none.json")
     with pytest.raises(AppRefused, match=r"OpenXR runtime: got '/none.json' in SIM2VR_OPENXR_RUNT"):
         open_program(program(tmp_path))
-
-
-def test_nothing_is_left(tmp_path: Path) -> None:
-    before = set(os.listdir("/proc/self/fd"))
-    for _ in range(3):
-        app = open_program(program(tmp_path), options={"ahead": True})
-        app.reset(1, hands())
-        latest = time.monotonic() + 20.0
-        while len(pids(tmp_path)) != 2:  # the next one is started ahead
-            assert time.monotonic() < latest
-            time.sleep(0.05)
-        app.close()
-        app.close()
-        assert pids(tmp_path) == []
-    assert set(os.listdir("/proc/self/fd")) <= before | {str(k) for k in range(64)}
-    assert len(os.listdir("/proc/self/fd")) <= len(before) + 4  # watcher and folder, once
 
 
 @pytest.mark.parametrize(

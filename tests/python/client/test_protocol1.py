@@ -90,20 +90,6 @@ def test_a_round_follows_the_reference(fake_app: Path, tmp_path: Path) -> None:
     assert states[0]["rightControllerPosition"] == {"x": 0.25, "y": 1.0, "z": 0.5}
 
 
-def test_of_a_steps_frames_the_last_is_sent(fake_app: Path, tmp_path: Path) -> None:
-    record = tmp_path / "messages"
-    with started(fake_app, "-record", str(record)) as app:
-        app.reset(0, POSES)
-        hand = np.tile(POSES.right_controller, (5, 1))
-        hand[:, 0] = np.arange(5)
-        times = np.array([frame_time_ns(k, 100) for k in range(1, 6)])
-        reply = app.step_frames(times, DevicePoses(np.tile(POSES.head, (5, 1)), hand))
-        assert reply.reward == 4.0
-    state = json.loads(record.read_text().splitlines()[2])
-    assert set(state) == FIELDS
-    assert state["currentTimestep"] == 0.05
-
-
 def test_the_user_ends_a_round(fake_app: Path, tmp_path: Path) -> None:
     record = tmp_path / "messages"
     with started(fake_app, "-round", "60", "-record", str(record)) as app:
@@ -141,35 +127,18 @@ def test_what_the_reference_has_no_word_for(fake_app: Path) -> None:
         play(app, 1)  # and nothing has happened to the round
 
 
-def test_poses_that_json_cannot_say(fake_app: Path) -> None:
-    with started(fake_app) as app:
-        app.reset(1, POSES)
-        with pytest.raises(ValueError, match=r"right_controller: got \[nan.*expected finite"):
-            app.step(50_000_000, DevicePoses(POSES.head, np.full(7, np.nan)))
-        with pytest.raises(ValueError, match=r"head: got shape \(3,\), expected \(7,\)"):
-            app.step(50_000_000, DevicePoses(np.zeros(3)))
-        play(app, 1)
-
-
 @pytest.mark.parametrize(
     ("fault", "error", "message"),
     [
         ("die", AppDied, r"ended with exit status 1 during a step(.|\n)*NullReferenceException"),
-        ("kill", AppDied, r"was killed \(SIGKILL\) during a step"),
         ("leave", AppDied, r"closed its connection during a step"),
         ("hang", AppTimeout, r"gave no answer to a step within 0.5 s, though its process is"),
-        ("stop", AppTimeout, r"gave no answer to a step within 0.5 s, though its process is"),
         ("garbage", ProtocolError, r"answered a step with another thing: the reply: got .*decode"),
-        ("list", ProtocolError, r"got \[1, 2\], expected a JSON object"),
         ("reward", ProtocolError, r"reward: got 'much', expected a finite number"),
         ("missing", ProtocolError, r"timeFeature: got nothing, expected a value"),
         ("image", ProtocolError, r"image: .*expected an array of bytes"),
-        ("picture", ProtocolError, r"image: got 3 bytes .*expected a PNG file"),
         ("size", ProtocolError, r"image: got 90 x 60 pixels, expected 120 x 80"),
-        ("nan", ProtocolError, r"reward: got nan, expected a finite number"),
-        ("infinite", ProtocolError, r"timeFeature: got inf, expected a finite number"),
         ("overflow", ProtocolError, r"reward: got 1e\+39, expected at most 3.4e\+38"),
-        ("log", ProtocolError, r"logDict: got \[1\], expected a JSON object"),
         ("deep", ProtocolError, r"logDict: got '\[+\.\.\.\[+', expected JSON nested at most 100 d"),
         ("deep-reply", ProtocolError, r"the reply: got .*, expected JSON nested at most 100 deep"),
         ("bomb", ProtocolError, r"image: got .*decompression bomb.*expected a PNG file"),
@@ -189,11 +158,6 @@ def test_faults_in_mid_step(
             play(app, 1, start=3)
         with pytest.raises(AppDied, match="was given up: "):
             app.reset(1, POSES)
-
-
-def test_a_slow_start_is_waited_for(fake_app: Path) -> None:
-    with started(fake_app, "-slow", "1.2", timeout_s=1.0) as app:
-        app.reset(1, POSES)
 
 
 def test_what_is_refused_at_the_start(fake_app: Path) -> None:
@@ -220,61 +184,33 @@ def test_an_app_that_runs_already(fake_app: Path, tmp_path: Path) -> None:
             play(app, 1, start=3)
 
 
-def test_steps_out_of_turn(fake_app: Path) -> None:
-    with started(fake_app) as app:
-        with pytest.raises(AppError, match="call reset first"):
-            play(app, 1)
-        app.reset(1, POSES)
-        app.start_step(np.array([50_000_000]), ONE)
-        with pytest.raises(AppError, match="has not answered the request before"):
-            app.start_step(np.array([100_000_000]), ONE)
-        assert app.finish_step().reward == 0.25
-        with pytest.raises(AppError, match="finish_step: no step was started"):
-            app.finish_step()
-        with pytest.raises(ValueError, match=r"times_ns: got shape \(0,\)"):
-            app.start_step(np.array([], dtype=np.int64), ONE)
-
-
 def test_options_become_the_references_arguments() -> None:
     said: list[str] = []
     set_notice(said.append)
     try:
         options = {"condition": "hard", "adaptive": True, "sparse": False, "round_seconds": 10.0}
         assert unity_arguments(options, [], None) == ["-condition", "hard", "-adaptive"]
-        given = ["-condition", "low-easy", "-adaptive"]
         logs = ["-logging", "-outputFolder", "/logs"]
-        assert unity_arguments(options | {"life": 1}, given, Path("/logs")) == [*given, *logs]
-        unity_arguments(options, [], None)
+        assert unity_arguments({}, ["-adaptive"], Path("/logs")) == ["-adaptive", *logs]
     finally:
         set_notice(None)
-    words = "a Unity build has no argument for"
-    assert [one for one in said if words in one] == [
-        f"note: {words} env.app.options.round_seconds; its own value holds",
-        f"note: {words} env.app.options.life, env.app.options.round_seconds; its own value holds",
-    ]
+    assert any("no argument for env.app.options.round_seconds; its own" in one for one in said)
 
 
 # --- reading replies -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("spaces", [(",", ":"), (", ", ": ")])
 @pytest.mark.parametrize("image", [b"", b"\x00", bytes(range(256)), b"\x89PNG" * 500])
-def test_replies_read_the_same_with_and_without_spaces(
-    spaces: tuple[str, str], image: bytes
-) -> None:
+def test_replies_read_the_same_with_and_without_spaces(image: bytes) -> None:
     # A text that looks like the image's field must not be taken for it.
     fields = {"logDict": '{"image":[1,2]}', "image": list(image), "reward": 1.5}
-    text = json.dumps(fields, separators=spaces).encode()
-    assert decode_reply(text) == ({"logDict": fields["logDict"], "reward": 1.5}, image)
+    for spaces in ((",", ":"), (", ", ": ")):
+        text = json.dumps(fields, separators=spaces).encode()
+        assert decode_reply(text) == ({"logDict": fields["logDict"], "reward": 1.5}, image)
     assert decode_reply(b'{"image":null,"reward":0}') == ({"reward": 0}, b"")
-
-
-@pytest.mark.parametrize(
-    "numbers", ["1,2,256", "1,2,-3", "1,,2", ",1", "1.5", "1000", '"a"', "true,[]"]
-)
-def test_images_that_are_no_bytes(numbers: str) -> None:
-    with pytest.raises(ValueError):
-        decode_reply(b'{"image":[' + numbers.encode() + b"]}")
+    for numbers in (b"1,2,256", b"1,2,-3", b"1,,2", b"1.5", b'"a"'):
+        with pytest.raises(ValueError):
+            decode_reply(b'{"image":[' + numbers + b"]}")
 
 
 def test_the_numbers_of_a_log() -> None:
@@ -282,11 +218,6 @@ def test_the_numbers_of_a_log() -> None:
     text = '{"a":1,"b":true,"c":null,"d":"NaN","e":"Infinity","f":1e999}'
     assert log_in(text) == {"a": 1.0, "b": 1.0}
     assert log_in("null") == log_in("") == log_in(None) == {}
-    deepest = {"a": []}
-    for _ in range(98):
-        deepest = {"a": deepest}
-    for value in ('{"a":[]}', '{"a":"x"}', '{"a":1' + "0" * 400 + "}", json.dumps(deepest)):
+    for value in ('{"a":[]}', '{"a":"x"}', '{"a":1' + "0" * 400 + "}"):
         with pytest.raises(ValueError, match=r"^logDict, a: got .*, expected "):
             log_in(value)
-    with pytest.raises(ValueError, match=r"nested at most 100 deep"):
-        log_in(json.dumps({"a": deepest}))

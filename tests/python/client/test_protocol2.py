@@ -1,19 +1,15 @@
 """Protocol 2 beyond what the contract suite covers: faults on both sides, images, the example."""
 
-import ast
 import json
 import os
-import re
 import signal
 import socket
-import stat
 import struct
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,12 +18,10 @@ import zmq
 
 from sim2vr_harness.base.paths import app_executable
 from sim2vr_harness.client import (
-    INPUT_COUNT,
     AppDied,
     AppError,
     AppRefused,
     AppTimeout,
-    AppUnsupported,
     DevicePoses,
     InProcessApp,
     Protocol1App,
@@ -37,7 +31,6 @@ from sim2vr_harness.client import (
     connect,
     start_sim2vr_app,
 )
-from sim2vr_harness.client.process import log_folder
 from sim2vr_harness.client.protocol2 import HAPTIC_DTYPE, HEADER, MAGIC, REPLY, VERSION
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -62,16 +55,7 @@ def session(server: StartingApp, **settings: object) -> Protocol2Connection:
     return Protocol2Connection(server.channel(20.0, 20.0), **settings)  # type: ignore[arg-type]
 
 
-def test_the_example_client_is_short_and_plays(server: StartingApp) -> None:
-    source = EXAMPLE.read_text()
-    assert len(source.splitlines()) <= 60
-    imports = {
-        name.name
-        for node in ast.walk(ast.parse(source))
-        if isinstance(node, ast.Import | ast.ImportFrom)
-        for name in node.names
-    }
-    assert imports == {"json", "struct", "sys", "numpy", "zmq"}
+def test_the_example_client_plays(server: StartingApp) -> None:
     channel = server.channel(5.0, 20.0)
     channel.close()
     done = subprocess.run(
@@ -179,36 +163,6 @@ def test_a_second_client_is_told_so(server: StartingApp) -> None:
     app.close()
 
 
-CLIENT = """
-import sys, numpy as np
-from sim2vr_harness.client import Protocol2Connection, DevicePoses, connect
-app = Protocol2Connection(connect(sys.argv[1], 20.0)).app(0)
-head = np.array([0.0, 1.17, 0.0, 0.0, 0.0, 0.0, 1.0])
-app.reset(1, DevicePoses(head, head))
-print("playing", flush=True)
-for step in range(1, 10**9):
-    app.step(step * 1000, DevicePoses(head, head))
-"""
-
-
-def test_a_client_that_vanishes_in_mid_step_ends_the_server(server: StartingApp) -> None:
-    channel = server.channel(5.0, 20.0)
-    channel.close()
-    client = subprocess.Popen(
-        [sys.executable, "-c", CLIENT, channel.endpoint],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert client.stdout is not None
-    assert client.stdout.readline() == "playing\n"
-    time.sleep(0.1)
-    client.kill()
-    client.communicate()
-    assert server.process.wait(20.0)
-    assert server.process.exit_status == 3
-    assert re.search("client", server.process.log_tail(2))
-
-
 # --- a server that talks nonsense --------------------------------------------------------------
 
 HELLO_JSON = (
@@ -224,12 +178,7 @@ def with_number(offset: int, value: int) -> bytes:
     return RECORD[:offset] + struct.pack("<I", value) + RECORD[offset + 4 :]
 
 
-LOG_RECORD = with_number(20, 1)  # a log value under unknown names
-BAD_RECORD = with_number(16, 1)  # refused, without a text
 PULSE_RECORD = with_number(28, 1)
-SOUND_RECORD = with_number(32, 1)
-NAN_RECORD = with_number(8, 0x7FC00000)
-STATUS_RECORD = with_number(16, 77)
 DEEP = b"[" * 100_000
 NAN_PULSE = HAPTIC_DTYPE.itemsize * b"\0"
 NAN_PULSE = NAN_PULSE[:4] + struct.pack("<f", float("nan")) + NAN_PULSE[8:]
@@ -301,117 +250,52 @@ def liar(request: pytest.FixtureRequest) -> Iterator[str]:
     server.close()
 
 
-@pytest.mark.parametrize(
-    ("liar", "message"),
-    [
-        ([lambda n: [b"{}"]], "expected a header of protocol 2"),
-        ([lambda n: [header(1, n)[:20], HELLO_JSON]], "expected a header of protocol 2"),
-        ([lambda n: [header(2, n), HELLO_JSON]], "type 0x8002.*expected 0x8001"),
-        ([lambda n: [header(1, n + 1), HELLO_JSON]], "sequence 2; expected"),
-        ([lambda n: [header(1, n)]], "hello: IndexError"),
-        ([lambda n: [header(1, n), b"{"]], "hello: got b'{', expected JSON"),
-        ([lambda n: [header(1, n), DEEP]], "JSON nested at most 100 deep"),
-        ([lambda n: [header(1, n), HELLO_JSON.replace(b":2,", b":1e999,")]], "width: got inf"),
-        ([lambda n: [header(1, n, status=77), b""]], "status 77, expected 0 to 7"),
-        ([lambda n: [header(1, n), b"{}"]], "game: got nothing"),
-        ([lambda n: [header(1, n), HELLO_JSON.replace(b":2,", b":9,")]], "images of"),
-        ([lambda n: [header(1, n), HELLO_JSON.replace(b'"eyes":1', b'"eyes":2')]], "images of"),
-        ([lambda n: [header(1, n, status=6), b"no version 3"]], "no version 3"),
-        (
-            [lambda n: [HEADER.pack(MAGIC, 2, 1 | REPLY, n, 0, 6, 0), b"version: got 3"]],
-            "messages of version 2 of protocol 2, expected 3: take app and harness from the same",
-        ),
+HELLOS: dict[str, Answer] = {
+    "expected a header of protocol 2": lambda n: [b"{}"],
+    "sequence 2; expected": lambda n: [header(1, n + 1), HELLO_JSON],
+    "hello: got .* JSON nested at most 100 deep": lambda n: [header(1, n), DEEP],
+    "images of": lambda n: [header(1, n), HELLO_JSON.replace(b":2,", b":9,")],
+    "messages of version 2 of protocol 2, expected 3: take app and": lambda n: [
+        HEADER.pack(MAGIC, 2, 1 | REPLY, n, 0, 6, 0),
+        b"version: got 3",
     ],
-    indirect=["liar"],
-)  # fmt: skip
-def test_malformed_hello(liar: str, message: str) -> None:
+}
+RESETS: dict[str, Answer] = {
+    "0 frames after the header, expected 7": lambda n: [header(2, n, 1)],
+    "records of apps": lambda n: results(n, RECORD * 2, images=IMAGE * 2),
+    "of another number than the records say": lambda n: results(n, values=b"\0" * 8),
+    "names: got .*, expected a JSON obj": lambda n: results(n, names=b"[]"),
+    "not requested": lambda n: results(n, images=b"", flags=1),
+    "reward or time feature that is not finite": lambda n: results(n, with_number(8, 0x7FC00000)),
+    "IndexError": lambda n: results(n, PULSE_RECORD, haptics=b"\7" * 24),
+    "status 77, expected 0 to 7": lambda n: results(n, with_number(16, 77)),
+    "vibration .* not finite": lambda n: results(n, PULSE_RECORD, haptics=NAN_PULSE),
+    "sound .* not finite": lambda n: results(n, with_number(32, 1), sounds=NAN_SOUND),
+}
+QUESTIONS: dict[str, Answer] = {
+    "pitch_deg: got nan": lambda n: [header(9, n), b'{"pitch_deg":NaN}'],
+    "scene: got .* nested at most 100 deep": lambda n: [header(10, n), DEEP, b""],
+    "mesh 1 of 1": lambda n: [header(10, n), scene(mesh=1), MESH],
+    "pose": lambda n: [header(10, n), scene(pose=[0.0] * 6), MESH],
+    "past its 3": lambda n: [header(10, n), scene(), MESH[:-4] + b"\3\0\0\0"],
+}
+REPLIES = [
+    *(([answer], message) for message, answer in HELLOS.items()),
+    *(([hello_reply, answer], message) for message, answer in RESETS.items()),
+    *(([able_reply, answer], message) for message, answer in QUESTIONS.items()),
+]
+
+
+@pytest.mark.parametrize(("liar", "message"), REPLIES, indirect=["liar"])
+def test_malformed_replies_give_the_app_up(liar: str, message: str) -> None:
     with pytest.raises(ProtocolError, match=message):
-        Protocol2Connection(connect(liar, 5.0), width=2, height=1)
-
-
-@pytest.mark.parametrize(
-    ("liar", "message"),
-    [
-        ([hello_reply, answer], message)
-        for answer, message in (
-            (lambda n: [header(2, n, 1)], "0 frames after the header, expected 7"),
-            (lambda n: results(n, RECORD[:39]), "ValueError"),
-            (lambda n: results(n, RECORD * 2, images=IMAGE * 2), "records of apps"),
-            (lambda n: results(n, with_number(0, 1)), "records of apps"),
-            (lambda n: results(n, values=b"\0"), "ValueError"),
-            (lambda n: results(n, values=b"\0" * 8), "of another number than the records say"),
-            (lambda n: results(n, names=b"[]"), "names: got .*, expected a JSON obj"),
-            (lambda n: results(n, images=IMAGE[1:]), "ValueError"),
-            (lambda n: results(n, images=b"", flags=1), "not requested"),
-            (lambda n: results(n, LOG_RECORD, values=b"\0" * 8), "KeyError"),
-            (lambda n: results(n, NAN_RECORD), "that is not finite"),
-            (lambda n: results(n, PULSE_RECORD), "of another number than the records say"),
-            (lambda n: results(n, PULSE_RECORD, haptics=b"\7" * 24), "IndexError"),
-            (lambda n: results(n, SOUND_RECORD, sounds=b"\0" * 32), "KeyError"),
-            (lambda n: results(n, sounds=b"\0" * 31), "ValueError"),
-            (lambda n: results(n, names=DEEP), "JSON nested at most 100 deep"),
-            (lambda n: [*results(n, BAD_RECORD)[:5], DEEP, b"", b""], "nested at most 100 deep"),
-            (lambda n: results(n, STATUS_RECORD), "status 77, expected 0 to 7"),
-            (lambda n: results(n, PULSE_RECORD, haptics=NAN_PULSE), "vibration .* not finite"),
-            (lambda n: results(n, SOUND_RECORD, sounds=NAN_SOUND), "sound .* not finite"),
-        )
-    ],
-    indirect=["liar"],
-)  # fmt: skip
-def test_malformed_results(liar: str, message: str) -> None:
-    app = Protocol2Connection(connect(liar, 5.0), width=2, height=1).app(0)
-    with pytest.raises(ProtocolError, match=message):
-        app.reset(1, POSES)
-    with pytest.raises(AppDied, match="was given up"):
-        app.reset(1, POSES)
-    app.close()
-
-
-@pytest.mark.parametrize(
-    ("liar", "ask", "message"),
-    [
-        ([able_reply, answer], ask, message)
-        for answer, ask, message in (
-            (lambda n: [header(9, n), DEEP], "head_request", "nested at most 100 deep"),
-            (lambda n: [header(9, n), b'{"pitch_deg":NaN}'], "head_request", "pitch_deg: got nan"),
-            (lambda n: [header(9, n), b'{"pitch_deg":"up"}'], "head_request", "_deg: got 'up'"),
-            (lambda n: [header(10, n), DEEP, b""], "scene", "nested at most 100 deep"),
-            (lambda n: [header(10, n)], "scene", "a scene: IndexError"),
-            (lambda n: [header(10, n), scene(mesh=1), MESH], "scene", "mesh 1 of 1"),
-            (lambda n: [header(10, n), scene(pose=[0.0] * 6), MESH], "scene", "pose"),
-            (lambda n: [header(10, n), scene(), MESH[:-1]], "scene", "a scene: ValueError"),
-            (lambda n: [header(10, n), scene(), MESH[:-4] + b"\3\0\0\0"], "scene", "past its 3"),
-        )
-    ],
-    indirect=["liar"],
-)
-def test_malformed_answers_to_questions(liar: str, ask: str, message: str) -> None:
-    app = Protocol2Connection(connect(liar, 5.0), width=2, height=1).app(0)
-    with pytest.raises(ProtocolError, match=message):
-        app.scene() if ask == "scene" else app.head_request(1)
-    app.close()
-
-
-@pytest.mark.parametrize("liar", [[hello_reply]], indirect=True)
-def test_what_an_app_cannot_do_is_not_asked_for(liar: str) -> None:
-    app = Protocol2Connection(connect(liar, 5.0), width=2, height=1).app(0)
-    assert app.capabilities == {"views"}
-    inputs = np.zeros(INPUT_COUNT)
-    inputs[0] = 0.5
-    pressed = replace(POSES, right_inputs=inputs)
-    lefty = replace(POSES, left_controller=POSES.right_controller)
-    two = DevicePoses(np.stack([POSES.head, POSES.head]))
-    for capability, call in {
-        "save": app.save,
-        "inputs": lambda: app.reset(1, pressed),
-        "left_controller": lambda: app.step(STEP, lefty),
-        "frames": lambda: app.step_frames(np.array([STEP, 2 * STEP]), two),
-        "head_request": lambda: app.head_request(1),
-        "scene": app.scene,
-    }.items():
-        with pytest.raises(AppUnsupported, match=f"^{capability}: the app at"):
-            call()
-    app.close()
+        app = Protocol2Connection(connect(liar, 5.0), width=2, height=1).app(0)
+        if message in RESETS:
+            app.reset(1, POSES)
+        app.head_request(1) if "pitch" in message else app.scene()
+    if message in RESETS:
+        with pytest.raises(AppDied, match="was given up"):
+            app.reset(1, POSES)
 
 
 def test_a_closed_port_is_told_in_seconds() -> None:
@@ -422,29 +306,3 @@ def test_a_closed_port_is_told_in_seconds() -> None:
         with pytest.raises(AppTimeout, match=f"127.0.0.1:{port}, where no one listens"):
             Protocol2Connection(connect(f"127.0.0.1:{port}", 60.0))
     assert time.monotonic() - started < 10.0
-
-
-def test_nothing_is_left_of_a_server_killed_after_hello(server: StartingApp) -> None:
-    before = set(os.listdir("/dev/shm"))
-    connection = session(server)
-    file = Path(connection.channel.endpoint.removeprefix("ipc://"))
-    assert stat.S_ISSOCK(file.stat().st_mode)
-    assert file.parent.stat().st_mode & 0o077 == 0
-    os.kill(server.process.pid, signal.SIGKILL)
-    connection.close()
-    assert set(os.listdir("/dev/shm")) <= before
-    assert not file.exists()
-
-
-def test_sockets_of_killed_servers_are_swept() -> None:
-    abandoned = log_folder() / "abandoned.socket"
-    with socket.socket(socket.AF_UNIX) as dead:
-        dead.bind(str(abandoned))
-    os.utime(abandoned, (0.0, 0.0))
-    young = log_folder() / "young.socket"
-    with socket.socket(socket.AF_UNIX) as starting:
-        starting.bind(str(young))
-    start_sim2vr_app(app_executable(), ["--renderer", "null"]).process.kill()
-    assert not abandoned.exists()
-    assert young.exists()
-    young.unlink()

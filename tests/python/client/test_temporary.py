@@ -1,15 +1,10 @@
 """Temporary folders of apps: what is swept, and what is left alone."""
 
-import os
-import signal
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
 import pytest
 
-from processes import gone
 from sim2vr_harness.client import temporary
 from sim2vr_harness.client.temporary import TemporaryFolder
 
@@ -71,47 +66,3 @@ def test_files_elsewhere_go_with_the_folder_unless_they_are_others_by_now(
     TemporaryFolder().remove()
     assert not app.exists() and not left.exists()
     assert anew.exists()
-
-
-def test_a_living_process_keeps_its_folder(place: Path) -> None:
-    mine = TemporaryFolder()
-    code = (
-        "from sim2vr_harness.client.temporary import TemporaryFolder\n"
-        "import os; print(TemporaryFolder().path, flush=True)"
-    )
-    other = subprocess.run(
-        [sys.executable, "-c", code],
-        env={**os.environ, "TMPDIR": str(place)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert Path(other.stdout.strip()).parent.parent == place
-    assert mine.path.is_dir()
-
-
-def test_the_folder_goes_when_its_process_is_killed_though_a_fork_lives(place: Path) -> None:
-    code = (
-        "from sim2vr_harness.client.temporary import TemporaryFolder\n"
-        "import os, signal, time; path = TemporaryFolder().path\n"
-        "child = os.fork()\n"
-        "if not child: time.sleep(600)\n"
-        "print(child, path, flush=True); time.sleep(600)"
-    )
-    owner = subprocess.Popen(
-        [sys.executable, "-c", code],
-        env={**os.environ, "TMPDIR": str(place)},
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert owner.stdout is not None
-    child, path = owner.stdout.readline().split()
-    owner.stdout.close()
-    folder = Path(path).parent
-    assert folder.is_dir()
-    owner.kill()
-    owner.wait()
-    try:
-        assert gone(folder)
-    finally:
-        os.kill(int(child), signal.SIGKILL)

@@ -24,8 +24,6 @@ from sim2vr_harness.client import (
     limits,
 )
 from sim2vr_harness.client.limits import Kept
-from sim2vr_harness.client.webxr.browser import Browser
-from sim2vr_harness.client.webxr.files import HOST, PageFiles
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, VisionConfig
 from webxr_pages import NEEDS_BROWSER, PAGES, hands, open_page, page_with
 
@@ -36,11 +34,6 @@ button('Enter VR', () => boxes.enter(() => { frames += 1; %s }));"""
 
 REFUSED = {
     "no WebXR call": ("document.title = 'flat';", r"never calls WebXR \(navigator\.xr\)"),
-    "never enters": (
-        "import { button } from './boxes.js'; navigator.xr.isSessionSupported('immersive-vr');"
-        "button('Enter VR', () => {});",
-        r"never enters VR; tried to click: Enter VR",
-    ),
     "a session of another kind": (
         "navigator.xr.requestSession('immersive-ar').catch(() => {});",
         r"is an AR page: it asks for immersive-ar only, expected immersive-vr",
@@ -54,12 +47,6 @@ REFUSED = {
         "const app = {};\napp.start();",
         r"script error: TypeError: app\.start is not a function \(page\.html:\d+\)",
     ),
-    "syntax error": ("let let = 1;", r"script error: SyntaxError: .*\(page\.html:\d+\)"),
-    "unmapped address": (
-        "import 'https://cdn.example.com/engine.js';",
-        r"asks for https://cdn\.example\.com/engine\.js, which app\.map maps to no folder",
-    ),
-    "missing file": ("import './engine.js';", r"never calls WebXR .*not found: .*/engine\.js"),
     "source code": (
         "import './main.ts';",
         r"never calls WebXR .*loads https://\S*/main\.ts, source code that no browser runs: build",
@@ -68,27 +55,11 @@ REFUSED = {
         "navigator.getVRDisplays = () => Promise.resolve([]);",
         r"page\.html: uses WebVR, which WebXR replaced, expected an engine with WebXR",
     ),
-    "a door without words": (
-        "import { button } from './boxes.js'; button('', () => {}); button('', () => {});"
-        "const made = document.querySelectorAll('button'); made[0].title = 'Go VR';"
-        "made[1].className = 'enter-vr';",
-        r'tried to click: Go VR, <button class="enter-vr">$',
-    ),
     "WebGL 1 without its extensions": (
         "import { Boxes, button } from './boxes.js'; const boxes = new Boxes('webgl');"
         "WebGLRenderingContext.prototype.getExtension = () => null;"
         "button('Enter VR', () => boxes.enter(() => {}).catch(() => {}));",
         r"draws with WebGL 1, where this browser has no WEBGL_depth_texture, expected WebGL 2",
-    ),
-    "WebGL 1 without its extensions, unhandled": (
-        "import { Boxes, button } from './boxes.js'; const boxes = new Boxes('webgl');"
-        "WebGLRenderingContext.prototype.getExtension = () => null;"
-        "button('Enter VR', () => boxes.enter(() => {}));",
-        r"page\.html: draws with WebGL 1, where this browser has no WEBGL_depth_texture, expected",
-    ),
-    "no frames": (
-        "navigator.xr.requestSession('immersive-vr');",
-        r"enters VR, but asks for no frames there",
     ),
 }
 
@@ -108,16 +79,6 @@ def test_a_page_that_cannot_be_played_says_why(what: str, shared: Shared) -> Non
     assert "page.html" in str(caught.value)
 
 
-@NEEDS_BROWSER
-def test_an_endless_loop_at_the_start_takes_its_time_only(tmp_path: Path) -> None:
-    page = page_with(tmp_path, "for (;;);")
-    with (
-        open_page(page, start_timeout_s=4.0) as app,
-        pytest.raises(AppRefused, match=r"page\.html: gave no answer for 1 s while it loaded"),
-    ):
-        app.reset(1, hands(0))
-
-
 DIES = {
     "endless loop": ("if (frames === 3) for (;;);", AppTimeout, r"gave no answer to .*page\.html"),
     "script error": (
@@ -125,20 +86,10 @@ DIES = {
         AppDied,
         r"page\.html: script error: TypeError: frames\.explode is not a function",
     ),
-    "rejected promise": (
-        "if (frames === 3) Promise.reject(new Error('no more'));",
-        AppDied,
-        r"page\.html: script error: Error: no more",
-    ),
     "lost context": (
         "if (frames === 3) boxes.gl.getExtension('WEBGL_lose_context').loseContext();",
         AppDied,
         r"page\.html: lost its WebGL context",
-    ),
-    "another address": (
-        "if (frames === 3) location.href = 'boxes.js';",
-        AppDied,
-        r"page\.html: (went to another address|left its document)",
     ),
 }
 
@@ -167,9 +118,6 @@ def test_a_session_that_the_page_ends_ends_the_round(shared: Shared) -> None:
     words = r"page\.html: the page ended its session .* after 0\.1 s; call reset"
     with pytest.raises(AppError, match=words):
         app.step(frame_time_ns(3, 20), hands(3))
-    app = shared(ENTERS % "boxes.session.end();")
-    with pytest.raises(AppRefused, match=r"page\.html: the page ended .* first frame, expected"):
-        app.reset(1, hands(0))
 
 
 def stepped(page: Path, users: int) -> tuple[Simulation, np.ndarray]:
@@ -209,20 +157,16 @@ def test_users_go_on_when_a_browser_is_killed() -> None:
 
 
 @NEEDS_BROWSER
-@pytest.mark.parametrize("loading", [False, True])
-def test_a_crashed_tab_is_given_up_at_once(loading: bool, tmp_path: Path) -> None:
-    script = "for (;;);" if loading else ENTERS % "if (frames === 3) for (;;);"
-    with open_page(page_with(tmp_path, script)) as app:
+def test_a_crashed_tab_is_given_up_at_once(tmp_path: Path) -> None:
+    with open_page(page_with(tmp_path, ENTERS % "if (frames === 3) for (;;);")) as app:
         pid = app._browser.process.pid
-        if not loading:
-            app.reset(1, hands(0))
+        app.reset(1, hands(0))
         timer = threading.Timer(2.0, lambda: os.kill(of_type(pid, "renderer"), signal.SIGKILL))
         timer.start()
         began = time.monotonic()
-        with pytest.raises(AppDied, match=r"page\.html: its tab crashed") as caught:
-            app.reset(1, hands(0)) if loading else play(app)
+        with pytest.raises(AppDied, match=r"page\.html: its tab crashed"):
+            play(app)
         assert time.monotonic() - began < 10.0
-        assert "\n" not in str(caught.value)
         timer.join()
     assert emptied(pid, 5.0)
 
@@ -233,9 +177,7 @@ def play(app: Any) -> None:
 
 
 @NEEDS_BROWSER
-@pytest.mark.parametrize(
-    ("ending", "hung"), [(None, False), (signal.SIGTERM, False), (signal.SIGKILL, True)]
-)
+@pytest.mark.parametrize(("ending", "hung"), [(None, False), (signal.SIGKILL, True)])
 def test_no_browser_outlives_the_harness(
     ending: signal.Signals | None, hung: bool, tmp_path: Path
 ) -> None:
@@ -265,57 +207,6 @@ def test_no_browser_outlives_the_harness(
     assert [file for file in tmp_path.rglob("*") if file.is_file()] == []
 
 
-@pytest.mark.parametrize(
-    ("page", "mapped", "words"),
-    [
-        ("nowhere.html", {}, r"app\.page: got 'nowhere\.html', which is no file"),
-        (".", {}, r"app\.page: got '\.', which is no file"),
-        (
-            "https://x.example.com/a.html",
-            {},
-            r"app\.page: .*no file below the addresses of app.map",
-        ),
-        ("page.html", {"cdn": "."}, r"app\.map: got 'cdn', expected the beginning of an address"),
-        (
-            "page.html",
-            {"https://c.de/": "no"},
-            r"app\.map: got 'no' for https://c\.de/, which is not",
-        ),
-    ],
-)
-def test_places_that_are_not_there(page: str, mapped: dict[str, str], words: str) -> None:
-    with pytest.raises(AppRefused, match=words):
-        PageFiles(page, mapped)
-
-
-def test_a_sandbox_that_cannot_be_had_is_said_in_one_line(tmp_path: Path) -> None:
-    browser = tmp_path / "chromium"
-    browser.write_text(
-        "#!/bin/sh\necho 'FATAL: No usable sandbox! If this is Debian,' >&2; exit 1\n"
-    )
-    browser.chmod(0o755)
-    with pytest.raises(AppRefused, match=r"app\.browser: got .*chromium, whose sandbox") as caught:
-        Browser(str(browser), 30.0)
-    assert "\n" not in str(caught.value)
-
-
-@NEEDS_BROWSER
-def test_settings_that_cannot_be() -> None:
-    with pytest.raises(AppRefused, match=r"app\.browser: got '/bin/nope', which is no program"):
-        open_page(PAGES / "touch.html", browser="/bin/nope")
-    with pytest.raises((AppDied, AppRefused), match="true"):
-        open_page(PAGES / "touch.html", browser="true")
-    with pytest.raises(AppRefused, match=r"profile: got 'hands', expected one of oculus-touch"):
-        open_page(PAGES / "touch.html", options={"profile": "hands"})
-    with (
-        open_page(PAGES / "touch.html", values={"x": "app.scor.x"}) as app,
-        pytest.raises(
-            AppRefused, match=r"'app\.scor\.x', of which .*touch\.html says: Cannot read"
-        ),
-    ):
-        app.reset(1, hands(0))
-
-
 # --- what a page may have us keep, and how much memory it may take --------------------------------
 
 
@@ -334,41 +225,8 @@ def test_the_first_and_the_last_texts_are_kept() -> None:
     assert kept.first == kept.last == "one"
 
 
-def test_addresses_without_a_file_are_counted(tmp_path: Path) -> None:
-    (tmp_path / "index.html").write_text("<!doctype html>")
-    files = PageFiles(str(tmp_path), {})
-    for k in range(1000):
-        assert files.answer(f"{HOST}{k}.png").status == 404
-        assert files.answer(f"https://elsewhere.example.com/{k}.png").status == 0
-    assert (len(files.missing), len(list(files.missing))) == (1000, 40)
-    assert (len(files.refused), len(list(files.refused))) == (1000, 40)
-
-
 @NEEDS_BROWSER
-def test_a_flood_of_messages_is_counted(shared: Shared) -> None:
-    script = """import { Boxes, button } from './boxes.js';
-    const boxes = new Boxes();
-    const flood = () => { for (let k = 0; k < 5000; k++) console.error('message', k); };
-    button('Enter VR', () => boxes.enter(flood));"""
-    app = shared(script)
-    app.reset(1, hands(0))
-    app.step(frame_time_ns(1, 20), hands(1))
-    complaints = app._page.watch.complaints
-    assert (len(complaints), len(list(complaints))) == (10_000, 40)
-    assert complaints.last == "message 4999"
-
-
-@NEEDS_BROWSER
-def test_files_that_are_missing_are_said_in_one_line(shared: Shared) -> None:
-    app = shared("for (let k = 0; k < 300; k++) await fetch(`${k}.png`);")
-    with pytest.raises(AppRefused, match=r"not found: \S*/0\.png, .*/4\.png and 295 more"):
-        app.reset(1, hands(0))
-
-
-@NEEDS_BROWSER
-@pytest.mark.parametrize(
-    "kept", ["new Uint8Array(2e7).fill(1)", "Array(2e6).fill().map(() => [0])"]
-)
+@pytest.mark.parametrize("kept", ["new Uint8Array(2e7).fill(1)"])
 def test_a_page_that_takes_too_much_memory_has_failed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kept: str
 ) -> None:

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli import main as cli
 from sim2vr_harness.client import AppRefused
 from sim2vr_harness.client.webxr.packages import package_of
@@ -23,28 +22,20 @@ TOY = f"{CDN}toy@1/lib/toy.js"
 ADDRESSES = {
     f"{CDN}three@0.187.0/build/three.module.js": "three@0.187.0 build/three.module.js",
     "https://unpkg.com/super-hands/dist/s.min.js": "super-hands@latest dist/s.min.js",
-    "https://unpkg.com/a-b@^4.0.0/dist/c.js": "a-b@^4.0.0 dist/c.js",
     "https://unpkg.com/a-b@%5E4.0.0/dist/c.js": "a-b@^4.0.0 dist/c.js",
     f"{CDN}@webxr-input-profiles/assets@1.0/a.json": "@webxr-input-profiles/assets@1.0 a.json",
-    f"{CDN}aframe": "aframe@latest ",
     "https://cdnjs.cloudflare.com/ajax/libs/three.js/r128/three.min.js": "three@0.128 three.min.js",
     "https://aframe.io/releases/1.4.2/aframe.min.js": "aframe@1.4.2 dist/aframe-master.min.js",
-    "https://threejs.org/build/three.module.js": "three@latest build/three.module.js",
     "https://cdn.skypack.dev/three@0.132.2": "three@0.132.2  module",
-    "https://cdn.skypack.dev/pin/three@v0.132.2-AbCdEfGhIjKl/x.js": "three@0.132.2 x.js module",
     "https://esm.sh/@a/b@1/sub/path.js?dev": "@a/b@1 sub/path.js module",
     f"{CDN}lil-gui@0.19/+esm": "lil-gui@0.19  module",
     "https://cdn.babylonjs.com/loaders/babylonjs.loaders.js": "babylonjs-loaders@latest "
     "babylonjs.loaders.js",
-    "https://cdn.babylonjs.com/babylon.js": "babylonjs@latest babylon.js",
     "https://code.playcanvas.com/playcanvas-1.70.0.min.js": "playcanvas@1.70.0 build/playcanvas.js",
     f"{CDN[:-4]}gh/someone/something@1/file.js": "",
-    "https://example.com/three.js": "",
     # What npm would read as more than a package.
     "https://cdnjs.cloudflare.com/ajax/libs/--pack-destination/1.0/x.js": "",
-    "https://cdnjs.cloudflare.com/ajax/libs/../1.0/x.js": "",
     f"{CDN}toy@file%3A%2Fhome": "",
-    "https://unpkg.com/toy@git%2Bssh%3A%2F%2Fexample.com%2Fa": "",
 }
 
 
@@ -196,36 +187,10 @@ def test_a_package_names_only_its_own_files(
     assert all(str(place.parent) in one for one in reached.values())
 
 
-@pytest.mark.parametrize(
-    "address",
-    [
-        "https://cdnjs.cloudflare.com/ajax/libs/toy/1.0/../../../secret.js",
-        f"{CDN}toy@1/lib/%2e%2e/%2e%2e/../secret.min.js",
-    ],
-)
-def test_an_address_names_only_a_packages_files(address: str, tmp_path: Path, npm: Path) -> None:
-    (tmp_path / "secret.js").write_text(SECRET)
-    place = str(tmp_path / "engines" / "toy@1.2.3")
-    assert all(one.startswith(place) for one in fetched(address, tmp_path / "engines").values())
+TOLD = [{"name": "../../outside"}, {"version": ".."}, {"filename": "../x.tgz"}, {"version": None}]
 
 
-@pytest.mark.parametrize(
-    "npm",
-    [
-        {"npm prints": json.dumps(told)}
-        for told in (
-            {"name": "../../outside"},
-            {"name": ["toy"]},
-            {"version": "1.2.3/../../outside"},
-            {"version": ".."},
-            {"version": None},
-            {"filename": "../toy-1.2.3.tgz"},
-            {"filename": "/etc/passwd"},
-            {"filename": "gone.tgz"},
-        )
-    ],
-    indirect=True,
-)
+@pytest.mark.parametrize("npm", [{"npm prints": json.dumps(one)} for one in TOLD], indirect=True)
 def test_names_that_npm_prints_are_checked(tmp_path: Path, npm: Path) -> None:
     with pytest.raises(AppRefused, match=r"toy@1: got .* of npm, expected the package's name"):
         fetched(TOY, tmp_path / "deep" / "engines")
@@ -238,25 +203,12 @@ def test_names_that_npm_prints_are_checked(tmp_path: Path, npm: Path) -> None:
     [("MOST_UNPACKED", 3000, "3,000 bytes"), ("MOST_FILES", 3, "3 files")],
 )
 def test_a_package_has_a_limit(
-    limit: str,
-    value: int,
-    words: str,
-    tmp_path: Path,
-    npm: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    limit: str, value: int, words: str, tmp_path: Path, npm: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(f"sim2vr_harness.client.webxr.vendor.{limit}", value)
     with pytest.raises(AppRefused, match=f"toy@1.2.3: .* got more than {words}, expected at most"):
         fetched(TOY, tmp_path / "engines")
     assert [*(tmp_path / "engines").iterdir()] == []
-
-
-@pytest.mark.parametrize("content", ["[]", '{"three": "folder"}', '{"https://a.b/": 3}', "{"])
-def test_a_map_file_that_is_none(content: str, tmp_path: Path) -> None:
-    file = tmp_path / "map.json"
-    file.write_text(content)
-    with pytest.raises(InputError, match=r"map\.json"):
-        read_map(file)
 
 
 PAGE = f"""const load = (src) => new Promise((done) => document.head.append(

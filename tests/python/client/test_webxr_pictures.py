@@ -1,54 +1,12 @@
 """Pictures of a page: what draws them, and their depth, behind lines and what is seen through."""
 
-import json
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sim2vr_harness.client import AppRefused, WebXRApp, frame_time_ns
-from sim2vr_harness.client.webxr.browser import drawing_by
+from sim2vr_harness.client import WebXRApp, frame_time_ns
 from webxr_pages import NEEDS_BROWSER, PAGES, hands, open_page
-
-
-@pytest.mark.parametrize("script", [False, True])
-def test_the_browser_s_own_renderer_is_found_and_given_one_thread(
-    tmp_path: Path, script: bool
-) -> None:
-    folder = tmp_path / "lib" / "browser"
-    folder.mkdir(parents=True)
-    library = folder / "libvk_swiftshader.so"
-    library.touch()
-    program = folder / "shell"
-    program.write_bytes(b"\x7fELF")
-    if script:
-        program = tmp_path / "shell"
-        program.write_text(f'#!/bin/sh\nexec {folder}/shell "$@"\n')
-    drawing = drawing_by("swiftshader", str(program), "/tmp/x")
-    assert drawing.flags[0] == "--use-angle=vulkan"
-    assert drawing.environment["VK_DRIVER_FILES"] == "/tmp/x/driver.json"
-    assert json.loads(drawing.files["driver.json"])["ICD"]["library_path"] == str(library)
-    assert "ThreadCount=1\n" in drawing.files["SwiftShader.ini"]
-    library.unlink()
-    drawing = drawing_by("swiftshader", str(program), "/tmp/x")
-    assert (drawing.flags[0], drawing.files) == ("--use-angle=swiftshader", {})
-
-
-def test_a_renderer_that_there_is_not(tmp_path: Path) -> None:
-    with pytest.raises(AppRefused, match=r"renderer: got 'gpu', expected one of swiftshader, mesa"):
-        drawing_by("gpu", "/bin/sh", "/tmp/x")
-
-
-@NEEDS_BROWSER
-def test_swiftshader_has_one_thread_in_a_browser() -> None:
-    with open_page(PAGES / "touch.html") as app:
-        app.reset(7, hands(0))
-        group, names = app._browser.process.pid, []
-        for stat in Path("/proc").glob("[0-9]*/stat"):
-            if stat.read_text().rpartition(") ")[2].split()[2] == str(group):
-                names += [file.read_text() for file in stat.parent.glob("task/*/comm")]
-        assert sum(name.startswith("Thread<") for name in names) == 1
 
 
 @NEEDS_BROWSER
@@ -144,50 +102,3 @@ def test_webgl_1_draws_what_webgl_2_draws(shared: Callable[..., WebXRApp]) -> No
     assert (pictures[0] == pictures[1]).all()
     assert pictures[0][40, 55, 3] == pytest.approx(255 * 1.0 / 10.0, abs=1)  # m to the box's face
     assert (pictures[0][:, 60:, :3] == 0).all()  # right of the scissors: cleared by the harness
-
-
-SAMPLES = """import { Boxes, button } from './boxes.js';
-const boxes = new Boxes();
-boxes.list.push({ centre: [0, 1.2, -1.1], half: [0.1, 0.1, 0.1], colour: [0.9, 0.1, 0.1] });
-const { gl } = boxes;
-const app = window.app = { error: 0 };
-const [w, h] = [120, 80];
-const samples = gl.createFramebuffer();
-const attach = (point, format) => {
-  const buffer = gl.createRenderbuffer();
-  gl.bindRenderbuffer(gl.RENDERBUFFER, buffer);
-  gl.renderbufferStorageMultisample(gl.RENDERBUFFER, 4, format, w, h);
-  gl.framebufferRenderbuffer(gl.FRAMEBUFFER, point, gl.RENDERBUFFER, buffer);
-};
-gl.bindFramebuffer(gl.FRAMEBUFFER, samples);
-attach(gl.COLOR_ATTACHMENT0, gl.RGBA8);
-attach(gl.DEPTH_KIND_ATTACHMENT, gl.FORMAT);
-button('Enter VR', () => boxes.enter(() => {}));
-const draw = boxes.draw;
-boxes.draw = function (frame) {
-  const { layer } = this;
-  const { framebuffer } = layer;
-  this.layer = { framebuffer: samples, getViewport: (view) => layer.getViewport(view) };
-  draw.call(this, frame);
-  gl.bindFramebuffer(gl.READ_FRAMEBUFFER, samples);
-  gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, framebuffer);
-  gl.blitFramebuffer(0, 0, w, h, 0, 0, w, h, gl.COLOR_BUFFER_BIT, gl.NEAREST);
-  this.layer = layer;
-  app.error ||= gl.getError();
-};"""
-
-
-@NEEDS_BROWSER
-@pytest.mark.parametrize(
-    ("kind", "form", "depth_m"),
-    [("DEPTH_STENCIL", "DEPTH24_STENCIL8", 1.0), ("DEPTH", "DEPTH_COMPONENT16", 10.0)],
-)
-def test_a_picture_copied_from_more_samples_brings_its_depth_where_it_can(
-    kind: str, form: str, depth_m: float, shared: Callable[..., WebXRApp]
-) -> None:
-    script = SAMPLES.replace("DEPTH_KIND", kind).replace("FORMAT)", f"{form})")
-    app = shared(script, values={"error": "app.error"})
-    assert app.reset(1, hands(0)).values == {"error": 0}
-    red, green, _, depth = (int(value) for value in app.image[40, 60])
-    assert red > 3 * green
-    assert abs(depth - 25.5 * depth_m) <= 1.0

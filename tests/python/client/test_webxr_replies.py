@@ -1,7 +1,6 @@
 """What a page answers is checked, whatever its scripts have replaced."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 from sim2vr_harness.client import AppDied, ProtocolError, WebXRApp, frame_time_ns
 from sim2vr_harness.client.answers import BadReply, checked
 from sim2vr_harness.client.webxr.app import scene_of
-from sim2vr_harness.client.webxr.files import HOST, PageFiles
 from sim2vr_harness.client.webxr.replies import (
     BOXES,
     DOOR,
@@ -21,8 +19,7 @@ from sim2vr_harness.client.webxr.replies import (
     Box,
     step_reply,
 )
-from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, VisionConfig
-from webxr_pages import NEEDS_BROWSER, hands, open_page, page_with
+from webxr_pages import NEEDS_BROWSER, hands
 
 GOOD: dict[str, Any] = {
     "haptics": [["left", 0.5, 0.1]],
@@ -46,39 +43,22 @@ DEEP: list[Any] = []
 for _ in range(500):
     DEEP = [DEEP]
 ODD = {
-    "nothing": None,
     "a text": '{"haptics": []}',
-    "a list": [],
     "a key too few": {"ended": False},
     "a key too many": GOOD | {"more": 1},
     "no truth": GOOD | {"ended": "no"},
-    "no list of pulses": GOOD | {"haptics": {}},
-    "no pulse": GOOD | {"haptics": [None]},
     "a hand that is none": GOOD | {"haptics": [["foot", 0.5, 0.1]]},
-    "a hand that is a list": GOOD | {"haptics": [[["left"], 0.5, 0.1]]},
-    "an amplitude that is none": GOOD | {"haptics": [["left", None, 0.1]]},
     "an amplitude of NaN": GOOD | {"haptics": [["left", float("nan"), 0.1]]},
     "an amplitude of 2": GOOD | {"haptics": [["left", 2, 0.1]]},
     "an amplitude of true": GOOD | {"haptics": [["left", True, 0.1]]},
-    "an endless pulse": GOOD | {"haptics": [["left", 1, float("inf")]]},
-    "a pulse of less than no time": GOOD | {"haptics": [["left", 1, -1]]},
-    "a duration beyond all numbers": GOOD | {"haptics": [["left", 1, 10**400]]},
     "a flood of pulses": GOOD | {"haptics": [["left", 0.5, 0.1]] * 10_001},
-    "a failure that is a number": GOOD | {"failure": 3},
     "a failure without words": GOOD | {"failure": ["lost", None]},
-    "no values": GOOD | {"values": []},
     "values of another name": GOOD | {"values": [["x", 1], ["z", 1]]},
-    "values twice": GOOD | {"values": [["x", 1], ["x", 1]]},
-    "a name that is a list": GOOD | {"values": [[["x"], 1], ["y", 1]]},
     "a value of NaN": GOOD | {"values": [["x", float("nan")], ["y", 1]]},
-    "a place of NaN": GOOD | {"values": [["x", [0, 0, float("nan")]], ["y", 1]]},
     "a place of two": GOOD | {"values": [["x", [0, 0]], ["y", 1]]},
-    "a text as a value": GOOD | {"values": [["x", "1"], ["y", 1]]},
     "a value beyond all numbers": GOOD | {"values": [["x", 10**400], ["y", 1]]},
     "a value without end": GOOD | {"values": [["x", DEEP], ["y", 1]]},
     "a picture too small": GOOD | {"picture": "AAA="},
-    "a picture in no base64": GOOD | {"picture": "AA\u00e4A"},
-    "a picture that is a number": GOOD | {"picture": 7},
 }
 
 
@@ -95,48 +75,19 @@ BOX = ["box", [0.0, 1.0, 0.5], [0.0, 0.0, 0.0, 1.0], [0.1, 0.1, 0.1], [1.0, 0.5,
 @pytest.mark.parametrize(
     ("kind", "answer", "message"),
     [
-        (DOOR, ["done"], "it: got .*, expected a JSON object"),
         (DOOR, {"done": True, "failure": ["lost", 7]}, "it, failure, 1: got 7, expected a text"),
-        (DOOR, {"click": True, "at": [1, float("nan")]}, "it, at, 1: got nan"),
         (REPORT, {"engines": [7]}, "it, engines, 0: got 7, expected a text"),
-        (REPORT, {"more": []}, "it, more"),
         (PLACE, [1, 2], "it, 2: got nothing, expected a value"),
-        (PLACE, [1, 2, True], "it, 2: got True, expected a finite number"),
         (SIGNS, [{"a": 1}, 0, 0, []], "it, 0, a"),
-        (SIGNS, [{"1": 0.5}, 0, 0, []], "it, 0, 1: got 0.5"),
-        (SIGNS, [{}, 0, 0, [[[0, 0, 0], [0, 0]]]], "it, 3, 0, 1, 2: got nothing"),
         (THINGS, [["a"]], "it, 0, 1: got nothing"),
-        (
-            THINGS,
-            [["a", "lick", [0, 0, 0], [0, 0, 0], 0, 0]],
-            "it, 0, 1: got 'lick', exp.* 'touch'",
-        ),
         (THINGS, [["a", "touch", [0, 0], [0, 0, 0], 0, 0]], "it, 0, 2, 2: got nothing"),
-        (THINGS, [["a", "touch", [0, 0, 0], [0, 0, 0], "many", 0]], "it, 0, 4: got 'many'"),
-        (BOXES, 3, "it: got 3, expected a list"),
         (BOXES, [BOX] * 501, "it: got .* expected at most 500 entries"),
         (BOXES, [BOX[:4]], "it, 0, 4: got nothing"),
-        (BOXES, [[*BOX[:2], [0.0, 0.0, 1.0], *BOX[3:]]], "it, 0, 2, 3: got nothing"),
     ],
 )
 def test_other_answers_are_checked_too(kind: Any, answer: object, message: str) -> None:
     with pytest.raises(BadReply, match=f"^{message}"):
         checked("it", kind, answer)
-
-
-def test_other_answers_are_read() -> None:
-    lost = checked("it", DOOR, {"done": True, "failure": ["lost", "lost\nits  context"]})
-    assert lost.failure == ("lost", "lost its context")
-    assert checked("it", SIGNS, [{"3": 7}, 1, 2, []]).objects == {3: 7}
-    assert checked("it", BOXES, [BOX]) == (
-        Box("box", (0.0, 1.0, 0.5), STRAIGHT, (0.1,) * 3, (1.0, 0.5, 0.0, 1.0)),
-    )
-
-
-@pytest.mark.parametrize("name", ["x" * 300, "d/" * 3000 + "x", "x" * 300 + "/y"])
-def test_an_address_too_long_for_a_file_is_not_there(tmp_path: Path, name: str) -> None:
-    (tmp_path / "index.html").write_text("<!doctype html>")
-    assert PageFiles(str(tmp_path), {}).answer(HOST + name).status == 404
 
 
 # --- what a page shows --------------------------------------------------------------------------
@@ -170,22 +121,15 @@ EIGHTH = (0.0, np.sin(np.pi / 8), 0.0, np.cos(np.pi / 8))
         # A wall 0.4 m before the head, turned by 45 degrees, 10 cm thick; 80 cm hold the head.
         ((0.0, 1.2, 0.4), EIGHTH, (2.0, 2.0, 0.1), True),
         ((0.0, 1.2, 0.4), EIGHTH, (2.0, 2.0, 0.8), False),
+        # Half a metre from its middle along its turned x, (0.71, 0, -0.71): in the wall.
+        ((-0.3536, 1.2, 0.3536), EIGHTH, (2.0, 2.0, 0.1), False),
+        ((0.3536, 1.2, 0.3536), EIGHTH, (2.0, 2.0, 0.1), True),
     ],
 )
 def test_rooms_skies_and_floors_are_left_out(
     place: Any, rotation: Any, size: Any, shown: bool
 ) -> None:
     assert bool(scene_of([Box("it", place, rotation, size, RED)], HEAD).objects) == shown
-
-
-def test_sides_of_the_box_face_outwards() -> None:
-    (mesh,) = scene_of([], HEAD).meshes
-    vertices, triangles = mesh.in_mujoco()
-    corners = vertices[triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    assert (np.einsum("ij,ij->i", normals, corners.mean(axis=1)) > 0.0).all()
-    # Two triangles of half a square metre on each of six sides.
-    assert np.abs(normals).sum(axis=0) == pytest.approx([4.0, 4.0, 4.0])
 
 
 # --- in a browser -------------------------------------------------------------------------------
@@ -203,27 +147,35 @@ button('Enter VR', () => boxes.enter((time, frame) => {
 VALUES = {"count": "app.count", "place": "app.place"}
 
 BUILT_INS = {
-    "JSON.stringify": "JSON.stringify = () => '{';",
-    "Array toJSON": "Array.prototype.toJSON = () => 'odd';",
-    "Object toJSON": "Object.prototype.toJSON = function () { return this.toJSON(); };",
-    "push": "Array.prototype.push = () => 0;",
-    "map": "Array.prototype.map = () => ['odd'];",
-    "filter": "Array.prototype.filter = () => ['odd'];",
-    "forEach": "Array.prototype.forEach = () => {};",
-    "shift": "Array.prototype.shift = () => {};",
-    "includes and every": "Array.prototype.includes = Array.prototype.every = () => false;",
-    "Number": "window.Number = () => NaN;",
-    "String": "window.String = () => { throw 1; };",
-    "isFinite": "Number.isFinite = () => false;",
-    "isArray": "Array.isArray = () => true;",
-    "keys": "Object.keys = Object.entries = () => { throw 1; };",
-    "assign": "Object.assign = Object.freeze = () => { throw 1; };",
-    "Math": "Math.max = Math.min = Math.hypot = () => NaN;",
-    "maps": "Map.prototype.set = Map.prototype.forEach = () => { throw 1; };",
-    "weak maps": "WeakMap.prototype.get = WeakMap.prototype.has = () => { throw 1; };",
-    "apply": "Function.prototype.apply = Reflect.apply = () => { throw 1; };",
-    "base64": "window.btoa = () => '!'; delete Uint8Array.prototype.toBase64;",
-    "ports": "MessagePort.prototype.postMessage = () => {};",
+    "lists": """
+        Array.prototype.push = () => 0;
+        Array.prototype.map = () => ['odd'];
+        Array.prototype.filter = () => ['odd'];
+        Array.prototype.forEach = () => {};
+        Array.prototype.shift = () => {};
+        Array.prototype.includes = Array.prototype.every = () => false;
+        Array.isArray = () => true;
+        """,
+    "numbers and texts": """
+        window.Number = () => NaN;
+        window.String = () => { throw 1; };
+        Number.isFinite = () => false;
+        Math.max = Math.min = Math.hypot = () => NaN;
+        window.btoa = () => '!'; delete Uint8Array.prototype.toBase64;
+        """,
+    "objects": """
+        JSON.stringify = () => '{';
+        Array.prototype.toJSON = () => 'odd';
+        Object.prototype.toJSON = function () { return this.toJSON(); };
+        Object.keys = Object.entries = () => { throw 1; };
+        Object.assign = Object.freeze = () => { throw 1; };
+        MessagePort.prototype.postMessage = () => {};
+        """,
+    "functions and maps": """
+        Map.prototype.set = Map.prototype.forEach = () => { throw 1; };
+        WeakMap.prototype.get = WeakMap.prototype.has = () => { throw 1; };
+        Function.prototype.apply = Reflect.apply = () => { throw 1; };
+        """,
 }
 
 
@@ -242,17 +194,11 @@ def test_a_page_with_odd_built_ins_is_played(what: str, shared: Callable[..., We
 NOT_ANY_MORE = r"has no value of 'app\.place' any more: is"
 TAMPERED = {
     "haptics of NaN": ("__sim2vr.haptics.push(['left', NaN, 1]);", "answer, haptics, 0, 1: got "),
-    "a third hand": ("__sim2vr.haptics.push(['foot', 1, 1]);", "haptics, 0, 0: got 'foot', exp"),
     "no answer": ("__sim2vr.step = () => undefined;", ""),
-    "a text": ("__sim2vr.step = async () => '[['.repeat(100000);", ""),
     "depth": ("let a = []; for (let k = 0; k < 900; k++) a = [a]; __sim2vr.step = () => a;", ""),
     "a circle": ("const all = []; all[0] = all; __sim2vr.step = () => all;", ""),
     "a throw": ("__sim2vr.step = () => { throw null; };", ""),
-    "no step": ("delete __sim2vr.step;", ""),
-    "iterators": ("Array.prototype[Symbol.iterator] = () => { throw new Error('odd'); };", ""),
     "NaN": ("app.place = NaN;", NOT_ANY_MORE),
-    "Infinity": ("app.place = Infinity;", NOT_ANY_MORE),
-    "a place of NaN": ("app.place = [0, NaN, 0];", NOT_ANY_MORE),
     "a vector of NaN": ("app.place = { x: 0, y: 0, z: NaN };", NOT_ANY_MORE),
 }
 
@@ -270,31 +216,3 @@ def test_a_page_that_answers_another_thing_has_failed(
             app.step(frame_time_ns(step, 20), hands(step))
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 600
-
-
-@NEEDS_BROWSER
-def test_a_page_that_breaks_while_it_loads_has_failed(tmp_path: Path) -> None:
-    odd = "document.querySelectorAll = () => { throw new Error('odd'); };"
-    with (
-        open_page(page_with(tmp_path, PLAYS % "" + odd)) as app,
-        pytest.raises((ProtocolError, AppDied), match=r"page\.html: stops .* script: Error: odd"),
-    ):
-        app.reset(1, hands(0))
-
-
-@NEEDS_BROWSER
-def test_users_go_on_when_a_page_answers_another_thing(tmp_path: Path) -> None:
-    page = page_with(tmp_path, PLAYS % "__sim2vr.haptics.push(['foot', NaN, 1]);")
-    config = AppConfig(transport="webxr", page=str(page), task={"seconds": 5})
-    simulation = Simulation(EnvConfig(app=config, vision=VisionConfig(width=24, height=16)), 1)
-    try:
-        still = np.zeros((1, simulation.action_space.shape[0]))
-        for _ in range(2):
-            simulation.reset(seeds=[1])
-            batch = simulation.step(still)
-            assert batch.truncated.tolist() == [True]
-            assert batch.info(0)["termination"] == "app_failed"
-            words = "page.html: answered with another thing: a step's answer, haptics"
-            assert words in batch.info(0)["app_error"]
-    finally:
-        simulation.close()

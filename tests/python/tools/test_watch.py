@@ -1,8 +1,6 @@
 """What is to be seen of play, without a browser."""
 
 from collections.abc import Iterator
-from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,18 +8,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.base.optional import needed
 from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.frames import pose_to_mujoco
 from sim2vr_harness.tools.watch import browser
 from sim2vr_harness.tools.watch import selection as choosing
-from sim2vr_harness.tools.watch.browser import Playback, Poser, body_shapes, middle_of
+from sim2vr_harness.tools.watch.browser import Playback, Poser
 from sim2vr_harness.tools.watch.frames import Hands, Playlist, ViewerFrame
 from sim2vr_harness.users import Body, load_body
-from webxr_pages import NEEDS_BROWSER, PAGES
 
-ROUND = Path(__file__).parents[2] / "data" / "whacamole_round"
 SHEET = SceneMesh("sheet", np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
 
 
@@ -149,31 +143,6 @@ def test_the_body_stands_as_in_mujoco_and_muscles_have_colours(body: Body) -> No
     assert scene.handles["/body/muscles"].points.shape == (len(lengths), 2, 3)
 
 
-def test_shapes_have_the_sizes_of_the_model_s() -> None:
-    spec = mujoco.MjSpec.from_string("""
-        <mujoco><worldbody><body name="b">
-          <geom type="capsule" size=".1 .3" rgba="1 0 0 1"/>
-          <geom type="box" size=".1 .2 .3" rgba="0 1 0 1"/>
-          <geom type="ellipsoid" size=".1 .2 .3" rgba="0 0 1 1"/>
-          <geom type="cylinder" size=".1 .3" pos="1 0 0" rgba="1 1 0 1"/>
-          <geom type="sphere" size=".1" rgba="1 1 1 0"/>
-        </body></worldbody></mujoco>""")
-    shapes = {s.color: s for s in body_shapes(SimpleNamespace(model=spec.compile()))}  # type: ignore[arg-type]
-    assert len(shapes) == 4, "what cannot be seen is left out"
-    for color, top, volume in (
-        ((255, 0, 0), 0.4, np.pi * 0.01 * 0.6 + 4 / 3 * np.pi * 0.001),
-        ((0, 255, 0), 0.3, 8 * 0.1 * 0.2 * 0.3),
-        ((0, 0, 255), 0.3, 4 / 3 * np.pi * 0.1 * 0.2 * 0.3),
-        ((255, 255, 0), 0.3, np.pi * 0.01 * 0.6),
-    ):
-        shape = shapes[color]
-        assert shape.vertices[:, 2].max() == pytest.approx(top, rel=0.05)
-        a, b, c = shape.vertices[shape.faces].transpose(1, 0, 2)
-        # Twelve corners around: up to a tenth less than the round thing, fronts outside.
-        found = np.einsum("fx,fx->", a, np.cross(b, c)) / 6.0
-        assert 0.85 * volume < found <= volume * 1.0001
-
-
 def test_a_person_s_hand_and_head_move_by_keys() -> None:
     pose = np.array([0.0, 1.0, 0.3, 0.0, 0.0, 0.0, 1.0])
     ahead = browser.moved(pose, np.array([0.0, 0.0, 1.0]))
@@ -194,33 +163,6 @@ def test_a_person_s_hand_and_head_move_by_keys() -> None:
     np.testing.assert_array_equal(hands.devices().right_controller, ahead)
 
 
-def test_what_is_to_be_watched(tmp_path: Path) -> None:
-    assert choosing._recorded(ROUND)
-    show = choosing.choose(str(ROUND))
-    assert show.body is None
-    with pytest.raises(InputError, match=r"^--game or --condition: got it with a recording"):
-        choosing.choose(str(ROUND), game="sample")
-    with pytest.raises(
-        InputError, match=r"^RUN: got 'nobody', expected .*round, .*mobl_arms_wrist"
-    ):
-        choosing.choose("nobody")
-    with pytest.raises(InputError, match=r"^--try: got it with a recording, expected it with a ga"):
-        choosing.choose(str(ROUND), person=True)
-    with pytest.raises(
-        InputError, match=r"^--host: got '300\.1\.1\.1', expected an address of this"
-    ):
-        browser._require_own("300.1.1.1")
-    browser._require_own("127.0.0.1")
-    with pytest.raises(InputError, match=r"^--condition: got 'hrad', expected .*'hard'"):
-        choosing.choose("mobl_arms_wrist", condition="hrad")
-    with pytest.raises(InputError, match=r"^--game: got 'golf', expected"):
-        choosing.choose(None, person=True, game="golf")
-    with pytest.raises(InputError):
-        choosing.recorded_show(tmp_path)
-    with pytest.raises(InputError, match=r"^watch: got it without the package 'nosuch'"):
-        needed("nosuch.part", "watch", "watch")
-
-
 def test_a_person_plays_a_round() -> None:
     show = choosing.choose(None, person=True, game="sample")
     assert show.hands is not None
@@ -233,45 +175,3 @@ def test_a_person_plays_a_round() -> None:
     moments.close()  # type: ignore[attr-defined]
     assert any("Points 1" in line for line in seen), seen
     assert first.headset.shape == (160, 240, 3)
-
-
-@NEEDS_BROWSER
-def test_a_page_is_watched_with_nobody_trained() -> None:
-    page = {"transport": "webxr", "page": str(PAGES / "touch.html")}
-    show = choosing.choose(None, app=page, untrained="still")
-    moments = show.moments()
-    first, second = next(moments), next(moments)
-    moments.close()  # type: ignore[attr-defined]
-    assert (second.time_s, first.scene.objects) == (2 / show.frequency_hz, ())
-    assert first.headset.shape == (160, 240, 3)
-    assert int(np.ptp(first.headset)) > 0
-
-
-def test_any_user_is_watched() -> None:
-    """An idle one in a game, and the body of a configuration that no one trained."""
-    for chosen in (
-        {"run": None, "untrained": "still", "game": "sample", "condition": "big"},
-        {"run": "mobl_arms_wrist", "game": "sample"},
-    ):
-        show = choosing.choose(**chosen)  # type: ignore[arg-type]
-        moments = show.moments()
-        first, second = next(moments), next(moments)
-        moments.close()  # type: ignore[attr-defined]
-        assert (first.time_s, second.time_s) == (0.05, 0.1)
-        idle = chosen["run"] is None
-        assert show.title == ("still: sample big" if idle else "no particular person: sample usual")
-        assert second.activations is not None and first.activations is not None
-        assert (second.activations < first.activations).all() == idle, "muscles relax"
-
-
-def test_the_camera_looks_to_where_people_are() -> None:
-    """A recorded person stood off the middle of the room; floor and sky do not count."""
-    moment = next(iter(choosing.recorded_show(ROUND).moments()))
-    middle = middle_of(moment, np.zeros(3))
-    things = list(moment.scene.drawn(player=True))
-    places = np.array([one.in_mujoco()[0] for one in things if max(one.in_mujoco()[2]) < 3.0])
-    assert len(places) >= 1
-    # Between the lowest thing and the highest: nothing lies far out of a picture of it.
-    assert np.allclose(np.abs(places - middle).max(axis=0), np.ptp(places, axis=0) / 2)
-    nothing = replace(moment, scene=AppScene((), ()))
-    assert middle_of(nothing, np.ones(3)).tolist() == [1.0, 1.0, 1.0]

@@ -1,7 +1,6 @@
 """Strangers neither see nor touch what somebody watches."""
 
 import contextlib
-import http.client
 import socket
 import threading
 import time
@@ -16,6 +15,7 @@ import viser
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
+from processes import free_port, until
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import AppScene
 from sim2vr_harness.tools.gate import Gate, Refused
@@ -47,13 +47,6 @@ def show() -> Playlist:
 
     hand = np.array([0.0, 1.0, 0.3, 0.0, 0.0, 0.0, 1.0])
     return Playlist("empty", 20.0, moments, hands=Hands({"right_controller": hand}))
-
-
-def free_port() -> int:
-    with contextlib.closing(socket.socket()) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 @pytest.fixture
@@ -114,13 +107,6 @@ def send(client: ClientConnection, **message: Any) -> None:
     client.send(msgspec.msgpack.encode(message))
 
 
-def until(true: Any, seconds: float = 30.0) -> bool:
-    deadline = time.monotonic() + seconds
-    while not true() and time.monotonic() < deadline:
-        time.sleep(0.02)
-    return bool(true())
-
-
 def test_only_the_own_page_with_the_token_gets_in(theatre: Viewer) -> None:
     address, port = websocket(theatre), urlsplit(theatre.address).port
     token = urlsplit(address).path.strip("/")
@@ -134,28 +120,14 @@ def test_only_the_own_page_with_the_token_gets_in(theatre: Viewer) -> None:
         assert refusal(theatre, address.replace(token, path)) == "Token"
 
 
-def test_the_page_itself_tells_nothing_of_the_show(theatre: Viewer) -> None:
-    """viser gives it to everyone."""
-    link = http.client.HTTPConnection("127.0.0.1", urlsplit(theatre.address).port, timeout=30.0)
-    with contextlib.closing(link):
-        link.request("GET", "/")
-        page = link.getresponse().read()
-    assert b"<title>Viser</title>" in page
-    assert urlsplit(websocket(theatre)).path.strip("/").encode() not in page
-
-
 @pytest.mark.parametrize(
     ("host", "name", "passes"),
     [
         ("127.0.0.1", "[::1]:80", True),
         ("127.0.0.1", "192.168.1.7:80", False),
-        ("192.168.1.7", "192.168.1.7:80", True),
         ("Box.local", "box.LOCAL:80", True),
-        ("127.0.0.1", "localhost.evil.example", False),
         ("127.0.0.1", "localhost@evil.example", False),
-        ("127.0.0.1", "", False),
         ("0.0.0.0", "10.0.0.9:80", True),
-        ("::", "evil.example", False),
     ],
 )
 def test_a_host_is_a_loopback_name_or_where_the_server_listens(
@@ -186,20 +158,3 @@ def test_a_tunnel_is_let_in_by_the_option_only(
     monkeypatch.setattr(server, "request_share_url", lambda **_: None)
     with pytest.raises(InputError, match=r"^--share: got no tunnel"):
         browser.share(server, gate)
-
-
-def test_a_viser_that_cannot_be_guarded_is_not_used() -> None:
-    class Other:
-        __version__ = "9.0"
-        stopped = False
-
-        def ViserServer(self, **_: Any) -> Any:
-            return self
-
-        def stop(self) -> None:
-            self.stopped = True
-
-    other = Other()
-    with pytest.raises(InputError, match=r"^watch: got viser 9\.0, expected viser 1.1"):
-        browser.open_server(other, Gate("127.0.0.1"), "127.0.0.1", 1)
-    assert other.stopped

@@ -1,10 +1,7 @@
 """What people see when they watch: the scene, and the buttons beside it, in a browser."""
 
-import socket
 import threading
-import time
-from collections.abc import Callable, Iterator
-from contextlib import closing
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +9,7 @@ import numpy as np
 from PIL import Image
 
 from chromium import Page
+from processes import free_port, until
 from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.tools.watch.browser import Viewer
 from sim2vr_harness.tools.watch.frames import Playlist, ViewerFrame
@@ -41,22 +39,6 @@ def show() -> Playlist:
             yield ViewerFrame(k / 20.0, AppScene((sheet,), (SHEET,)), picture, f"Hits {k}")
 
     return Playlist("a sheet", 20.0, moments)
-
-
-def free_port() -> int:
-    with closing(socket.socket()) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
-
-
-def until(true: Callable[[], bool], seconds: float = 60.0) -> bool:
-    deadline = time.monotonic() + seconds
-    while not true():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.2)
-    return True
 
 
 def red_share(page: Page, file: Path) -> float:

@@ -7,11 +7,8 @@ import numpy as np
 import pytest
 
 from python.tools.test_watch import ball, moment, show_of
-from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.client import AppScene
 from sim2vr_harness.client.scene import PLAYER_LAYER
-from sim2vr_harness.sessions import AppIdentity, read_session
-from sim2vr_harness.tools.watch import sessions
+from sim2vr_harness.sessions import read_session
 from sim2vr_harness.tools.watch.frames import Playlist
 from sim2vr_harness.tools.watch.sessions import beside, session_show
 
@@ -31,18 +28,6 @@ def test_a_session_is_played_again_in_its_game() -> None:
     assert min(np.linalg.norm(head - session.head[rows, :3]) for head in heads) < 0.01
 
 
-def test_an_app_that_shows_no_player_gets_boxes_for_the_devices() -> None:
-    session = read_session(ROUND)
-    scene = sessions._with_devices(
-        AppScene((ball(7, [1, 0, 0, 1]),), moment(1).scene.meshes), session, 3
-    )
-    assert [one.mesh for one in scene.objects] == [1, *[0] * (len(scene.objects) - 1)]
-    assert scene.meshes[1].name == "sheet"
-    (head,) = scene.named("head")
-    np.testing.assert_array_equal(head.pose, session.head[3])
-    assert len(scene.objects) == 2 + len(session.controllers)
-
-
 def test_a_user_and_a_session_side_by_side() -> None:
     """The user's round has 3 moments, the session's 5; shapes and objects stay apart."""
     player = replace(ball(4, [0, 0, 1, 1]), layer=PLAYER_LAYER)
@@ -60,11 +45,3 @@ def test_a_user_and_a_session_side_by_side() -> None:
     assert (one.path, one.id, one.mesh) == ("Session/Ball 4", 9, 1)
     assert one.pose[0] == player.pose[0] - 1.2
     assert both[0].headset.shape == (4, 12, 3)
-
-
-def test_a_session_of_a_page_says_what_it_needs() -> None:
-    session = replace(read_session(ROUND), app=AppIdentity("page", "game.html"))
-    with pytest.raises(
-        InputError, match=r"^SESSION: got a session of game\.html, expected the app"
-    ):
-        session_show(session, "round")

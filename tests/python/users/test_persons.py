@@ -89,10 +89,6 @@ def test_spread_and_means_can_be_set() -> None:
     assert min(quick.number(k).visual_delay_s for k in range(50)) == 0.0
     few = Population(PeopleSettings(count=3))
     assert {few.of_episode(seed).index for seed in range(40)} == {0, 1, 2}
-    with pytest.raises(ValueError, match="person: got 3, expected 0 to 2"):
-        few.number(3)
-    with pytest.raises(ValueError, match=r"people.vary: got 'stature_m', which user.person sets"):
-        Population(PeopleSettings(), Physique(stature_m=1.8))
 
 
 def test_a_body_of_its_own() -> None:
@@ -161,32 +157,3 @@ def test_strength_counts_as_a_share_in_consumed_endurance() -> None:
     start(batch, [AVERAGE, weak])
     # Half the peak force at the same activation: half the force, the same share.
     assert batch.effort_cost[1] == pytest.approx(batch.effort_cost[0]) and batch.effort_cost[0] > 0
-
-
-def test_a_restored_user_is_the_same_person() -> None:
-    people = Population(PeopleSettings())
-    one, other = users(2, people), users(1, people)
-    start(one, [people.number(2), people.number(3)])
-    one.step(np.full((2, 32), 0.1))
-    other.load_state_dict(0, one.state_dict(1))
-    assert other.persons[0] == people.number(3)
-    np.testing.assert_array_equal(other.person_features[0], people.number(3).features)
-    one.step(np.full((2, 32), -0.1))
-    other.step(np.full((1, 32), -0.1))
-    np.testing.assert_array_equal(other.qpos[0], one.qpos[1])
-    with pytest.raises(ValueError, match=r"persons: got 1, expected 2, one per id"):
-        one.reset([0, 1], [np.random.default_rng(0)] * 2, persons=[AVERAGE])
-
-
-def test_average_people_are_today_s_users_to_the_bit() -> None:
-    today = UserBatch(BODY, 1, threads=1, noise=MotorNoiseSettings())
-    people = Population(PeopleSettings(vary=()))
-    same = users(1, people, noise=MotorNoiseSettings())
-    today.reset([0], [np.random.default_rng(3)])
-    start(same, [people.number(0)])
-    assert "person" not in today.state_dict(0) and today.persons == (AVERAGE,)
-    for _ in range(4):
-        today.step(np.full((1, 32), 0.1))
-        same.step(np.full((1, 32), 0.1))
-    np.testing.assert_array_equal(today.qpos, same.qpos)
-    np.testing.assert_array_equal(today.effort_cost, same.effort_cost)

@@ -14,7 +14,7 @@ from sim2vr_harness.users.people import PeopleSettings, Population
 CONFIGS = Path(__file__).resolve().parents[3] / "configs"
 FORWARDS = {"elv_angle": 90.0, "shoulder_elv": 90.0}
 """The arm straight ahead at the height of the shoulder, degrees."""
-PERSONS = 24
+PERSONS = 12
 
 
 def lift_and_weight(body: Body) -> tuple[float, float]:

@@ -5,22 +5,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
-from sim2vr_harness import training
 from sim2vr_harness.base.cores import available, budget, torch_budget
 from sim2vr_harness.base.torch_threads import torch_threads
 
 PAGE = Path(__file__).resolve().parents[3] / "docs/reference/api.md"
-
-
-def test_every_public_name_is_there_and_documented() -> None:
-    text = PAGE.read_text(encoding="utf-8")
-    for name in training.__all__:
-        assert getattr(training, name).__doc__, name
-        assert f"sim2vr_harness.training.{name}\n" in text, name
-    with pytest.raises(AttributeError, match="no attribute 'trainn'"):
-        _ = training.trainn
 
 
 def test_configurations_are_read_without_torch() -> None:

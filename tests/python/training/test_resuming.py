@@ -14,7 +14,6 @@ import test_human_motor_training
 import test_learner_numerics
 import test_trainer
 import test_training as skills
-import test_training_on_the_app
 from resuming import assert_goes_on, assert_same
 from short_cycles import short_cycles
 
@@ -58,11 +57,9 @@ def student(folder: Path, crops: bool = False, **settings: object) -> Any:
 
 
 LEARNERS: dict[str, tuple[Callable[[Path], Any], int, int]] = {
-    "Q-learning": (skills.learner, 15, 12),
-    "Q-learning of persons": (lambda folder: skills.with_persons(folder, 8), 0, 6),
-    "DAgger": (student, 3, 3),
-    "DAgger, last rounds kept": (lambda folder: student(folder, kept_frames=2 * ROUND), 3, 3),
-    "DAgger, crops": (lambda folder: student(folder, True, numbers_weight=0.5), 3, 3),
+    "Q-learning of persons": (lambda folder: skills.with_persons(folder, 8), 0, 3),
+    "DAgger, last rounds kept": (lambda folder: student(folder, kept_frames=2 * ROUND), 3, 1),
+    "DAgger, crops": (lambda folder: student(folder, True, numbers_weight=0.5), 2, 1),
     "imagined rollouts": (lambda _: test_delayed_teachers.rollouts(people={"seed": 1}), 1, 1),
     "motor policy": (lambda _: skills.motor_training(), 1, 1),
     "human motor policy": (lambda _: test_human_motor_training.trainer(), 1, 1),
@@ -83,24 +80,10 @@ def in_shards(folder: Path, stop: int, **how: Any) -> Any:
     return test_trainer.run(folder, stop, test_trainer.tiny(ppo=ppo, policy=policy), **how)
 
 
-RUNS: dict[str, tuple[Callable[..., Any], int, int]] = {
-    "PPO": (test_trainer.run, 120, 300),
-    "PPO in shards": (in_shards, 400, 1200),
-    "PPO in the app, five frames a step": (
-        lambda folder, stop, **how: test_training_on_the_app.train(folder, stop, 5, **how),
-        120,
-        180,
-    ),
-}
-
-
-@pytest.mark.parametrize(("train", "before", "stop"), RUNS.values(), ids=RUNS)
-def test_a_run_goes_on_from_its_checkpoint(
-    train: Callable[..., Any], before: int, stop: int, tmp_path: Path
-) -> None:
-    whole = train(tmp_path / "whole", stop)
-    train(tmp_path / "parts", before)
-    parts = train(tmp_path / "parts", stop, resume=True)
+def test_a_run_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
+    whole = in_shards(tmp_path / "whole", 1200)
+    in_shards(tmp_path / "parts", 400)
+    parts = in_shards(tmp_path / "parts", 1200, resume=True)
     test_trainer.assert_same_learner(whole.checkpoint, parts.checkpoint)
     rows = [test_trainer.rows_without_times(tmp_path / name) for name in ("whole", "parts")]
     assert_same(*rows)

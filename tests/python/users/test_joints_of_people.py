@@ -6,12 +6,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from python.users.bodies import OWN_ARM, body
+from python.users.bodies import body
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.users import Body, Physique
 from sim2vr_harness.users.bodies.options import JointOptions
-from sim2vr_harness.users.people import PeopleSettings, Population
 
 CONFIGS = Path(__file__).resolve().parents[3] / "configs"
 WRIST = ("flexion", "deviation", "pro_sup")
@@ -77,19 +76,6 @@ def test_a_loose_wrist_flicks() -> None:
     extensors = ("ECRL", "ECRB")
     assert fastest(body(), extensors, "flexion") < 350.0
     assert fastest(loose(*WRIST), extensors, "flexion") > 500.0
-
-
-def test_a_stranger_s_body_left_handers_and_people_have_them_too() -> None:
-    joint = body(OWN_ARM).independent_joints[0]
-    options = JointOptions(armature=0.07, damping=0.8, stiffness=3.0)
-    own = body(OWN_ARM, person=Physique(joints={joint: options}))
-    assert passive(own, joint) == (0.07, 0.8, 3.0)
-    physique = Physique(joints={"flexion": LOOSE})
-    left = body(person=physique.model_copy(update={"handedness": "left"}))
-    assert passive(left, "flexion") == (0.0, 0.03, 2.0)
-    people = Population(PeopleSettings(), physique)
-    somebody = body(person=people.physique(people.number(3)))
-    assert passive(somebody, "flexion") == (0.0, 0.03, 2.0)
 
 
 def test_a_configuration_sets_them_and_nothing_else() -> None:

@@ -8,8 +8,6 @@ from scipy.spatial.distance import pdist
 
 from python.users.bodies import (
     OWN_ARM,
-    PENDULUM,
-    PENDULUM_DESCRIPTION,
     body,
     placed,
     write_body,
@@ -82,27 +80,6 @@ def test_muscles_of_a_tall_body_work_as_before() -> None:
     assert np.abs(plain).max() > 500
     np.testing.assert_allclose(forces, plain, rtol=1e-9, atol=1e-7)
     np.testing.assert_allclose(arms, 1.1 * torque, rtol=1e-9, atol=1e-7)
-
-
-def test_a_pendulum_swings_as_its_length_says(tmp_path: Path) -> None:
-    """T = 2 pi sqrt(I / (m g d)): I grows with m l^2, m g d with m l, so T with sqrt(l)."""
-    file = write_body(tmp_path, PENDULUM, PENDULUM_DESCRIPTION)
-
-    def quarter_period(body: Body) -> float:
-        data = mujoco.MjData(body.physics_model)
-        data.qpos[0] = 0.05
-        while data.qpos[0] > 0.0:
-            last = data.time, data.qpos[0]
-            mujoco.mj_step(body.physics_model, data)
-        share = last[1] / (last[1] - data.qpos[0])
-        return last[0] + share * (data.time - last[0])
-
-    plain = quarter_period(_load(file))
-    # Rod: 2 kg about its end, tip: 0.5 kg at 0.4 m; MuJoCo's capsule and ball to 3 %.
-    by_hand = np.pi / 2 * np.sqrt((2 * 0.4**2 / 3 + 0.5 * 0.4**2) / (9.81 * (2 * 0.2 + 0.5 * 0.4)))
-    assert plain == pytest.approx(by_hand, rel=0.03)
-    larger = quarter_period(_load(file, stature_m=2.42, mass_kg=200.0))
-    assert larger == pytest.approx(1.1 * plain, rel=1e-4)  # sqrt(2.42 / 2)
 
 
 DRAWER = """
@@ -200,22 +177,6 @@ def test_a_left_hander_moves_like_the_mirror_image(name: str | Path) -> None:
             np.testing.assert_allclose(dots, 1.0, atol=1e-9)
     assert not a.diverged.any()
     assert np.abs(a.device_poses("controller_right")[0][:, 1]).max() > 0.05
-
-
-def test_mirrored_frames_are_the_left_arms_of_the_reference() -> None:
-    """The left arm of the reference's bimanual model: z to the left, hinge axes turned over."""
-    model = _load("mobl_arms_wrist", handedness="left").physics_model
-    for joint, axis in {
-        "elv_angle": (-0.00479994814, -0.999089205, 0.0423995419),
-        "shoulder_elv": (0.998261373, -0.00229991101, 0.058897721),
-        "elbow_flexion": (-0.0494004068, -0.0366003014, 0.998108219),
-        "flexion": (-0.95642668, 0.252207035, 0.147104104),
-    }.items():
-        np.testing.assert_allclose(model.joint(joint).axis, axis, atol=1e-5, err_msg=joint)
-        assert model.joint(joint).range.tolist() == pytest.approx(
-            _load("mobl_arms_wrist").physics_model.joint(joint).range.tolist()
-        )
-    assert model.body("ulna").pos.tolist() == [0.0061, -0.2904, 0.0123]
 
 
 def test_one_segment_and_errors() -> None:

@@ -111,21 +111,6 @@ def test_a_body_of_its_own() -> None:
     assert hand[3] / hand[0] == pytest.approx(1.1)
 
 
-def test_own_bodies_move_as_batches_of_their_own() -> None:
-    person = Population(PeopleSettings()).number(5)
-    physique = Population(PeopleSettings()).physique(person)
-    alone = UserBatch(cut(physique), 1, threads=1, effort="zero")
-    mixed = users(3, Population(PeopleSettings()), effort="zero")
-    start(mixed, [Population(PeopleSettings()).number(k) for k in (1, 5, 9)])
-    alone.reset([0], [np.random.default_rng(3)])
-    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (6, 32))
-    for action in actions:
-        alone.step(action[None])
-        mixed.step(np.tile(action, (3, 1)))
-    np.testing.assert_array_equal(mixed.qpos[1], alone.qpos[0])
-    assert np.abs(mixed.qpos[0] - mixed.qpos[1]).max() > 1e-3
-
-
 def test_strength_noise_and_effort_act() -> None:
     people = Population(PeopleSettings(vary=("strength", "motor_noise", "effort_weight")))
     weak = dataclasses.replace(AVERAGE, strength=0.5)
@@ -148,12 +133,3 @@ def test_strength_noise_and_effort_act() -> None:
     assert inside.sum() > 10
     np.testing.assert_allclose(off[1], 2.0 * off[0], atol=1e-12)
     assert np.abs(off[2]).max() < 1e-6 < np.abs(off[0]).max()
-
-
-def test_strength_counts_as_a_share_in_consumed_endurance() -> None:
-    people = Population(PeopleSettings(vary=("strength",)))
-    weak = dataclasses.replace(AVERAGE, strength=0.5)
-    batch = users(2, people, effort="consumed_endurance")
-    start(batch, [AVERAGE, weak])
-    # Half the peak force at the same activation: half the force, the same share.
-    assert batch.effort_cost[1] == pytest.approx(batch.effort_cost[0]) and batch.effort_cost[0] > 0

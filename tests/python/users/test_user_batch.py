@@ -70,20 +70,6 @@ def test_reset_follows_the_reference_and_a_posture_draws_the_rest_as_ever() -> N
     np.testing.assert_array_equal(posed.act, batch.act)
 
 
-def test_coarse_physics_stays_near() -> None:
-    """50 ms in 10 steps of 5 ms instead of 25 of 2 ms: millimetres apart after a second."""
-    actions = 0.3 * _actions(20, 4)
-    fine = _play(actions, 1, 2, 3, 4)
-    coarse = UserBatch(body(timestep_s=0.005), 4, threads=1, substeps=10)
-    coarse.reset(range(4), rngs(1, 2, 3, 4))
-    for action in actions:
-        coarse.step(action)
-    assert coarse.dt == fine.dt == pytest.approx(0.05)
-    np.testing.assert_allclose(coarse.time, fine.time)
-    apart = np.linalg.norm(coarse.end_effector_pos - fine.end_effector_pos, axis=1)
-    assert 1e-5 < np.median(apart) < 0.02
-
-
 def test_step_equals_plain_mujoco() -> None:
     """One mj_step after the other, with kinematics computed once more at the end."""
     actions = _actions(5, 1)

@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from sim2vr_harness.policies.hierarchical.goal_sampler import LEAD_STEPS, GoalSampler, off_goal
+from sim2vr_harness.policies.hierarchical.goal_sampler import GoalSampler, off_goal
 from sim2vr_harness.policies.hierarchical.motor_policy import (
     GOAL_SIZE,
     MOMENT_S,
@@ -85,39 +85,6 @@ def test_a_hand_that_is_where_it_shall_be_earns_most() -> None:
     measured = exercises.measured()
     assert measured["place_m"] < 1e-3
     assert measured["speed_mps"] < 1e-2
-
-
-def test_a_path_is_shown_ahead_of_time_with_its_velocity() -> None:
-    exercises = GoalSampler(poses(), 256, 0.05, seed=2)
-    exercises.tools = False
-    start = poses()[:256]
-    exercises.start(torch.arange(256), start)
-    follows = (exercises.goals.left_s - LEAD_STEPS * 0.05).abs() < 1e-6
-    moving = follows & (exercises.goals.active > 0) & (exercises.goals.axis.abs().sum(-1) == 0)
-    shown, velocity = [], []
-    for _ in range(3):
-        shown.append(exercises.goals.place.clone())
-        velocity.append(exercises.goals.velocity.clone())
-        exercises.step(start, start)
-    # Central difference of three moments beside the velocity told in the middle.
-    between = (shown[2] - shown[0]) / 0.1
-    off = (between - velocity[1]).norm(dim=-1)[moving & (exercises._kind == 2)]
-    fast = velocity[1].norm(dim=-1)[moving & (exercises._kind == 2)]
-    assert len(off) > 20
-    assert float((off / fast.clamp(min=0.05)).median()) < 0.05
-
-
-def test_exercises_go_on_from_a_state_to_the_bit() -> None:
-    one, other = (GoalSampler(poses(), 16, 0.05, seed=seed) for seed in (4, 5))
-    start = poses()[:16]
-    one.start(torch.arange(16), start)
-    one.step(start, start)
-    other.load_state_dict(one.state_dict())
-    for _ in range(30):
-        assert torch.equal(one.step(start, start), other.step(start, start))
-    for name, values in one.goals.tensors().items():
-        assert torch.equal(values, other.goals.tensors()[name]), name
-    assert math.isfinite(one.measured()["place_m"])
 
 
 def test_who_goes_through_a_place_may_be_a_little_early_or_late() -> None:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation
-from sim2vr_harness.envs.resolved import ResolvedEnv
-from sim2vr_harness.users import FEATURES, PeopleSettings, Population
+from sim2vr_harness.users import PeopleSettings, Population
 
 SENSES = [
     {"sense": "vision", "delay_ms": "person"},
@@ -108,15 +107,3 @@ def test_what_cannot_be() -> None:
         Simulation(config(senses=[{"sense": "time", "delay_ms": "person"}]))
     with pytest.raises(ValueError, match=r"senses: got 'head', expected user.head: reflex"):
         Simulation(config(senses=[{"sense": "head"}]))
-
-
-def test_a_contract_is_what_a_policy_is_told_not_who_it_plays() -> None:
-    with_people, other = (
-        ResolvedEnv(config()).contract,
-        ResolvedEnv(config({"spread": 0.5, "seed": 3})).contract,
-    )
-    assert with_people == other
-    assert with_people["person_features"] == list(FEATURES)
-    assert (
-        "person_features" not in ResolvedEnv(config(user={}, senses=[{"sense": "time"}])).contract
-    )

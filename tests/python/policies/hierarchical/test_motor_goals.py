@@ -11,7 +11,6 @@ from sim2vr_harness.policies.hierarchical.motor_policy import (
     MOMENT_S,
     MotorGoals,
     describe,
-    tips,
 )
 
 
@@ -21,13 +20,6 @@ def turned_left(at: tuple[float, float, float]) -> torch.Tensor:
     place[:3, :3] = torch.tensor([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     place[:3, 3] = torch.tensor(at)
     return place[None, None]
-
-
-def test_the_tip_of_a_tool_goes_where_the_device_points() -> None:
-    tip = torch.tensor([[[0.3, 0.0, 0.1]]])
-    assert torch.allclose(
-        tips(turned_left((1.0, 2.0, 3.0)), tip)[0, 0], torch.tensor([1.0, 2.3, 3.1])
-    )
 
 
 def test_a_goal_is_told_as_way_velocities_and_time() -> None:

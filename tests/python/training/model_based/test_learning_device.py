@@ -8,7 +8,6 @@ from tiny_game_training import new_rollouts, short_teacher
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from parts import needs
-from sim2vr_harness.world_models.learning_device import LearningDevice
 
 
 class _Recorder(TorchDispatchMode):
@@ -46,18 +45,6 @@ def test_a_window_reads_no_values() -> None:
     assert recorder.found == set()
     assert recorder.count > 10_000
     made.task.simulation.close()
-
-
-def test_random_numbers_continue_where_they_stood() -> None:
-    device = LearningDevice("cpu")
-    outside = torch.get_rng_state()
-    with device.seeded(5):
-        torch.rand(4)
-        state = device.random_state()
-        following = torch.rand(4)
-    with device.seeded(state):
-        assert torch.equal(torch.rand(4), following)
-    assert torch.equal(torch.get_rng_state(), outside)
 
 
 @pytest.mark.gpu

@@ -170,13 +170,6 @@ def test_imagined_users_know_as_late_as_true_ones() -> None:
         assert torch.equal(again[2:], known[2:])
 
 
-def test_a_lag_that_grows_is_whole_user_steps() -> None:
-    lag = Lag(game=4, body=2, actions=4)
-    grown = [lag.reached(cycle / 4) for cycle in range(5)]
-    assert [(each.game, each.body) for each in grown] == [(0, 0), (1, 0), (2, 1), (3, 2), (4, 2)]
-    assert {each.actions for each in grown} == {4}
-
-
 def test_senses_become_late_in_the_true_and_in_the_imagined_game() -> None:
     """After a cycle of the present, over two more: none, none, half and all of four user steps."""
     made = rollouts(

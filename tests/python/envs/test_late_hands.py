@@ -9,9 +9,10 @@ from sim2vr_harness.envs.simulation import Simulation
 STEPS = 12
 
 
-def _config(**options: float) -> EnvConfig:
+def _config(frames: int, **options: float) -> EnvConfig:
     app = AppConfig(game="pointing", renderer="null", options=options)
-    return EnvConfig(app=app, senses=(SenseConfig(sense="proprioception"),))
+    senses = (SenseConfig(sense="proprioception"),)
+    return EnvConfig(app=app, senses=senses, frames_per_step=frames)
 
 
 def _tips(simulation: Simulation, first: int = 0) -> np.ndarray:
@@ -27,8 +28,9 @@ def _tips(simulation: Simulation, first: int = 0) -> np.ndarray:
     return np.array(found)
 
 
-def test_the_app_sees_the_hand_three_user_steps_late() -> None:
-    now, late = Simulation(_config(), 2), Simulation(_config(hand_lag_s=0.15), 2)
+@pytest.mark.parametrize("frames", [1, 5])
+def test_the_app_sees_the_hand_three_user_steps_late(frames: int) -> None:
+    now, late = Simulation(_config(frames), 2), Simulation(_config(frames, hand_lag_s=0.15), 2)
     for simulation in (now, late):
         simulation.reset(seeds=[1, 2])
     here, there = _tips(now), _tips(late)

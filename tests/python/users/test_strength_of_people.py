@@ -48,3 +48,9 @@ def test_everybody_can_hold_a_straight_arm_ahead(name: str) -> None:
     assert settings is not None
     assert min(margins(settings)) > 1.15
     assert sum(margin < 1.0 for margin in margins(PeopleSettings())) >= PERSONS / 4
+
+
+def test_the_body_s_raised_arm_is_weak() -> None:
+    """At 90 degrees the muscles of the model hardly lift more than the arm weighs."""
+    lift, weight = lift_and_weight(load_body("mobl_arms_wrist"))
+    assert (lift, weight) == (pytest.approx(20.1, abs=0.3), pytest.approx(13.0, abs=0.2))

@@ -38,7 +38,7 @@ def test_both_critics_learn_the_values_of_a_world_that_stands_still() -> None:
 
 
 def test_lambda_says_how_far_a_reward_reaches_back() -> None:
-    """A reward after eight states: with lambda 1 the first learns as the last, with 0 much later."""
+    """Of eight states before a reward: with lambda 1 the first learns as the last, with 0 later."""
     seen = torch.cat([torch.eye(8), torch.zeros(1, 8)])[:, None]
     rewards = torch.zeros(8, 1)
     rewards[-1] = 5.0

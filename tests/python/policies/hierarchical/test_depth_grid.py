@@ -98,10 +98,3 @@ def test_a_thing_is_as_wide_as_a_disc_with_its_pixels(
     cell = torch.tensor([[37 // CELL_PX * 30 + 61 // CELL_PX]])
     width = DepthGrid(80, 120).things(picture, cell, torch.zeros(1, 3), torch.eye(3)[None])[1]
     assert float(width) == pytest.approx(expected_m, rel=0.06)  # the plate is tilted
-
-
-def test_the_middle_of_a_ring_is_not_aimed_at() -> None:
-    picture = button(range(36, 43), range(60, 67))
-    picture[0, 0, 37:42, 61:66] = 0
-    row, column = aimed_at(picture, 36, 60)
-    assert picture[0, 0, int(row), int(column)] == 250

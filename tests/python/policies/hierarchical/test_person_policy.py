@@ -99,30 +99,3 @@ def test_persons_look_from_where_their_eyes_were() -> None:
     assert late == pytest.approx(true[-4], abs=1e-5)
     assert np.ptp(true[0][:, 2]) > 0.05
     assert np.abs(true[-3] - true[-5]).min(0)[1] > 1e-5  # everyone sways
-
-
-@pytest.mark.parametrize(
-    ("width_m", "beside_m", "depth_m"),
-    [
-        (0.04, 0.0, 0.04),
-        (0.04, 0.013, 0.02),
-        (0.04, 0.016, 0.0),
-        (0.04, 0.02, -0.01),
-        (0.04, 0.2, -0.05),
-        (0.02, 0.013, -0.0125),  # the place of the third row, and a narrower thing
-    ],
-)
-def test_persons_stay_before_a_thing_until_they_are_inside(
-    policy: Following, width_m: float, beside_m: float, depth_m: float
-) -> None:
-    """4 cm behind the surface at half a radius from the middle, at the surface at 0.8 radii.
-
-    From there on up to 5 cm before it, over 2 cm, whether the hand comes nearer or not.
-    """
-    head, choice = torch.zeros(1, 3), OptionChoice(1, 1)
-    choice.move[:], choice.width[:] = 0, width_m
-    choice.place[0, 0] = choice.seen[0, 0] = torch.tensor([0.4, 0.0, 0.0])
-    hand = torch.eye(4).repeat(1, 1, 1, 1)
-    hand[0, 0, :3, 3] = torch.tensor([0.42, beside_m, 0.0])
-    goals = policy.primitives.goals(choice, head, hand, hand)
-    assert goals.place[0, 0].tolist() == pytest.approx([0.4 + depth_m, 0.0, 0.0], abs=1e-4)

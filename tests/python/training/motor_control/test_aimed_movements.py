@@ -3,14 +3,10 @@
 import numpy as np
 import pytest
 
-from sim2vr_harness.envs.config import UserConfig
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.training.motor_control.aimed_movements import (
     AimedMovements,
     _profile,
-    measure_movements,
 )
-from sim2vr_harness.users import load_body
 
 
 def movements(distance_m: list[float], width_m: list[float], time_s: object) -> AimedMovements:
@@ -87,16 +83,3 @@ def test_fitts_law_is_found_in_movements_that_follow_it() -> None:
     assert found["peak_speed_0.03m_mps"] == 1.0
     aimed.time_s[0, :5], aimed.end[0, :5] = np.nan, np.nan  # movements that do not end
     assert aimed.summary()["unended_rate"] == pytest.approx(5 / 30)
-
-
-def test_a_layer_that_has_learned_nothing_is_measured() -> None:
-    """The hand does not come to places that are in front of the body and at the distances."""
-    layer = MotorPolicy(load_body("mobl_arms_wrist"), 0.05, width=8).requires_grad_(False)
-    user = UserConfig(model="mobl_arms_wrist")
-    first, again = (
-        measure_movements(layer, user, persons=6, repeats=1, threads=1, seed=2) for _ in range(2)
-    )
-    assert first.summary() == again.summary()
-    assert first.summary()["endpoint_error_m_median"] > 0.1
-    assert not first.unended.any() and "error_rate" not in first.summary()
-    assert first.way.shape == (9, 6, 3)

@@ -108,15 +108,6 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_run_that_stops_on_the_way_goes_on_to_the_bit(run: Path, tmp_path: Path) -> None:
-    parts = tmp_path / "parts"
-    first = train(config(*SMALL), parts, timesteps=100)
-    assert (first.step, first.interrupted) == (108, False)  # 3 users, 3 steps a decision
-    assert train(config(*SMALL), parts, resume=True).step == 243
-    whole, both = (load_user_policy(each)._policy.state_dict() for each in (run, parts))  # type: ignore[union-attr]
-    assert all(torch.equal(values, both[name]) for name, values in whole.items())
-
-
 def test_it_is_packed_with_its_hands(run: Path, tmp_path: Path) -> None:
     card = pack_measured(
         run, "tiny", tmp_path / "tiny", conditions=["medium"], episodes=2, details={}

@@ -4,7 +4,6 @@ import os
 import signal
 from collections.abc import Iterator
 from contextlib import closing
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,9 +11,7 @@ import pytest
 
 from sim2vr_harness.base.paths import app_executable
 from sim2vr_harness.client import (
-    AppDied,
     AppProcess,
-    AppRefused,
     Channel,
     Protocol1App,
     start_sim2vr_app,
@@ -66,11 +63,11 @@ def simulation(request: pytest.FixtureRequest) -> Iterator[Simulation]:
     assert not any(process.running for process in (*first, *last))
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP, signal.SIGSEGV])
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_the_users_round_ends_and_the_others_go_on(
     simulation: Simulation, number: signal.Signals
 ) -> None:
-    expected = undisturbed(12)
+    expected = undisturbed(8)
     for step in range(5):
         np.testing.assert_array_equal(simulation.step(actions(step)).reward, expected[step])
     before = simulation.observation()
@@ -94,35 +91,14 @@ def test_the_users_round_ends_and_the_others_go_on(
     # The next round of the user is played in another process; the others noticed nothing.
     simulation.reset(ids=[1])
     assert process_of(simulation.apps[1]).pid != failed.pid
-    for step in range(6, 12):
+    for step in range(6, 8):
         batch = simulation.step(actions(step))
         assert not batch.truncated.any()
         np.testing.assert_array_equal(batch.reward[[0, 2]], expected[step][[0, 2]])
-
-
-def test_a_new_app_plays_the_same_rounds_as_the_old_one(simulation: Simulation) -> None:
-    expected = undisturbed(3)
-    simulation.step(actions(9))
-    os.kill(process_of(simulation.apps[0]).pid, signal.SIGKILL)
-    assert simulation.step(actions(9)).infos[0]["termination"] == "app_failed"
+    # The new app plays the same rounds as the old one.
     simulation.reset(seeds=[1, 2, 3])
     for step in range(3):
         np.testing.assert_array_equal(simulation.step(actions(step)).reward, expected[step])
-
-
-def test_options_given_at_a_reset_survive_the_app(simulation: Simulation) -> None:
-    simulation.reset(seeds=[1, 2, 3], options={"condition": "hard"})
-    os.kill(process_of(simulation.apps[2]).pid, signal.SIGKILL)
-    simulation.step(actions(0))
-    simulation.reset(seeds=[1, 2, 3])
-    other = Simulation(
-        EnvConfig(app=AppConfig(options={**OPTIONS, "condition": "hard"}, renderer="null")), N
-    )
-    other.reset(seeds=[1, 2, 3])
-    for step in range(30):
-        one, two = simulation.step(actions(step)), other.step(actions(step))
-        np.testing.assert_array_equal(one.reward, two.reward)
-    other.close()
 
 
 def test_an_app_that_dies_between_rounds_or_while_it_is_saved(simulation: Simulation) -> None:
@@ -158,72 +134,45 @@ def test_users_of_one_server_fail_and_return_together() -> None:
     assert not process.running
 
 
-@pytest.mark.parametrize(("protocol", "users"), [(1, 1), (2, N)])
-def test_apps_that_run_already(protocol: int, users: int) -> None:
+def test_apps_that_run_already() -> None:
     starting = start_sim2vr_app(app_executable(), ["--keep", "--renderer", "null"])
     with closing(starting.channel(20.0, 20.0)) as channel:
         address = channel.endpoint.removeprefix("tcp://")
-    settings = config(transport=f"protocol{protocol}", connect=address)
-    expected = Simulation(config(), users)
-    expected.reset(seeds=[1, 2, 3][:users], options=OPTIONS)
-    wanted = [expected.step(actions(step)[:users]).reward for step in range(5)]
+    settings = config(transport="protocol2", connect=address)
+    expected = Simulation(config(), N)
+    expected.reset(seeds=[1, 2, 3], options=OPTIONS)
+    wanted = [expected.step(actions(step)).reward for step in range(5)]
     expected.close()
     for _ in range(2):  # the server waits for the next client
-        simulation = Simulation(settings, users)
-        simulation.reset(seeds=[1, 2, 3][:users], options=OPTIONS)
+        simulation = Simulation(settings, N)
+        simulation.reset(seeds=[1, 2, 3], options=OPTIONS)
         for step in range(5):
-            reward = simulation.step(actions(step)[:users]).reward
+            reward = simulation.step(actions(step)).reward
             np.testing.assert_array_equal(reward, wanted[step])
         simulation.close()
         assert starting.process.running
     # One that is gone cannot be started again from here.
-    simulation = Simulation(settings, users)
-    simulation.reset(seeds=[1, 2, 3][:users])
+    simulation = Simulation(settings, N)
+    simulation.reset(seeds=[1, 2, 3])
     channel = channel_of(simulation.apps[0])
     starting.process.kill()
-    batch = simulation.step(actions(0)[:users])
-    assert [info["termination"] for info in batch.infos] == ["app_failed"] * users
+    batch = simulation.step(actions(0))
+    assert [info["termination"] for info in batch.infos] == ["app_failed"] * N
     assert address in batch.infos[0]["app_error"]
     assert not channel.usable
     simulation.close()
 
 
-def broken(folder: Path) -> str:
-    """An app that is ready and then refuses to live."""
-    file = folder / "sim2vr-app-broken"
-    file.write_text('#!/bin/sh\necho "no licence" >&2\nexit 1\n')
-    file.chmod(0o755)
-    return str(file)
-
-
-def test_an_app_that_never_starts_ends_the_attempts(tmp_path: Path) -> None:
-    with pytest.raises(AppDied, match=r"ended with exit status 1 while it started(.|\n)*no licen"):
-        Simulation(config(transport="protocol1", executable=broken(tmp_path)), 2)
-
-
-def test_settings_that_the_app_refuses() -> None:
-    options = {"condition": "meduim"}
-    for transport in ("protocol1", "protocol2"):
-        with pytest.raises(AppRefused, match="did you mean 'medium'"):
-            Simulation(EnvConfig(app=AppConfig(options=options, transport=transport)), 2)
-
-
 @pytest.mark.parametrize(
-    ("settings", "n", "message"),
+    ("settings", "message"),
     [
-        ({"connect": "localhost:5555"}, 1, "transport: got 'in_process' together with connect"),
-        ({"executable": "x"}, 1, "transport: got 'in_process' together with executable"),
-        ({"transport": "protocol1", "connect": "5555"}, 1, "connect: got '5555', expected HOST"),
-        ({"transport": "protocol1", "connect": "h:0"}, 1, "connect: got 'h:0', expected HOST"),
-        (
-            {"transport": "protocol1", "connect": "h:1", "executable": "x"}, 1,
-            "connect: got 'h:1' next to an executable",
-        ),
-        ({"transport": "protocol1", "connect": "h:1"}, 2, "for 2 users.*serves one user"),
-        ({"transport": "protocol2", "executable": "game.x86_64"}, 1, "only sim2vr-app speaks"),
-        ({"transport": "protocol1", "executable": "nosuch"}, 1, "which is no file"),
+        ({"executable": "x"}, "transport: got 'in_process' together with executable"),
+        ({"transport": "protocol1", "connect": "h:0"}, "connect: got 'h:0', expected HOST"),
+        ({"transport": "protocol1", "connect": "h:1"}, "for 2 users.*serves one user"),
+        ({"transport": "protocol2", "executable": "game.x86_64"}, "only sim2vr-app speaks"),
+        ({"transport": "protocol1", "executable": "nosuch"}, "which is no file"),
     ],
-)  # fmt: skip
-def test_settings_that_do_not_go_together(settings: dict[str, Any], n: int, message: str) -> None:
+)
+def test_settings_that_do_not_go_together(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        Simulation(config(**settings), n)
+        Simulation(config(**settings), 2)

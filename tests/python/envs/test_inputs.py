@@ -108,27 +108,14 @@ def test_fingers_are_free_unless_they_are_to_cost() -> None:
     assert costs[1] - costs[0] == pytest.approx(0.01 * (0.5 + 0.6 + 1.0))
 
 
-def test_other_fingers_move_no_muscle() -> None:
-    still, pressing = simulation_of(1, user={})[0], simulation_of(1)[0]
-    for simulation, action in ((still, np.zeros((1, 32))), (pressing, acted(1.0, 1.0, 1.0))):
-        simulation.reset(seeds=[1])
-        for _ in range(3):
-            simulation.step(action)
-    np.testing.assert_array_equal(still.users.qpos, pressing.users.qpos)
-    still.close()
-    pressing.close()
-
-
 @pytest.mark.parametrize(
     ("user", "message"),
     [
         ({"inputs": ["right.triger"]}, "got 'right.triger', .* did you mean 'right.trigger'"),
-        ({"inputs": ["right.a", "right.a"]}, "got 'right.a' twice, expected each input once"),
         (
             {"inputs": ["left.x"]},
             "user.inputs: got 'left.x', expected .* headset, controller_right",
         ),
-        ({"devices": ["headset", "glove"]}, "glove"),
     ],
 )
 def test_wrong_hands_are_refused(user: dict[str, Any], message: str) -> None:

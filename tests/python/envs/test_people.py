@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation
-from sim2vr_harness.envs.resolved import ResolvedEnv
-from sim2vr_harness.users import FEATURES, PeopleSettings, Population
+from sim2vr_harness.users import PeopleSettings, Population
 
 SENSES = [
     {"sense": "vision", "delay_ms": "person"},
@@ -101,31 +100,6 @@ def test_own_delays_are_those_of_a_configuration_that_says_them() -> None:
     own.close()
 
 
-def test_the_last_info_says_who_played() -> None:
-    simulation = Simulation(config(max_episode_seconds=0.1), 1)
-    (started,) = simulation.reset(seeds=[1], persons=[12])
-    simulation.step(actions(0))
-    batch = simulation.step(actions(1))
-    assert batch.info(0)["person"] == started["person"]
-    assert batch.info(0)["person"]["index"] == 12
-    simulation.close()
-
-
-def test_where_the_head_is_goes_with_the_picture() -> None:
-    senses = [{"sense": "head", "delay_ms": 100}, {"sense": "head", "name": "now"}]
-    simulation = Simulation(config(user={"head": "reflex"}, senses=senses))
-    simulation.reset(seeds=[1])
-    assert not simulation.observation()["now"].any()
-    past = []
-    for step in range(5):
-        simulation.step(actions(step))
-        past.append(simulation.observation()["now"][0])
-    np.testing.assert_array_equal(simulation.observation()["head"][0], past[-3])
-    left, down, tilt, forward_m, left_m = past[-1] * [0.1, 0.1, 0.1, 0.02, 0.02]
-    assert min(map(abs, (left, down, tilt))) > 1e-4 and max(map(abs, (forward_m, left_m))) < 0.05
-    simulation.close()
-
-
 def test_what_cannot_be() -> None:
     with pytest.raises(ValueError, match=r"delay_ms: got 'person', expected user.people"):
         Simulation(config(user={}))
@@ -133,21 +107,3 @@ def test_what_cannot_be() -> None:
         Simulation(config(senses=[{"sense": "time", "delay_ms": "person"}]))
     with pytest.raises(ValueError, match=r"senses: got 'head', expected user.head: reflex"):
         Simulation(config(senses=[{"sense": "head"}]))
-    with pytest.raises(ValueError, match=r"people.vary: got 'strength', which user.person sets"):
-        config(user={"people": {}, "person": {"strength": 0.9}})
-    simulation = Simulation(config(user={}, senses=[{"sense": "time"}]))
-    with pytest.raises(ValueError, match=r"persons: got numbers, expected None"):
-        simulation.reset(persons=[1])
-    simulation.close()
-
-
-def test_a_contract_is_what_a_policy_is_told_not_who_it_plays() -> None:
-    with_people, other = (
-        ResolvedEnv(config()).contract,
-        ResolvedEnv(config({"spread": 0.5, "seed": 3})).contract,
-    )
-    assert with_people == other
-    assert with_people["person_features"] == list(FEATURES)
-    assert (
-        "person_features" not in ResolvedEnv(config(user={}, senses=[{"sense": "time"}])).contract
-    )

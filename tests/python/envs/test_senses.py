@@ -8,9 +8,7 @@ import pytest
 from fake_device_app import FakeDeviceApp
 
 from sim2vr_harness.client import AppUnsupported, HapticPulse, SoundEvent
-from sim2vr_harness.client.frames import position_to_mujoco
-from sim2vr_harness.envs import AppConfig, EnvConfig, SenseConfig, Simulation, VisionConfig
-from sim2vr_harness.envs.resolved import ResolvedEnv
+from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation
 
 SMALL = {"width": 24, "height": 16}
 EVERYTHING: dict[str, Any] = {
@@ -71,25 +69,9 @@ def test_the_body_is_felt_as_it_was_30_ms_ago() -> None:
     now.close()
 
 
-def test_a_delay_of_a_step_is_the_observation_before() -> None:
-    senses = [{"sense": name, "delay_ms": 50} for name in ("vision", "proprioception", "time")]
-    late, now = Simulation(config(vision=SMALL, senses=senses)), Simulation(config(vision=SMALL))
-    late.reset(seeds=[1])
-    now.reset(seeds=[1])
-    for step in range(6):
-        before = now.observation()
-        now.step(actions(1, step))
-        late.step(actions(1, step))
-        for key, value in late.observation().items():
-            np.testing.assert_array_equal(value, before[key])
-    assert (now.observation()["vision"] != before["vision"]).any()
-    late.close()
-    now.close()
-
-
 @pytest.mark.parametrize(
     ("frames", "delay_ms", "frame_of_step"),
-    [(1, 30, lambda k: k - 1), (5, 30, lambda k: 5 * k - 3), (5, 80, lambda k: 5 * k - 8)],
+    [(1, 30, lambda k: k - 1), (5, 80, lambda k: 5 * k - 8)],
 )
 def test_the_drawn_frame_is_the_one_of_then(
     frames: int, delay_ms: float, frame_of_step: Any
@@ -139,18 +121,6 @@ def test_what_an_app_cannot_do_is_said_by_name() -> None:
     with_fake_apps({}, capabilities=cannot)[0].close()
 
 
-def test_two_eyes_see_the_left_ones_channels_first() -> None:
-    simulation, apps = with_fake_apps({"vision": {"eyes": 2}}, eyes=2)
-    simulation.reset(seeds=[1])
-    apps[0].image[0], apps[0].image[1] = 10, 20
-    simulation._group._take(0, apps[0]._reply())
-    simulation._senses.take(np.array([0]))
-    seen = simulation.observation()["vision"]
-    assert simulation.observation_space["vision"].shape == (4, 8, 8)
-    assert seen[0, :, 0, 0].tolist() == [10, 10, 20, 20]
-    simulation.close()
-
-
 def trace(simulation: Simulation, steps: int, start: int = 0) -> list[bytes]:
     """Reward and observation of the last user, whose actions do not depend on N."""
     size, rows = simulation.action_space.shape[0], []
@@ -191,42 +161,6 @@ def test_all_senses_at_once_depend_on_the_seed_only_and_are_saved() -> None:
         simulation.close()
 
 
-def test_delayed_events_are_saved_with_the_state() -> None:
-    settings = {
-        "senses": [{"sense": "haptics", "delay_ms": 30}, {"sense": "sound", "delay_ms": 30}]
-    }
-    haptics = {3: (HapticPulse("right", 1.0, 0.0, 0.01),)}
-    sounds = {3: (SoundEvent("knock", (0.0, 1.0, 1.0), 1.0),)}
-    one, two = (
-        with_fake_apps(dict(settings), 1, haptics=haptics, sounds=sounds)[0] for _ in range(2)
-    )
-    one.reset(seeds=[1])
-    for step in range(3):
-        one.step(actions(1, step))
-    assert not one.observation()["haptics"].any()  # begun, but not felt yet
-    two.load_state_dict(one.state_dict())
-    for simulation in (one, two):
-        simulation.step(actions(1, 3))
-        assert simulation.observation()["haptics"][0].tolist() == [0.0, 1.0]
-        assert simulation.observation()["sound"].all()
-        simulation.close()
-
-
-def test_the_noise_of_senses_changes_nothing_else() -> None:
-    noisy = [{"sense": "vision", "noise": 0.1}, {"sense": "proprioception"}, {"sense": "time"}]
-    one, two = Simulation(config(vision=SMALL, senses=noisy)), Simulation(config(vision=SMALL))
-    for simulation in (one, two):
-        simulation.reset(seeds=[1])
-        simulation.reset()  # the second episode of the stream
-        simulation.step(actions(1, 0))
-    seen, clear = one.observation(), two.observation()
-    np.testing.assert_array_equal(seen["proprioception"], clear["proprioception"])
-    off = seen["vision"].astype(int) - clear["vision"]
-    assert 15.0 < off[(clear["vision"] > 80) & (clear["vision"] < 175)].std() < 35.0  # 25.5
-    one.close()
-    two.close()
-
-
 def test_a_picture_is_sharp_where_the_eyes_look() -> None:
     vision = {"width": 120, "height": 80, "foveation": {"gaze": "moves"}}
     simulation, clear = Simulation(config(vision=vision)), Simulation(config())
@@ -246,39 +180,10 @@ def test_a_picture_is_sharp_where_the_eyes_look() -> None:
     clear.close()
 
 
-# --- configuration ----------------------------------------------------------------------------
-
-
-def test_the_default_list_is_the_references() -> None:
-    assert [one.sense for one in EnvConfig().senses] == ["vision", "proprioception", "time"]
-    terms = ResolvedEnv(EnvConfig()).contract
-    assert "senses" not in terms
-    assert (
-        ResolvedEnv(
-            EnvConfig(senses=[{"sense": "vision", "delay_ms": 50}, *EnvConfig().senses[1:]])
-        ).contract
-        == terms
-    )
-    two = EnvConfig(
-        vision=VisionConfig(eyes=2, foveation={"gaze": "moves"}),
-        user={"inputs": ["right.trigger"]},
-        senses=[SenseConfig(sense="vision", name="sight", history_s=0.2)],
-    )
-    changed = ResolvedEnv(two).contract
-    assert changed["senses"] == {"sight": "vision"}
-    assert (changed["eyes"], changed["gaze"], changed["inputs"]) == (2, "moves", ["right.trigger"])
-    assert changed["buffer_s"] == 0.2
-    assert changed["observation"] == {"sight": [[8, 80, 120], "uint8"]}
-    longer = ResolvedEnv(EnvConfig(senses=[{"sense": "vision", "history_s": [0.1, 0.3]}])).contract
-    assert longer["buffer_s"] == [0.1, 0.3]
-    assert longer["observation"] == {"vision": [[6, 80, 120], "uint8"]}
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"senses": [{"sense": "visoin"}]}, "sense: got 'visoin', .*did you mean 'vision'"),
-        ({"senses": []}, "senses"),
         ({"senses": [{"sense": "time"}, {"sense": "time"}]}, "two with the name 'stateful_inf"),
         (
             {"senses": [{"sense": "vision"}, {"sense": "vision", "name": "x"}]},
@@ -288,55 +193,13 @@ def test_the_default_list_is_the_references() -> None:
             {"senses": [{"sense": "proprioception", "delay_ms": 31}]},
             "senses, proprioception: delay_ms: got 31.0, expected a multiple of the physics step",
         ),
-        ({"senses": [{"sense": "time", "history_s": 0.12}]}, "history_s: got 0.12"),
-        ({"senses": [{"sense": "time", "history_s": [0.1, -1]}]}, r"got \[0.1, -1\], expected sec"),
-        ({"senses": [{"sense": "time", "delay_ms": -1}]}, r"0.delay_ms: got -1, expected gr"),
         ({"senses": [{"sense": "gaze"}]}, "got 'gaze', expected vision.foveation"),
         ({"senses": [{"sense": "fingers"}]}, "got 'fingers', expected user.inputs"),
-        ({"senses": [{"sense": "time", "dely_ms": 3}]}, "dely_ms"),
     ],
 )
 def test_wrong_lists_are_refused(change: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Simulation(EnvConfig(app=AppConfig(renderer="null"), **change))
-
-
-@pytest.mark.parametrize("transport", ["in_process", "protocol2"])
-def test_the_sample_is_felt_and_heard_where_it_is_touched(
-    transport: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A hand that goes to and fro where the ball may be; docs of the sample: 20 ms at 0.5."""
-    small = {"width": 8, "height": 8}
-    app = AppConfig(game="sample", renderer="null", transport=transport)
-    senses = [{"sense": "haptics"}, {"sense": "sound"}]
-    simulation = Simulation(EnvConfig(app=app, vision=small, senses=senses))
-    head = np.array([0.0, 1.17, 0.0])
-    way = [(x, y) for y in np.arange(0.9, 1.31, 0.08) for x in np.linspace(-0.3, 0.4, 8)]
-
-    def device_poses(name: str, sample: int = -1) -> tuple[np.ndarray, np.ndarray]:
-        hand = np.array([*way[int(simulation._steps[0])], 0.45])
-        position = position_to_mujoco(head if name == "headset" else hand)
-        return position[None], np.array([[1.0, 0.0, 0.0, 0.0]])
-
-    monkeypatch.setattr(simulation.users, "device_poses", device_poses)
-    simulation.reset(seeds=[1])
-    points, touches = 0.0, 0
-    for step in range(1, 25):
-        log = simulation.step(np.zeros((1, 32))).logs[0]
-        seen = simulation.observation()
-        touched, points = log["Points"] > points, log["Points"]
-        if touched:
-            touches += 1
-            assert seen["haptics"][0].tolist() == [0.0, 0.5]
-            left, right = seen["sound"][0]
-            assert min(left, right) > 0.4  # within 1 m, shadowed by 1.7 at most
-            # The ball is within the reach of the two spheres, 8 cm, of the hand of then.
-            if abs(way[step][0]) > 0.1:
-                assert (right > left) == (way[step][0] > 0)
-        else:
-            assert not seen["sound"].any()
-    assert touches >= 2
-    simulation.close()
 
 
 def test_an_efference_copy_has_the_actions_of_the_last_steps() -> None:

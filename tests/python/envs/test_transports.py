@@ -15,12 +15,11 @@ from sim2vr_harness.client import (
     InProcessApp,
     Transport,
     describe_game,
-    list_transports,
     register_transport,
     start_sim2vr_app,
     transports,
 )
-from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, UserConfig, VisionConfig
+from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, VisionConfig
 from sim2vr_harness.envs.apps import app_factory
 from sim2vr_harness.envs.resolved import ResolvedEnv
 
@@ -78,21 +77,8 @@ def test_what_a_transport_does_not_read_is_refused() -> None:
         ValueError, match=r"transport: got 'protocl2', expected .*did you mean 'protocol2'"
     ):
         AppConfig(transport="protocl2")
-    with pytest.raises(
-        ValueError,
-        match="got 'in_process' together with connect, expected 'protocol1' or 'protocol2' or 'loo",
-    ):
-        AppConfig(connect="localhost:5555")
     with pytest.raises(ValueError, match=r"got 'radius' for 'loopback'.*did you mean 'radius_m'"):
         AppConfig(transport="loopback", transport_options={"radius": 1})
-    with pytest.raises(ValueError, match="got 'radius_m' for 'in_process', expected none"):
-        AppConfig(transport_options={"radius_m": 1})
-    assert AppConfig(transport="protocol2", connect="ipc:///tmp/app").connect == "ipc:///tmp/app"
-
-
-def test_a_name_is_taken_once() -> None:
-    with pytest.raises(ValueError, match="'protocol2', which is taken"):
-        register_transport(next(one for one in list_transports() if one.name == "protocol2"))
 
 
 def test_what_nobody_can_carry_is_said_before_anything_starts() -> None:
@@ -103,16 +89,10 @@ def test_what_nobody_can_carry_is_said_before_anything_starts() -> None:
         r"expected 'in_process' or 'protocol2' or 'webxr'",
     ):
         app_factory(two_eyes, 1)
-    fingers = EnvConfig(
-        app=AppConfig(transport="protocol1"), user=UserConfig(inputs=("right.trigger",))
-    )
-    with pytest.raises(AppUnsupported, match=r"inputs: user.inputs: got right.trigger, which"):
-        app_factory(fingers, 1)
 
 
-@pytest.mark.parametrize("session", [False, True])
 def test_a_game_that_only_the_server_has_says_what_it_measures(
-    session: bool, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """As of a server built from other sources; this client's runtime is made to lack the game."""
     monkeypatch.setattr("sim2vr_harness.envs.resolved.list_games", lambda: {"whacamole": ""})
@@ -123,12 +103,7 @@ def test_a_game_that_only_the_server_has_says_what_it_measures(
         with closing(starting.channel(20.0, 20.0)) as channel:
             app = AppConfig(game="sample", transport="protocol2", connect=channel.endpoint)
             assert not ResolvedEnv(EnvConfig(app=app)).facts_unasked.published
-            if session:  # which such a server has one of: its own hello says it
-                vision = VisionConfig(width=12, height=8)
-                simulation = Simulation(EnvConfig(app=app, vision=vision), 1)
             assert ResolvedEnv(EnvConfig(app=app)).facts == describe_game("sample")
-            if session:
-                simulation.close()
     finally:
         starting.process.kill()
         starting.process.log_file.unlink(missing_ok=True)

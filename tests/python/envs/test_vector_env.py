@@ -1,14 +1,12 @@
 """Many users as Gymnasium's vector environment."""
 
 import copy
-import pickle
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-import sim2vr_harness.envs
 from sim2vr_harness.envs import AppConfig, EnvConfig, Sim2VREnv, Sim2VRVectorEnv
 from sim2vr_harness.envs.config import SenseConfig
 
@@ -90,36 +88,12 @@ def test_it_draws_everybody_and_can_be_copied() -> None:
         Sim2VRVectorEnv(1, autoreset_mode="later")
 
 
-def test_options_of_stable_baselines_reach_the_game() -> None:
-    from sim2vr_harness.envs.simulation import Simulation
-    from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
-
-    env = SimulationVecEnv(Simulation(CONFIG.model_copy(update={"senses": QUICK}), 2))
-    env.set_options({"round_seconds": 0.2})
-    env.reset()
-    ends = [bool(env.step(actions(step)[:2])[2].all()) for step in range(6)]
-    # The round ends in the first frame after 0.2 s: the fifth of 50 ms each.
-    assert ends.index(True) == 4
-    other = pickle.loads(pickle.dumps(env))
-    one, two = env.step(actions(9)[:2]), other.step(actions(9)[:2])
-    np.testing.assert_array_equal(one[0]["proprioception"], two[0]["proprioception"])
-    for vector in (env, other):
-        vector.close()
-        vector.close()
-        with pytest.raises(RuntimeError, match="the simulation is closed"):
-            vector.step(actions(0)[:2])
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ({"seed": [1]}, "seeds: got 1 seeds, expected 3, one per user"),
-        ({"seed": [1, 2, 3, 4]}, "seeds: got 4 seeds, expected 3, one per user"),
         ({"seed": [1, 2, -3]}, "seed: got -3, expected an integer of 0 or above"),
-        ({"seed": 1.5}, r"seeds: got 1\.5, expected 3, one per user"),
-        ({"seed": True}, "seeds: got True, expected 3, one per user"),
         ({"options": [1]}, r"options: got \[1\], expected names of options and values"),
-        ({"options": {1: 2}}, r"options: got \{1: 2\}, expected names of options and values"),
         ({"options": {"round_seconds": "x"}}, "option 'round_seconds': got \"x\", expected a num"),
         ({"options": {"reset_mask": [1, 0, 1]}}, r"reset_mask: got int64 \(3,\), expected bool"),
     ],
@@ -145,18 +119,3 @@ def test_a_refused_reset_leaves_the_rounds_as_they_were(
     )
     env.close()
     other.close()
-
-
-def test_make_vec_makes_it() -> None:
-    assert sim2vr_harness.envs.Sim2VRVectorEnv is Sim2VRVectorEnv
-    env = gymnasium.make_vec("sim2vr/WhacAMole-v0", num_envs=2, condition="hard")
-    assert isinstance(env.unwrapped, Sim2VRVectorEnv)
-    assert env.unwrapped.simulation.config.app.options["condition"] == "hard"
-    first, infos = env.reset(seed=[3, 4])
-    assert infos["seed"].shape == (2,)
-    again, _ = env.reset(options={"reset_mask": np.array([False, True])})
-    np.testing.assert_array_equal(again["vision"][0], first["vision"][0])
-    assert not np.array_equal(again["proprioception"][1], first["proprioception"][1])
-    with pytest.raises(ValueError, match=r"reset_mask: got int64 \(1,\), expected bool \(2,\)"):
-        env.reset(options={"reset_mask": np.array([1])})
-    env.close()

@@ -21,13 +21,6 @@ def test_a_vibration_is_felt_while_it_lasts() -> None:
     assert [felt(world)[1] for _ in range(4)] == [0.5, 0.5, 0.5, 0.0]
 
 
-def test_a_vibration_of_a_whole_step_ends_with_it() -> None:
-    world = World(1, Haptics("haptics", 1))
-    world.reset([0])
-    felt(world, haptics={0: [pulse("left", 1.0, 0.05)]})
-    assert [felt(world)[0] for _ in range(2)] == [1.0, 0.0]
-
-
 def test_the_shortest_vibration_is_felt_once_and_a_new_one_ends_the_old() -> None:
     world = World(1, Haptics("haptics", 1))
     world.reset([0])
@@ -52,17 +45,6 @@ def test_a_delayed_vibration_is_felt_to_the_substep() -> None:
         seen = [felt(world, haptics={0: [pulse("left", 1.0, duration_s)]})]
         seen += [felt(world, haptics={}) for _ in range(2)]
         assert [left for left, _ in seen] == expected
-
-
-def test_vibrations_of_before_a_reset_are_forgotten() -> None:
-    world = World(2, Haptics("haptics", 2))
-    world.reset([0, 1])
-    world.step(haptics={0: [pulse("left", 1.0, 9.0)], 1: [pulse("left", 1.0, 9.0)]})
-    world.reset([1])
-    assert world.step()["haptics"][:, 0].tolist() == [1.0, 0.0]
-
-
-# --- sound ------------------------------------------------------------------------------------
 
 
 def test_the_head_shadows_the_far_ear() -> None:
@@ -101,13 +83,3 @@ def test_where_a_sound_is_heard_depends_on_the_head() -> None:
     heard = world.step(sounds={0: event, 1: event})["sound"]
     assert heard[0] == pytest.approx([0.8318, 0.8318], abs=1e-3)
     assert heard[1] == pytest.approx([1.7777 / 2.0, 0.5805 / 2.0], abs=1e-3)
-
-
-def test_a_sound_within_the_head_and_a_very_loud_one() -> None:
-    world = World(1, Hearing("sound", 1))
-    world.reset([0])
-    assert world.step(sounds={0: [sound((0.0, 0.0, 0.0))]})["sound"][0].tolist() == [1.0, 1.0]
-    many = [sound((1.0, 0.0, 0.0))] * 100
-    heard = world.step(sounds={0: many})["sound"][0]
-    assert heard == pytest.approx([5.805, 10.0], abs=1e-2)
-    assert heard in world.perception.space["sound"]

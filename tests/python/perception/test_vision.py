@@ -1,7 +1,6 @@
 """The headset's picture: channels, eyes, and where it is sharp."""
 
 import numpy as np
-import pytest
 from perception_fakes import SUBSTEPS, World
 
 from sim2vr_harness.perception import Foveation, channel_indices, pick_channels
@@ -34,22 +33,6 @@ def test_what_is_seen_is_a_copy_of_the_newest_picture() -> None:
     assert not np.shares_memory(seen, world.perception.observe()["vision"])
 
 
-@pytest.mark.parametrize(
-    ("channels", "message"),
-    [
-        (("grene",), "channels: got 'grene', expected some of red, green"),
-        ((), r"channels: got \(\), expected each at most once, at least 1"),
-        (("red", "red"), "channels: got .* expected each at most once"),
-    ],
-)
-def test_wrong_channels(channels: tuple[str, ...], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        channel_indices(channels)
-
-
-# --- zoom ---------------------------------------------------------------------------------------
-
-
 def test_of_a_larger_picture_all_is_seen_coarsely_and_the_middle_in_detail() -> None:
     """Drawn 3 x 2 by 3 x 4 pixels, each with its own number: row times 20, plus column."""
     drawn = (20 * np.arange(6)[:, None] + np.arange(12)).astype(np.uint8)
@@ -63,15 +46,6 @@ def test_of_a_larger_picture_all_is_seen_coarsely_and_the_middle_in_detail() -> 
     seen = world.perception.observe()
     assert seen["vision"][0, 0].tolist() == [[21, 24, 27, 30], [81, 84, 87, 90]]
     assert seen["fovea"][0, 0].tolist() == [[44, 45, 46, 47], [64, 65, 66, 67]]
-
-
-def test_there_is_no_fovea_of_a_picture_that_is_drawn_as_it_is_seen() -> None:
-    sizes = {"channels": ("red",), "eyes": 1, "height": 2, "width": 4, "frame_grid": SUBSTEPS}
-    with pytest.raises(ValueError, match=r"senses: got 'fovea', expected vision.zoom: 3 or 5"):
-        fovea("fovea", 1, **sizes, zoom=1)
-
-
-# --- foveation --------------------------------------------------------------------------------
 
 
 def test_the_smallest_detail_grows_with_the_eccentricity() -> None:
@@ -113,18 +87,6 @@ def test_blocks_at_an_odd_edge_have_fewer_pixels() -> None:
     assert seen[:4, :4].tolist() == [[10] * 4] * 4  # 160 / 16
     assert seen[4, 4:].tolist() == [30] * 3  # 90 / 3
     assert (seen[4, :4].max(), seen[:4, 4:].max()) == (0, 0)
-
-
-def test_an_even_picture_stays_as_it_is() -> None:
-    picture = np.full((2, 3, 80, 120), 77, np.uint8)
-    np.testing.assert_array_equal(Foveation(80, 120).look(picture), picture)
-
-
-def test_a_persons_acuity_is_finer_than_a_small_picture() -> None:
-    ahead = np.array([[0.0, 0.0]])
-    # A pixel of 120 x 80 is 1.4 to 0.5 degrees; a person sees 1 / 60 (1 + 61 / 2.3) = 0.46 there.
-    assert Foveation(80, 120, detail_deg=1 / 60).levels(ahead).max() == 0
-    assert Foveation(800, 1200, detail_deg=1 / 60).levels(ahead).max() == 3  # 0.048 deg
 
 
 def test_the_gaze_takes_the_sharp_place_along() -> None:

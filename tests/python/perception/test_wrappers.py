@@ -12,19 +12,12 @@ def delayed(sense: Sense, delay_ms: float) -> Delayed:
     return Delayed(sense, delay_ms, timestep_s=TIMESTEP_S, substeps=SUBSTEPS)
 
 
-def picture(frames_per_step: int = 1, n: int = 1) -> Sense:
-    return vision(
-        "vision",
-        n,
-        channels=("red",),
-        eyes=1,
-        height=2,
-        width=2,
-        frame_grid=SUBSTEPS // frames_per_step,
-    )
+def picture(frames: int = 1) -> Sense:
+    sizes = {"channels": ("red",), "eyes": 1, "height": 2, "width": 2}
+    return vision("vision", 1, **sizes, frame_grid=SUBSTEPS // frames)
 
 
-@pytest.mark.parametrize("delay_ms", [2, 30, 48, 50, 52, 80, 100, 130])
+@pytest.mark.parametrize("delay_ms", [2, 48, 50, 130])
 def test_what_is_perceived_is_as_old_as_the_delay(delay_ms: float) -> None:
     world = World(1, delayed(clock(), delay_ms))
     world.reset([0])
@@ -55,11 +48,8 @@ def test_a_user_who_starts_anew_forgets_and_one_who_is_not_answered_stays() -> N
         # Per step one frame: the youngest that is not younger than the delay.
         (1, 30, -1, 50),
         (1, 50, -1, 50),
-        (1, 60, -1, 100),
         # Five, 10 ms apart: exact. The frame of 30 ms ago ends 20 ms into the step: the second.
         (5, 30, 1, 30),
-        (5, 40, 0, 40),
-        (5, 50, -1, 50),
         (5, 80, 1, 80),
         (5, 34, 0, 40),
         # 25, every substep.
@@ -104,18 +94,6 @@ def test_users_perceive_as_late_as_each_of_them_is() -> None:
     np.testing.assert_allclose(world.step()["clock"][3:, 0], [318, 318], atol=1e-4)
 
 
-def test_pictures_of_users_who_see_more_or_less_late() -> None:
-    own = OwnDelays(lambda: np.array([0.08, 0.1, 0.16]), 0.2)
-    line = Delayed(picture(5, 3), own, timestep_s=TIMESTEP_S, substeps=SUBSTEPS)
-    world = World(3, line)
-    world.reset([0, 1, 2], level=0)
-    assert line.pauses == ()
-    # Frames end 10, 20, ... 50 ms into a step: 80 ms ago the second did, 160 ms ago the fourth.
-    np.testing.assert_array_equal(world.perception.drawn_frame, [1, -1, 3])
-    levels = [world.step(level=k)["vision"][:, 0, 0, 0].tolist() for k in (1, 2, 3, 4)]
-    assert levels == [[0, 0, 0], [1, 0, 0], [2, 1, 0], [3, 2, 1]]
-
-
 def test_history_is_the_newest_and_then_the_oldest() -> None:
     # The reference's buffer of 5 pictures at 20 Hz.
     world = World(1, History(picture(), 0.2, step_seconds=0.05))
@@ -133,16 +111,6 @@ def test_history_of_several_times_is_behind_the_newest_in_their_order() -> None:
     found = [world.step()["clock"][0].round().tolist() for _ in range(7)]
     ends = [50 * k for k in range(1, 8)]
     assert found == [[t, max(0, t - 100), max(0, t - 250)] for t in ends]
-
-
-def test_history_of_one_user_is_refilled() -> None:
-    world = World(2, History(clock(2), 0.1, step_seconds=0.05))
-    world.reset([0, 1])
-    for _ in range(4):
-        world.step()
-    world.reset([1])
-    np.testing.assert_allclose(world.perception.observe()["clock"], [[200, 100], [0, 0]], atol=1e-3)
-    np.testing.assert_allclose(world.step()["clock"], [[250, 150], [50, 0]], atol=1e-3)
 
 
 def test_noise_has_the_level_and_the_stream_of_the_round() -> None:
@@ -163,67 +131,13 @@ def test_noise_has_the_level_and_the_stream_of_the_round() -> None:
     np.testing.assert_array_equal(again["clock"], worlds[0].perception.observe()["clock"])
 
 
-def test_noise_of_pictures_is_a_share_of_the_full_scale() -> None:
-    world = World(
-        1,
-        Noisy(
-            vision(
-                "vision", 1, channels=("red",), eyes=1, height=64, width=64, frame_grid=SUBSTEPS
-            ),
-            0.02,
-        ),
-        pictures=(1, 64, 64),
-    )
-    world.reset([0], level=100)
-    seen = world.perception.observe()["vision"]
-    assert seen.dtype == np.uint8
-    assert seen.mean() == pytest.approx(100.0, abs=0.4)
-    assert seen.std() == pytest.approx(5.1, abs=0.3)  # 0.02 * 255
-    dark, light = world.step(level=0)["vision"], world.step(level=255)["vision"]
-    assert (dark.max() < 40, light.min() > 215) == (True, True)  # clipped, not wrapped
-
-
-@pytest.mark.parametrize("wrap", ["delay", "noise", "history", "all"])
-def test_saved_states_go_on_to_the_bit(wrap: str) -> None:
-    def made() -> World:
-        sense: Sense = clock(2)
-        if wrap in ("delay", "all"):
-            sense = delayed(sense, 130)
-        if wrap in ("noise", "all"):
-            sense = Noisy(sense, 1.0)
-        if wrap in ("history", "all"):
-            sense = History(sense, 0.1, step_seconds=0.05)
-        return World(2, sense)
-
-    one, two = made(), made()
-    one.reset([0, 1])
-    two.reset([0, 1], seed=9)
-    for _ in range(4):
-        one.step()
-    # Into the other place of another batch.
-    two.perception.load_state_dict(0, one.perception.state_dict(1))
-    two.users.substep[:] = one.users.substep[:]
-    for _ in range(5):
-        np.testing.assert_array_equal(one.step()["clock"][1], two.step()["clock"][0])
-
-
 def test_wrong_settings() -> None:
     with pytest.raises(ValueError, match=r"delay_ms: got 31, expected a multiple of .*2 ms"):
         delayed(clock(), 31)
-    with pytest.raises(ValueError, match="delay_ms: got a sense 'clock' that is delayed already"):
-        delayed(delayed(clock(), 30), 10)
     with pytest.raises(ValueError, match=r"history_s: got 0.12, expected a multiple .* 0.05 s"):
         History(clock(), 0.12, step_seconds=0.05)
-    for wrong in ([], [0.2, 0.1], [0.1, 0.1]):
-        with pytest.raises(ValueError, match=r"history_s: got \[.*\], expected times that grow"):
-            History(clock(), wrong, step_seconds=0.05)
     with pytest.raises(ValueError, match="noise: got -1"):
         Noisy(clock(), -1)
-    one, other = (World(1, History(clock(), t, step_seconds=0.05)) for t in (0.1, 0.2))
-    with pytest.raises(ValueError, match=r"state of 'clock', values: got shape \(3, 1\)"):
-        other.perception.load_state_dict(0, one.perception.state_dict(0))
-    with pytest.raises(ValueError, match=r"state: got the senses \['clock'\], expected"):
-        World(1, picture()).perception.load_state_dict(0, one.perception.state_dict(0))
 
 
 def test_a_stack_has_every_step_the_newest_first() -> None:
@@ -242,6 +156,13 @@ def test_a_stack_has_every_step_the_newest_first() -> None:
     )
 
 
-def test_a_stack_of_one_step_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"stack_s: got 0.05, expected a multiple .* above 0.05"):
-        Stacked(clock(), 0.05, step_seconds=0.05)
+def test_noise_of_pictures_is_a_share_of_the_full_scale() -> None:
+    sizes = {"channels": ("red",), "eyes": 1, "height": 64, "width": 64, "frame_grid": SUBSTEPS}
+    world = World(1, Noisy(vision("vision", 1, **sizes), 0.02), pictures=(1, 64, 64))
+    world.reset([0], level=100)
+    seen = world.perception.observe()["vision"]
+    assert seen.dtype == np.uint8
+    assert seen.mean() == pytest.approx(100.0, abs=0.4)
+    assert seen.std() == pytest.approx(5.1, abs=0.3)  # 0.02 * 255
+    dark, light = world.step(level=0)["vision"], world.step(level=255)["vision"]
+    assert (dark.max() < 40, light.min() > 215) == (True, True)  # clipped, not wrapped

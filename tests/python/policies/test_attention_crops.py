@@ -5,7 +5,6 @@ import pytest
 import torch
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.policies import attention_crops
 from sim2vr_harness.policies.attention_crops import AttentionCrops, _cut_out
 from sim2vr_harness.runs.attention_config import AttentionCropConfig
 from sim2vr_harness.runs.config import load_config
@@ -70,68 +69,11 @@ def test_places_are_seen_as_the_head_is_turned() -> None:
     assert seen_at(thing[1:2] * [1, -1, 1, 1], right[None])[0, 0, 2] == 0.0  # behind
 
 
-@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
-def test_it_learns_to_look_at_a_square_and_to_read_it_anywhere(
-    precision: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A square of 6 px among darker ones, its upper or its lower half brighter than the other."""
-    torch.manual_seed(1)
-    rng = np.random.default_rng(1)
-    shapes = {"vision": (1, 40, 56)}
-    monkeypatch.setattr(attention_crops, "_VISION_PIXELS", 12)
-    monkeypatch.setattr(attention_crops, "_FEATURES", 16)
-    config = AttentionCropConfig(count=1)
-    made = AttentionCrops(shapes, config, getattr(torch, precision))
-    read = torch.nn.Linear(made.outputs, 1)
-    made.teach(True)
-    optimizer = torch.optim.Adam([*made.parameters(), *read.parameters()], lr=3e-3)
-
-    def batch(n: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        picture = np.zeros((n, 1, 40, 56), np.uint8)
-        x, y = rng.integers(3, 47, n), rng.integers(3, 31, n)
-        up = rng.integers(0, 2, n)
-        for i in range(n):
-            other = rng.integers(0, 50), rng.integers(0, 34)
-            picture[i, 0, other[1] : other[1] + 6, other[0] : other[0] + 6] = 60
-            halves = (255, 150) if up[i] else (150, 255)
-            for half, value in enumerate(halves):
-                row = y[i] + 3 * half
-                picture[i, 0, row : row + 3, x[i] : x[i] + 6] = value
-        place = np.stack([(x + 3 - 28) / 20, (20 - y - 3) / 20], 1)[:, None]
-        told = torch.tensor(place, dtype=torch.float32), torch.tensor(up, dtype=torch.float32)
-        return torch.from_numpy(picture), *told
-
-    for _ in range(200):
-        picture, place, up = batch(64)
-        where = made.where(picture)
-        answer = read(made({"vision": picture}, where))[:, 0]
-        loss = made.loss(where, place, torch.ones(64, 1))
-        loss = loss + torch.nn.functional.binary_cross_entropy_with_logits(answer, up)
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-    with torch.no_grad():
-        picture, place, up = batch(500)
-        where = made.where(picture)
-        answer = read(made({"vision": picture}, where))[:, 0]
-    cell = where[:, 0, 0].argmax(1)
-    found = where[torch.arange(500), 0, 1:, cell]
-    off_px = 20.0 * (found - place[:, 0]).norm(dim=1)
-    assert off_px.median() < 1.5
-    assert ((answer > 0) == (up > 0.5)).float().mean() > 0.95
-
-
 @pytest.mark.parametrize(
     ("changes", "field", "got"),
     [
         (["recipe=skills"], "policy.attention_crops", "some with recipe 'skills'"),
         (["env.vision.zoom=5"], "env.vision.zoom", "5"),
-        (["env.senses=[{sense: proprioception}]"], "policy.attention_crops", "none"),
-        (
-            ["env.senses=[{sense: vision, delay_ms: 100}, {sense: proprioception}]"],
-            "policy.attention_crops",
-            "it late",
-        ),
         (["policy.attention_crops.count=0"], "policy.attention_crops.count", "0"),
     ],
 )

@@ -1,7 +1,5 @@
 """Policies in Python files (``FILE.py:CLASS``) are evaluated like trained users."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -84,7 +82,6 @@ def test_a_class_of_a_file_is_evaluated_with_a_memory_per_episode(
     [
         ("Bare", "without begin, restart, state_dict"),
         ("Placeless", "with config 3, expected config"),
-        ("Countin", "did you mean 'Counting'"),
     ],
 )
 def test_what_is_missing_is_named(file: Path, tmp_path: Path, name: str, problem: str) -> None:
@@ -109,28 +106,3 @@ def test_a_file_cannot_make_one_run(file: Path, tmp_path: Path) -> None:
         run_study(study, tmp_path / "study", jobs=1)
     assert not (tmp_path / "ran").exists()
     assert run_study(study, tmp_path / "study", jobs=1, trust_app=True).played == 2
-
-
-def test_a_model_of_stable_baselines_is_evaluated(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    model = tmp_path / "user.zip"
-    subprocess.run(
-        [
-            *(sys.executable, EXAMPLES / "train_with_sb3.py", "--steps", "16", "--users", "2"),
-            *("--n-steps", "8", "--out", model),
-        ],
-        check=True,
-        capture_output=True,
-    )
-    monkeypatch.setenv("SB3_MODEL", str(model))
-    request = Request(
-        conditions=["easy"],
-        episodes=1,
-        deterministic=True,
-        overrides=["env.max_episode_seconds=0.5"],
-        out=tmp_path / "out",
-    )
-    found = evaluate(f"{EXAMPLES / 'own_policy.py'}:StableBaselines", request)
-    assert found.step == 16
-    assert len(found.steps) == 10

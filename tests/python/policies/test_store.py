@@ -20,7 +20,7 @@ from sim2vr_harness.base import paths
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.client import describe_game
-from sim2vr_harness.envs.resolved import ResolvedEnv, contract_hash, differences
+from sim2vr_harness.envs.resolved import ResolvedEnv, contract_hash
 from sim2vr_harness.evaluation import packing
 from sim2vr_harness.evaluation.evaluate import Request
 from sim2vr_harness.evaluation.packing import pack_measured
@@ -123,24 +123,6 @@ def test_large_matrices_are_packed_as_bytes_with_a_scale_per_row(tmp_path: Path)
     assert torch.equal(loaded[1].weight, small.half().float())
 
 
-def test_users_packed_as_binary16_are_read(packed: Path, tmp_path: Path) -> None:
-    """As every user was packed before: each weight is what the file says."""
-    for name in ("card.json", "config.yaml"):
-        (tmp_path / name).write_bytes((packed / name).read_bytes())
-    user = open_packed(tmp_path)
-    network = new_network(user, ResolvedEnv(CONFIG.env).observation_space)
-    torch.manual_seed(4)
-    old = {key: torch.randn(value.shape).half() for key, value in network.state_dict().items()}
-    with lzma.open(tmp_path / "policy.pt.xz", "wb") as file:
-        torch.save(old, file)
-    assert user.load(network) == 7
-    own = network.state_dict()
-    assert torch.equal(
-        own["mlp_extractor.actor.0.weight"], old["mlp_extractor.actor.0.weight"].float()
-    )
-    assert torch.equal(own["log_std"], old["log_std"].float())
-
-
 def test_of_several_seeds_the_middle_one_is_packed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -174,33 +156,10 @@ def test_of_several_seeds_the_middle_one_is_packed(
     card = json.loads((tmp_path / "tester" / "card.json").read_text())
     assert (card["seed"], card["seeds"]) == (3, [1, 2, 3])
     assert [card["seed_results"][str(k)]["easy"]["hit_rate"] for k in (1, 2, 3)] == [0.9, 0.7, 0.8]
-    for wrong, message in ((runs[0], "seed 1 twice"), (str(other.path), "total_timesteps: 99")):
-        with pytest.raises(SystemExit) as ended:
-            main([*arguments, f"--other-seed={wrong}"])
-        assert ended.value.code == 2
-        assert message in capsys.readouterr().err
-
-
-def test_shipped_users_are_listed_and_found(
-    packed: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (packed.parent / "more.json").write_text("{}")
-    monkeypatch.setattr(paths, "trained_users_dir", lambda: packed.parent)
-    assert [card["name"] for card in list_cards()] == ["tester"]
-    with pytest.raises(SystemExit):
-        main(["users", "list"])
-    printed = " ".join(capsys.readouterr().out.split())
-    assert "tester whacamole none not measured" in printed
-    with pytest.raises(SystemExit):
-        main(["users", "show", str(packed)])
-    printed = " ".join(capsys.readouterr().out.split())
-    assert "recipe none; 7 user steps from pixels; 14 minutes in all; 4 processor cores" in printed
-    contract_text = f"environment contract {contract_hash(ResolvedEnv(CONFIG.env).contract)}"
-    assert f"seed 1; {contract_text}" in printed
-    user = find_user("pretrained:tester")
-    assert user.evaluation_dir == Path("evaluation") / "tester"
-    with pytest.raises(InputError, match=r"pretrained:tester \(did you mean 'pretrained:tester'"):
-        find_user("pretrained:testr")
+    with pytest.raises(SystemExit) as ended:
+        main([*arguments, f"--other-seed={other.path}"])
+    assert ended.value.code == 2
+    assert "total_timesteps: 99" in capsys.readouterr().err
 
 
 def test_another_environment_is_refused_and_what_differs_is_named(packed: Path) -> None:
@@ -223,40 +182,10 @@ def test_another_environment_is_refused_and_what_differs_is_named(packed: Path) 
         )
 
 
-def test_a_contract_is_about_what_a_policy_relies_on() -> None:
-    one = ResolvedEnv(CONFIG.env).contract
-    assert one["observation"] == {
-        "proprioception": [[56], "float32"],
-        "stateful_information": [[1], "float32"],
-        "vision": [[2, 80, 120], "uint8"],
-    }
-    assert len(one["muscles"]) == 32
-    effort = load_config("whacamole_constrained", ["env.user.effort.weight=0.5"])
-    assert ResolvedEnv(effort.env).contract == one
-    slower = load_config("whacamole_constrained", ["env.frames_per_step=5"])
-    assert differences(ResolvedEnv(slower.env).contract, one) == [("frames_per_step", 5, 1)]
-    assert contract_hash(ResolvedEnv(slower.env).contract) != contract_hash(one)
-
-
-def test_damaged_packages(packed: Path, tmp_path: Path) -> None:
+def test_damaged_packages_are_named_with_their_file(packed: Path, tmp_path: Path) -> None:
     for name in ("card.json", "config.yaml"):
         (tmp_path / name).write_bytes((packed / name).read_bytes())
-    (tmp_path / "policy.pt.xz").write_bytes(lzma.compress(b"no weights"))
-    user = open_packed(tmp_path)
-    with pytest.raises(InputError, match="expected weights of this network"):
-        user.load(new_network(user, ResolvedEnv(CONFIG.env).observation_space))
-    (tmp_path / "card.json").write_text("{")
-    with pytest.raises(
-        InputError, match=r"card\.json, line 1: got text that is not JSON \(.*card of a"
-    ):
-        open_packed(tmp_path)
-
-
-def test_damaged_weights_are_named_with_their_file(packed: Path, tmp_path: Path) -> None:
-    for name in ("card.json", "config.yaml"):
-        (tmp_path / name).write_bytes((packed / name).read_bytes())
-    file = tmp_path / "policy.pt.xz"
-    whole = (packed / "policy.pt.xz").read_bytes()
+    file, whole = tmp_path / "policy.pt.xz", (packed / "policy.pt.xz").read_bytes()
     weights = weights_of(packed)
     (size,) = weights["log_std"].shape
     user = open_packed(tmp_path)
@@ -269,23 +198,20 @@ def test_damaged_weights_are_named_with_their_file(packed: Path, tmp_path: Path)
         assert str(file) in str(error.value)
         return str(error.value)
 
-    def with_log_std(value: object) -> str:
+    assert "damaged" in said(whole[: len(whole) // 2])
+    pair = (torch.zeros(size, dtype=torch.int8), torch.ones(1))
+    for value, message in (
+        (torch.zeros(size).to_sparse(), "log_std: got a tensor of torch.float32 on cpu"),
+        (torch.zeros(2, 2), f"log_std: got 2 x 2, expected real numbers of shape {size}"),
+        (pair, "log_std: got ("),
+        (torch.full((size,), float("nan")), "log_std is not finite"),
+    ):
         stream = io.BytesIO()
         torch.save(weights | {"log_std": value}, stream)
-        return said(lzma.compress(stream.getvalue(), preset=0))
-
-    assert "damaged" in said(whole[: len(whole) // 2])
-    assert f"log_std: got None, expected real numbers of shape {size}" in with_log_std(None)
-    for value in (torch.zeros(size, dtype=torch.complex64), torch.zeros(size).to_sparse()):
-        assert f"log_std: got a tensor of {value.dtype} on cpu" in with_log_std(value)
-    assert f"log_std: got 2 x 2, expected real numbers of shape {size}" in with_log_std(
-        torch.zeros(2, 2)
-    )
-    for pair in ((torch.zeros(size, dtype=torch.int8), torch.ones(1)), (1, 2), (None,)):
-        assert "log_std: got (" in with_log_std(pair)
-    assert "log_std is not finite" in with_log_std(torch.full((size,), float("nan")))
-    file.write_bytes(whole)
-    assert user.load(network) == 7
+        assert message in said(lzma.compress(stream.getvalue(), preset=0))
+    (tmp_path / "card.json").write_text("{")
+    with pytest.raises(InputError, match=r"card\.json, line 1: got text that is not JSON"):
+        open_packed(tmp_path)
 
 
 def test_weights_never_change_without_their_table_of_results() -> None:

@@ -1,9 +1,6 @@
 """The network against a hand-written one and a parameter count by hand."""
 
-import copy
 import math
-import pickle
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -132,31 +129,6 @@ def test_orthogonal_initialisation() -> None:
     assert checked == 11
 
 
-def test_adam_has_sb3s_epsilon_and_the_image_is_not_changed() -> None:
-    policy = make()
-    assert policy.optimizer.defaults["eps"] == 1e-5
-    assert policy.optimizer.defaults["lr"] == 5e-5
-    observation = batch(2)
-    before = observation["vision"].clone()
-    policy(observation)
-    assert torch.equal(observation["vision"], before)
-
-
-def test_a_stacked_image_and_other_keys_fit() -> None:
-    space = spaces.Dict(
-        {
-            "vision": spaces.Box(0, 255, (4, 16, 24), np.uint8),
-            "proprioception": spaces.Box(-1, 1, (7,), np.float32),
-        }
-    )
-    policy = VisualActorCritic(space, ACTIONS, lambda _: 1e-4)
-    assert policy.features_dim == 256 + 128
-    actions, _, _ = policy(
-        {"vision": torch.zeros((1, 4, 16, 24), dtype=torch.uint8), "proprioception":
-         torch.zeros((1, 7))})  # fmt: skip
-    assert actions.shape == (1, 32)
-
-
 def test_scaled_proprioception_by_hand() -> None:
     plain, scaled = make(), make(scale_proprioception=True)
     observation = batch(3)
@@ -186,16 +158,6 @@ def test_scaled_proprioception_by_hand() -> None:
     assert sum(p.numel() for p in scaled.parameters()) == count, "nothing more to learn"
 
 
-def test_scaling_refuses_what_it_cannot_use() -> None:
-    with pytest.raises(RuntimeError, match=r"policy\.scale_proprioception: got False"):
-        make().fit_scaling(np.zeros(56), np.ones(56))
-    policy = make(scale_proprioception=True)
-    with pytest.raises(ValueError, match=r"std: got shape \(3,\), expected \(56,\)"):
-        policy.fit_scaling(np.zeros(56), np.ones(3))
-    with pytest.raises(ValueError, match=r"(?s)std: got .*-1.*expected finite numbers, no"):
-        policy.fit_scaling(np.zeros(56), np.full(56, -1.0))
-
-
 def test_any_picture_has_an_encoder_and_any_other_sense_is_taken_as_it_is() -> None:
     space = spaces.Dict(
         {
@@ -222,16 +184,3 @@ def test_any_picture_has_an_encoder_and_any_other_sense_is_taken_as_it_is() -> N
     assert (one != other).any()
     blind = spaces.Dict({"proprioception": space["proprioception"]})
     assert not VisualActorCritic(blind, ACTIONS, lambda _: 5e-5).in_shards
-
-
-@pytest.mark.parametrize("how", [copy.deepcopy, lambda policy: pickle.loads(pickle.dumps(policy))])
-def test_policies_can_be_copied(how: Callable[[VisualActorCritic], VisualActorCritic]) -> None:
-    policy = make(scale_proprioception=True)
-    policy.fit_scaling(np.full(56, 0.5), np.full(56, 2.0))
-    other = how(policy)
-    seen = batch(3)
-    with torch.no_grad():
-        expected = policy.action_mean(seen)
-        np.testing.assert_array_equal(other.action_mean(seen), expected)
-        next(other.parameters()).add_(1.0)
-        np.testing.assert_array_equal(policy.action_mean(seen), expected)  # shares nothing

@@ -1,6 +1,5 @@
 """The distilled recipe end to end, tiny, in the real game: what its stages leave behind."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +7,8 @@ import pytest
 import torch
 from tiny_distill import config, train, weights
 
-from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.runs.run_folder import RunFolder
-from sim2vr_harness.training.dagger.dagger import Student, TeacherExpert
+from sim2vr_harness.training.dagger.dagger import TeacherExpert
 from sim2vr_harness.training.run.stage import Report
 
 REPORTS: list[Report] = []
@@ -25,23 +23,6 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
         assert f"Stage {stage} of 3" in text
     assert "easier than the game" not in " ".join(text.split())
     return folder
-
-
-def test_all_stages_leave_their_traces(whole: Path) -> None:
-    run = RunFolder.open(whole)
-    assert run.latest_checkpoint().stem == "step_000000040"
-    assert list(run.metadata()["stage_seconds"]) == ["imagined", "student", "ppo"]
-    assert [session["status"] for session in run.metadata()["sessions"]] == ["finished"]
-    rows = [
-        json.loads(row) for row in (whole / "student" / "metrics.jsonl").read_text().splitlines()
-    ]
-    assert [row["step"] for row in rows] == [16, 32, 48, 64, 80, 96]
-    assert all(np.isfinite(row["student/imitation_error"]) for row in rows)
-    left = sorted(file.name for file in (whole / "student").iterdir())
-    assert left == ["metrics.jsonl", "policy.pt"]
-    left = sorted(file.name for file in (whole / "imagined").iterdir())
-    assert left == ["cycles.jsonl", "policy.pt"]
-    assert not (whole / "teacher").exists()
 
 
 def test_every_row_of_every_stage_is_reported(whole: Path) -> None:
@@ -78,30 +59,6 @@ def test_fine_tuning_begins_with_the_student_and_with_its_critic(whole: Path) ->
     assert (student[scaling[0]] != 1.0).any()
 
 
-@pytest.mark.parametrize(("options", "most"), [({}, 3), ({"condition": "easy"}, 1)])
-def test_a_student_may_have_game_options_of_its_own(
-    options: dict[str, str], most: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    seen = []
-    state_dict = Student.state_dict
-
-    def noting(self: Student) -> dict:
-        seen.append(self.store.rows(np.arange(self.store.count))["facts"].sum(1))
-        return state_dict(self)
-
-    monkeypatch.setattr(Student, "state_dict", noting)
-    settings = ("teacher.imagined.cycles=1", f"student.app_options={json.dumps(options)}")
-    train(tmp_path / "run", *settings)
-    assert seen[-1].max() == most
-
-
-def test_who_never_becomes_late_is_told_so(tmp_path: Path) -> None:
-    _, text = train(
-        tmp_path / "run", "teacher.imagined.undelayed_cycles=1", "teacher.imagined.cycles=1"
-    )
-    assert "All of the 1 cycles are easier than the game" in " ".join(text.split())
-
-
 def test_a_guide_says_what_muscles_shall_do_and_which_cells_have_targets(whole: Path) -> None:
     from sim2vr_harness.envs.simulation import Simulation
 
@@ -122,14 +79,3 @@ def test_a_guide_says_what_muscles_shall_do_and_which_cells_have_targets(whole: 
     mean, std = guide.proprioception_scale(with_pictures)
     assert mean.shape == std.shape == (56,)
     with_pictures.close()
-
-
-def test_a_game_without_a_game_model_says_so_before_anything_is_written(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"recipe: got 'distill' for the game 'sample'.*ppo"):
-        train(
-            tmp_path / "run",
-            "env.app.game=sample",
-            "env.app.options={}",
-            "evaluation.conditions=[standard]",
-        )
-    assert not (tmp_path / "run").exists()

@@ -5,22 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
-from sim2vr_harness import training
-from sim2vr_harness.base.cores import available, budget, torch_budget
-from sim2vr_harness.base.torch_threads import torch_threads
-
 PAGE = Path(__file__).resolve().parents[3] / "docs/reference/api.md"
-
-
-def test_every_public_name_is_there_and_documented() -> None:
-    text = PAGE.read_text(encoding="utf-8")
-    for name in training.__all__:
-        assert getattr(training, name).__doc__, name
-        assert f"sim2vr_harness.training.{name}\n" in text, name
-    with pytest.raises(AttributeError, match="no attribute 'trainn'"):
-        _ = training.trainn
 
 
 def test_configurations_are_read_without_torch() -> None:
@@ -32,10 +17,3 @@ def test_configurations_are_read_without_torch() -> None:
     kept = {key: value for key, value in os.environ.items() if not key.startswith(("OMP", "GOMP"))}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=kept)
     assert (done.stdout, done.stderr) == ("PASSIVE 30000\n", "")
-
-
-def test_one_budget_of_cores() -> None:
-    assert available() == len(os.sched_getaffinity(0))
-    assert (budget(0), budget(3)) == (available(), 3)
-    with torch_threads(2):
-        assert (torch_budget(0), torch_budget(1)) == (2, 1)

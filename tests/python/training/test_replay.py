@@ -23,15 +23,6 @@ def append(store: ReplayStore, frames: int) -> None:
         store.append({"vision": picture, "label": label})
 
 
-def test_a_store_that_keeps_all_knows_every_frame(tmp_path: Path) -> None:
-    store = ReplayStore(tmp_path / "frames.*.bin", 8, SHAPES)
-    append(store, 8)
-    assert (store.first, store.count) == (0, 8)
-    rows = store.rows(np.array([0, 3, 7]))
-    assert rows["vision"][:, 0, 1, 2].tolist() == [0, 3, 7]
-    assert rows["label"][:, 1].tolist() == [0.0, 3.0, 7.0]
-
-
 def test_a_store_that_goes_round_knows_the_last_frames(tmp_path: Path) -> None:
     store = ReplayStore(tmp_path / "frames.*.bin", 4, SHAPES, slack=2)
     append(store, 20)

@@ -13,8 +13,6 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from sim2vr_harness.client import AppProcess
-from sim2vr_harness.client.launch import PortReservation
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.runs.checkpoint import require_readable
 from sim2vr_harness.runs.config import TrainingConfig, load_config
@@ -87,10 +85,7 @@ def test_training_goes_on_and_says_so(tmp_path: Path, unity_settings: list[str])
     ("fault", "message"),
     [
         ("nan", "reward: got nan, expected a finite number"),
-        ("infinite", "timeFeature: got inf, expected a finite number"),
-        ("overflow", "reward: got 1e+39, expected at most 3.4e+38"),
         ("size", "image: got 90 x 60 pixels, expected 120 x 80"),
-        ("deep", "expected JSON nested at most 100 deep"),
     ],
 )
 def test_an_app_that_sends_what_cannot_be_used_spoils_nothing(
@@ -119,10 +114,9 @@ def test_an_app_that_always_fails_ends_the_training_with_a_checkpoint(
         train(config(*unity_settings, arguments), tmp_path / "run", 120)
 
 
-@pytest.mark.parametrize("protocol", ["protocol1", "protocol2"])
-def test_training_outside_is_the_same_as_in_process(tmp_path: Path, protocol: str) -> None:
+def test_training_outside_is_the_same_as_in_process(tmp_path: Path) -> None:
     inside, _ = train(config(), tmp_path / "inside", 120)
-    outside, said = train(config(f"env.app.transport={protocol}"), tmp_path / "outside", 60)
+    outside, said = train(config("env.app.transport=protocol2"), tmp_path / "outside", 60)
     assert "continues exactly" in said
     # Where the app runs may change between sessions.
     outside, _ = train(config(), tmp_path / "outside", 120, resume=True)
@@ -130,24 +124,6 @@ def test_training_outside_is_the_same_as_in_process(tmp_path: Path, protocol: st
         assert {k: v for k, v in one.items() if not k.startswith("time")} == {
             k: v for k, v in other.items() if not k.startswith("time")
         }
-
-
-def test_evaluation_with_protocol_2_and_with_logs(tmp_path: Path) -> None:
-    result, _ = train(config("env.app.options.round_seconds=1.0"), tmp_path / "run", 60)
-    expected = evaluate(result.checkpoint, Request(log=True, out=tmp_path / "one"))
-    found = evaluate(
-        result.checkpoint, Request(log=True, out=tmp_path / "two", app={"transport": "protocol2"})
-    )
-    for condition, summary in expected.summaries.items():
-        assert found.summaries[condition] == summary | {"app": {"transport": "protocol2"}}
-
-    def logs(folder: Path) -> dict[str, bytes]:
-        return {
-            str(file.relative_to(folder)): file.read_bytes()
-            for file in sorted((folder / "logs").rglob("*.csv"))
-        }
-
-    assert logs(tmp_path / "one") == logs(tmp_path / "two") != {}
 
 
 def test_evaluation_in_a_unity_build(tmp_path: Path, unity_settings: list[str]) -> None:
@@ -169,19 +145,6 @@ def test_evaluation_in_a_unity_build(tmp_path: Path, unity_settings: list[str]) 
     assert sorted(ends) == ["app_failed", "finished", "finished", "finished"]
     failed = found.summaries["low-medium"]
     assert (failed["app_failed"], failed["hits"], failed["diverged"]) == (1, 9.0, 0)
-
-
-def test_evaluation_in_an_app_that_runs_already(tmp_path: Path, unity_settings: list[str]) -> None:
-    result, _ = train(config(*unity_settings, with_arguments("-round", "0.4")), tmp_path / "r", 60)
-    port = PortReservation()
-    number = str(port.number)
-    process = AppProcess([sys.executable, FAKE_APP, "-port", number, "-round", "0.4"])
-    app = {"connect": f"localhost:{number}", "executable": None, "arguments": []}
-    found = evaluate(result.checkpoint, Request(["medium"], app=app))
-    assert found.summaries["medium"]["hits"] == 9.0
-    assert process.wait(10.0)  # told to quit, as the reference does
-    process.stop()
-    port.release()
 
 
 TRAINING = """
@@ -215,8 +178,6 @@ def alive(pid: int) -> bool:
     ("protocol", "number"),
     [
         ("protocol2", signal.SIGINT),
-        ("protocol1", signal.SIGTERM),
-        ("protocol1", signal.SIGKILL),
         ("protocol2", signal.SIGKILL),
     ],
 )

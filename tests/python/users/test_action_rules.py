@@ -6,7 +6,7 @@ import pytest
 from python.users.bodies import OWN_ARM, PENDULUM, PENDULUM_DESCRIPTION, write_body
 from python.users.bodies import body as made
 from sim2vr_harness.perception import Proprioception
-from sim2vr_harness.users import UserBatch, list_efforts, load_body, make_effort
+from sim2vr_harness.users import MotorNoiseSettings, UserBatch, load_body, make_effort
 from sim2vr_harness.users.bodies.registry import installed_bodies
 
 BODY = made(OWN_ARM)
@@ -16,18 +16,6 @@ def _batch(n: int = 2, **settings: object) -> UserBatch:
     batch = UserBatch(BODY, n, threads=1, effort="neural", **settings)  # type: ignore[arg-type]
     batch.reset(range(n), [np.random.default_rng(i) for i in range(n)])
     return batch
-
-
-def test_groups_and_names() -> None:
-    assert [group.rule for group in BODY.actuator_groups] == ["motor", "muscle"]
-    assert BODY.action_names == (
-        *("shoulder_flexion_motor", "shoulder_abduction_motor"),
-        *("biceps", "triceps", "wrist_flexor", "wrist_extensor"),
-    )
-    assert BODY.muscles == BODY.action_names[2:]
-    assert BODY.action_size == 6
-    # Motors by their forcerange, muscles by their F0.
-    assert BODY.peak_forces.tolist() == [40.0, 40.0, 600.0, 600.0, 150.0, 150.0]
 
 
 def test_motors_and_muscles_follow_their_rules() -> None:
@@ -42,6 +30,8 @@ def test_motors_and_muscles_follow_their_rules() -> None:
     np.testing.assert_allclose(batch.ctrl[:, :2], low + expected * span, atol=1e-15)
     muscles = np.clip(act + np.array([0.5, -0.5, 0.0, 1.0]), 0.0, 1.0)
     np.testing.assert_array_equal(batch.ctrl[:, 2:], muscles)
+    # Motors by their forcerange, muscles by their F0.
+    assert BODY.peak_forces.tolist() == [40.0, 40.0, 600.0, 600.0, 150.0, 150.0]
 
 
 def test_start_draws_activations_then_motors() -> None:
@@ -56,19 +46,14 @@ def test_start_draws_activations_then_motors() -> None:
 
 @pytest.mark.parametrize("name", installed_bodies())
 def test_idleness_tires_no_muscle_and_the_hand_comes_to_rest(name: str) -> None:
-    """From 5 s on hands stay within 2 cm; the published arms hang where they began, within 5 cm.
-
-    A minute of the first body, 20 s of the others.
-
-    The minute of fatigue may have .005 (mean over muscles); .55 came of activations that stayed.
-    """
+    """From 5 s on hands stay within 2 cm; the published arms hang where they began, within 5 cm."""
     body = made(name, timestep_s=0.005)
     effort = "cumulative_fatigue_3ccr" if body.muscles else "neural"
     batch = UserBatch(body, 2, threads=1, effort=effort, substeps=10)
     batch.reset(range(2), [np.random.default_rng(i) for i in range(2)])
     hands = [device for device in body.devices if device != "headset"]
     path = []
-    for _ in range(1200 if name == "mobl_arms_wrist" else 400):
+    for _ in range(1200 if name == "mobl_arms_wrist" else 200):
         path.append(np.stack([batch.device_poses(hand)[0] for hand in hands]))
         batch.step(np.tile(batch.resting_action, (2, 1)))
     moved = np.linalg.norm(np.array(path) - path[-1], axis=-1)
@@ -78,20 +63,6 @@ def test_idleness_tires_no_muscle_and_the_hand_comes_to_rest(name: str) -> None:
         assert batch.act.max() < 1e-3
         if name.startswith("mobl_arms"):
             assert moved[0].max() < 0.05
-
-
-def test_motors_are_part_of_the_state() -> None:
-    rng = np.random.default_rng(4)
-    batch, other = _batch(), _batch(1)
-    for _ in range(3):
-        batch.step(rng.uniform(-1, 1, (2, 6)))
-    other.load_state_dict(0, batch.state_dict(1))
-    np.testing.assert_array_equal(other.motor[0], batch.motor[1])
-    action = rng.uniform(-1, 1, (2, 6))
-    batch.step(action)
-    other.step(action[1:])
-    for name in ("qpos", "qvel", "act", "motor", "ctrl", "actuator_force"):
-        np.testing.assert_array_equal(getattr(other, name)[0], getattr(batch, name)[1])
 
 
 def test_motors_come_last_in_proprioception() -> None:
@@ -110,10 +81,6 @@ def test_effort_of_a_mixed_body() -> None:
     batch = _batch()
     batch.step(np.full((2, 6), 0.3))
     np.testing.assert_allclose(batch.effort_cost, 1e-4 * (batch.ctrl**2).sum(axis=1), rtol=1e-12)
-    for name in list_efforts():
-        other = UserBatch(BODY, 2, threads=1, effort=name)
-        other.step(np.full((2, 6), 0.3))
-        assert np.isfinite(other.effort_cost).all(), name
     fatigue = UserBatch(BODY, 1, threads=1)
     assert fatigue.effort.state_dict()["MA"].shape == (1, 4)
     # Half of a motor's 40 Nm: E = 1236.5 / 35^0.618 - 72.5; ln 35 = 3.5553481, x 0.618 = 2.1972051,
@@ -125,9 +92,8 @@ def test_effort_of_a_mixed_body() -> None:
 
 
 def test_noise_is_the_muscles_alone() -> None:
-    from sim2vr_harness.users import MotorNoiseSettings
-
     plain, noisy = _batch(), _batch(noise=MotorNoiseSettings())
+    np.testing.assert_array_equal(plain.act, noisy.act)
     for batch in (plain, noisy):
         batch.step(np.zeros((2, 6)))
     np.testing.assert_array_equal(plain.ctrl[:, :2], noisy.ctrl[:, :2])
@@ -144,28 +110,9 @@ def test_a_body_without_muscles(tmp_path: Path) -> None:
     batch.step(batch.resting_action[None])
     assert batch.ctrl.tolist() == [[0.0]]
     assert np.isnan(body.peak_forces).all()
-    with pytest.raises(ValueError, match="'cumulative_fatigue_3ccr' for body 'body', which has no"):
-        UserBatch(body, 1)
-    with pytest.raises(ValueError, match="'consumed_endurance' for body 'body', which names no"):
-        UserBatch(body, 1, effort="consumed_endurance")
-    lifting = description | {"effort": {"lifting": ["drive"]}}
-    body = load_body(write_body(tmp_path, PENDULUM, lifting), appearance=False)
-    with pytest.raises(ValueError, match=r"actuator 'drive' has no known peak force.*peak_forces"):
-        UserBatch(body, 1, effort="consumed_endurance")
-
-
-@pytest.mark.parametrize(
-    ("rule", "message"),
-    [
-        ("muscle", "rule: got 'muscle' for actuator 'drive', whose dyntype is 'none'"),
-        ("mussel", "actuators.0.rule: got 'mussel', expected 'muscle', 'motor' or 'direct'"),
-    ],
-)
-def test_a_rule_that_does_not_fit(rule: str, message: str, tmp_path: Path) -> None:
-    description = PENDULUM_DESCRIPTION | {"actuators": [{"names": ["drive"], "rule": rule}]}
-    with pytest.raises(ValueError, match=message) as error:
-        load_body(write_body(tmp_path, PENDULUM, description))
-    assert str(error.value).startswith(str(tmp_path / "body.yaml"))
+    for effort in ("cumulative_fatigue_3ccr", "consumed_endurance"):
+        with pytest.raises(ValueError, match=f"'{effort}' for body 'body', which"):
+            UserBatch(body, 1, effort=effort)
 
 
 def test_a_motor_needs_a_range(tmp_path: Path) -> None:

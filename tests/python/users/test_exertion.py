@@ -20,8 +20,6 @@ from sim2vr_harness.users.exertion import (
 )
 
 BODY = body()
-SHOULDER = (0.0182, 0.00168)
-"""F and R of the shoulder (Frey-Law, Looft, Heitsman 2012)."""
 REFERENCE = (0.0146, 0.0022)
 
 
@@ -100,18 +98,8 @@ def test_nicer_by_hand() -> None:
     assert meter.value[0] > rested
 
 
-def test_nicer_of_an_arm_that_only_rested_is_nothing() -> None:
-    meter = NicerMeter(1)
-    for shoulder in (10.0, 10.0):
-        meter.update(np.array([5.0]), np.array([shoulder]), np.array([170.0]), 1.0)
-    assert meter.value.tolist() == [0.0]
-    meter.update(np.array([20.0]), np.array([60.0]), np.array([180.0]), 1.0)
-    # Mean over 3 s: 20 / 3 Nm of 86.510191: .0770613; 14.86 * f^-1.83 = 1618.7 s; 300 / that.
-    assert meter.value == pytest.approx([300.0 / (14.86 * (20.0 / 3.0 / 86.510191) ** -1.83)])
-
-
-@pytest.mark.parametrize("rates", [REFERENCE, SHOULDER])
-def test_closed_form_of_3ccr_is_what_its_simulation_does(rates: tuple[float, float]) -> None:
+def test_closed_form_of_3ccr_is_what_its_simulation_does() -> None:
+    rates = REFERENCE
     shares = np.array([0.2, 0.4, 0.6])
     held_s = _held_s(CumulativeFatigue3CCr(3, 1, fatigue=rates[0], recovery=rates[1]), shares)
     np.testing.assert_allclose(held_s, fatigue_endurance_time(shares, *rates), rtol=0.03)
@@ -148,30 +136,13 @@ def test_presets_against_the_published_endurance_of_the_shoulder() -> None:
         assert ((ratio > low) & (ratio < high)).all(), ratio
 
 
-def test_a_preset_is_what_single_rates_go_by() -> None:
-    shoulder = EffortConfig(preset="shoulder", fatigue=0.02)
-    assert shoulder.options() == {"r": 15.0, "fatigue": 0.02, "recovery": 0.00168}
-    assert EffortConfig().options() == {}
-    with pytest.raises(ValueError, match="preset: got shoulder for neural, expected"):
-        EffortConfig(model="neural", preset="shoulder")
-
-
-def test_arms_of_bodies() -> None:
-    (arm,) = arms_of(BODY)
-    assert (arm.side, arm.upper_arm, arm.forearm, arm.wrist) == (
-        *("right", "humerus", "ulna", "proximal_row"),
-    )
-    both = arms_of(body("mobl_arms_bimanual_motor"))
-    assert [found.wrist for found in both] == ["proximal_row_r", "proximal_row_l"]
-
-
 def _still(elevation_deg: float, elbow_deg: float) -> np.ndarray:
     angles = dict.fromkeys(BODY.independent_joints, 0.0)
     angles |= {"shoulder_elv": np.radians(elevation_deg), "elbow_flexion": np.radians(elbow_deg)}
     return BODY.coupled_qpos(np.array([angles[name] for name in BODY.independent_joints]))
 
 
-@pytest.mark.parametrize("elevation", [0.0, 45.0, 90.0, 120.0])
+@pytest.mark.parametrize("elevation", [0.0, 120.0])
 def test_torque_of_an_arm_held_still(elevation: float) -> None:
     """Weight times the horizontal distance of the arm's centre of mass, summed part by part."""
     model = BODY.physics_model
@@ -237,11 +208,7 @@ def test_torque_of_a_swinging_arm_is_that_of_newton_and_euler() -> None:
 
 
 def _above(model: mujoco.MjModel, part: int) -> list[int]:
-    found = [part]
-    while part:
-        part = int(model.body_parentid[part])
-        found.append(part)
-    return found
+    return [part, *_above(model, int(model.body_parentid[part]))] if part else [0]
 
 
 def test_angles_of_an_arm() -> None:

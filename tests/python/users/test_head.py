@@ -65,42 +65,6 @@ def test_the_arm_does_not_notice() -> None:
     assert not any(key.startswith("head/") for key in fixed.state_dict(0))
 
 
-def test_frames_and_others_change_no_bit() -> None:
-    one, three = users(), users(3)
-    for step in range(4):
-        one.step(actions(step), pose_samples=5)
-        three.step(actions(step, 3))
-        for kind in range(2):
-            now = one.device_poses("headset")[kind]
-            np.testing.assert_array_equal(now[0], three.device_poses("headset")[kind][0])
-            np.testing.assert_array_equal(now, one.device_poses("headset", 4)[kind])
-    # Between its ends the head goes on smoothly: five equal parts of a step look alike.
-    path = np.array([one.device_poses("headset", k)[0][0] for k in range(5)])
-    turns = np.diff(path, axis=0)
-    assert (
-        np.linalg.norm(np.diff(turns, axis=0), axis=1).max() < np.linalg.norm(turns, axis=1).max()
-    )
-    # A pause at the end of a sample sees what the sample holds.
-    seen: list[np.ndarray] = []
-    one.step(
-        actions(9), pose_samples=5, pauses={10: lambda: seen.append(one.device_poses("headset")[0])}
-    )
-    np.testing.assert_array_equal(seen[0], one.device_poses("headset", 1)[0])
-
-
-def test_a_restored_head_goes_on() -> None:
-    one, other = users(2), users(1)
-    for step in range(3):
-        one.step(actions(step, 2))
-    other.load_state_dict(0, one.state_dict(1))
-    for step in range(3):
-        np.testing.assert_array_equal(
-            one.device_poses("headset")[0][1], other.device_poses("headset")[0][0]
-        )
-        one.step(actions(step, 2))
-        other.step(actions(step))
-
-
 def test_its_own_motion_has_the_stated_deviations_and_speeds() -> None:
     heads = Heads(300)
     for _ in range(120):  # 6 s, longer than everything that swings here
@@ -145,8 +109,3 @@ def test_it_gives_way_where_the_hand_goes_and_comes_back() -> None:
         pos, quat = heads.step(struck)
     np.testing.assert_allclose(pos[0], AHEAD[0], atol=1e-4)
     np.testing.assert_array_equal(quat[0], [1.0, 0.0, 0.0, 0.0])
-
-
-def test_who_can_have_it() -> None:
-    with pytest.raises(ValueError, match=r"head: got 'reflex' for a body with a neck of its own"):
-        UserBatch(body(torso=True), 1, threads=1, head="reflex")

@@ -18,14 +18,6 @@ def test_signal_dependent_white_grows_with_the_control() -> None:
     assert _run(settings, 0.0, 10).max() == 0.0
 
 
-def test_constant_white_is_shared_by_all_muscles() -> None:
-    settings = MotorNoiseSettings(signal_dependent=None, constant="white", constant_level=0.0185)
-    added = _run(settings, 0.5, 4000) - 0.5
-    np.testing.assert_array_equal(added, np.repeat(added[:, :1], 32, axis=1))
-    assert added[:, 0].std() == pytest.approx(0.0185, rel=0.05)
-    assert abs(np.corrcoef(added[1:, 0], added[:-1, 0])[0, 1]) < 0.1
-
-
 def test_red_noise_adds_up() -> None:
     def level(steps: int) -> float:
         ends = [
@@ -37,12 +29,6 @@ def test_red_noise_adds_up() -> None:
     # A random walk's spread grows with the square root of time: 0.001 * sqrt(steps).
     assert level(4) == pytest.approx(0.002, rel=0.2)
     assert level(16) == pytest.approx(0.004, rel=0.2)
-
-
-def test_red_signal_dependent_noise_adds_up() -> None:
-    settings = MotorNoiseSettings("red", None, signal_dependent_level=0.01)
-    added = _run(settings, 0.5, 100) - 0.5
-    assert (added[-1] ** 2).mean() > 10 * (added[0] ** 2).mean()
 
 
 def test_controls_stay_in_range() -> None:
@@ -61,20 +47,3 @@ def test_each_user_has_a_stream_of_its_own() -> None:
     assert (both[0] != both[1]).all()
     np.testing.assert_array_equal(both[1:], alone.apply(ctrl[:1], [0]))
     np.testing.assert_array_equal(ctrl, 0.5)  # the input is left alone
-
-
-def test_state_round_trip() -> None:
-    settings = MotorNoiseSettings("red", "red")
-    noise, other = MotorNoise(settings, 1, 4), MotorNoise(settings, 1, 4)
-    noise.reset([0], [1])
-    ctrl = np.full((1, 4), 0.5)
-    noise.apply(ctrl, [0])
-    other.load_state_dict(0, noise.state_dict(0))
-    np.testing.assert_array_equal(noise.apply(ctrl, [0]), other.apply(ctrl, [0]))
-
-
-def test_errors() -> None:
-    with pytest.raises(ValueError, match="constant: got 'pink', expected 'white', 'red' or None"):
-        MotorNoiseSettings(constant="pink")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="constant_level: got -1"):
-        MotorNoiseSettings(constant_level=-1)

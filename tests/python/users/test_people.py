@@ -4,11 +4,10 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.distance import pdist
 
 from python.users.bodies import (
     OWN_ARM,
-    PENDULUM,
-    PENDULUM_DESCRIPTION,
     body,
     placed,
     write_body,
@@ -83,45 +82,6 @@ def test_muscles_of_a_tall_body_work_as_before() -> None:
     np.testing.assert_allclose(arms, 1.1 * torque, rtol=1e-9, atol=1e-7)
 
 
-def test_one_segment() -> None:
-    plain = _load("mobl_arms_wrist")
-    long = _load("mobl_arms_wrist", segment_lengths_m={"upper_arm": 0.32})
-    assert _length(long, "humerus", "ulna") == pytest.approx(0.32, abs=1e-9)
-    assert _length(long, "ulna", "hand") == pytest.approx(_length(plain, "ulna", "hand"), abs=1e-12)
-    assert _own_mass(long) == pytest.approx(_own_mass(plain), rel=1e-12)
-    ratio = 0.32 / 0.290724
-    model, before = long.physics_model, plain.physics_model
-    humerus = model.body("humerus").inertia / before.body("humerus").inertia
-    np.testing.assert_allclose(humerus, ratio**2, rtol=1e-5)
-    assert model.body("radius").inertia == pytest.approx(before.body("radius").inertia)
-    # Muscles along the upper arm have longer paths, those of the forearm keep theirs.
-    lengths = model.actuator_lengthrange[:, 1] / before.actuator_lengthrange[:, 1]
-    by_name = dict(zip(plain.action_names, lengths.tolist(), strict=True))
-    assert 1.05 < by_name["BIClong"] < ratio
-    assert by_name["PQ"] == pytest.approx(1.0, abs=1e-12)
-
-
-def test_a_pendulum_swings_as_its_length_says(tmp_path: Path) -> None:
-    """T = 2 pi sqrt(I / (m g d)): I grows with m l^2, m g d with m l, so T with sqrt(l)."""
-    file = write_body(tmp_path, PENDULUM, PENDULUM_DESCRIPTION)
-
-    def quarter_period(body: Body) -> float:
-        data = mujoco.MjData(body.physics_model)
-        data.qpos[0] = 0.05
-        while data.qpos[0] > 0.0:
-            last = data.time, data.qpos[0]
-            mujoco.mj_step(body.physics_model, data)
-        share = last[1] / (last[1] - data.qpos[0])
-        return last[0] + share * (data.time - last[0])
-
-    plain = quarter_period(_load(file))
-    # Rod: 2 kg about its end, tip: 0.5 kg at 0.4 m; MuJoCo's capsule and ball to 3 %.
-    by_hand = np.pi / 2 * np.sqrt((2 * 0.4**2 / 3 + 0.5 * 0.4**2) / (9.81 * (2 * 0.2 + 0.5 * 0.4)))
-    assert plain == pytest.approx(by_hand, rel=0.03)
-    larger = quarter_period(_load(file, stature_m=2.42, mass_kg=200.0))
-    assert larger == pytest.approx(1.1 * plain, rel=1e-4)  # sqrt(2.42 / 2)
-
-
 DRAWER = """
 <mujoco>
   <compiler angle="radian"/>
@@ -170,27 +130,17 @@ def test_lengths_of_slides_and_meshes(tmp_path: Path) -> None:
     assert after[address["pull"]] == pytest.approx(1.5 * before[address["pull"]])
     assert after[address["twist"]] == pytest.approx(before[address["twist"]])
 
-    def corners(body: Body, of: str) -> np.ndarray:
+    def edges(body: Body, of: str) -> np.ndarray:
+        """Lengths between the corners of a part's mesh."""
         model = body.model
-        body_id = model.body(of).id
-        geom = int(model.body_geomadr[body_id])
-        mesh = int(model.geom_dataid[geom])
-        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-        turned = np.zeros(9)
-        mujoco.mju_quat2Mat(turned, model.geom_quat[geom])
-        vertices = model.mesh_vert[first : first + count] @ turned.reshape(3, 3).T
-        placed = vertices + model.geom_pos[geom]
-        return placed[np.lexsort(np.round(placed, 5).T)]
+        mesh = model.mesh(int(model.geom_dataid[model.body_geomadr[model.body(of).id]]))
+        first, count = mesh.vertadr[0], mesh.vertnum[0]
+        return np.sort(pdist(model.mesh_vert[first : first + count]))
 
     drawn = load_body(file)
     tall = load_body(file, person=Physique(stature_m=2.2, segment_lengths_m={"base": 0.15}))
-    np.testing.assert_allclose(corners(tall, "head"), 1.1 * corners(drawn, "head"), atol=1e-6)
-    np.testing.assert_allclose(corners(tall, "base"), 1.5 * corners(drawn, "base"), atol=1e-6)
-    lefty = load_body(file, person=Physique(handedness="left"))
-    expected = corners(drawn, "base") * MIRROR
-    np.testing.assert_allclose(
-        corners(lefty, "base"), expected[np.lexsort(np.round(expected, 5).T)], atol=1e-6
-    )
+    np.testing.assert_allclose(edges(tall, "head"), 1.1 * edges(drawn, "head"), atol=1e-6)
+    np.testing.assert_allclose(edges(tall, "base"), 1.5 * edges(drawn, "base"), atol=1e-6)
 
 
 def test_strength_scales_the_isometric_force() -> None:
@@ -229,59 +179,25 @@ def test_a_left_hander_moves_like_the_mirror_image(name: str | Path) -> None:
     assert np.abs(a.device_poses("controller_right")[0][:, 1]).max() > 0.05
 
 
-def test_mirrored_frames_are_the_left_arms_of_the_reference() -> None:
-    """The left arm of the reference's bimanual model: z to the left, hinge axes turned over."""
-    model = _load("mobl_arms_wrist", handedness="left").physics_model
-    for joint, axis in {
-        "elv_angle": (-0.00479994814, -0.999089205, 0.0423995419),
-        "shoulder_elv": (0.998261373, -0.00229991101, 0.058897721),
-        "elbow_flexion": (-0.0494004068, -0.0366003014, 0.998108219),
-        "flexion": (-0.95642668, 0.252207035, 0.147104104),
-    }.items():
-        np.testing.assert_allclose(model.joint(joint).axis, axis, atol=1e-5, err_msg=joint)
-        assert model.joint(joint).range.tolist() == pytest.approx(
-            _load("mobl_arms_wrist").physics_model.joint(joint).range.tolist()
-        )
-    assert model.body("ulna").pos.tolist() == [0.0061, -0.2904, 0.0123]
-
-
-def test_right_handers_stay_and_left_ones_are_drawn_with_their_device() -> None:
-    assert _load("mobl_arms_wrist", handedness="right").devices == ("headset", "controller_right")
-    drawn = load_body("mobl_arms_wrist", person=Physique(handedness="left", stature_m=1.6))
-    plain = load_body("mobl_arms_wrist").model
-    assert drawn.model.ngeom == plain.ngeom
-    held = drawn.model.body("controller_left")
-    assert held.geomnum[0] == plain.body("controller_right").geomnum[0] > 10
-    assert drawn.model.nmesh == plain.nmesh == 1
-
-
-def test_default_person_changes_no_bit_and_eyes_can_be_nearer() -> None:
-    model, plain = _load("mobl_arms_wrist").physics_model, body()
-    for field in ("body_pos", "body_quat", "body_inertia", "actuator_gainprm", "jnt_axis"):
-        wanted = getattr(plain.physics_model, field)
-        np.testing.assert_array_equal(getattr(model, field), wanted, err_msg=field)
-    assert plain.ipd_m == 0.063
-    assert _load("mobl_arms_wrist", ipd_m=0.058).ipd_m == 0.058
-
-
-@pytest.mark.parametrize(
-    ("person", "message"),
-    [
-        ({"segment_lengths_m": {"upperarm": 0.3}}, "got 'upperarm', .*did you mean 'upper_arm'"),
-        ({"segment_lengths_m": {"forearm": 26.0}}, "forearm: got 26.0 m, expected a third to th"),
-        (
-            {"segment_lengths_m": {"forearm": float("nan")}},
-            "^segment_lengths_m.forearm: got nan, expected a finite",
-        ),
-    ],
-)
-def test_wrong_people(person: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        _load("mobl_arms_wrist", **person)
-
-
-def test_a_body_that_does_not_say_its_stature(tmp_path: Path) -> None:
-    description = {k: v for k, v in PENDULUM_DESCRIPTION.items() if k != "anatomy"}
-    file = write_body(tmp_path, PENDULUM, description)
-    with pytest.raises(ValueError, match=r"body.yaml: person.stature_m: got 1.8 for a body that"):
-        _load(file, stature_m=1.8)
+def test_one_segment_and_errors() -> None:
+    plain = _load("mobl_arms_wrist")
+    long = _load("mobl_arms_wrist", segment_lengths_m={"upper_arm": 0.32}, ipd_m=0.058)
+    assert (plain.ipd_m, long.ipd_m) == (0.063, 0.058)
+    assert _length(long, "humerus", "ulna") == pytest.approx(0.32, abs=1e-9)
+    assert _length(long, "ulna", "hand") == pytest.approx(_length(plain, "ulna", "hand"), abs=1e-12)
+    assert _own_mass(long) == pytest.approx(_own_mass(plain), rel=1e-12)
+    ratio = 0.32 / 0.290724
+    model, before = long.physics_model, plain.physics_model
+    humerus = model.body("humerus").inertia / before.body("humerus").inertia
+    np.testing.assert_allclose(humerus, ratio**2, rtol=1e-5)
+    # Muscles along the upper arm have longer paths, those of the forearm keep theirs.
+    lengths = model.actuator_lengthrange[:, 1] / before.actuator_lengthrange[:, 1]
+    by_name = dict(zip(plain.action_names, lengths.tolist(), strict=True))
+    assert 1.05 < by_name["BIClong"] < ratio
+    assert by_name["PQ"] == pytest.approx(1.0, abs=1e-12)
+    for segments, message in (
+        ({"upperarm": 0.3}, "got 'upperarm', .*did you mean 'upper_arm'"),
+        ({"forearm": 26.0}, "forearm: got 26.0 m, expected a third to th"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            _load("mobl_arms_wrist", segment_lengths_m=segments)

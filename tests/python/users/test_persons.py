@@ -89,10 +89,6 @@ def test_spread_and_means_can_be_set() -> None:
     assert min(quick.number(k).visual_delay_s for k in range(50)) == 0.0
     few = Population(PeopleSettings(count=3))
     assert {few.of_episode(seed).index for seed in range(40)} == {0, 1, 2}
-    with pytest.raises(ValueError, match="person: got 3, expected 0 to 2"):
-        few.number(3)
-    with pytest.raises(ValueError, match=r"people.vary: got 'stature_m', which user.person sets"):
-        Population(PeopleSettings(), Physique(stature_m=1.8))
 
 
 def test_a_body_of_its_own() -> None:
@@ -113,21 +109,6 @@ def test_a_body_of_its_own() -> None:
     assert masses[1] / masses[0] == pytest.approx(0.81)  # constant body-mass index
     hand = [np.linalg.norm(model.body("radius").pos - 0) for model in models]
     assert hand[3] / hand[0] == pytest.approx(1.1)
-
-
-def test_own_bodies_move_as_batches_of_their_own() -> None:
-    person = Population(PeopleSettings()).number(5)
-    physique = Population(PeopleSettings()).physique(person)
-    alone = UserBatch(cut(physique), 1, threads=1, effort="zero")
-    mixed = users(3, Population(PeopleSettings()), effort="zero")
-    start(mixed, [Population(PeopleSettings()).number(k) for k in (1, 5, 9)])
-    alone.reset([0], [np.random.default_rng(3)])
-    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (6, 32))
-    for action in actions:
-        alone.step(action[None])
-        mixed.step(np.tile(action, (3, 1)))
-    np.testing.assert_array_equal(mixed.qpos[1], alone.qpos[0])
-    assert np.abs(mixed.qpos[0] - mixed.qpos[1]).max() > 1e-3
 
 
 def test_strength_noise_and_effort_act() -> None:
@@ -152,41 +133,3 @@ def test_strength_noise_and_effort_act() -> None:
     assert inside.sum() > 10
     np.testing.assert_allclose(off[1], 2.0 * off[0], atol=1e-12)
     assert np.abs(off[2]).max() < 1e-6 < np.abs(off[0]).max()
-
-
-def test_strength_counts_as_a_share_in_consumed_endurance() -> None:
-    people = Population(PeopleSettings(vary=("strength",)))
-    weak = dataclasses.replace(AVERAGE, strength=0.5)
-    batch = users(2, people, effort="consumed_endurance")
-    start(batch, [AVERAGE, weak])
-    # Half the peak force at the same activation: half the force, the same share.
-    assert batch.effort_cost[1] == pytest.approx(batch.effort_cost[0]) and batch.effort_cost[0] > 0
-
-
-def test_a_restored_user_is_the_same_person() -> None:
-    people = Population(PeopleSettings())
-    one, other = users(2, people), users(1, people)
-    start(one, [people.number(2), people.number(3)])
-    one.step(np.full((2, 32), 0.1))
-    other.load_state_dict(0, one.state_dict(1))
-    assert other.persons[0] == people.number(3)
-    np.testing.assert_array_equal(other.person_features[0], people.number(3).features)
-    one.step(np.full((2, 32), -0.1))
-    other.step(np.full((1, 32), -0.1))
-    np.testing.assert_array_equal(other.qpos[0], one.qpos[1])
-    with pytest.raises(ValueError, match=r"persons: got 1, expected 2, one per id"):
-        one.reset([0, 1], [np.random.default_rng(0)] * 2, persons=[AVERAGE])
-
-
-def test_average_people_are_today_s_users_to_the_bit() -> None:
-    today = UserBatch(BODY, 1, threads=1, noise=MotorNoiseSettings())
-    people = Population(PeopleSettings(vary=()))
-    same = users(1, people, noise=MotorNoiseSettings())
-    today.reset([0], [np.random.default_rng(3)])
-    start(same, [people.number(0)])
-    assert "person" not in today.state_dict(0) and today.persons == (AVERAGE,)
-    for _ in range(4):
-        today.step(np.full((1, 32), 0.1))
-        same.step(np.full((1, 32), 0.1))
-    np.testing.assert_array_equal(today.qpos, same.qpos)
-    np.testing.assert_array_equal(today.effort_cost, same.effort_cost)

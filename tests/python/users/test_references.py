@@ -23,8 +23,7 @@ from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.perception import Proprioception
-from sim2vr_harness.users import Body, Physique, ResetOptions, UserBatch, load_body
-from sim2vr_harness.users.bodies.tables import load_device_rows
+from sim2vr_harness.users import Body, Physique, ResetOptions, UserBatch
 
 WRIST, BOTH, MOTORS = "mobl_arms_wrist", "mobl_arms_bimanual", "mobl_arms_bimanual_motor"
 MIRROR, SIDES = np.array([1.0, -1.0, 1.0]), ("_r", "_l")
@@ -163,35 +162,6 @@ def test_postures_of_motors() -> None:
         assert gap(gravity, posture["bias_gravity_eff_Nm"]) < 5e-6
 
 
-@pytest.mark.parametrize(("name", "size"), [(MOTORS, 3 * 14 + 6 + 14), (BOTH, 3 * 14 + 6 + 64)])
-def test_two_controllers_and_two_end_effectors(name: str, size: int) -> None:
-    user = body(name)
-    assert user.devices == ("headset", "controller_right", "controller_left")
-    right, left = (user.physics_model.body(f"controller_{s}") for s in ("right", "left"))
-    assert right.mass[0] == left.mass[0] == 0.129
-    offset = load_device_rows()["controller_right"].openxr_offset
-    np.testing.assert_allclose(user.physics_model.site("controller_left").pos, offset, atol=1e-15)
-    if name == BOTH:
-        np.testing.assert_allclose(left.pos, right.pos * [1, 1, -1], atol=1e-15)  # z: to the left
-    sense = Proprioception(user)
-    assert sense.size == size  # the reference's Beats user has 62
-    assert sense.names[42:48] == tuple(
-        f"controller_{hand} {axis}" for hand in ("right", "left") for axis in "xyz"
-    )
-    batch = UserBatch(user, 1, threads=1, effort="neural")
-    batch.step(np.zeros((1, user.action_size)))
-    # Neural effort squares the angles that motors aim at (User-in-the-Box reference).
-    np.testing.assert_allclose(batch.effort_cost[0], 1e-4 * (batch.ctrl[0] ** 2).sum(), rtol=1e-12)
-    for k, device in enumerate(("controller_right", "controller_left")):
-        place = batch.end_effector_pos[0, 3 * k : 3 * k + 3]
-        np.testing.assert_array_equal(place, batch.device_poses(device)[0][0])
-    # Mirrored, right and left have changed places.
-    swapped = body(name, person=Physique(handedness="left"))
-    assert sorted(swapped.devices) == sorted(user.devices)
-    model = swapped.physics_model
-    assert model.body("controller_left").parentid[0] == model.body("hand_r").id
-
-
 def test_an_app_is_sent_both_controllers() -> None:
     user = {"model": MOTORS, "effort": {"model": "neural", "weight": 0.001}}
     changes = {"app": {"renderer": "null"}, "user": user, "cores": 1, "frames_per_step": 5}
@@ -209,50 +179,13 @@ def test_an_app_is_sent_both_controllers() -> None:
         assert terms["actuators"][0][:2] == ["motor", "elv_angle_motor_r"]
 
 
-# --- both arms with muscles ----------------------------------------------------------------------
-
-
-def test_sizes() -> None:
-    user = body(BOTH)
-    model = user.physics_model
-    assert (model.nu, model.na, model.ntendon) == (64, 64, 64)
-    assert (model.nq, model.neq) == (1 + 2 * 20, 1 + 2 * 13)
-    assert len(user.independent_joints) == 14
-    assert user.action_names[:2] == ("DELT1_r", "DELT2_r")
-    assert user.action_names[32:34] == ("DELT1_l", "DELT2_l")
-    assert load_body(BOTH).model.ngeom > model.ngeom + 100
-
-
-def test_moment_arms_by_hand_are_symmetric() -> None:
-    """d length / d q as a difference quotient, equal angles left and right."""
-    user = bare(BOTH)
-    model, data = user.physics_model, mujoco.MjData(user.physics_model)
-
-    def lengths(q: np.ndarray) -> np.ndarray:
-        data.qpos[:] = user.coupled_qpos(q)
-        mujoco.mj_fwdPosition(model, data)
-        return data.ten_length.copy()
-
-    rng = np.random.default_rng(3)
-    for _ in range(3):
-        q = np.tile(rng.uniform(*user.joint_ranges[:7].T), 2)
-        assert gap(lengths(q)[:32], lengths(q)[32:]) < 1e-12
-        for joint in range(7):
-            step = 1e-5 * np.eye(14)[[joint, joint + 7]]
-            right, left = ((lengths(q + s) - lengths(q - s)) / 2e-5 for s in step)
-            assert gap(right[:32], left[32:]) < 1e-9
-            assert np.abs(right[32:]).max() == 0.0
-            assert np.abs(right).max() > 1e-3 or joint == 0  # nothing moves elv_angle at rest
-
-
-@pytest.mark.parametrize("torso", [False, True])
-def test_forces_and_trajectories_are_mirror_images(torso: bool) -> None:
+def test_forces_and_trajectories_are_mirror_images() -> None:
     """Equal starts and actions left and right; 1 s, to 1e-12 rad and 1e-9 N.
 
     Without the headset, which the reference wears 1.6 mm beside the middle.
     """
     hands = ("controller_right", "controller_left")
-    user = body(BOTH, devices=hands, torso=torso, reset=ResetOptions(posture="ready"))
+    user = body(BOTH, devices=hands, torso=True, reset=ResetOptions(posture="ready"))
     batch = UserBatch(user, 1, threads=1, effort="zero")
     start = np.array([user.reset_rule.posture.get(j, 0.0) for j in user.independent_joints])
     batch.reset([0], rngs(1), [start])
@@ -277,28 +210,25 @@ def test_forces_and_trajectories_are_mirror_images(torso: bool) -> None:
         assert abs(dot) == pytest.approx(1.0, abs=1e-12)
         travelled = max(travelled, float(np.abs(batch.qpos[0, right] - start[arms[0]]).max()))
     assert travelled > 0.5
-    if torso:  # the trunk leans under the arms' weight, but to no side
-        leans = [batch.qpos[0, user.physics_model.joint(j).qposadr[0]] for j in TRUNK]
-        assert abs(leans[0]) > 1e-3
-        assert np.abs(leans[1:]).max() < 1e-12
+    # The trunk leans under the arms' weight, but to no side.
+    leans = [batch.qpos[0, user.physics_model.joint(j).qposadr[0]] for j in TRUNK]
+    assert abs(leans[0]) > 1e-3
+    assert np.abs(leans[1:]).max() < 1e-12
 
 
-def test_the_right_arm_moves_as_the_wrist_models() -> None:
-    """Same start, same actions; the arms meet only in the thorax, which yields by 3e-4 rad.
-
-    The left arm is relaxed and hangs. Measured within 3 s: 3e-4 rad.
-    """
-    one, two = (UserBatch(body(name), 1, threads=1, effort="zero") for name in (WRIST, BOTH))
-    for batch in (one, two):
-        batch.set_motion(0.0 * batch.qpos, 0.0 * batch.qvel, 0.0 * batch.act, batch.motor)
-    rng, worst, moved = np.random.default_rng(5), 0.0, 0.0
-    for _ in range(40):
-        action = rng.uniform(-1, 1, 32)
-        one.step(action[None])
-        two.step(np.concatenate([action, -np.ones(32)])[None])
-        assert gap(one.ctrl[0], two.ctrl[0, :32]) < 1e-12
-        q = one.qpos[0, body(WRIST).qpos_independent]
-        worst = max(worst, gap(two.qpos[0, body(BOTH).qpos_independent[:7]], q))
-        moved = max(moved, float(np.abs(q).max()))
-    assert worst < 1e-3
-    assert moved > 1.0
+def test_the_motors_user_senses_and_wears_what_the_reference_s_does() -> None:
+    user = body(MOTORS)
+    assert user.devices == ("headset", "controller_right", "controller_left")
+    right, left = (user.physics_model.body(f"controller_{s}") for s in ("right", "left"))
+    assert right.mass[0] == left.mass[0] == 0.129
+    assert Proprioception(user).size == 3 * 14 + 6 + 14 == 62  # the reference's Beats user has 62
+    batch = UserBatch(user, 1, threads=1, effort="neural")
+    batch.step(np.zeros((1, user.action_size)))
+    # Neural effort squares the angles that motors aim at (User-in-the-Box reference).
+    np.testing.assert_allclose(batch.effort_cost[0], 1e-4 * (batch.ctrl[0] ** 2).sum(), rtol=1e-12)
+    for k, device in enumerate(("controller_right", "controller_left")):
+        place = batch.end_effector_pos[0, 3 * k : 3 * k + 3]
+        np.testing.assert_array_equal(place, batch.device_poses(device)[0][0])
+    # Mirrored, right and left have changed places.
+    model = body(MOTORS, person=Physique(handedness="left")).physics_model
+    assert model.body("controller_left").parentid[0] == model.body("hand_r").id

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from python.users.bodies import write_body
-from sim2vr_harness.users import Body, Physique, UserBatch, load_body
+from python.users.bodies import placed, write_body
+from sim2vr_harness.users import Body, UserBatch, load_body
 
 LEG = """
 <body name="thigh_{side}" pos="0 {y} 0">
@@ -64,27 +64,6 @@ DESCRIPTION: dict[str, Any] = {
     "mjcf": "body.xml",
     "devices": {"headset": {"site": "eyes"}, "controller_right": {"site": "hand"}},
 }
-FREE_ROOT = """
-<mujoco>
-  <worldbody>
-    <body name="trunk" pos="0 0 1.2" euler="0 0 30">
-      <freejoint name="root"/><geom size=".1"/><site name="eyes" pos=".1 0 .4"/>
-      <body name="neck" pos="0 0 .2"><joint name="neck" type="ball" pos="0 0 -.1"/>
-        <geom size=".1"/></body>
-      <body name="arm"><joint name="shoulder" axis="0 1 0" damping="1"/>
-        <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03"/><site name="hand" pos="0 0 -.3"/>
-      </body>
-    </body>
-  </worldbody>
-  <actuator><motor name="m" joint="shoulder" gear="5" ctrlrange="-1 1"/></actuator>
-</mujoco>
-"""
-
-
-def placed(body: Body) -> mujoco.MjData:
-    data = mujoco.MjData(body.physics_model)
-    mujoco.mj_kinematics(body.physics_model, data)
-    return data
 
 
 def moved(body: Body) -> np.ndarray:
@@ -97,49 +76,6 @@ def moved(body: Body) -> np.ndarray:
     assert not batch.diverged.any()
     after = [batch.device_poses(name)[0][0] for name in body.devices]
     return np.linalg.norm(np.subtract(after, before), axis=1)
-
-
-def test_free_joints_and_balls_are_locked_where_they_are(tmp_path: Path) -> None:
-    description = DESCRIPTION | {"locked_joints": {"root": 0, "neck": 0}}
-    body = load_body(write_body(tmp_path, FREE_ROOT, description))
-    assert body.physics_model.njnt == 1
-    whole = mujoco.MjModel.from_xml_string(FREE_ROOT)
-    expected = mujoco.MjData(whole)
-    mujoco.mj_kinematics(whole, expected)
-    for part in ("trunk", "neck", "arm"):
-        np.testing.assert_allclose(
-            placed(body).body(part).xpos, expected.body(part).xpos, atol=1e-12
-        )
-        np.testing.assert_allclose(
-            placed(body).body(part).xmat, expected.body(part).xmat, atol=1e-12
-        )
-    head, hand = moved(body)
-    assert head == 0.0
-    assert hand > 0.01
-
-
-def test_the_hints_of_errors_about_free_joints_lead_out(tmp_path: Path) -> None:
-    left = Physique(handedness="left")
-    hint = "joint 'root', .*expected hinges and slides, or the joint under locked_joints"
-    with pytest.raises(ValueError, match=hint):
-        load_body(write_body(tmp_path, FREE_ROOT, DESCRIPTION), person=left)
-    locked = DESCRIPTION | {"locked_joints": {"root": 0.5, "neck": 0}}
-    with pytest.raises(ValueError, match=r"locked_joints\.root: got 0\.5, expected 0"):
-        load_body(write_body(tmp_path, FREE_ROOT, locked), person=left)
-    locked = DESCRIPTION | {"locked_joints": {"root": 0, "neck": 0}}
-    body = load_body(write_body(tmp_path, FREE_ROOT, locked), person=left)
-    assert body.devices == ("headset", "controller_left")
-
-
-def test_the_hint_of_a_tendon_leads_out(tmp_path: Path) -> None:
-    actuators = [{"names": ["shoulder"]}]
-    locked = {"actuators": actuators, "locked_joints": {"root": 0, "knee_l": 0}}
-    message = "got 'knee_l', which the tendon 'gait' joins to 'knee_r'; expected both locked"
-    with pytest.raises(ValueError, match=message):
-        load_body(write_body(tmp_path, WHOLE, DESCRIPTION | locked))
-    locked["locked_joints"] = {"root": 0, "knee_l": 0, "knee_r": 0, "hip_flexion": 0}
-    body = load_body(write_body(tmp_path, WHOLE, DESCRIPTION | locked))
-    assert body.physics_model.ntendon == 0
 
 
 def test_a_seated_body(tmp_path: Path) -> None:
@@ -170,12 +106,6 @@ def test_a_seated_body_that_looks_elsewhere(tmp_path: Path) -> None:
     np.testing.assert_allclose(data.body("foot_r").xpos, [0.8, -0.1, 0.5], atol=1e-9)
 
 
-def test_a_standing_body(tmp_path: Path) -> None:
-    body = load_body(write_body(tmp_path, WHOLE, DESCRIPTION | {"posture": "standing"}))
-    np.testing.assert_allclose(placed(body).body("foot_r").xpos, [0, -0.1, 0.1], atol=1e-12)
-    assert moved(body)[0] == 0.0
-
-
 @pytest.mark.parametrize("posture", ["seated", "standing"])
 def test_gymnasiums_humanoid(posture: str, tmp_path: Path) -> None:
     assets = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets"
@@ -195,7 +125,26 @@ def test_gymnasiums_humanoid(posture: str, tmp_path: Path) -> None:
     assert (knee[0] > 0.35) == (posture == "seated")
 
 
-def test_a_body_without_hips_says_so(tmp_path: Path) -> None:
-    message = "posture: got 'seated', expected a model with joints named after the hips"
-    with pytest.raises(ValueError, match=message):
-        load_body(write_body(tmp_path, FREE_ROOT, DESCRIPTION | {"posture": "seated"}))
+def test_free_joints_and_balls_are_locked_where_they_are(tmp_path: Path) -> None:
+    """The hints of the errors lead there; one's own angle of a joint comes first."""
+    locked: dict[str, float] = {"root": 0.5, "knee_l": 0}
+
+    def load() -> Body:
+        changes = {"actuators": [{"names": ["shoulder"]}], "locked_joints": locked}
+        return load_body(write_body(tmp_path, WHOLE, DESCRIPTION | changes))
+
+    with pytest.raises(ValueError, match=r"locked_joints\.root: got 0\.5, expected 0"):
+        load()
+    locked["root"] = 0
+    with pytest.raises(ValueError, match="'gait' joins to 'knee_r'; expected both locked"):
+        load()
+    locked |= dict.fromkeys(("knee_r", "hip_flexion", "hip_turn", "hip_l", "ankle_l", "ankle_r"), 0)
+    body = load()
+    assert (body.independent_joints, body.physics_model.ntendon) == (("shoulder",), 0)
+    whole = mujoco.MjModel.from_xml_string(WHOLE)
+    expected = mujoco.MjData(whole)
+    mujoco.mj_kinematics(whole, expected)
+    for part in ("trunk", "foot_l", "arm"):
+        found = placed(body).body(part)
+        np.testing.assert_allclose(found.xpos, expected.body(part).xpos, atol=1e-12)
+        np.testing.assert_allclose(found.xmat, expected.body(part).xmat, atol=1e-12)

@@ -14,7 +14,7 @@ from sim2vr_harness.users.people import PeopleSettings, Population
 CONFIGS = Path(__file__).resolve().parents[3] / "configs"
 FORWARDS = {"elv_angle": 90.0, "shoulder_elv": 90.0}
 """The arm straight ahead at the height of the shoulder, degrees."""
-PERSONS = 24
+PERSONS = 12
 
 
 def lift_and_weight(body: Body) -> tuple[float, float]:
@@ -41,17 +41,6 @@ def margins(settings: PeopleSettings) -> list[float]:
     return found
 
 
-def test_the_body_s_raised_arm_is_weak() -> None:
-    """Published: young men 89.9 and 68.6 Nm at 0 and 45 degrees of flexion, women half of that.
-
-    At 90 degrees, where most of VR is played, the muscles of the model give a fifth of what they
-    do at 45, and hardly more than the arm weighs.
-    """
-    lift, weight = lift_and_weight(load_body("mobl_arms_wrist"))
-    assert lift == pytest.approx(20.1, abs=0.3)
-    assert weight == pytest.approx(13.0, abs=0.2)
-
-
 @pytest.mark.parametrize("name", ["whacamole_people", "pointing_people"])
 def test_everybody_can_hold_a_straight_arm_ahead(name: str) -> None:
     """With something to spare; of people for whom its muscles are a man's a quarter could not."""
@@ -59,3 +48,9 @@ def test_everybody_can_hold_a_straight_arm_ahead(name: str) -> None:
     assert settings is not None
     assert min(margins(settings)) > 1.15
     assert sum(margin < 1.0 for margin in margins(PeopleSettings())) >= PERSONS / 4
+
+
+def test_the_body_s_raised_arm_is_weak() -> None:
+    """At 90 degrees the muscles of the model hardly lift more than the arm weighs."""
+    lift, weight = lift_and_weight(load_body("mobl_arms_wrist"))
+    assert (lift, weight) == (pytest.approx(20.1, abs=0.3), pytest.approx(13.0, abs=0.2))

@@ -1,21 +1,14 @@
 """Trunk and neck that move: what they are made of, what they can do, that they stand."""
 
-import csv
-import re
 from contextlib import closing
-from importlib import resources
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 
-from python.users.bodies import OWN_ARM
-from python.users.references import coupling_jacobian, gap
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.perception import Proprioception
 from sim2vr_harness.users import Body, Physique, UserBatch, load_body
 from sim2vr_harness.users.bodies.registry import TORSO_MOTORS
 
@@ -87,16 +80,8 @@ def _same_inertia(body: Any, expected: np.ndarray) -> None:
     np.testing.assert_allclose(np.sort(body.inertia), np.sort(expected), rtol=2e-3)
 
 
-def test_every_number_has_a_source() -> None:
-    folder = resources.files("sim2vr_harness.users").joinpath("data", "torso")
-    for table in ("bodies.csv", "joints.csv", "motors.csv"):
-        for row in csv.DictReader(folder.joinpath(table).read_text().splitlines()):
-            assert re.search(r"[A-Z][a-z]+.* (19|20)\d\d", row["source"]), row  # author and year
-
-
-@pytest.mark.parametrize("name", BODIES)
-def test_it_ducks_leans_and_looks(name: str) -> None:
-    batch = UserBatch(_body(name), 2, threads=1, effort="zero")
+def test_it_ducks_leans_and_looks() -> None:
+    batch = UserBatch(_body(), 2, threads=1, effort="zero")
     for motor, action, seconds, axis, at_least in (
         ("trunk_flexion_motor", 1.0, 1.0, 2, -0.2),  # down
         ("trunk_bending_motor", 1.0, 1.0, 1, -0.2),  # to the right
@@ -119,7 +104,7 @@ def _forward(batch: UserBatch) -> np.ndarray:
     return np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=1)
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("name", BODIES[:2])
 def test_it_stays_upright_by_its_servos(name: str) -> None:
     """Three seconds without an action; the passive muscles and arms pull a little."""
     batch = UserBatch(_body(name), 4, threads=1, effort="zero")
@@ -155,48 +140,13 @@ def test_torques_are_those_of_people() -> None:
         seen = np.maximum(seen, np.abs(batch.actuator_force[0, -6:]))
     assert (seen <= forces).all()
     assert (seen > 0.4 * np.array(forces)).all()
-    half = _body(person=Physique(strength=0.5))
-    assert half.peak_forces[-6:].tolist() == [105.0, 75.0, 45.0, 25.5, 16.0, 6.5]
-
-
-@pytest.mark.parametrize("name", BODIES)
-def test_the_arms_are_what_they_were(name: str) -> None:
-    """Effective inertia, gravity and servo torques of the arms on an upright trunk."""
-    still, moving = load_body(name, appearance=False, skull_rotation_deg=0), _body(name)
-    rng = np.random.default_rng(4)
-    arms = [moving.independent_joints.index(name) for name in still.independent_joints]
-    assert len(moving.independent_joints) == len(arms) + 6
-    low, high = still.joint_ranges.T
-    for _ in range(4):
-        q = rng.uniform(low, high)
-        whole = np.zeros(len(moving.independent_joints))
-        whole[arms] = q
-        one, two = (_statics(*each) for each in ((still, q), (moving, whole)))
-        assert gap(two[0][np.ix_(arms, arms)], one[0]) < 1e-7
-        assert gap(two[1][arms], one[1]) < 1e-7
-
-
-def _statics(body: Body, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    model, data = body.physics_model, mujoco.MjData(body.physics_model)
-    data.qpos[:], data.act[:] = body.coupled_qpos(q), 0.3
-    mujoco.mj_forward(model, data)
-    follow, inertia = coupling_jacobian(body, q), np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, inertia)
-    return follow.T @ inertia @ follow, follow.T @ (data.qfrc_bias - data.qfrc_actuator)
-
-
-def test_names_and_observation() -> None:
-    body = _body()
-    assert body.action_names[14:] == TORSO_MOTORS
-    assert _body("mobl_arms_bimanual").action_names[:6] == TORSO_MOTORS  # motors before muscles
-    sense = Proprioception(body)
-    assert sense.size == 3 * 20 + 6 + 20
-    assert sense.names[:6] == tuple(f"{joint} qpos" for joint in JOINTS)
-    ranges = np.degrees(body.joint_ranges[:6])
-    expected = [[-40, 69.9], [-36.25, 36.25], [-38.5, 38.5], [-59.1, 57.7], [-41.75, 41.75]]
-    np.testing.assert_allclose(ranges, [*expected, [-70.65, 70.65]], atol=0.01)
-    config = EnvConfig.model_validate({"user": {"model": MOTORS, "torso": True}})
-    assert ResolvedEnv(config).contract["actuators"] == [["motor", *body.action_names]]
+    tall = _body(person=Physique(strength=0.5, stature_m=1.87))
+    assert tall.peak_forces[-6:].tolist() == [105.0, 75.0, 45.0, 25.5, 16.0, 6.5]
+    necks = [each.physics_model.joint("neck_flexion").pos for each in (body, tall)]
+    np.testing.assert_allclose(necks[1], 1.1 * necks[0], atol=1e-12)
+    ranges = [[-40, 69.9], [-36.25, 36.25], [-38.5, 38.5], [-59.1, 57.7], [-41.75, 41.75]]
+    expected = [*ranges, [-70.65, 70.65]]
+    np.testing.assert_allclose(np.degrees(body.joint_ranges[:6]), expected, atol=0.01)
 
 
 def test_a_neck_answers_the_apps_wish() -> None:
@@ -255,36 +205,3 @@ def test_effort_counts_the_torso() -> None:
         expected = 1e-4 * ((act**2).sum(axis=1) + (shares**2).sum(axis=1))
         np.testing.assert_allclose(state.effort_cost, expected, rtol=1e-12)
     assert shares.max() > 0.1
-
-
-@pytest.mark.parametrize("name", BODIES)
-def test_people(name: str) -> None:
-    tall, left = _body(name, person=Physique(stature_m=1.87)), _body(name, person=_left())
-    plain = _body(name)
-    head = [load.physics_model.joint("neck_flexion").pos for load in (plain, tall)]
-    np.testing.assert_allclose(head[1], 1.1 * head[0], atol=1e-12)
-    batches = [UserBatch(body, 1, threads=1, effort="zero") for body in (plain, left)]
-    rng = np.random.default_rng(6)
-    for _ in range(20):
-        action = rng.uniform(-1, 1, (1, plain.action_size))
-        action[:, plain.action_names.index("trunk_bending_motor")] = 0.5  # to the right
-        for batch in batches:
-            batch.step(action)
-        gone = batches[0].device_poses("headset")[0]
-        mirrored = batches[1].device_poses("headset")[0]
-        np.testing.assert_allclose(mirrored, gone * [1, -1, 1], atol=1e-9)
-    assert gone[0, 1] < -0.2
-    batch = UserBatch(tall, 1, threads=1, effort="zero")
-    start = _angles(batch)
-    for _ in range(40):
-        batch.step(np.zeros((1, batch.action_size)))
-    assert np.degrees(np.abs(_angles(batch) - start)).max() < 7.0
-
-
-def _left() -> Physique:
-    return Physique(handedness="left")
-
-
-def test_other_bodies_have_their_own_trunk() -> None:
-    with pytest.raises(ValueError, match=r"body.yaml: torso: got true, expected false: trunk and"):
-        load_body(OWN_ARM, torso=True)

@@ -33,11 +33,8 @@ IN_ROOT = r"""
 <asset><texture name="t" builtin="flat" width="30000" height="9"/></asset> | 't': width: .*8192
 <option iterations="2000000000"/> | option: iterations: got '2000000000', expected
 <option><flag/></option><size memory="900G"/> | size: memory: got '900G', expected
-<size nuser_body="2000000000"/> | size: nuser_body: got '2000000000', expected
-<visual><quality numslices="9999"/></visual> | quality: numslices: got '9999', exp
 <compiler><lengthrange timestep="1e-12"/></compiler> | got '1e-12', expected at least 0.0001
 <option gravity="0 0 nan"/> | option: gravity: got 'nan', expected finite numbers
-<option density="-INF"/> | option: density: got '-INF', expected finite numbers
 <default><geom solref="nan 1"/></default> | geom: solref: got 'nan'
 """.strip().splitlines()
 IN_WORLD = r"""
@@ -58,13 +55,6 @@ def test_what_has_no_bounds_or_is_not_finite_is_refused(
     xml, _, message = line.partition(" | ")
     parts = (xml, "") if place == 0 else ("", xml)
     refused(tmp_path, with_parts(*parts), f"body.xml: .*{message}")
-
-
-def test_a_name_may_read_like_a_number(tmp_path: Path) -> None:
-    mjcf = PENDULUM.replace('"swing"', '"nan"').replace("<worldbody>", "<!-- -- --><worldbody>")
-    assert load_body(write_body(tmp_path, mjcf, PENDULUM_DESCRIPTION)).independent_joints == (
-        "nan",
-    )
 
 
 def test_a_compiled_model_with_nan_is_refused() -> None:
@@ -109,19 +99,15 @@ def elsewhere(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("kind", ELSEWHERE)
-@pytest.mark.parametrize("absolute", [False, True])
-def test_files_outside_the_folder_are_refused(kind: str, absolute: bool, elsewhere: Path) -> None:
+def test_files_outside_the_folder_are_refused(kind: str, elsewhere: Path) -> None:
     root, field = ELSEWHERE[kind]
-    name = str(elsewhere) if absolute else "../elsewhere/part.obj"
     message = f"body.xml: {field}: got .*part.obj, outside the folder of the MJCF; .*'folders'"
-    refused(elsewhere.parents[1] / "body", with_parts(root.format(name)), message)
-
-
-def test_a_link_that_leads_outside_is_refused(elsewhere: Path) -> None:
     folder = elsewhere.parents[1] / "body"
+    for name in (str(elsewhere), "../elsewhere/part.obj"):
+        refused(folder, with_parts(root.format(name)), message)
     (folder / "part.obj").symlink_to(elsewhere)
-    root = '<asset><mesh name="m" file="part.obj"/></asset>'
-    refused(folder, with_parts(root), "mesh 'm': file: got 'part.obj', which is .*elsewhere")
+    mesh = '<asset><mesh name="m" file="part.obj"/></asset>'
+    refused(folder, with_parts(mesh), "mesh 'm': file: got 'part.obj', which is .*elsewhere")
 
 
 def test_the_description_may_name_the_folder(elsewhere: Path) -> None:

@@ -35,3 +35,19 @@ def test_both_critics_learn_the_values_of_a_world_that_stands_still() -> None:
     seen = states(256)
     error = (critic(seen) - reward(seen) / (1.0 - 0.8)).abs()
     assert float(error.median()) < 0.15  # of 5 on average
+
+
+def test_lambda_says_how_far_a_reward_reaches_back() -> None:
+    """Of eight states before a reward: with lambda 1 the first learns as the last, with 0 later."""
+    seen = torch.cat([torch.eye(8), torch.zeros(1, 8)])[:, None]
+    rewards = torch.zeros(8, 1)
+    rewards[-1] = 5.0
+    shares = []
+    for lam in (1.0, 0.0):
+        torch.manual_seed(3)
+        critic = ValueFunction(8, 32, lambda state: state, learning_rate=3e-3, gamma=1.0, lam=lam)
+        for _ in range(30):
+            critic.learn(seen, rewards)
+        first, last = critic(seen[[0, 7], 0]).tolist()
+        shares.append(first / last)
+    assert shares[0] > 0.8 and shares[1] < 0.4, shares

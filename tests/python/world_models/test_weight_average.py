@@ -1,6 +1,5 @@
 """The mean of weights over the last updates, against values worked out by hand."""
 
-import pytest
 import torch
 
 from sim2vr_harness.world_models.weight_average import WeightAverage
@@ -32,19 +31,3 @@ def test_without_updates_weights_are_as_they_are() -> None:
         assert weight.item() == 4.0
     average.settle()
     assert weight.item() == 4.0
-
-
-@pytest.mark.parametrize("updates", [0, 3])
-def test_goes_on_from_its_state(updates: int) -> None:
-    values = [1.0, 5.0, 2.0, 7.0, 3.0]
-    whole, stopped = torch.tensor([0.0]), torch.tensor([0.0])
-    average = WeightAverage([whole], updates)
-    updated(average, whole, values)
-    first = WeightAverage([stopped], updates)
-    updated(first, stopped, values[:2])
-    second = WeightAverage([stopped], updates)
-    second.load_state_dict(first.state_dict())
-    updated(second, stopped, values[2:])
-    average.settle()
-    second.settle()
-    assert torch.equal(whole, stopped)

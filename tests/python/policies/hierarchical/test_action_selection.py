@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from sim2vr_harness.policies.hierarchical.action_selection import (
-    best_choices,
     committed,
     mask_unreached,
     remembered,
@@ -33,16 +32,13 @@ def left_alone(
     speed: float,
     decisions: int,
     hold: int = 1,
-    shaken_m: float = 0.0,
-    start: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> list[list[int]]:
     """Cells that are not gone for, of each decision, by a hand that moves at a speed in m/s."""
     places = CELLS.T.reshape(1, 3, 1, 4)
     something: Any = torch.ones(1, 4, dtype=torch.bool)
     found = []
     for number in range(decisions):
-        moved = [speed * 0.05 * hold * number, 0.0, shaken_m * (-1.0) ** number]
-        tip = torch.tensor([[start]]) + torch.tensor(moved)
+        tip = torch.tensor([[[speed * 0.05 * hold * number, 0.0, 0.0]]])
         there = mask_unreached(choice, tip, something, places, hold, MOVER)
         found.append(torch.nonzero(~there[0, 0]).flatten().tolist())
     return found
@@ -65,36 +61,6 @@ def test_what_was_waited_at_for_a_second_is_left_alone_for_a_while() -> None:
     assert found[80:] == [[0, 1, 2]] * 5
 
 
-def test_the_front_of_a_thing_is_left_alone_with_its_middle() -> None:
-    """A hand stands beside the middle of a ball; the cells that show it are at its front.
-
-    Measured in `sample`: 4.4 cm before and beside it, so that the same cell was chosen again.
-    """
-    choice = waiting(0, 0.07)
-    choice.seen[0, 0] = CELLS[0] + torch.tensor([0.037, 0.017, -0.016])
-    assert 0 in left_alone(choice, 0.0, 21)[20]
-
-
-def test_who_waits_elsewhere_leaves_that_for_a_short_time() -> None:
-    choice = waiting(0, 0.07)
-    left_alone(choice, 0.0, 41)
-    assert choice.vain.item() == 1
-    choice.seen[0, 0] = torch.tensor([0.4, -0.16, 1.0])
-    left_alone(choice, 0.0, 20)
-    assert choice.vain.item() == 0
-    assert choice.leaving.item() == 6
-
-
-def test_who_is_where_it_wants_to_be_leaves_that_for_a_short_time_only() -> None:
-    found = left_alone(waiting(0, 0.0), 0.0, 66, start=(0.37, 0.0, 1.0))  # 3 cm from it
-    assert [len(cells) for cells in found] == [0] * 20 + ([2] * 6 + [0] * 14) * 2 + [2] * 6
-
-
-def test_a_hand_that_is_shaken_waits_too() -> None:
-    """By 2 cm with every step, 0.4 m/s."""
-    assert left_alone(waiting(0, 0.07), 0.0, 21, shaken_m=0.01)[20] == [0, 1]
-
-
 def test_a_decision_of_five_steps_counts_five() -> None:
     found = left_alone(waiting(2, 0.0), 0.0, 7, hold=5)
     assert found == [[], [], [], [], [1, 2], [1, 2], []]
@@ -110,14 +76,6 @@ def test_a_decision_of_five_steps_counts_five() -> None:
 )
 def test_others_are_patient(choice: OptionChoice, speed: float) -> None:
     assert left_alone(choice, speed, 60) == [[]] * 60
-
-
-def test_the_next_best_is_done_instead() -> None:
-    values = torch.zeros(1, 1, 4 * len(MOVES) + 1)
-    values[0, 0, :3] = torch.tensor([3.0, 2.0, 1.0])
-    all_there = torch.ones(1, 4, dtype=torch.bool)
-    assert best_choices(values, all_there).item() == 0
-    assert best_choices(values, torch.tensor([[[False, False, True, True]]])).item() == 2
 
 
 def test_what_is_pursued_is_changed_for_what_is_clearly_better() -> None:
@@ -143,14 +101,6 @@ def test_what_is_pursued_is_changed_for_what_is_clearly_better() -> None:
     assert chosen(near=0.5, far=0.51) == 2
 
 
-def test_a_new_round_begins_patiently() -> None:
-    choice = waiting(0, 0.0)
-    left_alone(choice, 0.0, 22)
-    choice.forget(torch.tensor([0]).numpy())
-    assert choice.move.item() == -1
-    assert left_alone(choice, 0.0, 1) == [[]]
-
-
 @pytest.mark.parametrize(
     ("place", "width_m", "tip", "kept"),
     [
@@ -159,8 +109,6 @@ def test_a_new_round_begins_patiently() -> None:
         ((0.38, 0.0, 0.0), 0.03, (0.37, 0.0, 0.0), False),  # as far as before, a step of depth
         ((0.40, 0.05, 0.0), 0.03, (0.37, 0.0, 0.0), False),  # another thing beside it
         ((0.40, 0.01, 0.0), 0.02, (0.37, 0.0, 0.0), True),  # two thirds of it are left
-        ((0.40, 0.01, 0.0), 0.01, (0.37, 0.0, 0.0), False),
-        ((0.40, 0.01, 0.0), 0.04, (0.37, 0.0, 0.0), False),
         ((0.45, 0.0, 0.0), 0.03, (0.44, 0.0, 0.0), False),  # the tool hid it, and does no more
     ],
 )

@@ -66,11 +66,3 @@ def test_values_and_gradients_are_those_of_the_layers_written_out() -> None:
     ):
         scale = float(right.abs().max())
         torch.testing.assert_close(gradient.double(), right, rtol=1e-4, atol=1e-5 * scale)
-
-
-def test_the_layout_of_pictures_changes_no_bit() -> None:
-    net, (pictures, *others) = network(), scene()
-    last = pictures.permute(0, 2, 3, 1).contiguous().permute(0, 3, 1, 2)
-    assert last.stride() != pictures.stride()
-    with torch.inference_mode():
-        assert torch.equal(net(pictures, *others), net(last, *others))

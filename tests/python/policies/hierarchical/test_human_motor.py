@@ -15,7 +15,6 @@ from sim2vr_harness.envs.people_preset import as_population
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.policies.hierarchical.human_motor import (
     GoalPerception,
-    HandPolicy,
     HumanGoals,
     HumanHands,
     HumanMotorPolicy,
@@ -68,17 +67,6 @@ def goals(policy: HumanMotorPolicy) -> HumanGoals:
     return made
 
 
-def test_a_person_is_known_by_its_features(policy: HumanMotorPolicy, user: UserConfig) -> None:
-    people = people_of(user)
-    assert people is not None
-    person = people.sample(0, 5)
-    told = policy.persons.told(person.features)
-    expected = (person.stature_m, person.stature_m * person.upper_arm_factor)
-    assert told[9:11] == pytest.approx(expected, rel=1e-5)
-    assert told[-2:] == pytest.approx((person.motor_noise, person.effort_weight), rel=1e-5)
-    assert policy.persons.visual_delay_s(told) == pytest.approx(person.visual_delay_s, abs=1e-6)
-
-
 def test_the_body_is_felt_a_step_late(policy: HumanMotorPolicy, user: UserConfig) -> None:
     """What happens to the body now changes the action of the next step, not of this one."""
     hands, target = HumanHands(policy, USERS), goals(policy)
@@ -92,17 +80,6 @@ def test_the_body_is_felt_a_step_late(policy: HumanMotorPolicy, user: UserConfig
     assert np.abs(hands.act(now, target)[0] - other.act(now, target)[0]).max() > 1e-6
 
 
-def test_a_new_episode_starts_from_a_posture_that_is_known(
-    policy: HumanMotorPolicy, user: UserConfig
-) -> None:
-    hands, target, now = HumanHands(policy, USERS), goals(policy), motion(policy, user, 2)
-    hands.act(motion(policy, user, 1), target)
-    hands.forget(np.arange(USERS))
-    np.testing.assert_array_equal(
-        hands.act(now, target)[0], HumanHands(policy, USERS).act(now, target)[0]
-    )
-
-
 def test_goals_are_misjudged_by_the_distance_seen_late() -> None:
     """5 % of the 0.4 m of two steps ago and 2 mm: 22 mm along each axis; of 0.1 m 7 mm."""
     torch.manual_seed(1)
@@ -112,20 +89,6 @@ def test_goals_are_misjudged_by_the_distance_seen_late() -> None:
     for distance, expected in ((near, 0.022), (near, 0.022), (near, 0.022), (near, 0.007)):
         assert float(seen.error().std()) == pytest.approx(expected, rel=0.05)
         seen.look(distance)
-
-
-def test_a_hand_does_the_same_in_every_direction() -> None:
-    """Everything turned and mirrored: so is the velocity, and the end is as likely."""
-    torch.manual_seed(5)
-    policy, drawn = HandPolicy(16), torch.randn(3, USERS, 1, 3)
-    turned = torch.linalg.qr(torch.randn(3, 3))[0]
-    target, ones = HumanGoals.none(USERS, 1), torch.ones(USERS, 1)
-    target.velocity = drawn[2]
-    velocity, over = policy(drawn[0], drawn[1], target, ones, ones)
-    target.velocity = drawn[2] @ turned
-    again, again_over = policy(drawn[0] @ turned, drawn[1] @ turned, target, ones, ones)
-    torch.testing.assert_close(again, velocity @ turned, atol=1e-4, rtol=1e-4)
-    torch.testing.assert_close(again_over, over, atol=1e-4, rtol=1e-4)
 
 
 def test_commands_are_the_cheapest_between_nothing_and_all() -> None:

@@ -5,13 +5,12 @@ import math
 import pytest
 import torch
 
-from sim2vr_harness.policies.hierarchical.goal_sampler import LEAD_STEPS, GoalSampler, off_goal
+from sim2vr_harness.policies.hierarchical.goal_sampler import GoalSampler, off_goal
 from sim2vr_harness.policies.hierarchical.motor_policy import (
     GOAL_SIZE,
     MOMENT_S,
     MotorGoals,
     describe,
-    tips,
 )
 
 
@@ -21,13 +20,6 @@ def turned_left(at: tuple[float, float, float]) -> torch.Tensor:
     place[:3, :3] = torch.tensor([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     place[:3, 3] = torch.tensor(at)
     return place[None, None]
-
-
-def test_the_tip_of_a_tool_goes_where_the_device_points() -> None:
-    tip = torch.tensor([[[0.3, 0.0, 0.1]]])
-    assert torch.allclose(
-        tips(turned_left((1.0, 2.0, 3.0)), tip)[0, 0], torch.tensor([1.0, 2.3, 3.1])
-    )
 
 
 def test_a_goal_is_told_as_way_velocities_and_time() -> None:
@@ -85,39 +77,6 @@ def test_a_hand_that_is_where_it_shall_be_earns_most() -> None:
     measured = exercises.measured()
     assert measured["place_m"] < 1e-3
     assert measured["speed_mps"] < 1e-2
-
-
-def test_a_path_is_shown_ahead_of_time_with_its_velocity() -> None:
-    exercises = GoalSampler(poses(), 256, 0.05, seed=2)
-    exercises.tools = False
-    start = poses()[:256]
-    exercises.start(torch.arange(256), start)
-    follows = (exercises.goals.left_s - LEAD_STEPS * 0.05).abs() < 1e-6
-    moving = follows & (exercises.goals.active > 0) & (exercises.goals.axis.abs().sum(-1) == 0)
-    shown, velocity = [], []
-    for _ in range(3):
-        shown.append(exercises.goals.place.clone())
-        velocity.append(exercises.goals.velocity.clone())
-        exercises.step(start, start)
-    # Central difference of three moments beside the velocity told in the middle.
-    between = (shown[2] - shown[0]) / 0.1
-    off = (between - velocity[1]).norm(dim=-1)[moving & (exercises._kind == 2)]
-    fast = velocity[1].norm(dim=-1)[moving & (exercises._kind == 2)]
-    assert len(off) > 20
-    assert float((off / fast.clamp(min=0.05)).median()) < 0.05
-
-
-def test_exercises_go_on_from_a_state_to_the_bit() -> None:
-    one, other = (GoalSampler(poses(), 16, 0.05, seed=seed) for seed in (4, 5))
-    start = poses()[:16]
-    one.start(torch.arange(16), start)
-    one.step(start, start)
-    other.load_state_dict(one.state_dict())
-    for _ in range(30):
-        assert torch.equal(one.step(start, start), other.step(start, start))
-    for name, values in one.goals.tensors().items():
-        assert torch.equal(values, other.goals.tensors()[name]), name
-    assert math.isfinite(one.measured()["place_m"])
 
 
 def test_who_goes_through_a_place_may_be_a_little_early_or_late() -> None:

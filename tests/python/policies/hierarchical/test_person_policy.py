@@ -1,15 +1,11 @@
 """What a person decides by: late pictures, and time between decisions."""
 
-from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 import pytest
 import torch
-from typer.testing import CliRunner
 
-from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.cli.main import app
 from sim2vr_harness.cli.train import _of_people
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.perception.proprioception import Proprioception
@@ -17,8 +13,7 @@ from sim2vr_harness.policies.hierarchical.action_selection import OptionScene
 from sim2vr_harness.policies.hierarchical.option_policy import Memory, Moment
 from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy, seen_late_steps
 from sim2vr_harness.policies.hierarchical.primitives import OptionChoice
-from sim2vr_harness.runs.config import TrainingConfig, load_config
-from sim2vr_harness.training.run import trainer
+from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.users import FEATURES
 
 
@@ -70,35 +65,14 @@ def test_a_decision_takes_time(policy: Following) -> None:
     assert places(policy, heights) == [5.0] * 9 + [15.0] * 3 + [25.0] * 2
 
 
-def test_people_work_the_inputs_of_a_game(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The panel's trigger is the last of their actions; no choice points, and it is at rest."""
-    given: list[TrainingConfig] = []
-
-    def keep(settings: TrainingConfig, *others: Any, **named: Any) -> None:
-        given.append(settings)
-        raise InputError("train", "a test", "no training")
-
-    monkeypatch.setattr(trainer, "train", keep)
-    CliRunner().invoke(app, ["train", "--people", "panel"])
-    CliRunner().invoke(app, ["train", "--people", "40", "panel"])
-    counts = [each.env.user.people and each.env.user.people.count for each in given]
-    assert counts == [None, 40]
-    assert given[0].env.user.inputs == ("right.trigger",)
-    policy = Following(given[0])
-    action = policy.act(seeing(policy), policy.begin(1), [None])[0]
-    assert len(action) == len(policy.layer.body.action_names) + 1
-    assert action[-1] == -1.0
-
-
-@pytest.mark.parametrize("together", [1, 6])
-def test_persons_look_from_where_their_eyes_were(together: int) -> None:
+def test_persons_look_from_where_their_eyes_were() -> None:
     """Statures differ by decimetres, heads move, and Pointing asks for a pitch of 14 degrees down.
 
     What is seen was drawn two user steps ago, what is recognised four.
     """
     config = _of_people(load_config("skills", ["env.app.game=pointing"]))
     policy, simulation = Following(config), Simulation(config.env, 6)
-    policy.together = together
+    policy.together = 6
     simulation.reset(seeds=list(range(6)), persons=list(range(6)))
     memory, true, looked = policy.begin(6), [], []
     scene = policy.scene
@@ -122,67 +96,6 @@ def test_persons_look_from_where_their_eyes_were(together: int) -> None:
     moment = policy.sense(simulation.observation(), memory[0])
     late = scene(moment, memory[0], moment.decides).head.numpy()
     simulation.close()
-    assert late == pytest.approx(true[-4][:together], abs=1e-5)
+    assert late == pytest.approx(true[-4], abs=1e-5)
     assert np.ptp(true[0][:, 2]) > 0.05
     assert np.abs(true[-3] - true[-5]).min(0)[1] > 1e-5  # everyone sways
-
-
-@pytest.mark.parametrize("recipe", ["skills", "webxr"])
-def test_persons_of_games_and_pages_say_how_they_hold_their_heads(recipe: str) -> None:
-    """Also where a recipe leaves the sense out, as this one of another recipe does."""
-    given = load_config(recipe, ["recipe=skills", "skills.user=hierarchical"])
-    senses = {sense.sense for sense in _of_people(given).env.senses}
-    assert {"headset", "person"} <= senses
-
-
-def test_people_need_decisions_by_themselves() -> None:
-    with pytest.raises(InputError, match="--people: got it with recipe 'distill'"):
-        _of_people(load_config("pointing"))
-    config = _of_people(load_config("skills", []))
-    assert config.skills.people and config.env.user.people is not None
-    assert [sense.sense for sense in config.env.senses].count("person") == 1
-    assert torch.is_tensor(PersonPolicy(config).hold)
-
-
-def test_persons_that_learned_the_same_are_equal_in_every_weight() -> None:
-    """Whatever numbers torch drew when they were made, as equal seeds write equal checkpoints."""
-    config = _of_people(load_config("skills", []))
-    made = []
-    source = PersonPolicy(config)
-    for seed in (1, 2):
-        torch.manual_seed(seed)
-        made.append(PersonPolicy(config))
-        made[-1].human.take(source.human.weights())
-        made[-1].values = source.values
-    first, second = (each.state_dict() for each in made)
-    assert [name for name in first if not torch.equal(first[name], second[name])] == []
-
-
-@pytest.mark.parametrize(
-    ("width_m", "beside_m", "depth_m"),
-    [
-        (0.04, 0.0, 0.04),
-        (0.04, 0.01, 0.04),
-        (0.04, 0.013, 0.02),
-        (0.04, 0.016, 0.0),
-        (0.04, 0.02, -0.01),
-        (0.04, 0.036, -0.05),
-        (0.04, 0.2, -0.05),
-        (0.02, 0.013, -0.0125),  # the place of the third row, and a narrower thing
-        (0.12, 0.03, 0.04),
-    ],
-)
-def test_persons_stay_before_a_thing_until_they_are_inside(
-    policy: Following, width_m: float, beside_m: float, depth_m: float
-) -> None:
-    """4 cm behind the surface at half a radius from the middle, at the surface at 0.8 radii.
-
-    From there on up to 5 cm before it, over 2 cm, whether the hand comes nearer or not.
-    """
-    head, choice = torch.zeros(1, 3), OptionChoice(1, 1)
-    choice.move[:], choice.width[:] = 0, width_m
-    choice.place[0, 0] = choice.seen[0, 0] = torch.tensor([0.4, 0.0, 0.0])
-    hand = torch.eye(4).repeat(1, 1, 1, 1)
-    hand[0, 0, :3, 3] = torch.tensor([0.42, beside_m, 0.0])
-    goals = policy.primitives.goals(choice, head, hand, hand)
-    assert goals.place[0, 0].tolist() == pytest.approx([0.4 + depth_m, 0.0, 0.0], abs=1e-4)

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import tiny_distill
 import torch
 from fake_simulation import FakeSimulation
 
@@ -71,19 +70,6 @@ class GazingGuide(HomingGuide):
         return told
 
 
-class IdleGuide(HomingGuide):
-    """Of any game's users, who should do nothing."""
-
-    def actions(self, simulation: Any) -> np.ndarray:
-        return np.zeros((simulation.n, *simulation.action_space.shape), np.float32)
-
-    def facts(self, simulation: Any) -> np.ndarray:
-        return np.zeros((simulation.n, 0), np.float32)
-
-    def numbers(self, simulation: Any) -> np.ndarray:
-        return np.zeros((simulation.n, 0), np.float32)
-
-
 def make(
     folder: Path,
     config: StudentConfig = CONFIG,
@@ -124,16 +110,6 @@ def test_the_student_learns_what_the_teacher_would_do(tmp_path: Path) -> None:
     assert rows[-1].means["ep_Points_mean"] > 0
 
 
-def test_what_the_teacher_knows_is_told_too(tmp_path: Path) -> None:
-    student = make(tmp_path, CONFIG.model_copy(update={"numbers_weight": 1.0}))
-    rows = []
-    while not student.finished:
-        rows.append(student.step())
-    # The mean is 0, so that this is what is left of the variance.
-    assert rows[-1].numbers_error < 0.1 * rows[0].numbers_error
-    assert rows[-1].imitation_error < 0.3 * rows[0].imitation_error
-
-
 def test_a_student_learns_where_to_look_and_what_is_there(tmp_path: Path) -> None:
     crops = AttentionCropConfig(count=1)
     config = CONFIG.model_copy(update={"numbers_weight": 0.5})
@@ -157,55 +133,11 @@ def test_a_student_learns_where_to_look_and_what_is_there(tmp_path: Path) -> Non
     assert (looked - torch.tensor([-1.0, 0.5])).abs().mean() < 0.15
 
 
-def test_heads_depend_on_the_seed_alone(tmp_path: Path) -> None:
-    crops = AttentionCropConfig(count=1)
-    config = CONFIG.model_copy(update={"numbers_weight": 0.5})
-    one = make(tmp_path / "one", config, guide=GazingGuide(), attention_crops=crops)
-    torch.manual_seed(99)
-    (tmp_path / "other").mkdir()
-    other = Student(config, one.policy, one.simulation, GazingGuide(), tmp_path / "other", seed=1)
-    for head in ("_heads", "_tell", "_read"):
-        for key, value in one.state_dict()[head].items():
-            assert torch.equal(value, other.state_dict()[head][key]), (head, key)
-
-
-def test_only_students_learn_where_to_look(tmp_path: Path) -> None:
-    crops = AttentionCropConfig(count=1)
-    student = make(tmp_path, guide=GazingGuide(), attention_crops=crops)
-    fixed = [key for key, p in student.policy.named_parameters() if not p.requires_grad]
-    assert not fixed
-    policy = VisualActorCritic(
-        student.simulation.observation_space,
-        student.simulation.action_space,
-        lambda _: 1e-4,
-        config=PolicyConfig(attention_crops=crops),
-    )
-    fixed = [key for key, p in policy.named_parameters() if not p.requires_grad]
-    assert fixed
-    assert all("attention_crops.locator" in key or "attention_crops.grid" in key for key in fixed)
-
-
 def test_more_crops_than_things_are_refused(tmp_path: Path) -> None:
     crops = AttentionCropConfig(count=2)
     with pytest.raises(InputError) as error:
         make(tmp_path, guide=GazingGuide(), attention_crops=crops)
     assert str(error.value).startswith("policy.attention_crops.count: got 2, expected at most 1")
-
-
-def test_labels_are_clipped_to_what_the_student_can_do(tmp_path: Path) -> None:
-    student = make(tmp_path)
-    student.guide.actions = lambda simulation: np.full((simulation.n, 3), 5.0, np.float32)  # type: ignore[method-assign]
-    student.step()
-    assert float(student.store.rows(np.arange(8))["label"].max()) == 1.0
-
-
-def test_all_phases_of_a_round_are_seen_from_the_start(tmp_path: Path) -> None:
-    student = make(tmp_path)
-    student.step()
-    first = student.store.rows(np.arange(8, 64))["stateful_information"].numpy().ravel()
-    # Without the cuts all users would have the same phase, so 7 values at most.
-    phases = [len(np.unique(first[k : k + 8])) for k in range(0, 56, 8)]
-    assert max(phases) >= 3
 
 
 @pytest.mark.gpu
@@ -223,21 +155,3 @@ def test_a_student_learns_on_a_gpu_and_goes_on_there(tmp_path: Path) -> None:
     again.load_state_dict(read_tensors(file, "a student"))
     assert again.store.count == 3 * config.n_envs * ROLLOUT_STEPS
     assert np.isfinite(again.step().imitation_error)
-
-
-@pytest.mark.parametrize("device", ["cpu", "auto"])
-def test_a_student_learns_on_the_device_that_is_asked_for(
-    device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked = []
-
-    def get_device(name: str) -> torch.device:
-        asked.append(name)
-        return torch.device("cpu")
-
-    monkeypatch.setattr(dagger, "get_device", get_device)
-    config = tiny_distill.config(f"device={device}", "policy.scale_proprioception=false")
-    stage = dagger.StudentStage(config, tmp_path, lambda simulation: IdleGuide())
-    stage.open()
-    stage.close()
-    assert asked == [device]

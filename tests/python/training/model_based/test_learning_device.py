@@ -8,7 +8,6 @@ from tiny_game_training import new_rollouts, short_teacher
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from parts import needs
-from sim2vr_harness.world_models.learning_device import LearningDevice, Window
 
 
 class _Recorder(TorchDispatchMode):
@@ -46,27 +45,6 @@ def test_a_window_reads_no_values() -> None:
     assert recorder.found == set()
     assert recorder.count > 10_000
     made.task.simulation.close()
-
-
-def test_on_a_cpu_a_window_is_the_function() -> None:
-    window = Window(lambda: torch.rand(2), [], None)
-    with LearningDevice("cpu").seeded(3):
-        first = window()
-        assert not torch.equal(first, window())
-    with LearningDevice("cpu").seeded(3):
-        torch.testing.assert_close(window(), first, atol=0.0, rtol=0.0)
-
-
-def test_random_numbers_continue_where_they_stood() -> None:
-    device = LearningDevice("cpu")
-    outside = torch.get_rng_state()
-    with device.seeded(5):
-        torch.rand(4)
-        state = device.random_state()
-        following = torch.rand(4)
-    with device.seeded(state):
-        assert torch.equal(torch.rand(4), following)
-    assert torch.equal(torch.get_rng_state(), outside)
 
 
 @pytest.mark.gpu

@@ -1,29 +1,24 @@
 """Imagined rollouts: do the imagined body and game do what the true ones do?"""
 
-import copy
 import math
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 from unittest.mock import patch
 
-import mujoco
 import numpy as np
 import pytest
 import torch
 from short_cycles import short_cycles
-from tiny_game_training import ENV, new_rollouts
+from tiny_game_training import new_rollouts
 from true_users import motion_of
 
-from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.envs.config import NoiseConfig, UserConfig
 from sim2vr_harness.envs.privileged import OBSERVATION
 from sim2vr_harness.games.whacamole.game import FIELDS
 from sim2vr_harness.games.whacamole.settings import Relaxation
-from sim2vr_harness.training.model_based.stage import CycleReport, GameTrainer
+from sim2vr_harness.training.model_based.stage import GameTrainer
 from sim2vr_harness.training.teacher import env as teacher_env
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
-from sim2vr_harness.world_models.body_dynamics import fit_body
 from sim2vr_harness.world_models.rollout_env import ImaginedNoise
 from sim2vr_harness.world_models.transitions import Motion, TransitionStore
 
@@ -47,54 +42,6 @@ def rollouts() -> GameTrainer:
 
 def experience(rollouts: GameTrainer) -> TransitionStore:
     return rollouts._seen[0]
-
-
-# --- the body ----------------------------------------------------------------------------------
-
-
-def test_the_chain_places_the_hand_as_mujoco_does(rollouts: GameTrainer) -> None:
-    user = rollouts.task.simulation.simulation.body
-    data = mujoco.MjData(user.physics_model)
-    low, high = user.joint_ranges.T
-    angles = np.random.default_rng(1).uniform(low, high, (20, 7))
-    places = rollouts.body.places(torch.tensor(angles, dtype=torch.float32), torch.zeros(20, 0))
-    places = places[:, 0].numpy()
-    for each, place in zip(angles, places, strict=True):
-        data.qpos[:] = user.coupled_qpos(each)
-        mujoco.mj_kinematics(user.physics_model, data)
-        site = data.site(rollouts.task.simulation.game.devices[0])
-        np.testing.assert_allclose(place[:3, 3], site.xpos, atol=2e-6)
-        np.testing.assert_allclose(place[:3, :3].ravel(), site.xmat, atol=5e-6)
-
-
-def test_the_hammer_is_where_the_game_says(rollouts: GameTrainer) -> None:
-    steps = experience(rollouts)
-    marker, axes = rollouts.task.game.hammer(
-        rollouts.body.places(steps.after.angles, steps.after.persons)
-    )
-    said = {name: steps.fields[:, i] for i, name in enumerate(FIELDS)}
-    where = torch.stack([said[f"hammer.{axis}_m"] for axis in "xyz"], 1)
-    face = torch.stack([said[f"hammer.face_{axis}"] for axis in "xyz"], 1)
-    # Dependent joints lag behind their couplings a little, which are soft.
-    assert (marker - where).norm(dim=1).median() < 5e-4
-    assert (-axes[:, 0] - face).norm(dim=1).median() < 5e-3
-    spin = torch.linalg.det(axes)
-    torch.testing.assert_close(spin, torch.ones_like(spin), atol=0.02, rtol=0.0)
-
-
-def test_a_body_learns_what_users_did() -> None:
-    """After ten seconds of 16 users the hand's place after a step is known to a third."""
-    made = new_rollouts("imagined.first_play_steps=200", "imagined.body_width=64")
-    made.step()
-    fit = fit_body(made.body, experience(made), minibatches=400, learning_rate=4e-3)
-    assert fit["moved_m"] > 0.03
-    assert fit["place_m"] < fit["moved_m"] / 3.0
-    assert fit["drives"] < 0.03
-    assert (made.body.error > 0.0).all()
-    made.task.simulation.close()
-
-
-# --- users in a game ---------------------------------------------------------------------------
 
 
 def test_the_game_model_observes_what_the_true_game_says(rollouts: GameTrainer) -> None:
@@ -165,20 +112,6 @@ def test_the_reward_s_gradient_is_that_of_finite_differences(rollouts: GameTrain
     assert float(slope) == pytest.approx(expected, rel=0.05)
 
 
-def test_the_hammer_is_seen_where_a_user_goes_on(rollouts: GameTrainer) -> None:
-    users, game = rollouts.task.imagine(2)
-    game.hammer.fixed = rollouts.task.game.hammer.fixed
-    columns = [game.names.index(f"hammer.{axis}_m") for axis in "xyz"]
-    game.observe(users.place)
-    begin = experience(rollouts).rows(torch.tensor([3, 50]))
-    users.start(torch.arange(2), begin.after)
-    where = rollouts.body.places(begin.after.angles, begin.after.persons)
-    game.start(torch.arange(2), where, begin.fields, torch.full((2,), -1))
-    torch.testing.assert_close(
-        game.observe(users.place)[:, columns], game.hammer(where)[0], atol=1e-6, rtol=0.0
-    )
-
-
 def test_what_a_motion_costs_by_hand(rollouts: GameTrainer) -> None:
     users, _ = rollouts.task.imagine(2)
     low, high = rollouts.task.simulation.simulation.body.joint_ranges.T
@@ -218,30 +151,6 @@ def test_imagined_motor_noise_is_as_large_as_the_users(colour: Any) -> None:
     assert not any(float(value.abs().max()) for value in imagined_noise.state_dict().values())
 
 
-def test_users_with_motor_noise_are_imagined_with_it() -> None:
-    """Imagined users have the noise of the true ones, and the body model knows it is there."""
-    noise = NoiseConfig(signal_dependent="white", constant="red")
-    env = ENV.model_copy(update={"user": UserConfig(noise=noise)})
-    made = new_rollouts(env=env)
-    report = made.step()
-    quiet = new_rollouts()
-    assert report.place_error_m != quiet.step().place_error_m
-    controls, without = experience(made).control, experience(quiet).control
-    assert controls.shape == without.shape
-    assert not torch.equal(controls, without)
-    state = copy.deepcopy(made.state_dict())
-    after = made.step()
-    again = new_rollouts(env=env)
-    again.load_state_dict(state)
-    assert again.step() == after
-    assert float(made.users.state_dict()["_noise"]["_constant_red"].abs().max()) > 0.0
-    for each in (made, again, quiet):
-        each.task.simulation.close()
-
-
-# --- learning ----------------------------------------------------------------------------------
-
-
 def test_imagined_rollouts_move_the_actor_alone(rollouts: GameTrainer) -> None:
     before = {key: value.clone() for key, value in rollouts.task.policy.state_dict().items()}
     rollouts.step()
@@ -269,21 +178,3 @@ def test_the_cycle_that_played_best_is_kept(monkeypatch: pytest.MonkeyPatch) -> 
     assert any(not torch.equal(after[0][name], after[1][name]) for name in after[1])
     assert made.state_dict()["best"][0] == 0.6
     made.task.simulation.close()
-
-
-def test_only_what_the_game_model_knows_may_be_observed() -> None:
-    with pytest.raises(InputError, match=r"teacher.hidden_fields.*qacc.*that also hide it"):
-        new_rollouts('hidden_fields=["aid.*"]')
-
-
-def test_a_game_model_that_cannot_be_used_says_so() -> None:
-    with pytest.raises(InputError, match=r"teacher.imagined: .*action_frequency_hz: got 50"):
-        new_rollouts(env=ENV.model_copy(update={"action_frequency_hz": 50}))
-
-
-def test_a_condition_without_targets_has_no_rate() -> None:
-    report = CycleReport(7, 64, 2, (float("nan"), 0.25), (0.5, 0.5), 0.1, 0.0098)
-    assert report.in_words(40) == (
-        "Cycle 7/40: success rates 0.50, 0.50 in imagined rollouts (worst cell 0.10), -, 0.25 in "
-        "the app; body model error 9.8 mm in a step"
-    )

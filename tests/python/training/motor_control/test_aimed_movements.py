@@ -3,14 +3,10 @@
 import numpy as np
 import pytest
 
-from sim2vr_harness.envs.config import UserConfig
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.training.motor_control.aimed_movements import (
     AimedMovements,
     _profile,
-    measure_movements,
 )
-from sim2vr_harness.users import load_body
 
 
 def movements(distance_m: list[float], width_m: list[float], time_s: object) -> AimedMovements:
@@ -37,7 +33,7 @@ def test_a_profile_s_measures_are_those_of_minimum_jerk() -> None:
     assert profile.tolist() == pytest.approx([1.57, 0.5, 1.0, 1.0], abs=0.02)
 
 
-@pytest.mark.parametrize("drift_mps", [-0.15, -0.1, 0.1, 0.15])
+@pytest.mark.parametrize("drift_mps", [-0.15, 0.15])
 def test_a_hand_that_drifts_reacts_when_its_movement_begins(drift_mps: float) -> None:
     """The hand drifts along and across the way until the reach takes over after 0.2 s.
 
@@ -54,14 +50,6 @@ def test_a_hand_that_drifts_reacts_when_its_movement_begins(drift_mps: float) ->
     onset, profile, _ = _profile(path, len(path) - 1)
     assert 0.01 * onset == pytest.approx(0.25, abs=0.02)
     assert profile[1] == pytest.approx(0.5, abs=0.06)
-
-
-def test_a_hand_that_is_already_on_its_way_has_no_onset() -> None:
-    """It slows down from the appearance of the target on, after which it rests."""
-    left = np.concatenate([np.linspace(1.0, 0.0, 60) ** 2, np.zeros(20)])
-    onset, profile, _ = _profile(left[:, None] * [-0.3, 0.0, 0.0], 79)
-    assert np.isnan(onset)
-    assert np.isnan(profile).all()
 
 
 @pytest.mark.parametrize("width_m", [0.04, np.nan])
@@ -93,29 +81,5 @@ def test_fitts_law_is_found_in_movements_that_follow_it() -> None:
     assert found["error_rate"] == pytest.approx(0.2)
     assert found["peak_over_mean"] == pytest.approx(1.9)
     assert found["peak_speed_0.03m_mps"] == 1.0
-    assert aimed.rows()[1] == (
-        "2.00 bits (3 cm, width 10 mm): 0.50 s, 0.20 missed, end points spread 5 mm"
-    )
-
-
-def test_a_movement_that_does_not_end_is_missed_and_has_no_time() -> None:
-    aimed = movements([0.1, 0.2, 0.4], [0.02] * 3, [0.4, 0.5, 0.6])
-    aimed.time_s[0, :5], aimed.end[0, :5] = np.nan, np.nan
-    found = aimed.summary()
-    assert found["unended_rate"] == found["error_rate"] == pytest.approx(5 / 30)
-    assert found["fitts_slope_s_per_bit"] == pytest.approx(
-        np.polyfit(np.log2([6.0, 11.0, 21.0]), [0.4, 0.5, 0.6], 1)[0]
-    )
-
-
-def test_a_layer_that_has_learned_nothing_is_measured() -> None:
-    """The hand does not come to places that are in front of the body and at the distances."""
-    layer = MotorPolicy(load_body("mobl_arms_wrist"), 0.05, width=8).requires_grad_(False)
-    user = UserConfig(model="mobl_arms_wrist")
-    first, again = (
-        measure_movements(layer, user, persons=6, repeats=1, threads=1, seed=2) for _ in range(2)
-    )
-    assert first.summary() == again.summary()
-    assert first.summary()["endpoint_error_m_median"] > 0.1
-    assert not first.unended.any() and "error_rate" not in first.summary()
-    assert first.way.shape == (9, 6, 3)
+    aimed.time_s[0, :5], aimed.end[0, :5] = np.nan, np.nan  # movements that do not end
+    assert aimed.summary()["unended_rate"] == pytest.approx(5 / 30)

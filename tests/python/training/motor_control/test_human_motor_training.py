@@ -6,17 +6,13 @@ import torch
 
 from sim2vr_harness.envs.config import UserConfig
 from sim2vr_harness.envs.people_preset import as_population
-from sim2vr_harness.policies.hierarchical.human_motor import HandPolicy, HumanGoals, HumanHands
+from sim2vr_harness.policies.hierarchical.human_motor import HumanGoals, HumanHands
 from sim2vr_harness.policies.hierarchical.motor_store import human_policy_for
 from sim2vr_harness.runs.option_config import PeopleTraining
-from sim2vr_harness.training.motor_control import people_training
 from sim2vr_harness.training.motor_control.people_training import (
     Bodies,
-    Execution,
     PeopleTrainer,
-    ReachSettings,
     ending,
-    train_hand_policy,
 )
 
 TINY = PeopleTraining(
@@ -59,26 +55,6 @@ def test_shipped_persons_bring_hands_to_places_and_stay(body: str) -> None:
     there = np.stack([bodies.users.device_poses(name)[0] for name in policy.hands], 1)
     off = np.linalg.norm(there - goals.place.numpy(), axis=-1)
     assert np.median(off) < 0.02 and off.max() < 0.06, off
-
-
-def test_two_arms_learn_from_half_as_many_persons() -> None:
-    """Both arms go to goals of their own, and 12 user steps of 2 persons move 48 arms."""
-    two = trainer("mobl_arms_bimanual")
-    two.step()
-    report = two.step()
-    assert two.finished and report.velocity_mps > 0.0
-    assert [len(part) for part in two._seen] == [24 * 2, 12 * 2]
-
-
-def test_hands_learn_to_reach(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(people_training, "SETTINGS", ReachSettings(hands=64))
-    torch.manual_seed(3)
-    policy, config = HandPolicy(32), PeopleTraining()
-    worth = [
-        train_hand_policy(policy, config, Execution(), 0.05, updates=updates, seed=2)
-        for updates in (1, 60, 1)
-    ]
-    assert worth[2] > worth[0] + 2.0
 
 
 def test_a_movement_ends_well_in_its_target_and_at_its_speed() -> None:

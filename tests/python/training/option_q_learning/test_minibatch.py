@@ -25,22 +25,6 @@ def test_a_quarter_came_before_a_reward_and_weighs_less() -> None:
     assert weights.mean() == pytest.approx(1.0, abs=0.02)
 
 
-def test_a_decision_that_leads_to_two_rewards_is_twice_as_likely() -> None:
-    """Rewards after rows 2 and 3 of 5; rows 0 to 2 can be drawn, 3 counts as 2.
-
-    Ways to each: row 0 one, row 1 two, row 2 three, of six; alike it is a third.
-    """
-    rewarded = np.array([[0], [0], [1], [1], [0]], bool)
-    rows, _, weights = draw_decisions(rewarded, 400, np.random.default_rng(5))
-    for row, expected in ((0, 1 / 0.875), (1, 1.0), (2, 1 / 1.125)):
-        assert weights[rows == row] == pytest.approx(expected)
-
-
-def test_without_rewards_all_are_drawn_alike() -> None:
-    rows, users, weights = draw_decisions(np.zeros((6, 3), bool), 300, np.random.default_rng(1))
-    assert set(rows) == {0, 1, 2, 3} and set(users) == {0, 1, 2} and (weights == 1.0).all()
-
-
 def test_a_round_that_is_cut_off_is_worth_what_would_follow() -> None:
     """Rewards 1, 2, 4 at a discount of .85: 1 + 1.7 + 2.89 = 5.59, and .85^3 of the value."""
     ends = [

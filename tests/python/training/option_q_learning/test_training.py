@@ -1,11 +1,9 @@
 """The recipe ``skills`` on a running app, small."""
 
-import copy
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
 
@@ -17,14 +15,12 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.train import _of_people
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, VisionConfig
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.policies.hierarchical import motor_store as shipped
-from sim2vr_harness.policies.hierarchical.motor_policy import MOMENT_S, MotorPolicy, reachable_poses
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy, reachable_poses
 from sim2vr_harness.policies.hierarchical.motor_store import (
     human_policy_for,
     load_motor_layer,
     motor_layer_for,
     save_motor_layer,
-    shipped_layers,
 )
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy
 from sim2vr_harness.policies.hierarchical.person_policy import PersonPolicy
@@ -43,7 +39,6 @@ from sim2vr_harness.training.option_q_learning.q_learning import (
     SETTINGS,
     OptionQLearning,
 )
-from sim2vr_harness.training.option_q_learning.stage import choose_manner
 from sim2vr_harness.users import UserBatch, list_bodies, load_body
 
 STEP_S = 0.05
@@ -116,52 +111,6 @@ def test_a_push_goes_through_its_place_away_from_the_head(
     assert swung.tolist() == pytest.approx([0.0, -half, half])  # y is to the left
 
 
-def test_a_push_that_is_too_slow_begins_again_further_back(
-    primitives: PrimitiveController,
-) -> None:
-    choice = doing("push", 0.5, 0.0, 1.2)
-    head, near = torch.tensor([[0.0, 0.0, 1.2]]), torch.eye(4)[None, None].clone()
-    near[0, 0, :3, 3] = torch.tensor([0.45, 0.0, 1.2])
-    still = primitives.goals(choice, head, near, near)
-    assert still.place[0, 0].tolist() == pytest.approx([0.5 - 1.25 * 0.4, 0.0, 1.2])
-    assert not still.velocity.any()
-    soon = near.clone()
-    soon[0, 0, 0, 3] += 2.0 * MOMENT_S  # 2 m/s towards it
-    fast = primitives.goals(choice, head, near, soon)
-    assert fast.place[0, 0].tolist() == pytest.approx([0.5, 0.0, 1.2])
-    assert fast.velocity[0, 0, 0].item() == pytest.approx(2.5)
-
-
-def test_what_is_far_is_waited_for_at_its_height_and_side(
-    primitives: PrimitiveController,
-) -> None:
-    near, touches = torch.tensor([[0.4, -0.25, 1.1]]), torch.zeros(1, dtype=torch.bool)
-    assert torch.equal(primitives.within_reach(0, near, touches), near)
-    far = primitives.within_reach(0, torch.tensor([[3.0, -0.25, 1.1]]), touches)[0]
-    assert far[0] < 1.0
-    assert far[1:].tolist() == pytest.approx([-0.25, 1.1], abs=0.12)
-
-
-def test_a_blade_swings_with_its_middle_and_touches_with_its_tip(
-    layer: MotorPolicy, poses: torch.Tensor
-) -> None:
-    """Visible from 0.1 to 1 m before the hand, three quarters' middle is at 0.625 m."""
-    blade = Tool(np.outer(np.linspace(0.1, 1.0, 901), [1.0, 0.0, 0.0]))
-    assert blade.middle == pytest.approx([0.625, 0.0, 0.0], abs=1e-3)
-    assert blade.tip == pytest.approx([0.995, 0.0, 0.0], abs=1e-3)
-    tool = torch.tensor(np.array([[blade.tip, blade.middle]]), dtype=torch.float32)
-    primitives = PrimitiveController(layer, tool, poses)
-    choice, place = OptionChoice(2, 1), torch.eye(4).repeat(2, 1, 1, 1)
-    choice.move[:, 0] = torch.tensor([MOVES.index("touch"), MOVES.index("up")])
-    goals = primitives.goals(choice, torch.zeros(2, 3), place, place)
-    assert goals.tip[:, 0, 0].tolist() == pytest.approx([0.995, 0.625], abs=1e-3)
-    # Farther than the middle gets, within the tip's reach: who swings waits nearer.
-    swings = torch.tensor([False, True])
-    there = torch.tensor([[1.0, 0.0, 0.0]]).expand(2, 3) * 1.55 + torch.tensor([0.0, -0.2, 1.1])
-    touched, swung = primitives.within_reach(0, there, swings)
-    assert touched[0] > swung[0] + 0.1
-
-
 def env(game: str) -> EnvConfig:
     channels = ("red", "green", "blue", "depth")
     return EnvConfig(app=AppConfig(game=game), vision=VisionConfig(channels=channels), cores=1)
@@ -175,12 +124,9 @@ def held_in(game: str, layer: MotorPolicy, poses: torch.Tensor, seed: int) -> To
     return tool
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_the_hammer_is_found_in_the_hand(
-    layer: MotorPolicy, poses: torch.Tensor, seed: int
-) -> None:
+def test_the_hammer_is_found_in_the_hand(layer: MotorPolicy, poses: torch.Tensor) -> None:
     """A tenth of the pictures show it. Places: shared facts, whacamole.md, 5."""
-    tool = held_in("whacamole", layer, poses, seed)
+    tool = held_in("whacamole", layer, poses, 1)
     head, face = np.array([0.054, -0.009, 0.039]), np.array([0.083, -0.010, 0.002])
     assert np.linalg.norm(tool.tip - 0.5 * (head + face)) < 0.04
     assert len(tool.points) > 10
@@ -231,32 +177,8 @@ def with_persons(folder: Path, steps: int, since: int = 5) -> OptionQLearning:
     return one
 
 
-def test_hands_move_as_it_pays(tmp_path: Path) -> None:
-    """Straight hands earn 5 more; vigour 6 earns most; nothing of it counts as learning."""
-    one, said = with_persons(tmp_path / "own", 0), []
-    person, taken, decisions = one.policy, one.step_count, one._decisions.count
-    assert isinstance(person, PersonPolicy)
-    earned = {1.0: 10.0, 6.0: 20.0, 36.0: 5.0}
-    callbacks = SimpleNamespace(say=said.append, doing=lambda part: None)
-
-    def of_now(*_: object, **__: object) -> float:
-        return earned[float(person.vigour)] - 5.0 * float(person.primitives.lifts)
-
-    with patch.object(one, "earned", side_effect=of_now):
-        choose_manner(one, 100, callbacks, print)  # type: ignore[arg-type]
-    assert (float(person.vigour), float(person.lifts)) == (6.0, 0.0)
-    assert said == [
-        "Reward per minute, less effort: 15.00 if hands lift off before they touch, 20.00 if not; "
-        "by vigour: 10.00 for 1, 20.00 for 6, 5.00 for 36. The persons': 6."
-    ]
-    assert (one.step_count, one._decisions.count) == (taken, decisions)
-    assert one._memory[0].bodies.vigour == 6.0  # type: ignore[attr-defined]
-    one.simulation.close()
-
-
-@pytest.mark.parametrize("who", ["plain", "person"])
-def test_effort_is_taken_off_the_reward_of_every_decision(who: str, tmp_path: Path) -> None:
-    one = learner(tmp_path / "own") if who == "plain" else with_persons(tmp_path / "own", 0)
+def test_effort_is_taken_off_the_reward_of_every_decision(tmp_path: Path) -> None:
+    one = learner(tmp_path / "own")
     step, played = one.simulation.step, []
 
     def noted(actions: np.ndarray) -> Any:
@@ -276,71 +198,9 @@ def test_effort_is_taken_off_the_reward_of_every_decision(who: str, tmp_path: Pa
     one.simulation.close()
 
 
-def test_a_decision_counts_as_rewarded_by_what_the_app_pays(tmp_path: Path) -> None:
-    """Every decision costs effort; 99 % of the app's own rewards are up to 2."""
-    one = learner(tmp_path / "own")
-    one.step()
-    one._decisions.amend({"reward": np.full((1, 3), -0.01), "game_reward": np.array([[0, 0, 2]])})
-    one.learner.settle_scale()
-    assert one.learner.scale == 2.0
-    assert one.diagnosis()[0] == pytest.approx(1.0 / 3.0)
-    one.simulation.close()
-
-
-def test_persons_learn_by_their_own_decisions(tmp_path: Path) -> None:
-    """Rows of the measured body are not drawn, and what it learned is where persons begin."""
-    one = with_persons(tmp_path / "own", 0)
-    begun = copy.deepcopy(one.net.state_dict())
-    with patch.object(one.learner, "_gradients", side_effect=AssertionError):
-        for _ in range(SETTINGS.n_step):
-            one.step()
-    assert all(torch.equal(begun[name], values) for name, values in one.net.state_dict().items())
-    drawn = []
-
-    def noted(rows: np.ndarray, *others: object) -> object:
-        drawn.extend(rows)
-        return 0.0, tuple(torch.zeros_like(p) for p in one.net.parameters())
-
-    with patch.object(one.learner, "_gradients", side_effect=noted):
-        for _ in range(30):
-            one.step()
-    assert min(drawn) == 5
-    one.simulation.close()
-
-
-def test_preferred_decisions_count_less_at_the_end(tmp_path: Path) -> None:
-    """The exponent of the weights is 0 in the first half, then it grows to 1."""
-    one, exponents = learner(tmp_path / "weights"), {}
-    while not one.finished:
-        step = one.step_count
-        one.step()
-        exponents[step] = one.learner.corrected
-    assert exponents[117] == 0.0
-    assert exponents[180] == pytest.approx(0.5)
-    assert exponents[225] == pytest.approx(1.0 - 2.0 * 15 / 240)
-    one.simulation.close()
-
-
-def test_tries_go_to_small_things_of_a_rare_colour(tmp_path: Path) -> None:
-    """One red pixel beside a cell's middle makes it the most tried of 600 cells."""
-    one = learner(tmp_path / "rare")
-    _, scene = one.scene()
-    scene.pictures[:, :3] = 90
-    scene.pictures[:, 3] = 12
-    scene.pictures[:, 0, 41, 63] = 250
-    one._exploration.colours[:] = 1.0
-    for _ in range(50):
-        one._exploration.note_colours(scene)
-    near, _ = one._exploration.curiosity(scene, np.arange(SMALL.users))
-    red = 41 // 4 * 30 + 63 // 4
-    assert (near.argmax(1) == red).all()
-    assert (near[:, red] > 10.0 / 600.0).all()
-    one.simulation.close()
-
-
 def test_learning_beside_playing_is_learning_before_it(tmp_path: Path) -> None:
     alone, beside = (learner(tmp_path / f"{cores}", cores) for cores in (1, 2))
-    while not alone.finished:
+    for _ in range(15):
         one, other = asdict(alone.step()), asdict(beside.step())
         np.testing.assert_equal(one, other)  # losses are not numbers at first
     for name, values in alone.net.state_dict().items():
@@ -391,42 +251,6 @@ def test_a_motor_layer_is_kept_in_a_file_for_its_body_and_step(tmp_path: Path) -
         load_motor_layer(tmp_path / "layer.pt", other, STEP_S)
 
 
-@tiny_practice()
-def test_practice_goes_on_from_a_layer(monkeypatch: pytest.MonkeyPatch) -> None:
-    body = load_body("mobl_arms_wrist")
-    first = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
-    first.step()
-    known = {name: values.clone() for name, values in first.task.policy.weights().items()}
-    monkeypatch.setattr(goal_task._Cycles, "updates", 12)  # layers stay as they are for 20
-    more = motor_trainer(TINY, body, STEP_S, threads=1, seed=4, begin=first.task.policy)
-    for name, values in more.task.policy.weights().items():
-        assert torch.equal(values, known[name]), name
-    more.step()
-    more.step()
-    # What it learned is in units of what was met in its own first cycle.
-    assert torch.equal(more.task.policy.mean, known["mean"])
-    assert torch.equal(more.task.policy.std, known["std"])
-    assert torch.equal(first.task.policy.net[0].weight, known["net.0.weight"])
-    assert not torch.equal(more.task.policy.net[0].weight, known["net.0.weight"])
-
-
-def test_a_body_without_a_layer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_body_without_a_layer_is_named() -> None:
     with pytest.raises(InputError, match=r"none for the body 'mobl_arms_wrist' in steps of 0\.1 s"):
         motor_layer_for(load_body("mobl_arms_wrist"), 0.1)
-    others = [file for file in shipped_layers() if "motor" in file.stem]
-    monkeypatch.setattr(shipped, "shipped_layers", lambda: others)
-    expected = r"none for the body 'mobl_arms_wrist' .* \(mobl_arms_bimanual_motor\)"
-    with pytest.raises(InputError, match=expected):
-        motor_layer_for(load_body("mobl_arms_wrist"), STEP_S)
-
-
-def test_every_body_of_the_package_has_a_layer() -> None:
-    stems = {file.stem.removesuffix("_following") for file in shipped_layers()}
-    layers = {stem.removesuffix("_people") for stem in stems}
-    assert layers == set(list_bodies())
-
-
-def test_a_body_may_have_a_layer_of_its_own_for_following(layer: MotorPolicy) -> None:
-    follower = motor_layer_for(layer.body, STEP_S, following=True)
-    assert not torch.equal(follower.net[0].weight, layer.net[0].weight)
-    assert follower.header() == layer.header()

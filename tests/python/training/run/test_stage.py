@@ -52,7 +52,6 @@ def cut(folder: Path, stage: str, how: int | None, monkeypatch: pytest.MonkeyPat
     ("stage", "how"),
     [
         ("imagined", signal.SIGTERM),
-        ("student", signal.SIGTERM),
         ("student", None),
         ("ppo", signal.SIGINT),
     ],
@@ -103,13 +102,3 @@ def test_the_command_says_what_is_saved_and_how_to_go_on(
         "Stopped in stage 'imagined'; saved: 1 of 2 cycles.",
         f"Go on with: sim2vr-harness train --resume {run}",
     ]
-
-
-def test_a_run_stopped_before_anything_was_saved_begins_again(
-    whole: dict[str, torch.Tensor], tmp_path: Path
-) -> None:
-    result, _ = train(tmp_path / "run", stop=lambda: True)
-    assert (result.interrupted, result.stage, result.saved) == (True, "imagined", "")
-    result, _ = train(tmp_path / "run", resume=True)
-    other = weights(result.checkpoint)
-    assert [key for key in whole if not torch.equal(whole[key], other[key])] == []

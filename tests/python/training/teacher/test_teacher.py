@@ -14,10 +14,10 @@ from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.envs.privileged import OBSERVATION
 from sim2vr_harness.policies.teacher import load_teacher, new_teacher
 from sim2vr_harness.runs.checkpoint import write_tensors
-from sim2vr_harness.runs.config import apply_overrides, load_config
+from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher import env as teacher_env
-from sim2vr_harness.training.teacher.env import InitialStates, TeacherSimulation, blind_env
+from sim2vr_harness.training.teacher.env import InitialStates, TeacherSimulation
 
 ENV = EnvConfig(app=AppConfig(options={"condition": "random"}), cores=1)
 SMALL = ("imagined.n_envs=4",)
@@ -37,14 +37,6 @@ def simulation(*overrides: str, **how: Any) -> TeacherSimulation:
     return TeacherSimulation(ENV, config(*overrides), seed=3, **how)
 
 
-def test_pictures_are_small_but_show_the_same_part_of_the_world() -> None:
-    blind = blind_env(ENV)
-    assert blind.app.renderer == "null"
-    assert blind.vision.width / blind.vision.height == ENV.vision.width / ENV.vision.height
-    assert blind.vision.width < ENV.vision.width
-    assert blind.user == ENV.user
-
-
 def test_the_observation_hides_the_aids() -> None:
     users = simulation()
     names = users.senses.observed_names
@@ -62,18 +54,6 @@ def test_the_observation_hides_the_aids() -> None:
     users.close()
 
 
-def test_a_game_without_privileged_numbers_has_no_teacher() -> None:
-    env = EnvConfig(app=AppConfig(game="sample", options={}))
-    with pytest.raises(InputError, match="recipe: got 'distill' for the game 'sample'"):
-        TeacherSimulation(env, config(), seed=1)
-
-
-def test_the_game_model_is_right_handed() -> None:
-    env = EnvConfig.model_validate({"user": {"person": {"handedness": "left"}}})
-    with pytest.raises(InputError, match="with the left hand, expected one with controller_right"):
-        TeacherSimulation(env, config(), seed=1)
-
-
 def test_near_starts_are_near_a_cell() -> None:
     users = simulation("curriculum.near_starts=1.0")
     users.reset(seeds=[1, 2, 3, 4])
@@ -81,15 +61,6 @@ def test_near_starts_are_near_a_cell() -> None:
     elbow = users.simulation.body.independent_joints.index("elbow_flexion")
     angles = users.simulation.users.qpos[:, users.simulation.body.qpos_independent[elbow]]
     assert ((angles >= 0.5) & (angles <= 1.9)).all()
-    users.close()
-
-
-def test_true_starts_are_the_reference_s() -> None:
-    users = simulation("curriculum.near_starts=0.0")
-    assert users.postures is None
-    users.reset(seeds=[1, 2, 3, 4])
-    free = users.simulation.body.qpos_independent
-    assert (np.abs(users.simulation.users.qpos[:, free]) <= 0.05).all()
     users.close()
 
 
@@ -121,52 +92,6 @@ def test_failing_cells_come_up_more_often() -> None:
     users.close()
 
 
-def test_actions_are_changes_of_activation_and_clipped() -> None:
-    users = simulation()
-    assert users.action_space.shape == (32,)
-    ends = []
-    for size in (1.0, 3.0):
-        users.reset(seeds=[1, 2, 3, 4])
-        users.step(np.full((4, 32), -size))
-        ends.append(users.simulation.users.act)
-    np.testing.assert_array_equal(*ends)
-    users.close()
-
-
-def test_hidden_fields_hide_the_own_body_s_too() -> None:
-    users = simulation('hidden_fields=["aid.*", "* qacc", "DELT? act"]')
-    names = users.senses.observed_names
-    assert "elbow_flexion qvel" in names
-    assert "nearest.life_s" in names
-    assert not any(name.endswith("qacc") or name.startswith("DELT") for name in names)
-    users.reset(seeds=[1, 2, 3, 4])
-    seen = users.observation()[OBSERVATION]
-    speeds = users.simulation.users.qvel[:, users.simulation.body.qvel_independent]
-    np.testing.assert_allclose(seen[:, names.index("elbow_flexion qvel")], speeds[:, 3], rtol=1e-6)
-    users.close()
-
-
-def test_exploring_users_begin_near_a_cell_and_soon_again() -> None:
-    users = simulation()
-    users.explore(0.1)
-    users.reset(seeds=[1, 2, 3, 4])
-    assert (users.senses.field("aid.start_distance_m") <= 0.08 + 1e-6).mean() >= 0.5
-    assert users._limit.max() <= 2
-    users.explore(None)
-    users.reset(ids=[0])
-    assert users._limit[0] == 8
-    users.close()
-
-
-def test_the_true_rules_of_a_condition_are_known() -> None:
-    users = simulation()
-    rules = [users.describe(number).start for number in range(3)]
-    assert [r["round.high"] for r in rules] == [0.0, 0.0, 1.0]
-    assert all(r["round.max_targets"] == 3.0 for r in rules)
-    assert all(r["round.strike_threshold_mps"] == pytest.approx(0.8) for r in rules)
-    users.close()
-
-
 def test_numbers_are_normalised_and_cut() -> None:
     users = simulation()
     policy = new_teacher(users.observation_space, users.action_space, seed=1)
@@ -178,20 +103,6 @@ def test_numbers_are_normalised_and_cut() -> None:
     with torch.no_grad():
         normal = policy.normaliser({OBSERVATION: told})
     np.testing.assert_allclose(normal[:, 0], [0.0, 0.5, -8.0], atol=1e-6)
-
-
-def test_the_policy_acts_within_the_student_s_range() -> None:
-    users = simulation()
-    policy = new_teacher(users.observation_space, users.action_space, seed=1)
-    users.reset(seeds=[1, 2, 3, 4])
-    seen = users.observation()
-    users.close()
-    with torch.no_grad():
-        policy.action_net.bias.fill_(5.0)  # a mean of 2.5
-    assert (policy.act(seen) == 1.0).all()
-    with torch.no_grad():
-        policy.action_net.bias.fill_(0.5)
-    assert policy.act(seen).mean() == pytest.approx(0.25, abs=0.05)
 
 
 def test_a_loaded_teacher_acts_as_it_was_saved(tmp_path: Path) -> None:
@@ -209,21 +120,3 @@ def test_a_loaded_teacher_acts_as_it_was_saved(tmp_path: Path) -> None:
     write_tensors(file, weights)
     with pytest.raises(InputError, match=r"policy.pt.*expected the weights of imagined rollouts"):
         load_teacher(file, *spaces)
-
-
-def test_rewards_are_the_task_s() -> None:
-    users = simulation()
-    users.reset(seeds=[1, 2, 3, 4])
-    result = users.step(np.full((4, 32), 0.1, np.float32))
-    task = [info["game_reward"] - info["effort_cost"] for info in result.infos]
-    np.testing.assert_allclose(result.reward, task, atol=1e-12)
-    assert max(info["effort_cost"] for info in result.infos) > 0.0
-    users.close()
-
-
-def test_a_teacher_without_imagined_rollouts_is_refused() -> None:
-    with pytest.raises(InputError) as refused:
-        load_config("whacamole_constrained_distill", ["teacher.imagined.cycles=0"])
-    assert str(refused.value) == (
-        "teacher.imagined.cycles: got 0, expected greater than or equal to 1"
-    )

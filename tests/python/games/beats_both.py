@@ -13,7 +13,7 @@ from true_users import motion_of, worn_by
 from sim2vr_harness.client import OptionValue
 from sim2vr_harness.envs.config import AppConfig, EffortConfig, EnvConfig, UserConfig
 from sim2vr_harness.envs.privileged import OBSERVATION
-from sim2vr_harness.games.beats.game_model import EVENTS, FIELDS
+from sim2vr_harness.games.beats.game_model import FIELDS
 from sim2vr_harness.games.beats.settings import Relaxation
 from sim2vr_harness.policies.teacher import new_teacher
 from sim2vr_harness.runs.config import apply_overrides
@@ -38,29 +38,18 @@ class Played:
         imagined: (STEPS, USERS, F) what it observes in the model, and
         true: in the true game.
         effort: (STEPS, 2, USERS) costs, imagined and true.
-        rewards: (STEPS,) of the model, all users together.
         events: (STEPS, E) what has happened in the model so far, in the order of `EVENTS`.
-        logs: the true game's at the end.
         counts: (STEPS, L) of the true game so far, all users together, in the order of `counted`.
         sabers: how the model's blades are fixed.
-        limbs: the body model's.
     """
 
     names: tuple[str, ...]
     imagined: NDArray[np.float32]
     true: NDArray[np.float32]
     effort: NDArray[np.float64]
-    rewards: NDArray[np.float64]
     events: NDArray[np.float64]
-    logs: list[dict[str, float]]
     counts: NDArray[np.float64]
     sabers: torch.Tensor
-    limbs: Any
-
-    @property
-    def happened(self) -> dict[str, float]:
-        """What has happened in the model in the end."""
-        return dict(zip(EVENTS, self.events[-1].tolist(), strict=True))
 
 
 def rollouts(options: Mapping[str, OptionValue], *, torso: bool = False) -> GameTrainer:
@@ -118,7 +107,7 @@ def play(
     rng = np.random.default_rng(0)
     observed = [[*users.names, *game.names].index(name) for name in sim.senses.observed_names]
     soft = soft or game.settings.relaxation(1.0)
-    imagined, true, effort, rewards, events, counts = [], [], [], [], [], []
+    imagined, true, effort, events, counts = [], [], [], [], []
     for _ in range(STEPS):
         actions = 0.2 * rng.standard_normal((USERS, sim.action_space.shape[0]))
         control = made.body.drives.control(users.motion.drives, torch.tensor(actions))
@@ -128,24 +117,20 @@ def play(
         users._control = control.float()
         effort.append((users.costs()[0].numpy(), result.effort_cost))
         place = worn_by(sim)
-        rewards.append(float(game.play(place, soft).sum()))
+        game.play(place, soft)
         events.append(game.events.tolist())
         seen = torch.cat([users.observe(), game.observe(place)], 1)
         imagined.append(seen[:, observed].numpy())
         true.append(sim.observation()[OBSERVATION])
         logs = sim.simulation.logs
         counts.append([sum(log[key] for log in logs) for key in counted])
-    logs = [dict(log) for log in sim.simulation.logs]
     sim.close()
     return Played(
         names=tuple(sim.senses.observed_names),
         imagined=np.array(imagined),
         true=np.array(true),
         effort=np.array(effort),
-        rewards=np.array(rewards),
         events=np.array(events),
-        logs=logs,
         counts=np.array(counts),
         sabers=game.sabers.fixed,
-        limbs=made.body.accelerations,
     )

@@ -10,8 +10,7 @@ import torch
 from true_users import worn_by
 
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
-from sim2vr_harness.games.imagined import ImaginedCondition
-from sim2vr_harness.games.pointing.game import FIELDS, ImaginedPointing, PointingTask
+from sim2vr_harness.games.pointing.game import FIELDS, ImaginedPointing
 from sim2vr_harness.games.pointing.settings import GameModelSettings
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.teacher_config import TeacherConfig
@@ -37,20 +36,13 @@ def short_teacher() -> Iterator[None]:
         yield
 
 
-def users_of(options: dict[str, Any], n: int = N) -> TeacherSimulation:
-    settings = [
-        f"imagined.n_envs={n}",
-        *("curriculum.near_starts=1.0", "conditions=[near]"),
-    ]
-    config = TeacherConfig.model_validate(apply_overrides({}, settings))
-    app = AppConfig(game="pointing", options=options)
-    return TeacherSimulation(EnvConfig(app=app, cores=1), config, seed=1)
-
-
 @pytest.fixture(scope="module")
 def played() -> dict[str, Any]:
     """Users who begin near targets and move about at random, in the true game and in the model."""
-    sim = users_of(OPTIONS)
+    settings = [f"imagined.n_envs={N}", "curriculum.near_starts=1.0", "conditions=[near]"]
+    config = TeacherConfig.model_validate(apply_overrides({}, settings))
+    app = AppConfig(game="pointing", options=OPTIONS)
+    sim = TeacherSimulation(EnvConfig(app=app, cores=1), config, seed=1)
     conditions = [sim.describe(0)]
     game = ImaginedPointing(N, conditions, GameModelSettings(), frame_s=STEP_S, seed=1)
     sim.reset(seeds=list(range(N)))
@@ -120,37 +112,3 @@ def test_teachers_observe_the_same(played: dict[str, Any]) -> None:
     assert alike.mean() > 0.99
     for i, name in enumerate(names):
         assert float(wrong[:, :, i][alike].max()) < 2e-3, name
-
-
-def test_the_defaults_are_the_games() -> None:
-    """Every block's first target, its width, and the one after it, by the model's table."""
-    sim = users_of({}, n=2)
-    condition: ImaginedCondition = sim.describe(0)
-    task = PointingTask.of({})
-    assert PointingTask.of(condition.options) == task
-    column = sim.senses.names.index
-    places = [
-        [column(f"{what}_{axis}_m") for axis in "xyz"] for what in ("target.place", "next.place")
-    ]
-    width = column("target.width_m")
-    found = set()
-    for seed in range(40):
-        sim.simulation.reset([0], [seed], sim.game.options("near"))
-        values = sim.senses.values()[0]
-        target, following = (values[place] for place in places)
-        offset = target - [0.15, -0.10, 0.30]
-        after = following - [0.15, -0.10, 0.30]
-        block = int(
-            np.argmin(
-                [
-                    np.abs(task.center(b, 0)[1] - offset[1]) + abs(w - values[width])
-                    for b, (_, w) in enumerate(task.blocks)
-                ]
-            )
-        )
-        np.testing.assert_allclose(offset, task.center(block, 0), atol=1e-3)
-        np.testing.assert_allclose(after, task.center(block, task.target_of(1)), atol=1e-3)
-        assert values[width] == pytest.approx(task.blocks[block][1])
-        found.add(block)
-    sim.close()
-    assert found == set(range(9))

@@ -29,15 +29,8 @@ def short_teacher() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def played() -> dict[str, np.ndarray]:
     """Privileged numbers of users who begin near targets and move about: name -> (steps, N)."""
-    config = TeacherConfig.model_validate(
-        apply_overrides(
-            {},
-            [
-                f"imagined.n_envs={N}",
-                "curriculum.near_starts=1.0",
-            ],
-        )
-    )
+    settings = [f"imagined.n_envs={N}", "curriculum.near_starts=1.0"]
+    config = TeacherConfig.model_validate(apply_overrides({}, settings))
     users = TeacherSimulation(EnvConfig(app=AppConfig(), cores=1), config, seed=1)
     users.reset(seeds=list(range(N)))
     users._limit[:] = STEPS + 1  # no round is cut
@@ -120,30 +113,6 @@ def test_how_long_targets_live_and_when_they_come(played: dict[str, np.ndarray])
     assert births.max() == 1, "at most one a frame"
     shown = sum(played[f"cell{cell}.present"] for cell in range(rules.CELLS))
     assert shown.max() == rules.MOST_TARGETS
-
-
-def test_pauses_are_drawn_up_to_the_ban(played: dict[str, np.ndarray]) -> None:
-    """While a target could come, the next one is at most so far from the one before."""
-    longest, pauses = 0, []
-    for user in range(N):
-        since = 0
-        there = np.stack([played[f"cell{c}.present"][:, user] > 0 for c in range(rules.CELLS)])
-        kept = there.copy()
-        for late in range(1, rules.FADING_FRAMES + 1):
-            kept[:, late:] |= there[:, :-late]
-        new = (there[:, 1:] & ~there[:, :-1]).any(0)
-        for frame, came in enumerate(new, start=1):
-            since += 1
-            if came:
-                pauses.append(since)
-                since = 0
-            elif kept[:, frame].sum() < rules.MOST_TARGETS:
-                longest = max(longest, since)
-    # A ban of 0.5 s at most, and the frames at both of its ends.
-    frames = round(rules.BAN_S / rules.FRAME_S)
-    assert longest <= frames + rules.FADING_FRAMES + rules.LAST_FRAME
-    assert min(pauses) == 1
-    assert np.mean(np.array(pauses) <= frames + 1) > 0.5
 
 
 def test_the_velocity_that_hits_are_judged_by(played: dict[str, np.ndarray]) -> None:

@@ -111,13 +111,6 @@ def test_the_packed_form(tmp_path: Path) -> None:
     )
 
 
-def test_everything_below_a_folder(tmp_path: Path) -> None:
-    write_log(tmp_path / "2023" / "b")
-    write_log(tmp_path / "2023" / "a")
-    packed(tmp_path / "packed")
-    assert [r.name for r in read_sessions(tmp_path)] == ["a", "b", "77_low"]
-
-
 def error_of(path: Path) -> str:
     with pytest.raises(InputError) as caught:
         read_sessions(path)
@@ -152,41 +145,10 @@ def test_errors_say_where_and_what(tmp_path: Path) -> None:
     assert "events.csv: got another file, expected a session" in error_of(log / "events.csv")
 
 
-def test_a_file_is_that_file_and_not_its_folder(tmp_path: Path) -> None:
-    folder = write_log(tmp_path / "log")
-    (again,) = read_sessions(folder / "states.csv")
-    assert (again.name, again.path) == ("log", folder)
-    for name in ("states.csv", "events.csv"):
-        (folder / f"other_{name}").write_bytes((folder / name).read_bytes())
-    title = (folder / "other_states.csv").read_text().replace("seed 859190", "seed 7")
-    (folder / "other_states.csv").write_text(title)
-    other = read_session(folder / "other_states.csv")
-    assert (other.name, other.seed) == ("other", 7)
-    rounds = packed(tmp_path / "rounds")
-    write_log(rounds)  # a loose round in the same folder
-    assert read_session(rounds / "77_low.npz").seed == 5
-    assert read_sessions(rounds / "manifest.json")[0].seed == 5
-
-
-def test_events_as_a_spreadsheet_saves_them(tmp_path: Path) -> None:
-    plain = target_events(read_session(write_log(tmp_path)))
-    short = EVENTS.replace("\n", ",,,,\n") + ",,,,,\n,,,,,\n"
-    for text in (short, EVENTS.replace(", ", "\t"), "\ufeff" + EVENTS.replace("\n", "\r")):
-        (tmp_path / "events.csv").write_text(text, newline="")
-        found = read_session(tmp_path)
-        assert target_events(found) == plain
-        assert found.events[-1].kind == "episode_statistics"
-
-
 def test_a_cut_last_line_is_left_out(tmp_path: Path) -> None:
     file = write_log(tmp_path) / "events.csv"
     file.write_text("1, target_spawn, target ID 0, grid ID 4\n2, target_hit, targ")
     assert target_events(read_session(tmp_path)) == (Event(1.0, "spawn", 0, 4),)
-
-
-def test_the_person_beside_a_log_is_known(tmp_path: Path) -> None:
-    (write_log(tmp_path) / "person.json").write_text('{"index": 3}')
-    assert read_session(tmp_path).person == "3"
 
 
 def test_logs_of_pointing_are_no_rounds_of_whacamole(tmp_path: Path) -> None:

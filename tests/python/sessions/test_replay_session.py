@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from python.sessions.sessions_made import ROOT, full_session
-from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.paths import app_executable
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.sessions import (
@@ -70,11 +69,6 @@ def test_causes_by_hand() -> None:
     gap = replace(session, time_ns=times)
     found = compare_events(gap, replace(gap, events=session.events[:4])).first
     assert found is not None and found.cause.startswith("frame rate: a frame before it lasts 64 ms")
-
-
-def test_a_session_without_an_app_asks_for_one() -> None:
-    with pytest.raises(InputError, match="the app to replay it in: --game NAME or --page FILE"):
-        replay_session(full_session())
 
 
 def test_strict_is_the_exit_status(tmp_path: Path, capsys: Any) -> None:

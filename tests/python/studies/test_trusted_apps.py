@@ -2,16 +2,12 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
-from fake_simulation import FakeSimulation
 
 from sim2vr_harness.base import paths
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.evaluation.evaluate import evaluate
 from sim2vr_harness.studies import run_study
-from sim2vr_harness.studies import worker as work
 
 
 @pytest.fixture(autouse=True)
@@ -50,22 +46,3 @@ def test_workers_of_a_trusted_study_start_its_app(tmp_path: Path) -> None:
     assert run_study(study, out, jobs=2).played == 0
     mark = json.loads(next(out.glob("cells/*/cell.json")).read_text())
     assert "env" not in mark and "trust_app" not in mark
-
-
-def test_a_study_without_an_app_needs_no_question(
-    trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-
-    def play(user: str, request: Any) -> Any:
-        return evaluate(user, request, simulation=FakeSimulation)
-
-    monkeypatch.setattr(work, "evaluate", play)
-    study = {
-        "name": "plain",
-        "fixed": {"user": str(trained)},
-        "factors": {"level": {"key": "condition", "levels": ["easy", "hard"]}},
-        "episodes": 1,
-        "measures": ["hits"],
-    }
-    assert run_study(study, tmp_path / "out", jobs=1).played == 2
-    assert not (tmp_path / "state").exists()

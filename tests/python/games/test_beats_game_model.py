@@ -1,6 +1,5 @@
 """Imagined Beats by itself: blades that go where they are told to, and boxes made by hand."""
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -144,24 +143,6 @@ def test_what_is_told_of_boxes_by_hand() -> None:
     assert game.observe(place)[0, cut].tolist() == [0.0, -1.0, 0.0, 1.0]
 
 
-def test_mines_and_walls_by_hand() -> None:
-    mine = {"time_s": 2.0, "column": 2.0, "row": 1.0}
-    wall = {"time_s": 2.0, "duration_s": 1.0, "column": 0, "row": 2, "width": 4, "height": 1}
-    game = rounds(1, level(mines=[mine], walls=[wall]))
-    begun(game, placed(AWAY, AWAY), 1.95)
-    game.play(placed(AWAY, (0.2, -0.3, 0.3)), SOFT)  # the still blade is in the mine
-    assert events(game) == {"mines": 1.0, "walls": 1.0}
-    game.play(placed(AWAY, (0.2, -0.3, 0.3)), SOFT)  # once each
-    assert events(game) == {"mines": 1.0, "walls": 1.0}
-    # The wall's lower edge is 0.125 m below the eyes: 0.205 m down and the head is free.
-    for down, walls in ((0.20, {"walls": 1.0}), (0.21, {})):
-        game = rounds(1, level(walls=[wall]))
-        place = placed(AWAY, AWAY, head=(0.0, 1.2 - down, 0.1))
-        begun(game, place, 1.95)
-        game.play(place, SOFT)
-        assert events(game) == walls
-
-
 def test_a_head_in_a_wall_pays_by_its_depth_in_every_step() -> None:
     """Lower edge 0.125 m below the eyes, radius of the head 0.08 m: at rest it is 0.205 m deep,
     with 6 cm to clear 0.265 m, at 20 points for every 0.1 m; 0.25 m down 1.5 cm are left."""
@@ -237,22 +218,3 @@ def test_the_gradient_is_that_of_finite_differences() -> None:
 def _column(position: torch.Tensor) -> torch.Tensor:
     """(4, 4) zeros but for a position."""
     return torch.nn.functional.pad(position[:, None], (3, 0, 0, 1))
-
-
-@pytest.mark.parametrize(("degrees", "share"), [(0.0, 0.0), (15.0, 1.0 / 9.0), (45.0, 1.0)])
-def test_who_looks_away_pays_by_the_square_of_the_angle(degrees: float, share: float) -> None:
-    place = placed(AWAY, AWAY)
-    turn = math.radians(degrees)
-    cos, sin = math.cos(turn), math.sin(turn)
-    place[:, 2, :2, :2] = torch.tensor([[cos, -sin], [sin, cos]])  # to the left
-    worth = []
-    for cost in (0.0, 10.0):
-        game = rounds(
-            1,
-            level(box(2.0, 2.0, RIGHT, DOWN)),
-            settings=shaped(model_settings, gaze_cost=cost),
-        )
-        begun(game, place, 0.5)
-        worth.append(float(game.play(place, SOFT)))
-    # Twice 1 - cos is 5 % less than the square at 45 degrees.
-    assert worth[0] - worth[1] == pytest.approx(10.0 * share, rel=0.06, abs=1e-5)

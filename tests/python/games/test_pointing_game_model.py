@@ -113,23 +113,6 @@ def test_a_step_of_several_frames_is_judged_frame_by_frame() -> None:
     assert float(game._age_s[0]) == pytest.approx(STEP_S / 2)
 
 
-def test_a_block_is_followed_by_one_that_fails_often() -> None:
-    options = {"targets": 3, "distances_m": [0.1, 0.2], "widths_m": [0.03]}
-    game = begun(placed(shifted(TOP, z=-0.1)), condition(**options))
-    assert game.block_weights.tolist() == [[0.5, 0.5]]
-    game.block_counts[0, 0], game.block_counts[1, 0] = (
-        torch.tensor([9.0, 0.0]),
-        torch.tensor([0.0, 9.0]),
-    )
-    game.adapt()
-    # Half of the way to 1/4 + 1/2 * 0.02 / 1.04 and the rest.
-    low = 0.5 * 0.5 + 0.5 * (0.25 + 0.5 * 0.02 / 1.04)
-    assert game.block_weights[0].tolist() == pytest.approx([low, 1.0 - low])
-    game.trial[:] = 3
-    game._next(torch.tensor([True]))
-    assert (int(game.trial[0]), float(game._age_s[0])) == (0, 0.0)
-
-
 def test_rewards_lead_to_the_target_and_through_it() -> None:
     """The nearer to the middle and the deeper, the better; out of the plane after a selection."""
     game = begun(placed(shifted(TOP, z=-0.02)))

@@ -181,23 +181,6 @@ def test_a_stroke_starts_in_front_of_a_cell_and_is_in_it_when_it_is_due() -> Non
     torch.testing.assert_close(rewards[1] - rewards[0], expected, atol=2e-3, rtol=0.0)
 
 
-@pytest.mark.parametrize(("before_m", "cost"), [(0.06, 0.5), (-0.2, 2.0)])
-def test_being_in_the_plane_away_from_targets_costs(before_m: float, cost: float) -> None:
-    """The hammer is in the middle of a cell, whose volume is 1 cm behind the plane, or before it:
-    nothing at a target, the whole cost with none, and with one in the next cell, 12.5 cm away."""
-    rewards = []
-    for plane in (0.0, 2.0):
-        game, place = game_at_a_target()
-        game._age[:] = -1
-        game._age[0, 4], game._age[1, 3] = 5, 5
-        game._ban_s[:] = 9.0
-        game.hammer.fixed[12, 2] -= before_m
-        soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=0.0, distance=0.0, plane=plane)
-        rewards.append(game.play(place[:, None], soft))
-    expected = -2.0 * cost * torch.tensor([0.0, 1.0, 1.0, 1.0])
-    torch.testing.assert_close(rewards[1] - rewards[0], expected, atol=1e-2, rtol=0.0)
-
-
 def test_going_towards_targets_that_cannot_have_been_seen_costs() -> None:
     """By hand, at v m/s: nothing before a target that is there for 0.15 s (frame 3); all of v
     before one that is there for 0.1 s, or none; 1 - exp(-2) = .865 of it with one in the next cell,
@@ -236,29 +219,6 @@ def test_a_hit_may_be_worth_the_same_whenever_it_comes() -> None:
         worth.append(float(rewards[1] / rewards[0]))
     assert worth == pytest.approx([0.948, 1.546], abs=2e-3)
     assert worth[0] * 0.96**6 == pytest.approx(worth[1] * 0.96**18, rel=2e-3)
-
-
-def test_what_a_hit_takes_away_counts_against_its_gradient_alone() -> None:
-    """The first user hits: its reward is what it was, its gradient .4 of it if .6 is taken away.
-
-    The others hit nothing (too slow, inside already, still growing), and learn what they did.
-    """
-    gradients, rewards = [], []
-    for share in (0.0, 0.5, 1.0):
-        soft = Relaxation(0.01, 0.2, near=0.0, distance=0.0, foregone=share)
-        game, place = game_at_a_target()
-        game._foregone[:] = 0.6
-        where_from = game._root.requires_grad_()
-        reward = game.play(place[:, None], soft)
-        reward.sum().backward()
-        assert where_from.grad is not None
-        gradients.append(where_from.grad)
-        rewards.append(reward.detach())
-    torch.testing.assert_close(rewards[1:], [rewards[0]] * 2)
-    assert gradients[0][:2].norm(dim=1).min() > 0.1
-    for share, gradient in zip((0.5, 1.0), gradients[1:], strict=True):
-        torch.testing.assert_close(gradient[0], (1.0 - 0.6 * share) * gradients[0][0])
-        torch.testing.assert_close(gradient[1:], gradients[0][1:])
 
 
 def test_missed_cells_come_up_more_often_and_are_worth_more() -> None:

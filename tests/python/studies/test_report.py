@@ -1,7 +1,6 @@
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,18 +8,13 @@ import strange_game
 
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.games.published import Published, PublishedPeople, published_of
-from sim2vr_harness.human_comparison.agreement import (
-    cell_name,
-    fatigue_order,
-    order_agreement,
-)
 from sim2vr_harness.studies.report.body import load_of
-from sim2vr_harness.studies.report.methods import PlayedBy, methods_of, varied_in
+from sim2vr_harness.studies.report.methods import varied_in
 from sim2vr_harness.studies.report.sentences import (
     dropout_sentences,
     sentences_of,
 )
-from sim2vr_harness.studies.report.source import ReportSource, read_source, summary_of
+from sim2vr_harness.studies.report.source import ReportSource, summary_of
 from sim2vr_harness.studies.report.strategy import depth_of
 from sim2vr_harness.studies.report.tables import measure_table
 from sim2vr_harness.studies.report.tables import test_table as table_of_tests
@@ -143,24 +137,6 @@ def test_persons_differ_in_what_is_switched_on() -> None:
     assert varied_in(EnvConfig.model_validate({"user": {"people": {"spread": 0.0}}})) == ()
 
 
-def test_warnings_of_the_evaluation_are_in_the_report(tmp_path: Path) -> None:
-    folder = strange_game.write_tables(tmp_path)
-    lines = {"calm": ["people = yes", "torso = yes (trained: no)"]}
-    results = {
-        name: {"unpractised": lines.get(name, []), "score_measure": "sparks"}
-        for name in strange_game.CONDITIONS
-    }
-    (folder / "results.json").write_text(json.dumps(results))
-    told = read_source(folder)
-    texts = [one.text for one in sentences_of(told, NOBODY)]
-    assert texts[1:3] == [
-        "The users in calm were never trained on people: their policies have learned with one "
-        "average body.",
-        "The users in calm were not trained for torso = yes (trained: no).",
-    ]
-    assert texts[1] in methods_of(told, [PlayedBy("somebody", 1000)])
-
-
 def test_users_have_a_place_among_people(source: ReportSource) -> None:
     people = PublishedPeople(title="", file="", citation="", duration_s=4.0)
     rows = tuple({"condition": "calm", "return": value} for value in (10.0, 20.0, 30.0, 40.0))
@@ -173,18 +149,3 @@ def test_users_have_a_place_among_people(source: ReportSource) -> None:
     )
     assert told[text] == "calm: 22.0, people 25.0, SD 12.9"
     assert not any("range" in text for text in told)
-
-
-def test_disagreement_with_people_is_said_in_words() -> None:
-    assert fatigue_order(
-        {"low": 0.2, "mid": 0.3, "high": 0.4}, {"low": 9, "mid": 9, "high": 10}
-    ) == (
-        "fatigue of users is high > mid > low, people rate high > low = mid: users and people "
-        "disagree about low and mid."
-    )
-    assert fatigue_order({"low": 0.2, "high": 0.4}, {"low": 9, "high": 10}).endswith(
-        ": both agree."
-    )
-    words, r = order_agreement(np.array([0.9, 0.5, 0.4]), np.array([0.4, 0.5, 0.9]))
-    assert (words, r) == ("disagree", "Spearman's r = -1.00, n = 3")
-    assert [cell_name(i, 3, 3) for i in (0, 4, 8)] == ["top left", "the middle", "bottom right"]

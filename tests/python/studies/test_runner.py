@@ -13,7 +13,6 @@ import yaml
 
 from python.studies.quick_study import content, killed_after, study
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.base.notices import set_notice
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.evaluation.data import DataFolder, read_data
 from sim2vr_harness.evaluation.data.columns import Column, number_table
@@ -255,29 +254,6 @@ def test_cells_play_the_options_that_they_name(
     found = run_study(study(trained, factors=factors, comparisons=[]), tmp_path / "out", jobs=1)
     assert quick == ["easy", "hard"]
     assert found.data.cells["condition"].tolist() == ["easy", "hard"]
-
-
-def test_cells_that_are_the_same_are_noticed(
-    trained: Path, quick: list[str], tmp_path: Path
-) -> None:
-    told: list[str] = []
-    set_notice(told.append)
-    noise = {"key": "env.user.noise.constant_level", "levels": {"usual": 0.185, "more": 0.3}}
-    levels = {"plain": {"condition": "easy"}, "named": {"env.app.options.condition": "easy"}}
-    factors = {"noise": noise, "way": {"levels": levels}}
-    try:
-        run_study(study(trained, factors=factors, comparisons=[]), tmp_path / "out", jobs=1)
-        assert told == [
-            f"note: cells noise={level},way=plain and noise={level},way=named are the same: they "
-            "have the same user, configuration and seeds, so their rounds are the same"
-            for level in ("usual", "more")
-        ]
-        told.clear()
-        own = study(trained, factors=factors, comparisons=[], seeds="own")
-        run_study(own, tmp_path / "own", jobs=1)
-        assert told == []
-    finally:
-        set_notice(None)
 
 
 def test_checks_of_cells_decide_the_exit_status(

@@ -28,7 +28,7 @@ from sim2vr_harness.studies.report.search import figures_of_search, search_sente
 from sim2vr_harness.studies.report.source import read_source
 from sim2vr_harness.studies.search import Watch
 
-LIFE, MARGIN = "env.app.options.life_seconds", "env.app.options.hammer_margin_m"
+LIFE = "env.app.options.life_seconds"
 
 
 def search(trained: Path, name: str = "found", **changes: Any) -> StudyConfig:

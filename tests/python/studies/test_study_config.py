@@ -1,14 +1,12 @@
 """What a study's file may say, and what is said of one that cannot be used."""
 
-from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.runs.config import apply_overrides
-from sim2vr_harness.studies.config import cells_of, load_study, parse_study
+from sim2vr_harness.studies.config import cells_of, parse_study
 from sim2vr_harness.studies.plan import plan_of
 
 USER = "whacamole_constrained"
@@ -143,38 +141,6 @@ def test_another_game_s_users_are_studied_by_its_own_measures() -> None:
     both = {"user": {"key": "user", "levels": [USER, "beats_first_medium"]}}
     message = "user=beats_first_medium: got a user of beats, expected one of whacamole, as in cell"
     assert message in refusal(fixed={}, factors=both)
-
-
-def test_the_ablation_of_people_leaves_out_one_thing_each() -> None:
-    """studies/people_ablation.yaml, beside the training that leaves out nothing."""
-    folder = Path(__file__).parents[3] / "studies"
-    plan = plan_of(load_study(folder / "people_ablation.yaml"), folder=folder)
-    assert plan.study.logs, "compare reads them"
-    configs = {
-        one.label.partition(",")[0].partition("=")[2]: yaml.safe_load(one.config)
-        for one in plan.trainings
-    }
-    whole = configs.pop("nothing")
-
-    def changed(one: Any, other: Any, place: str = "") -> set[str]:
-        if isinstance(one, dict) and isinstance(other, dict):
-            return {
-                name
-                for key in {*one, *other}
-                for name in changed(one.get(key), other.get(key), f"{place}.{key}".strip("."))
-            }
-        return set() if one == other else {place}
-
-    levels = {"signal_dependent_level", "constant_level"}
-    noise = {"env.user.noise." + key for key in {"signal_dependent", "constant", *levels}}
-    assert {name: changed(whole, config) for name, config in configs.items()} == {
-        "delay": {"env.senses"},
-        "noise": noise,
-        "frame rate": {"env.frames_per_step"},
-        "efference copy": {"env.senses"},
-        "head": {"env.senses", "env.user.head"},
-        "effort": {"env.user.effort.weight", "teacher.imagined.effort"},
-    }
 
 
 def test_text_of_a_study_reaches_its_key_as_it_is() -> None:

@@ -19,7 +19,6 @@ from sim2vr_harness.evaluation.expectations import (
     Expectation,
     Planned,
     of_evaluation,
-    of_study,
     write_junit,
 )
 
@@ -173,23 +172,6 @@ def test_other_files_are_no_baseline(tmp_path: Path, content: str) -> None:
     file.write_text(content)
     with pytest.raises(InputError, match=r"expected results.json of an evaluation, or statistics"):
         Checks.of([], file)
-
-
-def test_units_of_a_study_are_persons_or_the_rounds_of_one_user() -> None:
-    row = {"measure": "hits", "mean": 2.0, "rounds": 8, "rounds_sd": 0.5}
-    found = of_study(
-        [
-            row | {"levels": {"life": "0.5", "size": "big"}, "unit": "person", "n": 4, "sd": 1.0},
-            row | {"levels": {"life": "1"}, "unit": "user", "n": 1, "sd": None},
-            row | {"levels": {}, "unit": "person", "n": 1, "sd": None},
-        ]
-    )
-    assert {group: str(one["hits"]) for group, one in found.items()} == {
-        "life=0.5,size=big": "2 (n = 4, unit: person)",
-        "life=1": "2 (n = 8, unit: round)",
-        "all": "2 (n = 1, unit: person)",
-    }
-    assert (found["life=1"]["hits"].sd, found["all"]["hits"].sd) == (0.5, None)
 
 
 def test_junit_has_a_case_per_check(tmp_path: Path) -> None:

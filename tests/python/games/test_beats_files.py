@@ -2,13 +2,11 @@
 
 import json
 import os
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sim2vr_harness.base.paths import app_executable, uri_unless_utf8
 from sim2vr_harness.client import describe_level
 from sim2vr_harness.envs import (
     AppConfig,
@@ -58,17 +56,6 @@ def test_a_map_in_another_encoding_is_named_and_so_is_what_was_expected(
         describe_level("beats", {"level": str(folder)}, 1)
     assert str(refused.value).startswith(f"{folder}: Info.dat: got ")
     assert str(refused.value).endswith("expected a JSON object in UTF-8")
-
-
-def test_the_text_of_an_error_survives_bytes_that_are_not_utf8(strange: str) -> None:
-    Path(strange, "H.dat").write_text("{}")
-    with pytest.raises(ValueError, match=r"M\ufffduse: H\.dat\.version: got none"):
-        describe_level("beats", {"level": strange}, 1)
-    options = json.dumps({"level": uri_unless_utf8(strange)})
-    command = [app_executable(), "--play", "--game", "beats", "--options", options]
-    ended = subprocess.run([*command, "--renderer", "null"], capture_output=True, check=False)
-    assert ended.returncode == 2
-    assert "M\ufffduse: H.dat.version: got none" in ended.stderr.decode("utf-8")
 
 
 @pytest.mark.parametrize("transport", ["in_process", "protocol2"])

@@ -128,19 +128,22 @@ def test_what_a_swing_is_by_the_rules() -> None:
     assert swings(RIGHT, ANY, 3.0, (0.0, 0.0, 1.0)) == {}
 
 
-def test_what_is_told_of_boxes_by_hand() -> None:
-    """Seen from 10 m on: 0.92 s before the cut plane at 10 m/s; the head is the origin."""
-    game = rounds(1, level(box(2.0, 2.0, RIGHT, DOWN), box(2.5, 3.0, RIGHT, UP)))
-    place = placed(AWAY, AWAY)
-    begun(game, place, 1.0)
-    names = [f"right{i}.{part}" for i in (0, 1) for part in ("present", "time_s", "x_m", "z_m")]
-    columns = [game.names.index(name) for name in names]
-    assert game.observe(place)[0, columns].tolist() == [0.0] * 8
-    game.lane.time_s[:] = 1.75
-    expected = [1.0, 0.25, 0.2, 0.8 + 2.5, 1.0, 0.75, 0.6, 0.8 + 7.5]
-    assert game.observe(place)[0, columns].tolist() == pytest.approx(expected, abs=1e-5)
-    cut = [game.names.index(f"right{i}.dir_{axis}") for i in (0, 1) for axis in "xy"]
-    assert game.observe(place)[0, cut].tolist() == [0.0, -1.0, 0.0, 1.0]
+def test_mines_and_walls_by_hand() -> None:
+    mine = {"time_s": 2.0, "column": 2.0, "row": 1.0}
+    wall = {"time_s": 2.0, "duration_s": 1.0, "column": 0, "row": 2, "width": 4, "height": 1}
+    game = rounds(1, level(mines=[mine], walls=[wall]))
+    begun(game, placed(AWAY, AWAY), 1.95)
+    game.play(placed(AWAY, (0.2, -0.3, 0.3)), SOFT)  # the still blade is in the mine
+    assert events(game) == {"mines": 1.0, "walls": 1.0}
+    game.play(placed(AWAY, (0.2, -0.3, 0.3)), SOFT)  # once each
+    assert events(game) == {"mines": 1.0, "walls": 1.0}
+    # The wall's lower edge is 0.125 m below the eyes: 0.205 m down and the head is free.
+    for down, walls in ((0.20, {"walls": 1.0}), (0.21, {})):
+        game = rounds(1, level(walls=[wall]))
+        place = placed(AWAY, AWAY, head=(0.0, 1.2 - down, 0.1))
+        begun(game, place, 1.95)
+        game.play(place, SOFT)
+        assert events(game) == walls
 
 
 def test_a_head_in_a_wall_pays_by_its_depth_in_every_step() -> None:

@@ -149,27 +149,3 @@ def test_a_target_pays_what_its_selection_is_worth_and_no_more() -> None:
         assert paid[1:] == pytest.approx([0.0] * 8, abs=1e-5)
         paid.append(float(played(game, placed(shifted(TOP, x=beside, z=0.02)), soft)))
         assert sum(paid) == pytest.approx(worth, abs=2e-3)
-
-
-def test_what_is_observed_by_hand() -> None:
-    tip = (0.11, -0.2, 0.30)
-    place = placed(tip)
-    game = begun(place)
-    seen = dict(zip(game.names, game.observe(place)[0].tolist(), strict=True))
-    assert [seen[f"tip.{axis}_m"] for axis in "xyz"] == pytest.approx(tip)
-    assert seen["tip.depth_m"] == pytest.approx(-0.10)
-    assert seen["tip.armed"] == 1.0
-    assert seen["target.width_m"] == pytest.approx(0.04)
-    to_target = [a - b for a, b in zip(TOP, tip, strict=True)]
-    assert [seen[f"target.{axis}_m"] for axis in "xyz"] == pytest.approx(to_target, abs=1e-5)
-    assert [seen[f"target.place_{axis}_m"] for axis in "xyz"] == pytest.approx(TOP, abs=1e-5)
-    assert [seen[f"next.place_{axis}_m"] for axis in "xyz"] == pytest.approx(LOWER_LEFT, abs=1e-5)
-    game.trial[:] = 3
-    seen = dict(zip(game.names, game.observe(place)[0].tolist(), strict=True))
-    assert [seen[f"next.place_{axis}_m"] for axis in "xyz"] == [0.0, 0.0, 0.0]
-    # A head that has moved 3 cm to the right sees all of it 3 cm further to the left.
-    place[0, 1, 1, 3] -= 0.03
-    seen = dict(zip(game.names, game.observe(place)[0].tolist(), strict=True))
-    assert seen["tip.x_m"] == pytest.approx(tip[0] - 0.03, abs=1e-5)
-    assert seen["target.place_x_m"] == pytest.approx(TOP[0] - 0.03, abs=1e-5)
-    assert seen["target.x_m"] == pytest.approx(TOP[0] - tip[0], abs=1e-5)

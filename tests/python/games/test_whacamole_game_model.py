@@ -181,27 +181,6 @@ def test_a_stroke_starts_in_front_of_a_cell_and_is_in_it_when_it_is_due() -> Non
     torch.testing.assert_close(rewards[1] - rewards[0], expected, atol=2e-3, rtol=0.0)
 
 
-def test_going_towards_targets_that_cannot_have_been_seen_costs() -> None:
-    """By hand, at v m/s: nothing before a target that is there for 0.15 s (frame 3); all of v
-    before one that is there for 0.1 s, or none; 1 - exp(-2) = .865 of it with one in the next cell,
-    twice the 6.25 cm of half a cell away. Going away from the targets is free."""
-    for speed, going in ((1.5, 1.0), (-1.5, 0.0)):
-        rewards = []
-        for blind in (0.0, 2.0):
-            game, place = game_at_a_target()
-            root = points(*game.hammer(place))[0]
-            game._velocity = speed * game._strike[game.condition]
-            game._root = root - FRAME_S * game._velocity
-            game._age[:] = -1
-            # A frame passes before it is judged.
-            game._age[0, 4], game._age[1, 4], game._age[3, 3] = 2, 1, 2
-            game._ban_s[:] = 9.0
-            soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=0.0, distance=0.0, blind=blind)
-            rewards.append(game.play(place[:, None], soft))
-        expected = -2.0 * 1.5 * going * torch.tensor([0.0, 1.0, 1.0, 0.865])
-        torch.testing.assert_close(rewards[1] - rewards[0], expected, atol=0.02, rtol=0.0)
-
-
 def test_a_hit_may_be_worth_the_same_whenever_it_comes() -> None:
     """By hand: a discount of .96 a step of 50 ms is 20 ln(.96) = -.816 a second.
 

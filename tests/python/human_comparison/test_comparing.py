@@ -1,13 +1,11 @@
 """Users beside people: persons, totals, differences, fatigue."""
 
-import io
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from made_rounds import strikes
-from rich.console import Console
 
 from sim2vr_harness.games.registry import behaviour_of
 from sim2vr_harness.human_comparison.comparing import compare, left_out
@@ -15,7 +13,6 @@ from sim2vr_harness.human_comparison.contrasts import contrasts, fatigue_of
 from sim2vr_harness.human_comparison.persons import RecordedPerson, measure_round, persons_of
 from sim2vr_harness.human_comparison.report import ComparisonReport
 from sim2vr_harness.human_comparison.sources import Source
-from sim2vr_harness.human_comparison.tables import report_tables
 
 WHACAMOLE = behaviour_of("whacamole")
 EASY = ("constrained", "easy")
@@ -121,31 +118,6 @@ def test_fatigue_by_placement() -> None:
     assert more[0].mean == pytest.approx(0.05)
     assert more[0].effect == pytest.approx(0.05 / (0.02 / np.sqrt(2.0)))
     assert fatigue_of({}, WHACAMOLE) == ([], [])
-
-
-def test_disagreement_about_cells_and_fatigue_is_printed() -> None:
-    def with_rates(name: str, rates: np.ndarray) -> RecordedPerson:
-        return replace(PEOPLE[EASY][0], name=name, cell_rates=rates)
-
-    rising, falling = np.linspace(0.1, 0.9, 9), np.linspace(0.9, 0.2, 9)
-    people = Source("people", {EASY: tuple(with_rates(name, rising) for name in "pq")})
-    tired = {
-        ("constrained", condition): {"u": value}
-        for condition, value in (("low", 0.3), ("medium", 0.2), ("high", 0.25))
-    }
-    user = Source("u", {EASY: (with_rates("u", falling),)}, fatigue=tired)
-    console = Console(width=300, record=True, file=io.StringIO())
-    console.print(report_tables(ComparisonReport(WHACAMOLE, people, [user])))
-    text = console.export_text()
-    assert (
-        "constrained, easy: users and people disagree in the order of the cells, and are farthest "
-        "apart at top left (users 0.90, people 0.10); Spearman's r = -1.00, n = 9"
-    ) in text
-    # People rate 9, 9 and 9.5.
-    assert (
-        "constrained: fatigue of users is low > high > medium, people rate high > low = medium: "
-        "users and people disagree about low and medium, low and high."
-    ) in text
 
 
 def test_cells_and_differences_are_counted_over_both_rules() -> None:

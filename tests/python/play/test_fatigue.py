@@ -5,15 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from python.users.references import load_reference
 from sim2vr_harness.client import describe_game
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
-from sim2vr_harness.evaluation.tables import results_table
 from sim2vr_harness.play.exertion import fatigue_groups
 from sim2vr_harness.play.fatigue import (
-    MUSCLE_NAMES,
     full_name,
 )
 from sim2vr_harness.play.round import round_result, summarise
@@ -95,10 +92,3 @@ def test_an_evaluation_measures_and_prints_them(
     assert row["fatigue.shoulder"] == played.values["fatigue.shoulder"] > 0.0
     told = found.data.dictionary.set_index("column")["description"]
     assert told["fatigue.ANC"] == "Fatigue of anconeus"
-    console = Console(width=100)
-    with console.capture() as capture:
-        console.print(results_table(found.summaries, found.facts, "title"))
-    printed = " ".join(capture.get().split())
-    assert f"Fatigue of shoulder {played.values['fatigue.shoulder']:.3f}" in printed
-    worst = muscles[int(np.argmax(of_muscles))].removeprefix("fatigue.")
-    assert f"Most fatigued muscle {MUSCLE_NAMES[worst]} {max(of_muscles):.3f}" in printed

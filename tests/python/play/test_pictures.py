@@ -40,17 +40,6 @@ def simulation(config: Any = None, n: int = 2) -> FakeSimulation:
     return FakeSimulation(settings, n)
 
 
-def test_score_text() -> None:
-    log = {"Points": 3.0, "Misses": 1.0, "Contacts": 2.0}
-    assert pictures.score_text(WHACAMOLE, log, 4.55, 12.34) == (
-        "Hits 3   Misses 1   Contacts 2   return 12.3   t  4.5 s"
-    )
-    sample = describe_game("sample")
-    text = pictures.score_text(sample, {"Points": 2.0, "Distance": 0.25}, 1.0)
-    assert text == "Points 2   Distance to the ball 0.25 m   t  1.0 s"
-    assert pictures.score_text(WHACAMOLE, {}, 0.0, 0.0) == "return 0.0   t  0.0 s"
-
-
 def size_of(file: Path) -> tuple[int, int]:
     with Image.open(file) as image:
         return image.size

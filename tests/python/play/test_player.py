@@ -87,17 +87,6 @@ def test_watchers_measure_one_after_the_other_and_see_the_whole_round() -> None:
     assert [k for k, _ in later.ends] == sorted(range(3), key=lambda k: rounds[k].steps)
 
 
-def test_steps_are_played_as_they_are_asked_for() -> None:
-    simulation = FakeSimulation(n=2)
-    simulation.config = type("Config", (), {"action_frequency_hz": 20})
-    player = Player(simulation, still(2), WHACAMOLE)
-    player.begin([Job("easy", 0, 1), Job("easy", 1, 2)])
-    steps = player.steps()
-    rewards = [next(steps).reward for _ in range(3)]
-    assert (simulation.total_steps, player.step_count, player.seconds) == (3, 3, 0.15)
-    np.testing.assert_allclose(player.returns, np.sum(rewards, axis=0))
-
-
 def test_rewards_are_of_a_time_however_many_rounds_that_takes() -> None:
     """Rounds take 6 to 8 steps of 0.05 s; a still user is rewarded with minus its distance."""
     begun: list[int] = []

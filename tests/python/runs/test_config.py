@@ -37,20 +37,6 @@ def test_shipped_configurations_are_the_reference(group: str, adaptive: bool) ->
     assert first_difference(config, TrainingConfig(), ignore=ignored) is None
 
 
-@pytest.mark.parametrize("group", ["constrained", "unconstrained", "adaptive_constrained"])
-def test_the_fast_recipe_s_users_live_in_the_reference_s_environment(group: str) -> None:
-    fast = load_config(f"whacamole_{group}_distill")
-    reference = load_config(f"whacamole_{group}")
-    assert fast.recipe == "distill"
-    options = {"adaptive": False} | fast.env.app.options
-    app = fast.env.app.model_copy(update={"options": options})
-    assert fast.env.model_copy(update={"app": app}) == reference.env
-    assert fast.evaluation.conditions == reference.evaluation.conditions
-    assert fast.teacher.conditions == reference.evaluation.conditions
-    dwell = {"unconstrained": 0.5}.get(group, 0.0)
-    assert fast.teacher.imagined.game["dwell_cost"] == dwell
-
-
 @pytest.mark.parametrize(
     ("override", "message"),
     [
@@ -172,18 +158,6 @@ def test_yes_and_no_are_what_the_game_declares(
     overrides = [f"env.app.options.{option}={written}", f"env.app.game={game}"]
     options = apply_overrides({}, overrides)["env"]["app"]["options"]
     assert options == {option: expected if written != "'no'" else "no"}
-
-
-def test_yes_and_no_of_games_that_do_not_say() -> None:
-    app = "env.app.page=a.html"
-    with pytest.raises(InputError) as refused:
-        apply_overrides({}, [app, "env.app.options.mirror=no"])
-    assert str(refused.value) == (
-        "--set: got 'env.app.options.mirror=no', a truth or a word, expected true or false, or "
-        "text in quotes, such as mirror=\"'no'\""
-    )
-    said = apply_overrides({}, [app, "env.app.options.mirror=false"])["env"]["app"]["options"]
-    assert said == {"mirror": False}
 
 
 def test_settings_of_a_game_s_model_are_checked() -> None:

@@ -1,7 +1,6 @@
 """What is saved is finite, what is damaged is named and kept, and one training works at a time."""
 
 import io
-import json
 import os
 import re
 import signal
@@ -231,21 +230,6 @@ def test_two_trainings_in_one_folder(tmp_path: Path) -> None:
     holder.kill()  # the lock goes with its process, however it ends
     holder.communicate()
     assert run(link, 2 * ITERATION, resume=True).step == 2 * ITERATION
-
-
-def test_rows_of_before_the_first_checkpoint_are_not_doubled(tmp_path: Path) -> None:
-    whole, folder = run(tmp_path / "whole", 3 * ITERATION), tmp_path / "run"
-    run(folder, 2 * ITERATION)
-    for file in (folder / "checkpoints").iterdir():
-        file.unlink()
-    (folder / "checkpoints").rmdir()
-    with (folder / "metrics.jsonl").open("a") as stream:
-        stream.write('{"step": 180, "ti')  # cut off by the kill
-    last = run(folder, 3 * ITERATION, resume=True)
-    assert_same_learner(whole.checkpoint, last.checkpoint)
-    assert rows_without_times(tmp_path / "whole") == rows_without_times(folder)
-    lines = (folder / "metrics.jsonl").read_text().splitlines()
-    assert [json.loads(line)["step"] for line in lines] == [60, 120, 180]
 
 
 def test_a_full_disk_stops_with_the_file_and_loses_nothing(

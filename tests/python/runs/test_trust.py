@@ -1,6 +1,5 @@
 """Programs that a run's configuration names are started only if this user has said so."""
 
-import json
 import stat
 from pathlib import Path
 from typing import Any
@@ -154,16 +153,3 @@ def test_trust_that_others_could_have_written_does_not_count(
     place.chmod(0o770)
     with pytest.raises(InputError, match="--trust-app"):
         require_trust(app(executable="/opt/app"), tmp_path)
-
-
-def test_what_is_remembered_can_be_read_and_damaged_files_are_nothing(
-    stranger: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    remember(app(executable="/opt/app", arguments=("-x",)).app, tmp_path)
-    (file,) = (stranger / "sim2vr/trusted_apps").iterdir()
-    assert json.loads(file.read_text())["arguments"] == ["-x"]
-    for damaged in ("", "[]", "\xff"):
-        file.write_bytes(damaged.encode("latin-1"))
-        monkeypatch.setattr("sim2vr_harness.runs.trust._told", [])
-        with pytest.raises(InputError, match="--trust-app"):
-            require_trust(app(executable="/opt/app", arguments=("-x",)), tmp_path)

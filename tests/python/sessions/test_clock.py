@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.sessions import AppIdentity, Session, SessionEvent
-from sim2vr_harness.sessions.whacamole import printed, spawn_schedule, timing_of
+from sim2vr_harness.sessions.whacamole import printed, timing_of
 
 PERIOD_20HZ_S = 0.04999999701976776  # the largest binary32 below 0.05
 STEP_70HZ_S = 0.014285714365541935  # binary32 of 0.014285714
@@ -73,12 +72,3 @@ def test_the_fixed_step_is_read_off_the_events(step_s: float) -> None:
     for times in (device_times(), np.arange(1, 100) * PERIOD_20HZ_S):
         found = timing_of(recording(times, events)).clock.fixed_delta_time_s
         assert np.float32(found) == np.float32(step_s)
-
-
-def test_spawns_go_to_the_nearest_frame() -> None:
-    times_ns = np.array([0, 50_000_000, 100_000_000])
-    events = ((0.0501, "spawn", 0, 3), (0.0999, "spawn", 1, 8))
-    times, cells = spawn_schedule(recording(times_ns / 1e9, events), times_ns)
-    assert (times, cells) == ([0.05, 0.1], [3, 8])
-    with pytest.raises(InputError, match=r"target 0: got a spawn at 0.07 s, 0.02 s from a frame"):
-        spawn_schedule(recording(times_ns / 1e9, ((0.07, "spawn", 0, 3),)), times_ns)

@@ -101,11 +101,7 @@ REFUSED: dict[str, tuple[str, Callable[[], bytes], str]] = {
         "a.jsonl", changed(lambda c: c.insert(1, c[0])), "line 2: got 'format', expected one of t",
     ),
     "another version": ("a.jsonl", put(0, "version", value=2), "got version 2, expected version 1"),
-    "negative rate": ("a.jsonl", put(0, "rate_hz", value=-72), "line 1, rate_hz: got -72"),
     "NaN": ("a.jsonl", put(7, "head", 0, value=float("nan")), "head: got [nan, "),
-    "six numbers": (
-        "a.jsonl", put(7, "head", value=[0, 1, 0, 0, 0, 1]), "expected 7 finite numbers",
-    ),
     "time backwards": ("a.jsonl", put(3, "t", value=0), "expected times that do not go backwards"),
     "time of seconds": ("a.jsonl", put(3, "t", value=0.02), "line 4, t: got 0.02, expected whole"),
     "quaternion of zeros": (
@@ -113,9 +109,6 @@ REFUSED: dict[str, tuple[str, Callable[[], bytes], str]] = {
     ),
     "millimetres": (
         "a.jsonl", put(4, "head", slice(0, 3), value=[0, 1600, 300]), "head: got a position of [0",
-    ),
-    "12 inputs": (
-        "a.jsonl", changed(lambda c: c[4]["left"]["inputs"].pop()), "left.inputs: got [",
     ),
     "trigger of 2": (
         "a.jsonl", put(4, "left", "inputs", 0, value=2), "expected numbers from -1 to 1",
@@ -133,14 +126,8 @@ REFUSED: dict[str, tuple[str, Callable[[], bytes], str]] = {
     "IWER: buttons": (
         "a.json", iwer(lambda c: c["frames"][2][8][9].pop()), "expected 7 buttons, 4 axes",
     ),
-    "IWER: time backwards": (
-        "a.json", iwer(lambda c: c["frames"][9].__setitem__(0, 0)), "do not go backwards",
-    ),
     "table without head": (
         "a.csv", good("a.csv", lambda t: t.replace("head_", "hat_")), "got no column head_x",
-    ),
-    "table with a short row": (
-        "a.csv", good("a.csv", lambda t: t.rstrip().rsplit(",", 3)[0]), "line 41: got ",
     ),
     "table with NaN in a pose": (
         "a.csv", good("a.csv", lambda t: cell(t, 5, 1, "")), "expected seven finite numbers",

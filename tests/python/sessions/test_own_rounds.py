@@ -14,7 +14,6 @@ from sim2vr_harness.sessions.replay import replay_session
 from sim2vr_harness.sessions.whacamole import timing_of, with_clock
 
 PlayRound = Callable[..., Path]
-FIXTURE = Path(__file__).resolve().parents[2] / "data" / "whacamole_round"
 
 
 def replayed(recorded: Session, closed_loop: bool = False, out: Path | None = None) -> Session:
@@ -70,26 +69,6 @@ def test_the_log_tells_unusual_options(play_round: PlayRound, tmp_path: Path) ->
         **options, "life_seconds": pytest.approx(0.6),
     }  # fmt: skip
     assert (log / "events.csv").read_bytes() == (folder / "events.csv").read_bytes()
-
-
-def test_an_unfinished_round_is_replayed_as_far_as_it_goes(tmp_path: Path) -> None:
-    folder = tmp_path / "cut"
-    folder.mkdir()
-    states = (FIXTURE / "states.csv").read_text().splitlines(keepends=True)
-    (folder / "states.csv").write_text("".join(states[:63]) + states[63][:40])
-    # Of frames 0 to 60, 3 s; the line after them was cut.
-    kept = [
-        line
-        for line in (FIXTURE / "events.csv").read_text().splitlines(keepends=True)
-        if float(line.split(",")[0]) <= 3.0
-    ]
-    (folder / "events.csv").write_text("".join(kept))
-    recorded = read_session(folder)
-    assert timing_of(recorded).round_s == 3600.0
-    assert len(recorded) == 61
-    found = agreement_of(recorded, replayed(recorded, closed_loop=True))
-    assert found.identical == 1.0
-    assert found.targets == sum("spawn" in line for line in kept)
 
 
 def test_rounds_of_a_body_replay_from_seed_and_poses(tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from python.sessions.sessions_made import ROOT, full_session
-from sim2vr_harness.base.paths import app_executable
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.sessions import (
     Controller,
@@ -107,13 +106,3 @@ def test_a_page_does_the_same_again_and_another_seed_does_not() -> None:
     assert again.session.events == first.events
     other = replay_session(replace(first, seed=6), app=PAGE).comparison
     assert not other.same and other.first is not None
-
-
-def test_a_game_over_a_server_does_the_same() -> None:
-    """With the condition's options; the server's own log has the events."""
-    session = read_session(ROUND)
-    assert session.app.condition == "hard"
-    place = {"transport": "protocol2", "executable": str(app_executable())}
-    replayed = replay_session(session, app=place)
-    assert replayed.comparison.same and replayed.comparison.recorded == 39
-    assert (replayed.values["Points"], replayed.values["Misses"]) == (7.0, 8.0)

@@ -10,7 +10,6 @@ from fake_simulation import FakeSimulation
 from test_runner import content
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.base.files import read_json
 from sim2vr_harness.policies.registry import new_network
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.run_folder import RunFolder
@@ -105,26 +104,6 @@ def test_a_study_adapts_its_user_to_what_it_plays(
     moved = study(tmp_path / "elsewhere" / trained.name)
     assert run_study(moved, tmp_path / "one", jobs=1).played == 0
     assert len(trainings) == 1
-
-
-def test_a_search_adapts_its_user_to_each_trial(
-    trained: Path, trainings: list[Any], tmp_path: Path
-) -> None:
-    tree = study(trained)
-    for key in ("factors", "measures", "comparisons"):
-        del tree[key]
-    del tree["fixed"][LIFE]
-    tree["fixed"]["adapt"] = 40
-    tree["optimise"] = {
-        "parameters": {"life": {"key": LIFE, "low": 0.5, "high": 1.5}},
-        "objectives": {"return": "max"},
-        "trials": 3,
-    }
-    found = run_study(tree, tmp_path, jobs=1)
-    tried = found.data.trials["parameter_life"].tolist()
-    assert [config.env.app.options["life_seconds"] for config, _ in trainings] == tried
-    marks = [read_json(file, "") for file in tmp_path.glob("trainings/*/trained.json")]
-    assert [mark["checkpoint"] for mark in marks] == ["step_000000040.zip"] * 3
 
 
 @pytest.mark.parametrize(

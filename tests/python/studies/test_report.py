@@ -7,16 +7,14 @@ import pytest
 import strange_game
 
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.games.published import Published, PublishedPeople, published_of
+from sim2vr_harness.games.published import published_of
 from sim2vr_harness.studies.report.body import load_of
 from sim2vr_harness.studies.report.methods import varied_in
 from sim2vr_harness.studies.report.sentences import (
-    dropout_sentences,
     sentences_of,
 )
 from sim2vr_harness.studies.report.source import ReportSource, summary_of
 from sim2vr_harness.studies.report.strategy import depth_of
-from sim2vr_harness.studies.report.tables import measure_table
 from sim2vr_harness.studies.report.tables import test_table as table_of_tests
 
 NOBODY = published_of("strange")
@@ -113,19 +111,6 @@ def test_no_difference_is_said_only_within_a_bound_that_the_study_states(
     )
 
 
-def test_players_without_a_value_are_named_beside_the_others(source: ReportSource) -> None:
-    group = source.groups[0]
-    rows = group.episodes.iloc[[0, 0, 1, 1]].copy()
-    rows["person"] = [1, 2, 3, 4]
-    rows["sparks"] = [4.0, np.nan, 8.0, np.nan]
-    rows["hit_rate"] = [0.5, 0.1, 0.7, 0.2]
-    few = replace(source, groups=[replace(group, episodes=rows)], planned={"measures": ["sparks"]})
-    (told,) = dropout_sentences(few)
-    assert "2 of 4 have no sparks (person 2, person 4): none of their 2 rounds has" in told.text
-    assert "they hit 15 % of the targets, the others 60 %" in told.text
-    assert "6.00 ± 2.83 (n = 2 of 4)" in measure_table(few, NOBODY)
-
-
 def test_persons_differ_in_what_is_switched_on() -> None:
     """Delays need late senses, noise a noise model, head movement the reflex."""
     plain = EnvConfig.model_validate({"user": {"people": {}}})
@@ -135,17 +120,3 @@ def test_persons_differ_in_what_is_switched_on() -> None:
     )
     assert varied_in(some) == ("strength",)
     assert varied_in(EnvConfig.model_validate({"user": {"people": {"spread": 0.0}}})) == ()
-
-
-def test_users_have_a_place_among_people(source: ReportSource) -> None:
-    people = PublishedPeople(title="", file="", citation="", duration_s=4.0)
-    rows = tuple({"condition": "calm", "return": value} for value in (10.0, 20.0, 30.0, 40.0))
-    published = Published(people=people, rows=rows)
-    told = {one.text: one.numbers for one in sentences_of(source, published)}
-    # 22 is above two of four; people 25 +- 12.9.
-    text = (
-        "Return beside people (distance to their mean in their SD): calm: percentile 50 of 4 "
-        "people, -0.2 SD."
-    )
-    assert told[text] == "calm: 22.0, people 25.0, SD 12.9"
-    assert not any("range" in text for text in told)

@@ -238,22 +238,6 @@ def test_a_study_is_exported_for_opensim_by_cell(
         *("which=a_b_1/hard_seed1_joints.mot", "which=a_b_1/hard_seed2_joints.mot"),
     ]
     assert written[3].read_text().splitlines()[-1].split() == ["0.050000", "20"]
-    with pytest.raises(SystemExit):
-        main([*export[:2], "--csv", "--out", str(tmp_path / "csv")])
-    own = (tmp_path / "csv" / "cells.csv").read_text().splitlines()
-    assert own[0].startswith('"design_cell","factor_which"')
-    assert len(own) == 3
-    (angle,) = (tmp_path / "csv" / "which=a_b" / "steps" / "easy_seed2.csv").read_text().split()[1:]
-    assert float(angle.split(",")[-1]) == pytest.approx(np.radians(20.0))
-
-
-def test_cells_play_the_options_that_they_name(
-    trained: Path, quick: list[str], tmp_path: Path
-) -> None:
-    factors = {"what": {"key": "env.app.options.condition", "levels": ["easy", "hard"]}}
-    found = run_study(study(trained, factors=factors, comparisons=[]), tmp_path / "out", jobs=1)
-    assert quick == ["easy", "hard"]
-    assert found.data.cells["condition"].tolist() == ["easy", "hard"]
 
 
 def test_checks_of_cells_decide_the_exit_status(

@@ -81,12 +81,6 @@ def test_contents_decide_about_hashes() -> None:
         assert not set(keys) & {task.key for task in plan_of(study(**change)).tasks}
 
 
-def refusal(**changes: Any) -> str:
-    with pytest.raises(InputError) as caught:
-        plan_of(study(**changes))
-    return str(caught.value)
-
-
 DIFFICULTY = STUDY["factors"]["difficulty"]
 COMPARED = {"factor": "difficulty"}
 
@@ -132,15 +126,6 @@ COMPARED = {"factor": "difficulty"}
 def test_what_cannot_be_meant_is_said_in_a_sentence(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         plan_of(study(**changes))
-
-
-def test_another_game_s_users_are_studied_by_its_own_measures() -> None:
-    factors = {"user": {"key": "user", "levels": ["beats_first_lazy", "beats_first_medium"]}}
-    plan = plan_of(study(fixed={"condition": "first"}, factors=factors))
-    assert "slice_rate" in plan.measures and "hits" not in plan.measures
-    both = {"user": {"key": "user", "levels": [USER, "beats_first_medium"]}}
-    message = "user=beats_first_medium: got a user of beats, expected one of whacamole, as in cell"
-    assert message in refusal(fixed={}, factors=both)
 
 
 def test_text_of_a_study_reaches_its_key_as_it_is() -> None:

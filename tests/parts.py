@@ -16,7 +16,7 @@ CLAIMS = {
     "openxr": "unmodified OpenXR programs play without a headset or a screen",
     "npm": "pages with engines of others play; recordings agree with IWER",
     "gpu": "networks train on a GPU",
-    "extras": "packages that make setup does not install agree: OpenSim, py-bsor, RLlib, moviepy",
+    "extras": "packages that make setup does not install agree: RLlib, moviepy",
     "recordings": "replays and measures agree with recordings of people, which are not included",
 }
 REQUIRED = frozenset(filter(None, os.environ.get("SIM2VR_REQUIRE", "").split(",")))

@@ -50,19 +50,3 @@ def test_all_boxes_and_poses_of_a_person_s_replay(name: str, tmp_path: Path) -> 
         assert data["time_deviation_s"] == pytest.approx(box["time_deviation_s"], abs=1e-5)
         assert data["cut_point_m"] == pytest.approx(box["cut"], abs=1e-5)
     assert "Zoë" not in repr(session) and "76561" not in repr(session)
-
-
-def test_another_reader_sees_the_same(tmp_path: Path) -> None:
-    bsor = pytest.importorskip("bsor.Bsor", reason="extras: no py-bsor")
-    arrays, boxes = np.load(REPLAYS / "easy_21_poses.npz"), boxes_of("easy_21")
-    file = tmp_path / "replay.bsor"
-    file.write_bytes(bsor_bytes(arrays["time_s"], boxes, arrays["pose"]))
-    with file.open("rb") as stream:
-        theirs = bsor.make_bsor(stream)
-    ours = read_session(file)
-    assert len(theirs.frames) - len(ours) in (0, 1) and len(theirs.notes) == 21
-    for event, note in zip(ours.events, theirs.notes, strict=True):
-        data = event.data
-        assert (data["column"], data["row"], data["points"]) == (
-            note.lineIndex, note.noteLineLayer, note.score,
-        )  # fmt: skip

@@ -19,14 +19,11 @@ from sim2vr_harness.client import OptionValue
 from sim2vr_harness.sessions import (
     Controller,
     Session,
-    read_session,
     read_sessions,
-    write_session,
 )
 from sim2vr_harness.sessions.agreement import Agreement, agreement_of, rounds_json
-from sim2vr_harness.sessions.logs import TargetEvent, target_events
 from sim2vr_harness.sessions.replay import replay_session
-from sim2vr_harness.sessions.whacamole import constrained, with_clock, without_constraint
+from sim2vr_harness.sessions.whacamole import with_clock
 
 PEOPLE, SIMULATED = RECORDINGS / "human_rounds", RECORDINGS / "simulated_rounds"
 
@@ -88,17 +85,6 @@ def test_rounds_of_a_simulated_user(closed_loop: bool) -> None:
     assert figures["mean_abs_dt_s"] == 0.0
     assert figures["dv_p95"] <= 1e-4
     assert figures["identical"] == 1.0
-
-
-def test_rounds_of_people_come_again_by_the_general_path(tmp_path: Path) -> None:
-    recorded = again = 0
-    for recording in read_sessions(PEOPLE)[::6]:
-        write_session(recording, tmp_path / "round.jsonl")
-        again_read = read_session(tmp_path / "round.jsonl")
-        found = replay_session(with_clock(again_read, closed_loop=False)).comparison
-        recorded, again = recorded + found.recorded, again + found.again
-    assert recorded > 2000
-    assert again / recorded >= 0.997
 
 
 # --- wrong conventions must show ---------------------------------------------------------------
@@ -177,49 +163,3 @@ def test_a_wrong_convention_shows(convention: str) -> None:
     rounds = [change(recording) for recording in recordings(PEOPLE)]
     figures = total(rounds, options=options)
     assert all(worse(figures)), {kind: figures[kind] for kind in ("constrained", "unconstrained")}
-
-
-AXES = ("pos_x", "pos_y", "pos_z", "quat_x", "quat_y", "quat_z", "quat_w")
-DEVICES = ("left", "right", "head", "marker")
-HEADER = ", ".join(["timestamp", *(f"{device}_{axis}" for device in DEVICES for axis in AXES)])
-
-
-def write_as_the_original(recording: Session, folder: Path) -> None:
-    """The recording in the original logger's layout, which prints binary32 with 7 digits."""
-    folder.mkdir(parents=True)
-    assert recording.right is not None
-    times_s = recording.time_ns / 1e9
-    resting = [0, 0, 0, 0, 0, 0, 1]
-    rows = [
-        ", ".join(f"{np.float32(v):.7g}" for v in [t, *resting, *right, *head, *resting])
-        for t, right, head in zip(times_s, recording.right.grip, recording.head, strict=True)
-    ]
-    condition = recording.app.condition.removesuffix("-unconstrained")
-    title = f"condition {condition}, random seed {recording.seed}"
-    (folder / "states.csv").write_text("\n".join([title, HEADER, *rows]) + "\n")
-    lines = []
-    for event in target_events(recording):
-        text = f"{event.time_s:.7g}, target_{event.kind}, target ID {event.target}"
-        text += f", grid ID {event.cell}"
-        if event.velocity_mps is not None:
-            text += ", velocity " + " ".join(f"{v:.7g}" for v in event.velocity_mps)
-        lines.append(text)
-    lines.append(f"{times_s[-1]:.7g}, episode statistics, contacts 0, hits 0, misses 0")
-    (folder / "events.csv").write_text("\n".join(lines) + "\n")
-
-
-def test_the_originals_layout_gives_the_same_figures(tmp_path: Path) -> None:
-    packed = recordings(PEOPLE)[3:54:10] + recordings(SIMULATED)[:2]
-    for speed_rule in (True, False):
-        chosen = [each for each in packed if constrained(each) == speed_rule]
-        root = tmp_path / str(speed_rule)
-        for recording in chosen:
-            write_as_the_original(recording, root / recording.name)
-        raw = read_sessions(root)
-        raw = raw if speed_rule else [without_constraint(each) for each in raw]
-        assert [each.clock for each in raw] == [None] * len(chosen)
-
-        def events(rounds: list[Session]) -> dict[str, tuple[TargetEvent, ...]]:
-            return {each.name: target_events(replayed(each)) for each in rounds}
-
-        assert events(raw) == events(chosen)

@@ -18,14 +18,10 @@ from sim2vr_harness.audit.pages import FoundThing, Way, things_as_targets
 from sim2vr_harness.audit.population import LIMITATIONS, NONE, Limitation, draw, groups_of
 from sim2vr_harness.audit.postures import BALANCE, Balancer
 from sim2vr_harness.audit.reaching import Crowd, Rows
-from sim2vr_harness.audit.remedies import GOAL, remedy, shift_words
+from sim2vr_harness.audit.remedies import GOAL, remedy
 from sim2vr_harness.audit.report import (
-    VIEWS,
     findings,
     headline,
-    labels_of,
-    screen,
-    too_weak,
     unanswered,
     write,
 )
@@ -170,11 +166,6 @@ def test_neck_and_field_of_view_decide_what_is_seen(crowd: Crowd) -> None:
     assert found.tolist() == [True, True, False, True, False, False]
 
 
-def test_a_target_of_the_head_moves_with_it(crowd: Crowd) -> None:
-    places = crowd.places(target("near", 0.0, -0.2, 0.4, from_head=True), np.arange(6))
-    np.testing.assert_allclose(places - crowd.heads, np.tile([0.4, 0.0, -0.2], (6, 1)))
-
-
 # --- exertion ------------------------------------------------------------------------------------
 
 
@@ -216,14 +207,6 @@ def test_endurance_of_the_shoulder_is_near_the_published_curves() -> None:
     short = consumed < 60.0 * PACING.most_minutes
     held = 60.0 * found["Consumed Endurance"]
     np.testing.assert_allclose(held[short], np.maximum(consumed[short], 0.25), atol=0.26)
-
-
-def test_breaks_help() -> None:
-    often, seldom = (minutes_at_pace(arms(0.5, 3.0, cycle)) for cycle in (4.0, 8.0))
-    for model, minutes in often.items():
-        assert minutes[0] <= seldom[model][0]
-    assert often["3CC-r, shoulder"][0] < PACING.most_minutes
-    assert not np.isfinite(seldom["3CC-r, shoulder"][0])
 
 
 def test_what_a_posture_takes_is_the_weight_s_moment(crowd: Crowd) -> None:
@@ -274,24 +257,11 @@ def ancestors(model: mujoco.MjModel, body: int) -> list[int]:
     return found
 
 
-def test_minutes_without_breaks_are_those_of_the_sex(crowd: Crowd) -> None:
-    """Of the raised, outstretched arm of a woman, as `hold` reports it."""
-    subject = next(each for each in draw(20, 1) if not each.man)
-    joints = {"elv_angle": 80.0, "shoulder_elv": 150.0, "elbow_flexion": 5.0}
-    angles = np.radians([joints.get(name, 0.0) for name in subject.body.independent_joints])
-    load = subject.holder.load(angles, 0.0)
-    assert load.shoulder_deg > 120.0 and load.elbow_deg > 145.0
-    added = 0.0095 * 1005.0 / (1.0 + np.exp((66.4 - load.shoulder_deg) / 7.83))
-    added -= np.sin(np.radians(load.shoulder_deg)) / 0.11
-    factor = float(np.asarray(subject.strength.factor))
-    maximum = (227.338 + 0.525 * load.elbow_deg - 0.296 * load.shoulder_deg) * 0.1495 * factor
-    expected = 14.86 * ((load.torque + added) / maximum) ** -1.83 / 60.0
-    assert hold(subject, angles, 0.0, NONE)[7] == pytest.approx(expected)
-
-
 def test_above_the_shoulder_is_worse_than_below(crowd: Crowd) -> None:
     # Li et al. 2024 (NICER), Hincapie-Ramos et al. 2014: Borg ratings by height of targets.
     heights = [target(str(y), 0.15, y, 0.42, from_head=True) for y in (-0.55, 0.05)]
+    places = crowd.places(heights[0], np.arange(6))  # which move with the head
+    np.testing.assert_allclose(places - crowd.heads, np.tile([0.42, -0.15, -0.55], (6, 1)))
     judged = judge(crowd, heights, NONE)
     assert judged.reached.all()
     assert (judged.share[:, 1] > judged.share[:, 0]).all()
@@ -382,7 +352,7 @@ def test_a_load_takes_grip_by_friction(crowd: Crowd) -> None:
 
 def test_as_many_grip_as_the_distribution_of_strength_says() -> None:
     """Grip is log-normal, 18 % in a sex, about 31 kg (women) and 51 kg (men; Dodds et al. 2014)."""
-    subjects = draw(2000, 5)
+    subjects = draw(1000, 5)
     for man, median_kg in ((False, 31.0), (True, 51.0)):
         own = [each for each in subjects if each.man == man]
         for newton in (250.0, 304.1, 400.0, 500.3):
@@ -539,12 +509,9 @@ def test_still_things_of_games_are_found(
     ("text", "message"),
     [
         ("targets: 3", "list 'targets'"),
-        ("targets: [{name: a}]", "place and object"),
-        ("targets: [{name: a, place: [0, 1]}]", "place"),
         ("targets: [{name: a, place: [0, 1, 0], how: lick}]", "how"),
         ("targets: [{name: a, place: [0, 1, 0], load_kg: -1}]", "load_kg"),
         ("targets: [{name: a, place: [0, 1, 0]}, {name: a, place: [0, 1, 1]}]", "twice"),
-        ("targets: [a]", "mapping"),
         (
             "targets: [{name: a, place: [0, 1, 0], how: touch, grip_n: 20}]",
             "grip_n with how: touch, expected how: grab",
@@ -565,19 +532,14 @@ def test_bad_files_name_the_field(tmp_path: Path, text: str, message: str) -> No
         ({}, "--game, --page, --targets or --session: got none"),
         ({"game": "sample", "app": {"page": "x"}}, "--page or --openxr: got it together"),
         ({"app": {"game": "x"}}, "--openxr: got a program without --targets"),
-        ({"targets": ["0,1,0"], "overrides": ["a=1"]}, "--set: got it without an app"),
         ({"targets": ["0,1,0"], "objects": "a"}, "--condition or --objects: got it without"),
         ({"game": "sample", "how": "grab"}, "--how: got 'grab', expected touch or point"),
         ({"game": "sample", "stance": "lying"}, "--stance: got 'lying'"),
-        ({"game": "sample", "people": 0}, "--people: got 0, expected 1 to 10,000"),
         ({"game": "sample", "people": 3, "operate": 4}, "--operate: got 4, expected 0 to the 3"),
-        ({"game": "sample", "seconds": 0.0}, "--seconds: got 0"),
         ({"game": "sample", "tool": "Tip"}, "--tool: got it without --user"),
-        ({"user": "x", "tool": "Tip"}, "--tool: got it without --game"),
         ({"user": "x", "stance": "standing"}, "--stance: got it together with --user"),
         ({"user": "x", "cell": 0.5}, "--cell: got 0.5, expected 0.01 to 0.2 m"),
         ({"user": "x", "pose": "a=1", "game": "sample"}, "--game: got it together with --pose"),
-        ({"user": "x", "load": 1.0}, "--load: got it without --pose"),
     ],
 )
 def test_options_that_do_not_go_together_are_named(options: dict[str, Any], message: str) -> None:
@@ -599,7 +561,7 @@ def test_groups_hold_persons_of_their_percentile() -> None:
 
 def test_people_of_an_audit_are_those_of_the_table() -> None:
     """ANSUR II (Gordon et al. 2014): men 1.756 +- .069 m, women 1.629 +- .064 m, none cut off."""
-    subjects = draw(2000, 3)
+    subjects = draw(1000, 3)
     for man, mean, sd in ((True, 1.756, 0.069), (False, 1.629, 0.064)):
         statures = np.array([each.person.stature_m for each in subjects if each.man == man])
         for z in (-2.33, -1.645, 0.0, 1.645, 2.33):
@@ -642,19 +604,6 @@ def test_processes_change_no_result_and_the_same_seed_writes_the_same_files(tmp_
         assert text in page
 
 
-def test_the_report_says_where_the_model_is_too_weak() -> None:
-    share = {"n": 40, "share": 0.5, "low": 0.35, "high": 0.65}
-    values = {
-        "targets": [
-            {"name": "shelf", "muscles_suffice": share},
-            {"name": "door", "muscles_suffice": share | {"share": 1.0}},
-            {"name": "lamp", "muscles_suffice": share | {"n": 3, "share": None}},
-        ]
-    }
-    assert too_weak(values).endswith("95 % of those who reach shelf (50 % [35, 65]).")
-    assert too_weak({"targets": values["targets"][1:]}) == ""
-
-
 def test_the_report_says_which_things_did_not_react() -> None:
     place, half = np.zeros(3), (0.1, 0.1, 0.1)
     key = FoundThing("key", "point", place, half, False, True, ("changes", "vibrates"))
@@ -667,31 +616,3 @@ def test_the_report_says_which_things_did_not_react() -> None:
     assert said.startswith("The app reacts to 1 of 2 targets when they are operated.")
     assert "stone (gone)" in said
     assert unanswered({"targets": rows[:1]}) == ""
-
-
-def test_labels_of_close_places_are_one_and_none_overlap() -> None:
-    apart = np.array([[-1.0, 1.0, 0.5], [1.0, 1.0, 0.5], [0.0, 2.0, 0.5], [0.0, 0.0, 0.5]])
-    assert labels_of(apart, ["a", "b", "c", "d"]) == ["a", "b", "c", "d"]
-    keys = np.vstack([*([0.01 * k, 1.0, 0.5] for k in range(9)), [-1.0, 1.5, 1.0]])
-    found = labels_of(keys, [*(f"key {k + 1}" for k in range(9)), "door"])
-    assert found == ["key 1 and 8 more", *[""] * 8, "door"]
-    places = np.random.default_rng(3).uniform([-1, 0, 0], [1, 2, 1], (40, 3))
-    labels = labels_of(places, [f"target {k}" for k in range(40)])
-    shown = [k for k, label in enumerate(labels) if label]
-    assert 3 < len(shown) < 40
-    for view in VIEWS:
-        at = screen(places, *view) / np.ptp(places, axis=0).max()
-        for n, i in enumerate(shown):
-            for j in shown[:n]:
-                gap, letters = np.abs(at[i] - at[j]), (len(labels[i]) + len(labels[j])) / 2
-                assert gap[0] >= 0.02 * letters or gap[1] >= 0.05
-
-
-def test_a_camera_in_front_sees_right_and_up() -> None:
-    expected = np.array([[1, 0], [0, 1], [0, 0]])
-    assert screen(np.eye(3), -90.0, 0.0) == pytest.approx(expected, abs=1e-12)
-    assert screen(np.eye(3), 0.0, 0.0)[2] == pytest.approx([1.0, 0.0])
-
-
-def test_shifts_in_words() -> None:
-    assert shift_words(np.array([0.0, -0.12, 0.05])) == "12 cm down and 5 cm ahead"

@@ -9,17 +9,15 @@ from fake_simulation import FakeSimulation
 from rich.console import Console
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.client import Condition, GameFacts, describe_game, facts_of_outside
+from sim2vr_harness.client import GameFacts, describe_game, facts_of_outside
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.evaluation import evaluate as module
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.tables import results_table
-from sim2vr_harness.evaluation.training_distribution import met, unpractised
+from sim2vr_harness.evaluation.training_distribution import unpractised
 from sim2vr_harness.play.environment import evaluation_env
 from sim2vr_harness.play.round import Round, round_result, summarise
-from sim2vr_harness.policies.registry import load_policy
-from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder
 
@@ -54,15 +52,10 @@ def result(hits: float, misses: float, **log: float) -> Round:
 def test_numbers_of_a_round_by_hand() -> None:
     values = result(30.0, 10.0, HitSpeed=1.5, HammerDepthZ=-0.05).values
     assert tuple(values) == METRICS
-    assert values["hit_rate"] == 0.75
-    assert values["hit_speed_mps"] == 1.5
-    assert values["hammer_depth_m"] == -0.05
-    assert values["max_fatigued"] == 0.2
-    assert values["return"] == 80.0
+    expected = {"hit_rate": 0.75, "hit_speed_mps": 1.5, "hammer_depth_m": -0.05, "return": 80.0}
+    assert expected.items() <= values.items() and values["max_fatigued"] == 0.2
     empty = result(0.0, 0.0, HitSpeed=0.0).values
-    assert empty["hit_rate"] is None
-    assert empty["hit_speed_mps"] is None, "no hit has no speed"
-    assert result(0.0, 5.0).values["hit_rate"] == 0.0
+    assert (empty["hit_rate"], empty["hit_speed_mps"]) == (None, None), "no hit has no speed"
 
 
 def test_the_return_s_terms_add_up_and_cells_are_pooled() -> None:
@@ -91,23 +84,14 @@ def test_summary_by_hand() -> None:
     assert summary["hammer_depth_m"] is None
 
 
-def test_results_do_not_depend_on_how_many_rounds_are_played_side_by_side(trained: Path) -> None:
-    request = dict(conditions=["easy", "hard"], episodes=4)
-    together = play_with(trained, Request(**request, batch=10))
-    assert [r.condition for r in together.rounds] == ["easy"] * 4 + ["hard"] * 4
-    for batch in (1, 3):
-        alone = play_with(trained, Request(**request, batch=batch))
-        assert alone.summaries == together.summaries
-    steps = {r.steps for r in together.rounds}
-    assert len(steps) > 1, "rounds of different lengths, or this shows nothing"
-
-
 def test_seeds_decide_and_conditions_share_them(trained: Path) -> None:
     one = play_with(trained, Request(seed=5, episodes=2))
     again = play_with(trained, Request(seed=5, episodes=2))
     other = play_with(trained, Request(seed=6, episodes=2))
     assert one.summaries == again.summaries
     # Round k has seed + k.
+    batch = play_with(trained, Request(seed=5, episodes=2, batch=1))
+    assert batch.summaries == one.summaries, "however many are played side by side"
     first = [r.values for r in one.rounds if r.condition == "medium"]
     second = [r.values for r in other.rounds if r.condition == "medium"]
     assert first[1] == second[0]
@@ -119,31 +103,18 @@ def test_seeds_decide_and_conditions_share_them(trained: Path) -> None:
 
 def test_defaults_come_from_the_run_and_results_are_stored(trained: Path) -> None:
     found = play_with(trained, Request())
-    assert list(found.summaries) == ["medium", "hard"]
-    assert found.step == 120
+    assert (list(found.summaries), found.step) == (["medium", "hard"], 120)
     summary = found.summaries["medium"]
     assert (summary["episodes"], summary["seed"], summary["deterministic"]) == (3, 1, False)
-    assert summary["score_measure"] == "hit_rate" and "score" not in summary  # a task's value
     file = trained / "evaluation" / "step_000000120" / "results.json"
     assert found.files == [file, file.with_name("data")]
     assert json.loads(file.read_text()) == found.summaries
-    assert all(np.isfinite(row["return"]) for row in summary["rounds"])
-
-
-def test_a_checkpoint_can_be_named(trained: Path) -> None:
-    checkpoint = find_user(trained).source
-    assert find_user(checkpoint).source == checkpoint
-    assert play_with(checkpoint, Request(episodes=1)).step == 120
-
-
-def test_the_curriculum_is_switched_off(trained: Path) -> None:
-    config = RunFolder(trained).load_config()
-    assert config.env.app.options["adaptive"] is True
-    assert evaluation_env(config).config.app.options == {"condition": "medium", "adaptive": False}
 
 
 def test_the_environment_can_be_another_than_the_training_s(trained: Path) -> None:
     config = RunFolder(trained).load_config()
+    # The curriculum is switched off unless it is asked for.
+    assert evaluation_env(config).config.app.options == {"condition": "medium", "adaptive": False}
     overrides = ["env.user.noise.constant=white", "env.app.options.adaptive=true"]
     changed = evaluation_env(config, overrides=overrides).config
     assert changed.user.noise.constant == "white"
@@ -163,35 +134,19 @@ def test_the_environment_can_be_another_than_the_training_s(trained: Path) -> No
 def test_bad_requests(trained: Path, tmp_path: Path) -> None:
     for request, message in [
         (Request(episodes=0), r"^--episodes: got 0, expected at least 1"),
-        (Request(seed=-1), r"^--seed: got -1"),
         (Request(overrides=["ppo.n_envs=4"]), r"^--set: got 'ppo.n_envs=4', expected env.KEY"),
-        (Request(overrides=["env.users.noise=1"]), r"env.users"),
         (Request(overrides=["env.action_frequency_hz=10"]), r"^environment: got .*trained with"),
-        (Request(batch=0), r"^--batch: got 0"),
         (Request(batch=10**6, episodes=10**6), r"^--batch: got 1,000,000 rounds .* GiB, expected"),
-        (Request(conditions=["easy", "impossible"]), r"^--condition: got 'impossible', expected a"),
         (Request(conditions=["meduim"]), r"whacamole \(did you mean 'medium'\?\)$"),
         (Request(conditions=["easy", "easy"]), r"^--condition: .* every condition once"),
     ]:
         with pytest.raises(InputError, match=message):
             play_with(trained, request)
-    with pytest.raises(InputError, match="which does not exist"):
-        play_with(tmp_path / "none", Request())
-    with pytest.raises(InputError, match=r"holds no config\.yaml"):
-        play_with(tmp_path, Request())
-    (tmp_path / "x.zip").write_text("")
-    with pytest.raises(InputError, match="a file in its checkpoints folder, or pretrained:"):
-        play_with(tmp_path / "x.zip", Request())
     shutil.copytree(trained, tmp_path / "run")
     for file in (tmp_path / "run" / "checkpoints").iterdir():
         file.unlink()
     with pytest.raises(InputError, match="which has no checkpoint yet"):
         play_with(tmp_path / "run", Request())
-
-
-def test_a_game_that_writes_no_logs_gets_no_folder_named(trained: Path, tmp_path: Path) -> None:
-    found = play_with(trained, Request(["easy"], episodes=1, log=True, out=tmp_path))
-    assert tmp_path / "logs" not in found.files
 
 
 def test_progress_and_logs(trained: Path, tmp_path: Path) -> None:
@@ -265,10 +220,7 @@ def test_what_was_never_practised_is_said(trained: Path) -> None:
         "noise.constant = white",
         "condition hard (trained: medium)",
     ]
-    assert found.summaries["hard"]["unpractised"] == found.unpractised
-
-
-def test_another_way_of_sensing_was_never_practised() -> None:
+    # Other senses count, too.
     config = TrainingConfig(name="test")
     senses = [{"sense": "vision", "delay_ms": 100}, {"sense": "proprioception"}, {"sense": "time"}]
     vision = {"foveation": {"gaze": "ahead"}}
@@ -278,11 +230,6 @@ def test_another_way_of_sensing_was_never_practised() -> None:
     assert unpractised(config, own, resolved, []) == [
         "vision.delay_ms = 100.0 (trained: 0.0)",
         "vision.foveation = yes",
-    ]
-    softer = EnvConfig.model_validate({"senses": senses, "vision": {"foveation": {"e2_deg": 5}}})
-    config = config.model_copy(update={"env": env})
-    assert unpractised(config, resolved, ResolvedEnv(softer), []) == [
-        "vision.foveation.e2_deg = 5.0 (trained: 2.3)"
     ]
 
 
@@ -304,28 +251,6 @@ def test_an_app_that_publishes_nothing_is_measured_by_its_log() -> None:
     assert [measure.name for measure in known.scalars] == ["hits", "misses", "hit_rate"]
 
 
-def test_conditions_are_sets_of_options() -> None:
-    assert describe_game("sample").condition("big").options == {"ball_radius_m": 0.1}
-    assert WHACAMOLE.condition_of({}) == "medium"
-    assert WHACAMOLE.condition_of({"condition": "random", "adaptive": True}) == "random"
-    assert WHACAMOLE.drawn("random-easy") == {"low-easy", "easy", "high-easy"}
-    assert WHACAMOLE.drawn("mid-medium") == {"medium"}
-    assert facts_of_outside("whacamole").condition("easy").options == {"condition": "easy"}
-    assert facts_of_outside("whacamole").condition("a").options == {"condition": "a"}
-    assert facts_of_outside("other").condition("a") == Condition("a", options={"condition": "a"})
-
-
-def test_a_user_of_skills_plays_what_it_has_met() -> None:
-    def met_by(recipe: str, **options: str) -> list[str]:
-        env = {"app": {"game": "whacamole", "options": options}}
-        config = TrainingConfig(recipe=recipe, env=env)
-        return met(config, ResolvedEnv(config.env))
-
-    assert met_by("skills", condition="medium-unconstrained") == ["medium-unconstrained"]
-    assert len(met_by("skills", condition="random")) == 3  # it may turn out to be any of these
-    assert met_by("ppo", condition="medium") == []
-
-
 @pytest.mark.parametrize(
     ("app", "asked"), [({}, True), ({"transport": "protocol2", "executable": "app"}, False)]
 )
@@ -341,21 +266,6 @@ def test_a_stranger_s_program_is_not_asked_for_logs(
     request = Request(["easy"], episodes=1, app=app, trust_app=True, out=tmp_path)
     evaluate(trained, request, simulation=simulation)
     assert [place is not None for place in places] == [asked]
-
-
-def test_player_is_the_mean_plus_its_own_noise(trained: Path) -> None:
-    simulation = FakeSimulation(n=2)
-    simulation.reset(seeds=[1, 2])
-    spaces = simulation.observation_space, simulation.action_space
-    player, _ = load_policy(find_user(trained), *spaces)
-    own = {key: value[1:] for key, value in simulation.observation().items()}
-    mean = player.act(own, None, [None])
-    assert mean.dtype == np.float32
-    draws = np.array([player.act(own, None, [np.random.default_rng(k)]) for k in range(300)])
-    assert np.abs(draws).max() == 1.0
-    # Standard deviation 1, clipped at +-1: 0.52 in all (numerically) around a mean near 0.
-    assert draws.std() == pytest.approx(0.72, abs=0.05)
-    assert np.array_equal(draws[0], player.act(own, None, [np.random.default_rng(0)]))
 
 
 def test_a_game_s_own_score_is_beside_the_name_of_its_score() -> None:

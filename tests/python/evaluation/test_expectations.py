@@ -1,7 +1,7 @@
 """Checks of results: bounds, and comparisons with a baseline."""
 
 import json
-import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -19,13 +19,7 @@ from sim2vr_harness.evaluation.expectations import (
     Expectation,
     Planned,
     of_evaluation,
-    of_study,
     write_junit,
-)
-from sim2vr_harness.statistics.intervals import (
-    Moments,
-    welch_interval,
-    welch_interval_of_moments,
 )
 
 HITS = Measure("hits", "Hits", better="higher")
@@ -63,47 +57,34 @@ def compare(tmp_path: Path, now: dict[str, Any], before: dict[str, Any]) -> list
 
 
 @pytest.mark.parametrize(
-    ("text", "group", "measure", "sign", "number"),
+    ("text", "expected"),
     [
-        ("hit_rate >= 0.8", None, "hit_rate", ">=", 0.8),
-        ("fatigue.ANC_r<=1e-1", None, "fatigue.ANC_r", "<=", 0.1),
-        ("easy:hits > -3", "easy", "hits", ">", -3.0),
-        ("difficulty=easy,life=0.5: hits == 4", "difficulty=easy,life=0.5", "hits", "==", 4.0),
-        ("a:b:hits < 4", "a:b", "hits", "<", 4.0),
+        ("fatigue.ANC_r<=1e-1", (None, "fatigue.ANC_r", "<=", 0.1)),
+        ("size=big,life=0.5: hits == -4", ("size=big,life=0.5", "hits", "==", -4.0)),
+        ("hits", "[CONDITION_OR_CELL:]MEAS"),
+        ("hits => 1", "[CONDITION_OR_CELL:]MEAS"),
+        (">= 1", "[CONDITION_OR_CELL:]MEAS"),
+        ("hits >= 80%", "a finite number behind >="),
+        ("hits >= nan", "a finite number behind >="),
     ],
 )
-def test_expectations_are_parsed(
-    text: str, group: str | None, measure: str, sign: str, number: float
-) -> None:
-    assert Expectation.of(text) == Expectation(text, group, measure, sign, number)
-
-
-@pytest.mark.parametrize(
-    "text", ["hits", "hits => 1", "hits = 1", "hits != 1", ">= 1", "a b > 1", ""]
-)
-def test_another_form_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match=r"^--expect: got .*, expected \[CONDITION_OR_CELL:\]MEAS"):
+def test_expectations_are_parsed(text: str, expected: Any) -> None:
+    if isinstance(expected, tuple):
+        assert Expectation.of(text) == Expectation(text, *expected)
+        return
+    with pytest.raises(InputError, match=rf"^--expect: got .*, expected {re.escape(expected)}"):
         Expectation.of(text)
-
-
-@pytest.mark.parametrize("number", ["80%", "nan", "inf", "1,5"])
-def test_the_bound_is_a_finite_number(number: str) -> None:
-    with pytest.raises(InputError, match=r"expected a finite number behind >="):
-        Expectation.of(f"hits >= {number}")
 
 
 @pytest.mark.parametrize(
     ("text", "kept"),
-    [
-        ("hits >= 3", True), ("hits > 3", False), ("hits <= 3", True), ("hits < 3", False),
-        ("hits == 3", True), ("hits == 3.001", False), ("hits > 2.9", True), ("hits < 3.1", True),
-    ],
-)  # fmt: skip
+    [(">= 3", True), ("> 3", False), ("<= 3", True), ("< 3", False), ("== 3", True), ("> 2", True)],
+)
 def test_bounds_hold_of_the_mean(text: str, kept: bool) -> None:
-    checks = Checks.of([f"easy:{text}"], None)
+    checks = Checks.of([f"easy:hits {text}"], None)
     checks.prepare(PLANNED)
     found = checks.run(of_evaluation({"easy": summary(hits=[2.0, 4.0, None]), "hard": summary()}))
-    expected = f"easy: hits is 3 (n = 2, unit: round), expected {text.removeprefix('hits ')}"
+    expected = f"easy: hits is 3 (n = 2, unit: round), expected {text}"
     assert [one.failure for one in found] == [None if kept else expected]
 
 
@@ -124,8 +105,6 @@ def test_names_are_checked_before_anything_is_played() -> None:
         InputError, match=r"got 'hit', expected a measure \(did you mean 'hits'\?\)$"
     ):
         Checks.of(["hit > 1"], None).prepare(PLANNED)
-    with pytest.raises(InputError, match=r"got 'zzz', expected one of hits, error_m, height_m$"):
-        Checks.of(["zzz > 1"], None).prepare(PLANNED)
     with pytest.raises(InputError, match=r"got 'harder', .*\(did you mean 'hard'\?\)"):
         Checks.of(["harder:hits > 1"], None).prepare(PLANNED)
     # An app that publishes no measures has those of its log, once it has run.
@@ -133,20 +112,6 @@ def test_names_are_checked_before_anything_is_played() -> None:
     later.prepare(Planned(("easy",), ("return",), (), complete=False))
     with pytest.raises(InputError, match=r"did you mean 'hits'"):
         later.run(of_evaluation({"easy": summary(hits=[1.0])}))
-
-
-def test_the_interval_of_moments_is_that_of_scipy() -> None:
-    rng = np.random.default_rng(5)
-    first, second = rng.normal(1.0, 2.0, 7), rng.normal(0.5, 0.3, 12)
-    moments = [Moments(x.mean(), x.std(ddof=1), len(x)) for x in (first, second)]
-    expected = stats.ttest_ind(first, second, equal_var=False).confidence_interval(0.95)
-    assert welch_interval_of_moments(*moments) == pytest.approx((expected.low, expected.high))
-    assert welch_interval_of_moments(*moments) == pytest.approx(welch_interval(first, second))
-    # By hand: equal n and SD; df = 2 (n - 1) = 4, se = sqrt(2 / 3), t(0.975; 4) = 2.776445.
-    half = 2.776445 * math.sqrt(2.0 / 3.0)
-    found = welch_interval_of_moments(Moments(5.0, 1.0, 3), Moments(2.0, 1.0, 3))
-    assert found == pytest.approx((3.0 - half, 3.0 + half), abs=1e-5)
-    assert welch_interval_of_moments(Moments(3.0, 0.0, 2), Moments(1.0, 0.0, 9)) == (2.0, 2.0)
 
 
 @pytest.mark.parametrize(("measure", "sign"), [("hits", 1.0), ("error_m", -1.0)])
@@ -165,17 +130,6 @@ def test_worse_by_more_than_noise_fails(
             f"baseline 10 (n = 3, unit: round) by 2.3 with 95 % interval {low:.4g} to {high:.4g}, "
             "expected an interval that includes 0"
         )
-
-
-def test_equal_results_pass_and_differences_without_spread_fail(tmp_path: Path) -> None:
-    same = summary(hits=[4.0, 4.0], error_m=[0.1, 0.3], height_m=[1.0, 2.0])
-    found = compare(tmp_path, same, same)
-    assert [(one.name, one.failure, one.skipped) for one in found] == [
-        ("hits against the baseline", None, None),
-        ("error_m against the baseline", None, None),
-    ]
-    lower = compare(tmp_path, summary(hits=[3.0, 3.0]), summary(hits=[4.0, 4.0]))
-    assert [one.failure is None for one in lower] == [False]
 
 
 def test_persons_are_the_units_where_persons_differ(tmp_path: Path) -> None:
@@ -198,45 +152,26 @@ def test_what_cannot_be_compared_is_skipped_and_nothing_at_all_fails(tmp_path: P
         (None, None),
         (None, "n = 1 and in the baseline 2, at least 2 are needed"),
     ]
+    (same,) = compare(tmp_path, summary(hits=[4.0, 4.0]), summary(hits=[4.0, 4.0]))
+    assert (same.failure, same.skipped) == (None, None)
+    (lower,) = compare(tmp_path, summary(hits=[3.0, 3.0]), summary(hits=[4.0, 4.0]))
+    assert lower.failure is not None, "without spread every difference is one"
+    with pytest.raises(InputError, match=r"--against: got .* without 'hard', .*; it has easy$"):
+        Checks.of([], tmp_path / "results.json").prepare(PLANNED)
     units = compare(tmp_path, summary([0, 1], hits=[1.0, 2.0]), summary(hits=[1.0, 2.0]))
     assert units[0].skipped == "units are person and in the baseline round"
     assert units[1].failure is not None and "nothing can be compared" in units[1].failure
 
 
-def test_a_baseline_lacks_no_condition(tmp_path: Path) -> None:
-    file = tmp_path / "results.json"
-    file.write_text(json.dumps({"easy": summary(hits=[1.0, 2.0])}))
-    with pytest.raises(InputError, match=r"--against: got .* without 'hard', .*; it has easy$"):
-        Checks.of([], file).prepare(PLANNED)
-
-
 @pytest.mark.parametrize(
     "content",
-    ['{"easy": 3}', '{"easy": {"hits_sd": 1}}', '{"summaries": [{}]}', "{}", "[]", "{",
-     '{"summaries": []}', '{"easy": {"rounds": [], "hits": NaN, "hits_sd": 1}}'],
-)  # fmt: skip
+    ['{"easy": {"hits_sd": 1}}', '{"summaries": [{}]}', "[]", "{"],
+)
 def test_other_files_are_no_baseline(tmp_path: Path, content: str) -> None:
     file = tmp_path / "other.json"
     file.write_text(content)
     with pytest.raises(InputError, match=r"expected results.json of an evaluation, or statistics"):
         Checks.of([], file)
-
-
-def test_units_of_a_study_are_persons_or_the_rounds_of_one_user() -> None:
-    row = {"measure": "hits", "mean": 2.0, "rounds": 8, "rounds_sd": 0.5}
-    found = of_study(
-        [
-            row | {"levels": {"life": "0.5", "size": "big"}, "unit": "person", "n": 4, "sd": 1.0},
-            row | {"levels": {"life": "1"}, "unit": "user", "n": 1, "sd": None},
-            row | {"levels": {}, "unit": "person", "n": 1, "sd": None},
-        ]
-    )
-    assert {group: str(one["hits"]) for group, one in found.items()} == {
-        "life=0.5,size=big": "2 (n = 4, unit: person)",
-        "life=1": "2 (n = 8, unit: round)",
-        "all": "2 (n = 1, unit: person)",
-    }
-    assert (found["life=1"]["hits"].sd, found["all"]["hits"].sd) == (0.5, None)
 
 
 def test_junit_has_a_case_per_check(tmp_path: Path) -> None:

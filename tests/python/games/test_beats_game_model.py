@@ -1,6 +1,5 @@
 """Imagined Beats by itself: blades that go where they are told to, and boxes made by hand."""
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -8,7 +7,6 @@ import pytest
 import torch
 from shapings import shaped
 
-from sim2vr_harness.games import imagined_game
 from sim2vr_harness.games.beats import settings as model_settings
 from sim2vr_harness.games.beats.game_model import (
     EVENTS,
@@ -85,13 +83,6 @@ def events(game: ImaginedBeats) -> dict[str, float]:
     return {name: n for name, n in zip(EVENTS, game.events.tolist(), strict=True) if n}
 
 
-def test_what_a_log_says() -> None:
-    game = imagined_game("beats")
-    assert game is not None
-    log = {"AccumulatedCorrectSlices": 3.0, "Misses": 1.0, "WrongHand": 2.0, "MineHits": 9.0}
-    assert game.outcomes(log).tolist() == [[3.0], [3.0]]
-
-
 def test_points_by_hand() -> None:
     """5 m/s and more straight along; 2.75 m/s at 30 degrees; the least that counts."""
     worth = points(torch.tensor([5.0, 9.0, 2.75, 0.5]), torch.tensor([0.0, 0.0, 30.0, 60.0]))
@@ -137,35 +128,6 @@ def test_what_a_swing_is_by_the_rules() -> None:
     assert swings(RIGHT, ANY, 3.0, (0.0, 0.0, 1.0)) == {}
 
 
-def test_a_box_that_is_cut_is_gone_and_one_that_passes_is_missed() -> None:
-    """At 10 m/s a box of 2 s is at the head, 0.8 m behind the cut plane, at 2.08 s."""
-    game = rounds(2, level(box(2.0, 2.0, RIGHT, DOWN)), level(box(2.0, 2.0, LEFT, DOWN)))
-    begun(game, placed(AWAY, AWAY), 1.95)
-    present = game.names.index("right0.present")
-    assert game.observe(placed(AWAY, AWAY).expand(2, -1, -1, -1))[:, present].tolist() == [1.0, 0.0]
-    place = placed(AWAY, AWAY).expand(2, -1, -1, -1)
-    for missed in (0.0, 0.0, 2.0, 2.0):  # at 2.00, 2.05, 2.10 and 2.15 s
-        game.play(place, SOFT)
-        assert events(game).get("missed", 0.0) == missed
-    assert game.counts[:, 0, 0].tolist() == [0.0, 2.0]
-    assert game.observe(place)[:, present].tolist() == [0.0, 0.0]
-
-
-def test_what_is_told_of_boxes_by_hand() -> None:
-    """Seen from 10 m on: 0.92 s before the cut plane at 10 m/s; the head is the origin."""
-    game = rounds(1, level(box(2.0, 2.0, RIGHT, DOWN), box(2.5, 3.0, RIGHT, UP)))
-    place = placed(AWAY, AWAY)
-    begun(game, place, 1.0)
-    names = [f"right{i}.{part}" for i in (0, 1) for part in ("present", "time_s", "x_m", "z_m")]
-    columns = [game.names.index(name) for name in names]
-    assert game.observe(place)[0, columns].tolist() == [0.0] * 8
-    game.lane.time_s[:] = 1.75
-    expected = [1.0, 0.25, 0.2, 0.8 + 2.5, 1.0, 0.75, 0.6, 0.8 + 7.5]
-    assert game.observe(place)[0, columns].tolist() == pytest.approx(expected, abs=1e-5)
-    cut = [game.names.index(f"right{i}.dir_{axis}") for i in (0, 1) for axis in "xy"]
-    assert game.observe(place)[0, cut].tolist() == [0.0, -1.0, 0.0, 1.0]
-
-
 def test_mines_and_walls_by_hand() -> None:
     mine = {"time_s": 2.0, "column": 2.0, "row": 1.0}
     wall = {"time_s": 2.0, "duration_s": 1.0, "column": 0, "row": 2, "width": 4, "height": 1}
@@ -182,22 +144,6 @@ def test_mines_and_walls_by_hand() -> None:
         begun(game, place, 1.95)
         game.play(place, SOFT)
         assert events(game) == walls
-
-
-def test_hazards_have_a_cost_of_their_own_from_the_start() -> None:
-    """One point of early errors, or 200: for a blade in a mine and a head in a wall alike."""
-    mine = {"time_s": 2.0, "column": 2.0, "row": 1.0}
-    wall = {"time_s": 2.0, "duration_s": 1.0, "column": 0, "row": 2, "width": 4, "height": 3}
-    for hazard in ({"mines": [mine]}, {"walls": [wall]}):
-        costs = []
-        for cost in (0.0, 200.0):
-            settings = shaped(model_settings, early_error_cost=1.0, hazard_cost=cost)
-            game = rounds(1, level(**hazard), settings=settings)
-            begun(game, placed(AWAY, AWAY), 1.95)
-            held = placed(AWAY, (0.2, -0.3, 0.3))
-            costs.append(-float(game.play(held, settings.relaxation(0.0))))
-        assert 0.5 < costs[0] <= 1.0
-        assert costs[1] == pytest.approx(200.0 * costs[0], rel=1e-5)
 
 
 def test_a_head_in_a_wall_pays_by_its_depth_in_every_step() -> None:
@@ -242,25 +188,6 @@ def test_a_stroke_is_drawn_back_and_goes_through_the_box() -> None:
     assert GameModelSettings(stroke_reward=20.0).relaxation(0.9).stroke == 0.0
 
 
-def test_a_level_that_is_over_is_followed_by_another() -> None:
-    game = rounds(3, level(box(2.0, 2.0, RIGHT, DOWN)))
-    begun(game, placed(AWAY, AWAY), 9.96)
-    game.play(placed(AWAY, AWAY).expand(3, -1, -1, -1), SOFT)
-    assert game.lane.time_s.tolist() == [0.0] * 3
-
-
-def test_busy_rounds_begin_before_a_box() -> None:
-    game = rounds(
-        50,
-        level(box(4.0, 2.0, RIGHT, DOWN)),
-        settings=shaped(model_settings, busy_starts=1.0),
-    )
-    place = placed(AWAY, AWAY).expand(50, -1, -1, -1)
-    game.start(torch.arange(50), place, torch.zeros(50, len(FIELDS)), torch.arange(50))
-    assert float(game.lane.time_s.min()) >= 3.0
-    assert float(game.lane.time_s.max()) <= 3.5
-
-
 def test_the_gradient_is_that_of_finite_differences() -> None:
     """Of a swing past the box's edge, by where the blade goes."""
     cuts = replace(SOFT, near=0.0)
@@ -294,36 +221,3 @@ def test_the_gradient_is_that_of_finite_differences() -> None:
 def _column(position: torch.Tensor) -> torch.Tensor:
     """(4, 4) zeros but for a position."""
     return torch.nn.functional.pad(position[:, None], (3, 0, 0, 1))
-
-
-def test_rounds_go_on_from_their_state() -> None:
-    levels = (level(box(2.0, 2.0, RIGHT, DOWN)), level(box(2.0, 1.0, LEFT, UP)))
-    game, other = rounds(6, *levels), rounds(6, *levels)
-    places = [placed((-0.2, 0.3 - 0.05 * k, 0.3), (0.2, 0.2 - 0.06 * k, 0.3)) for k in range(40)]
-    begun(game, places[0], 1.2)
-    for place in places[:5]:
-        game.play(place.expand(6, -1, -1, -1), SOFT)
-    other.load_state_dict(game.state_dict())
-    for place in places[5:]:
-        everyone = place.expand(6, -1, -1, -1)
-        torch.testing.assert_close(game.play(everyone, SOFT), other.play(everyone, SOFT))
-    assert torch.equal(game.observe(everyone), other.observe(everyone))
-
-
-@pytest.mark.parametrize(("degrees", "share"), [(0.0, 0.0), (15.0, 1.0 / 9.0), (45.0, 1.0)])
-def test_who_looks_away_pays_by_the_square_of_the_angle(degrees: float, share: float) -> None:
-    place = placed(AWAY, AWAY)
-    turn = math.radians(degrees)
-    cos, sin = math.cos(turn), math.sin(turn)
-    place[:, 2, :2, :2] = torch.tensor([[cos, -sin], [sin, cos]])  # to the left
-    worth = []
-    for cost in (0.0, 10.0):
-        game = rounds(
-            1,
-            level(box(2.0, 2.0, RIGHT, DOWN)),
-            settings=shaped(model_settings, gaze_cost=cost),
-        )
-        begun(game, place, 0.5)
-        worth.append(float(game.play(place, SOFT)))
-    # Twice 1 - cos is 5 % less than the square at 45 degrees.
-    assert worth[0] - worth[1] == pytest.approx(10.0 * share, rel=0.06, abs=1e-5)

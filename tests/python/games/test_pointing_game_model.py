@@ -5,13 +5,11 @@ from typing import Any
 import pytest
 import torch
 
-from sim2vr_harness.games import imagined_game
 from sim2vr_harness.games.imagined import ImaginedCondition
 from sim2vr_harness.games.pointing.game import (
     FIELDS,
     ImaginedPointing,
     PointingTask,
-    Stylus,
     distance_reward,
 )
 from sim2vr_harness.games.pointing.settings import GameModelSettings, Relaxation
@@ -66,14 +64,6 @@ def played(game: ImaginedPointing, place: torch.Tensor, soft: Relaxation) -> tor
     return game.play(place[:, None], soft)
 
 
-def test_what_a_log_says() -> None:
-    game = imagined_game("pointing")
-    assert game is not None
-    assert game.options("far") == {"depth_m": 0.5}
-    log = {"Points": 3.0, "Errors": 1.0, "Timeouts": 1.0, "Failures": 2.0}
-    assert game.outcomes(log).tolist() == [[3.0], [2.0]]
-
-
 def test_targets_by_hand() -> None:
     task = PointingTask.of(ONE)
     assert [task.target_of(trial) for trial in range(4)] == [0, 2, 1, 0]
@@ -96,14 +86,6 @@ def test_only_coming_through_the_plane_is_a_selection() -> None:
     near = distance_reward(torch.tensor(0.001))
     expected = torch.tensor([10.0 + far[0], -5.0 + far[1], near])
     torch.testing.assert_close(game.score, expected, atol=1e-4, rtol=0.0)
-
-
-def test_where_it_comes_through_is_between_the_steps() -> None:
-    """3 cm before to 1 cm behind: after three quarters of the way of 8 cm, 1.9 and 2.1 cm aside."""
-    starts = [shifted(TOP, x=beside - 0.06, z=-0.03) for beside in (0.019, 0.021)]
-    game = begun(placed(*starts))
-    played(game, placed(*(shifted(start, x=0.08, z=0.04) for start in starts)), SOFT)
-    assert game.counts[:, 0, 0].tolist() == [1.0, 1.0]
 
 
 def test_the_tip_must_come_out_again() -> None:
@@ -129,34 +111,6 @@ def test_a_step_of_several_frames_is_judged_frame_by_frame() -> None:
     distance = float(distance_reward(torch.tensor(away)).mean())
     assert float(game.score[0]) == pytest.approx(10.0 + distance, abs=1e-4)
     assert float(game._age_s[0]) == pytest.approx(STEP_S / 2)
-
-
-def test_a_target_goes_away_after_its_time() -> None:
-    options = ONE | {"timeout_seconds": 0.2}
-    game = begun(placed(shifted(TOP, z=-0.1)), condition(**options))
-    trials = []
-    for _ in range(9):
-        played(game, placed(shifted(TOP, z=-0.1)), SOFT)
-        trials.append(int(game.trial[0]))
-    assert trials == [0, 0, 0, 1, 1, 1, 1, 2, 2]
-    assert game.counts[:, 0, 0].tolist() == [0.0, 2.0]
-
-
-def test_a_block_is_followed_by_one_that_fails_often() -> None:
-    options = {"targets": 3, "distances_m": [0.1, 0.2], "widths_m": [0.03]}
-    game = begun(placed(shifted(TOP, z=-0.1)), condition(**options))
-    assert game.block_weights.tolist() == [[0.5, 0.5]]
-    game.block_counts[0, 0], game.block_counts[1, 0] = (
-        torch.tensor([9.0, 0.0]),
-        torch.tensor([0.0, 9.0]),
-    )
-    game.adapt()
-    # Half of the way to 1/4 + 1/2 * 0.02 / 1.04 and the rest.
-    low = 0.5 * 0.5 + 0.5 * (0.25 + 0.5 * 0.02 / 1.04)
-    assert game.block_weights[0].tolist() == pytest.approx([low, 1.0 - low])
-    game.trial[:] = 3
-    game._next(torch.tensor([True]))
-    assert (int(game.trial[0]), float(game._age_s[0])) == (0, 0.0)
 
 
 def test_rewards_lead_to_the_target_and_through_it() -> None:
@@ -195,81 +149,3 @@ def test_a_target_pays_what_its_selection_is_worth_and_no_more() -> None:
         assert paid[1:] == pytest.approx([0.0] * 8, abs=1e-5)
         paid.append(float(played(game, placed(shifted(TOP, x=beside, z=0.02)), soft)))
         assert sum(paid) == pytest.approx(worth, abs=2e-3)
-
-
-def test_what_was_paid_ahead_is_lost_with_the_target() -> None:
-    options = ONE | {"timeout_seconds": 0.2}
-    game = begun(placed(shifted(TOP, z=-0.02)), condition(**options))
-    paid = [float(played(game, placed(shifted(TOP, z=-0.001)), SOFT)) for _ in range(4)]
-    assert paid[0] > 2.0
-    assert sum(paid) == pytest.approx(0.0, abs=1e-5)
-
-
-def test_what_is_observed_by_hand() -> None:
-    tip = (0.11, -0.2, 0.30)
-    place = placed(tip)
-    game = begun(place)
-    seen = dict(zip(game.names, game.observe(place)[0].tolist(), strict=True))
-    assert [seen[f"tip.{axis}_m"] for axis in "xyz"] == pytest.approx(tip)
-    assert seen["tip.depth_m"] == pytest.approx(-0.10)
-    assert seen["tip.armed"] == 1.0
-    assert seen["target.width_m"] == pytest.approx(0.04)
-    to_target = [a - b for a, b in zip(TOP, tip, strict=True)]
-    assert [seen[f"target.{axis}_m"] for axis in "xyz"] == pytest.approx(to_target, abs=1e-5)
-    assert [seen[f"target.place_{axis}_m"] for axis in "xyz"] == pytest.approx(TOP, abs=1e-5)
-    assert [seen[f"next.place_{axis}_m"] for axis in "xyz"] == pytest.approx(LOWER_LEFT, abs=1e-5)
-    game.trial[:] = 3
-    seen = dict(zip(game.names, game.observe(place)[0].tolist(), strict=True))
-    assert [seen[f"next.place_{axis}_m"] for axis in "xyz"] == [0.0, 0.0, 0.0]
-    # A head that has moved 3 cm to the right sees all of it 3 cm further to the left.
-    place[0, 1, 1, 3] -= 0.03
-    seen = dict(zip(game.names, game.observe(place)[0].tolist(), strict=True))
-    assert seen["tip.x_m"] == pytest.approx(tip[0] - 0.03, abs=1e-5)
-    assert seen["target.place_x_m"] == pytest.approx(TOP[0] - 0.03, abs=1e-5)
-    assert seen["target.x_m"] == pytest.approx(TOP[0] - tip[0], abs=1e-5)
-
-
-def test_where_a_tap_may_begin() -> None:
-    place = placed(shifted(TOP, x=0.03, z=-0.05), shifted(LOWER_LEFT, z=-0.09))
-    game = begun(place)
-    distance, cell = game.nearest(place, torch.zeros(2, dtype=torch.long))
-    torch.testing.assert_close(distance, torch.tensor([0.03, 0.04]), atol=1e-5, rtol=0.0)
-    assert cell.tolist() == [0, 0]
-
-
-def test_the_stylus_is_found() -> None:
-    place = placed((0.1, 0.0, 0.3), (0.2, -0.1, 0.4))
-    stylus = Stylus()
-    # Told to lie 2 cm further up than it does by default.
-    stylus.calibrate(place, torch.tensor([[0.1, 0.02, 0.3], [0.2, -0.08, 0.4]]))
-    expected = torch.tensor([0.10, 0.0, 0.02])
-    torch.testing.assert_close(stylus.fixed, expected, atol=1e-6, rtol=0.0)
-
-
-def test_conditions_with_other_blocks_are_refused() -> None:
-    conditions = [condition(), condition(**(ONE | {"widths_m": [0.05]}))]
-    with pytest.raises(ValueError, match="conditions: got different blocks"):
-        ImaginedPointing(1, conditions, GameModelSettings(), frame_s=STEP_S, seed=1)
-
-
-def test_rounds_know_their_condition_by_the_plane() -> None:
-    game = begun(placed(TOP), condition(0.30), condition(0.40))
-    fields = torch.zeros(2, len(FIELDS))
-    fields[:, :3] = torch.tensor([[0.15, -0.10, 0.40], [0.15, -0.10, 0.30]])
-    assert game.condition_of(fields).tolist() == [1, 0]
-
-
-def test_a_saved_game_goes_on_to_the_same_bits() -> None:
-    places = [placed(*([shifted(TOP, z=z)] * 4)) for z in (-0.02, 0.02, -0.03, 0.01) * 5]
-    game = begun(places[0], condition(targets=3))
-    for place in places[:7]:
-        played(game, place, SOFT)
-    state = game.state_dict()
-    after = [played(game, place, SOFT) for place in places]
-    other = begun(places[0], condition(targets=3))
-    other.load_state_dict(state)
-    assert all(
-        torch.equal(value, played(other, place, SOFT))
-        for value, place in zip(after, places, strict=True)
-    )
-    assert torch.equal(game.block, other.block)

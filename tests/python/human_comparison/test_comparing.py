@@ -1,20 +1,18 @@
 """Users beside people: persons, totals, differences, fatigue."""
 
-import io
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from made_rounds import strikes
-from rich.console import Console
 
 from sim2vr_harness.games.registry import behaviour_of
-from sim2vr_harness.human_comparison.comparing import compare, left_out, total
-from sim2vr_harness.human_comparison.contrasts import contrasts, fatigue_of, group_contrasts
+from sim2vr_harness.human_comparison.comparing import compare, left_out
+from sim2vr_harness.human_comparison.contrasts import contrasts, fatigue_of
 from sim2vr_harness.human_comparison.persons import RecordedPerson, measure_round, persons_of
 from sim2vr_harness.human_comparison.report import ComparisonReport
 from sim2vr_harness.human_comparison.sources import Source
-from sim2vr_harness.human_comparison.tables import report_tables
 
 WHACAMOLE = behaviour_of("whacamole")
 EASY = ("constrained", "easy")
@@ -46,8 +44,17 @@ def test_a_user_inside_and_one_outside() -> None:
     bad = row_of(compare("u", people_of({"u": (0.05,)}), PEOPLE, WHACAMOLE), "vm_latency")
     assert bad.inside == 0.0
     assert bad.distance == pytest.approx(0.2 / 0.05)
-    assert bad.spread is None
-    assert bad.persons_inside is None
+    assert (bad.spread, bad.persons_inside) == (None, None)
+    # Latencies 0.18, 0.23 and 0.28 s: SD 0.05; two below, and itself counts half.
+    third = row_of(compare("u", people_of({"r": (0.3,)}), PEOPLE, WHACAMOLE), "vm_latency")
+    assert (third.percentile, third.deviations) == pytest.approx((250 / 3, 1.0))
+    # Cells of a grid count as proportions of its cells.
+    (person,) = people_of({"u": (0.25,)})[EASY]
+    rates = person.cell_rates.copy()
+    people = {EASY: [replace(person, name=n, cell_rates=rates) for n in "pqr"]}
+    moved = rates + np.repeat([0.5, 0.0], [3, 6])
+    compared = compare("u", {EASY: [replace(person, cell_rates=moved)]}, people, WHACAMOLE)
+    assert row_of(compared, "cell_hit_rates").inside == pytest.approx(6 / 9)
 
 
 def test_persons_of_a_user_are_no_rounds() -> None:
@@ -70,18 +77,6 @@ def test_left_out_person_is_compared_with_the_others_only() -> None:
     }
     assert row_of(found["q"], "vm_latency").people == 2
     assert left_out(people_of({"p": (0.2,), "q": (0.3,)}), WHACAMOLE) == {}
-
-
-def test_shares_of_cells_count_as_shares() -> None:
-    user = people_of({"u": (0.25,)})
-    (person,) = user[EASY]
-    rates = person.cell_rates.copy()
-    people = {EASY: [replace(person, name=n, cell_rates=rates) for n in "pqr"]}
-    moved = rates.copy()
-    moved[:3] += 0.5
-    compared = compare("u", {EASY: [replace(person, cell_rates=moved)]}, people, WHACAMOLE)
-    assert row_of(compared, "cell_hit_rates").inside == pytest.approx(6 / 9)
-    assert total(compared.rows).cells == len(compared.rows)
 
 
 def person(name: str, **values: float) -> RecordedPerson:
@@ -109,19 +104,6 @@ def test_differences_are_person_by_person() -> None:
     assert not row.within
 
 
-def test_differences_between_groups() -> None:
-    unconstrained = ("unconstrained", "easy")
-    people = {
-        EASY: [person("p", hits=70.0), person("q", hits=72.0)],
-        unconstrained: [person("x", hits=80.0), person("y", hits=82.0)],
-    }
-    user = {EASY: [person("u", hits=50.0)], unconstrained: [person("u", hits=60.0)]}
-    (row,) = [row for row in group_contrasts(user, people, WHACAMOLE) if row.measure == "hits"]
-    assert (row.value, row.people_mean) == (-10.0, -10.0)
-    assert row.same_sign
-    assert row.within
-
-
 def test_fatigue_by_placement() -> None:
     tired = {
         ("constrained", "low"): {"0": 0.20, "1": 0.22},
@@ -138,34 +120,30 @@ def test_fatigue_by_placement() -> None:
     assert fatigue_of({}, WHACAMOLE) == ([], [])
 
 
-def test_a_user_has_a_place_among_people() -> None:
-    """Latencies 0.18, 0.23 and 0.28 s: mean 0.23, SD 0.05."""
-    row = row_of(compare("u", people_of({"r": (0.3,)}), PEOPLE, WHACAMOLE), "vm_latency")
-    assert row.value == pytest.approx(0.28)
-    assert row.percentile == pytest.approx(250 / 3), "two below, and itself counts half"
-    assert row.deviations == pytest.approx(1.0)
+def test_cells_and_differences_are_counted_over_both_rules() -> None:
+    """Hits and misses, medium - easy: hits fall where people's rise; misses are 0 for both."""
 
+    def source(name: str, groups: Any, persons: str, easy: float, medium: float) -> Source:
+        hits = {"easy": easy, "medium": medium}
+        cells = {
+            (g, c): tuple(person(n, hits=hits[c] + i) for i, n in enumerate(persons))
+            for g in groups
+            for c in hits
+        }
+        return Source(name, cells)
 
-def test_disagreement_about_cells_and_fatigue_is_printed() -> None:
-    def with_rates(name: str, rates: np.ndarray) -> RecordedPerson:
-        return replace(PEOPLE[EASY][0], name=name, cell_rates=rates)
-
-    rising, falling = np.linspace(0.1, 0.9, 9), np.linspace(0.9, 0.2, 9)
-    people = Source("people", {EASY: tuple(with_rates(name, rising) for name in "pq")})
-    tired = {
-        ("constrained", condition): {"u": value}
-        for condition, value in (("low", 0.3), ("medium", 0.2), ("high", 0.25))
-    }
-    user = Source("u", {EASY: (with_rates("u", falling),)}, fatigue=tired)
-    console = Console(width=300, record=True, file=io.StringIO())
-    console.print(report_tables(ComparisonReport(WHACAMOLE, people, [user])))
-    text = console.export_text()
-    assert (
-        "constrained, easy: users and people disagree in the order of the cells, and are farthest "
-        "apart at top left (users 0.90, people 0.10); Spearman's r = -1.00, n = 9"
-    ) in text
-    # People rate 9, 9 and 9.5.
-    assert (
-        "constrained: fatigue of users is low > high > medium, people rate high > low = medium: "
-        "users and people disagree about low and medium, low and high."
-    ) in text
+    people = source("people", WHACAMOLE.groups, "pqr", 70.0, 150.0)
+    one = source("a", ["constrained"], "u", 71.0, 60.0)
+    other = source("b", ["unconstrained"], "u", 71.0, 151.0)
+    report = ComparisonReport(WHACAMOLE, people, [one])
+    assert [row.inside for row in report.rows()] == [1.0, 0.0]
+    assert report.together is None
+    assert [row.same_sign for row in report.contrasts(one)] == [False, True]
+    report = ComparisonReport(WHACAMOLE, people, [one, other])
+    assert report.together is not None
+    assert (report.together.cells, report.together.inside) == (4, 0.75)
+    assert [row.same_sign for row in report.contrasts(other)] == [True, True]
+    # Between rules people's hits and misses are alike, ours of hits in easy (71 and 71)
+    # and not in medium (60 and 151).
+    assert {name for name, _ in report.group_contrasts()} == {"a and b"}
+    assert [row.same_sign for _, row in report.group_contrasts()] == [True, True, False, True]

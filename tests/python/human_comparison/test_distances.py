@@ -8,8 +8,6 @@ from sim2vr_harness.statistics.distances import (
     distance,
     inside,
     kolmogorov,
-    percentile,
-    standard_deviations,
     typical,
     wasserstein,
     wasserstein_ratio,
@@ -25,16 +23,6 @@ def test_range_and_distance() -> None:
     assert distance(2.0, [1.0, 1.0]) == MOST, "people agree"
     assert inside(3.0, people)
     assert not inside(3.01, people)
-
-
-def test_place_among_people() -> None:
-    people = [0.1, 0.2, 0.2, 0.9]
-    assert percentile(0.2, people) == 50.0, "one below, two equal that count half"
-    assert (percentile(0.0, people), percentile(1.0, people)) == (0.0, 100.0)
-    # Mean 0.35, squared distances 0.0625, 0.0225, 0.0225 and 0.3025.
-    assert standard_deviations(0.35, people) == 0.0
-    assert standard_deviations(0.0, people) == pytest.approx(-0.35 / np.sqrt(0.41 / 3))
-    assert standard_deviations(1.0, [0.5, 0.5]) is None
 
 
 def test_samples_weigh_persons_alike() -> None:

@@ -28,7 +28,7 @@ from sim2vr_harness.human_comparison.sources import (
     read_user,
 )
 from sim2vr_harness.studies.config import parse_study
-from sim2vr_harness.studies.data import StudyData, players_of
+from sim2vr_harness.studies.data import StudyData
 
 WHACAMOLE = behaviour_of("whacamole")
 ROUND = Path(__file__).parents[2] / "data" / "whacamole_round"
@@ -93,17 +93,12 @@ def test_rounds_of_an_evaluation_belong_to_its_persons(tmp_path: Path) -> None:
     assert source.fatigue[HARD] == pytest.approx({"0": 0.1, "1": 0.2})
     alone = measured(evaluation(tmp_path / "one", {None: 0.0}))
     assert [person.name for person in alone.persons[HARD]] == ["one"]
-
-
-def test_rounds_without_results_are_of_one(tmp_path: Path) -> None:
-    logged(tmp_path / "user" / "x")
-    logged(tmp_path / "user" / "y")
-    source = measured(tmp_path / "user")
-    ((person,),) = source.persons.values()
-    assert (person.name, person.rounds) == ("user", 2)
+    # Without results all rounds are of one, except those that say whose they are.
+    for name in "xyz":
+        logged(tmp_path / "user" / name)
     (tmp_path / "user" / "y" / "person.json").write_text('{"index": 3}')
-    source = measured(tmp_path / "user")
-    assert [person.name for person in source.persons[HARD]] == ["3", "user"]
+    found = {person.name: person.rounds for person in measured(tmp_path / "user").persons[HARD]}
+    assert found == {"3": 1, "user": 2}
 
 
 def test_a_user_plays_once(tmp_path: Path, people: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,55 +121,39 @@ def test_a_user_plays_once(tmp_path: Path, people: Path, monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("title", "message"),
     [
+        (None, r"--recordings: got '.*', expected a session, a folder with states"),
         (
-            lambda path: path / "none",
-            r"--recordings: got '.*none', expected a file or folder that exists",
-        ),
-        (lambda path: path, r"--recordings: got '.*', expected a session, a folder with states"),
-        (
-            lambda path: logged(path / "a" / "r", title="condition expert").parents[1],
+            "condition expert",
             r"--recordings: got '.*' with conditions \['expert'\], expected rounds of whacamole: e",
         ),
-        (
-            lambda path: logged(path / "a" / "r").parents[1],
-            r"--recordings: got one person \(a\), expected at least two",
-        ),
+        ("condition hard", r"--recordings: got one person \(a\), expected at least two"),
     ],
 )
-def test_people_that_cannot_be_used(tmp_path: Path, make: Any, message: str) -> None:
+def test_people_that_cannot_be_used(tmp_path: Path, title: str | None, message: str) -> None:
+    if title is not None:
+        logged(tmp_path / "a" / "r", title=title)
     with pytest.raises(InputError, match=message):
-        measured_people(read_people(make(tmp_path)), WHACAMOLE)
+        measured_people(read_people(tmp_path), WHACAMOLE)
 
 
-def test_logs_that_lack_what_is_measured(tmp_path: Path) -> None:
+def test_users_that_cannot_be_compared(tmp_path: Path, people: Path) -> None:
     place = logged(tmp_path / "a" / "r")
-    events = (place / "events.csv").read_text()
-    (place / "events.csv").write_text(
-        "\n".join(line for line in events.splitlines() if "plane" not in line)
-    )
-    with pytest.raises(InputError, match="got none, expected the pose of the targets' plane"):
-        measured(tmp_path / "a")
-    (place / "events.csv").write_text(
-        "\n".join(line for line in events.splitlines() if "target_" not in line)
-    )
-    with pytest.raises(InputError, match="no target, expected targets that come up"):
-        measured(tmp_path / "a")
-    states = (place / "states.csv").read_text()
-    (place / "states.csv").write_text(states.replace("marker", "pointer"))
-    with pytest.raises(InputError, match=r"poses of \['pointer'\], expected columns marker_pos_x"):
-        measured(tmp_path / "a")
-
-
-def test_an_evaluation_without_logs(tmp_path: Path) -> None:
-    folder = evaluation(tmp_path / "e", {None: 0.0})
-    shutil.rmtree(folder / "logs")
+    events = (place / "events.csv").read_text().splitlines()
+    for word, message in (
+        ("plane", "got none, expected the pose of the targets' plane"),
+        ("target_", "no target, expected targets that come up"),
+    ):
+        (place / "events.csv").write_text("\n".join(e for e in events if word not in e))
+        with pytest.raises(InputError, match=message):
+            measured(tmp_path / "a")
+    folders = [evaluation(tmp_path / name, {None: 0.0}) for name in "bc"]
+    with pytest.raises(InputError, match="'u', who played constrained hard in several cells"):
+        read_folders("u", folders, WHACAMOLE)
+    shutil.rmtree(folders[0] / "logs")
     with pytest.raises(InputError, match="which has rounds without, expected logs of every round"):
-        read_user(folder)
-
-
-def test_a_user_of_another_game_is_refused(tmp_path: Path, people: Path) -> None:
+        read_user(folders[0])
     message = "'beats_first_lazy', who plays beats, expected a user of whacamole"
     with pytest.raises(InputError, match=message):
         play("beats_first_lazy", people, tmp_path)
@@ -202,43 +181,6 @@ def test_the_command(tmp_path: Path, people: Path, capsys: pytest.CaptureFixture
     assert not (out / "latency.png").exists(), "no condition with one target at a time"
 
 
-def test_a_user_may_play_by_the_rules_of_any_group(
-    tmp_path: Path,
-    people: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    """Whatever it was trained with: the conditions that the group's people are compared in."""
-    asked: list[Any] = []
-
-    def evaluate(user: str, request: Any, **also: Any) -> None:
-        asked.append(request)
-        raise InputError("USER", "a user who is asked for nothing more", "none")
-
-    monkeypatch.setattr(sources, "evaluate", evaluate)
-
-    def compare(*options: str) -> str:
-        user = ["compare", "whacamole_people", "--recordings", str(people), "--out", str(tmp_path)]
-        with pytest.raises(SystemExit) as ended:
-            main([*user, *options])
-        assert ended.value.code
-        return " ".join(capsys.readouterr().err.split())
-
-    title = "condition hard-unconstrained"
-    logged(people / "d" / "round", title=title)
-    logged(people / "e" / "round", title=title)
-    compare("--group", "unconstrained")
-    names = ("easy", "medium", "hard", "low", "high")
-    assert asked[-1].conditions == [f"{name}-unconstrained" for name in names]
-    compare("--group", "constrained", "--group", "unconstrained")
-    assert asked[-1].conditions == [*names, *(f"{name}-unconstrained" for name in names)]
-    count = len(asked)
-    assert "did you mean 'unconstrained'?" in compare("--group", "unconstraind")
-    assert "one of the two" in compare("--group", "constrained", "--condition", "easy")
-    assert "none for pointing" in compare("--game", "pointing", "--group", "constrained")
-    assert len(asked) == count
-
-
 def test_a_study_s_users_are_put_beside_people(
     tmp_path: Path,
     people: Path,
@@ -261,17 +203,8 @@ def test_a_study_s_users_are_put_beside_people(
         cells[-1]["folder"] = f"cells/{i}"
     data = StudyData(root, parse_study(tree), {})
     data.__dict__["cells"] = pandas.DataFrame(cells)
-    assert players_of(data) == {
-        "nothing": [root / "cells/0", root / "cells/1"],
-        "rate": [root / "cells/2", root / "cells/3"],
-    }
-    ran = []
-
-    def run_study(file: Path, out: Path, **how: Any) -> Any:
-        ran.append((file, out))
-        return SimpleNamespace(data=data)
-
-    monkeypatch.setattr("sim2vr_harness.studies.run_study", run_study)
+    played = SimpleNamespace(data=data)
+    monkeypatch.setattr("sim2vr_harness.studies.run_study", lambda *_, **__: played)
     file = tmp_path / "parts.yaml"
     file.write_text(json.dumps(tree))
     out = tmp_path / "out"
@@ -279,72 +212,13 @@ def test_a_study_s_users_are_put_beside_people(
     with pytest.raises(SystemExit) as ended:
         main(command)
     assert not ended.value.code
-    assert ran == [(file, out / "studies" / "parts")]
-    assert "Compared, constrained" in capsys.readouterr().out
     users = json.loads((out / "comparison.json").read_text())["users"]
     times = {
         name: next(row["value"] for row in user["measures"] if row["measure"] == "tth_median")
         for name, user in users.items()
     }
     assert times["nothing"] - times["rate"] == pytest.approx(0.1, abs=1e-4)
-    rows = list(csv.DictReader((out / "users.csv").read_text().splitlines()))
-    assert [row["user"] for row in rows] == ["nothing", "rate"]
-    assert (
-        float(rows[0]["hit_rate, hard"])
-        == users["nothing"]["persons"]["constrained hard"][0]["hit_rate"]
-    )
     file.write_text(json.dumps(tree | {"logs": False}))
     with pytest.raises(SystemExit):
         main(command)
     assert "got false, expected true: what is compared" in " ".join(capsys.readouterr().err.split())
-
-
-def test_a_condition_is_in_one_cell_of_a_user(tmp_path: Path) -> None:
-    folders = [evaluation(tmp_path / name, {None: 0.0}) for name in "ab"]
-    assert read_folders("u", folders[:1], WHACAMOLE).persons[HARD][0].rounds == 1
-    with pytest.raises(InputError, match="'u', who played constrained hard in several cells"):
-        read_folders("u", folders, WHACAMOLE)
-
-
-def test_users_are_called_as_they_are_told_to_be(
-    tmp_path: Path, people: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    users = [str(evaluation(tmp_path / name, {None: 0.0})) for name in ("late=r", "b")]
-    where = ["--recordings", str(people), "--out", str(tmp_path / "out"), "--no-figures"]
-    with pytest.raises(SystemExit) as ended:
-        main(["compare", users[0], f"ours, before={users[1]}", *where])
-    assert not ended.value.code
-    found = json.loads((tmp_path / "out" / "comparison.json").read_text())["users"]
-    assert [*found] == ["late=r", "ours, before"]  # the first is a folder of that name
-    for given, said in (
-        ([f"={users[1]}"], "NAME=USER with both of them"),
-        ([f"a={users[0]}", f"a={users[1]}"], "the name 'a' twice"),
-        ([users[1], f"a={users[1]}"], "a user once"),
-        ([f"a={users[1]}", users[1]], "a user once"),
-    ):
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main(["compare", *given, *where])
-        assert ended.value.code
-        assert said in " ".join(capsys.readouterr().err.split())
-
-
-def test_people_are_needed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["compare", str(evaluation(tmp_path / "e", {None: 0.0})), "--out", str(tmp_path)])
-    assert "--recordings: got none, expected people's recorded rounds" in " ".join(
-        capsys.readouterr().err.split()
-    )
-
-
-def test_users_and_people_must_have_met(
-    tmp_path: Path, people: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    logged(tmp_path / "user" / "r", title="condition easy")
-    with pytest.raises(SystemExit) as ended:
-        main(
-            ["compare", str(tmp_path / "user"), "--recordings", str(people), "--out", str(tmp_path)]
-        )
-    assert ended.value.code
-    message = "'user', who played constrained easy, expected a condition of people's: constrained"
-    assert message in " ".join(capsys.readouterr().err.split())

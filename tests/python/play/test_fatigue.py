@@ -5,26 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
-from python.users.bodies import OWN_ARM
 from python.users.references import load_reference
-from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import describe_game
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
-from sim2vr_harness.evaluation.tables import results_table
-from sim2vr_harness.figures.figure import Heat
 from sim2vr_harness.play.exertion import fatigue_groups
 from sim2vr_harness.play.fatigue import (
-    MUSCLE_NAMES,
-    fatigue_measure,
     full_name,
 )
 from sim2vr_harness.play.round import round_result, summarise
-from sim2vr_harness.studies.config import parse_study
-from sim2vr_harness.studies.plan import plan_of
-from sim2vr_harness.studies.report.body import figures_of_body, load_of
-from sim2vr_harness.studies.report.source import read_source
 from sim2vr_harness.users import load_body
 
 WRIST = ["ECRL", "ECRB", "ECU", "FCR", "FCU", "PL"]
@@ -60,24 +49,6 @@ def test_two_arms_have_parts_of_both_and_of_each() -> None:
     assert wrist["wrist"] == [*right, *left]
 
 
-def test_another_body_keeps_its_names() -> None:
-    body = load_body(str(OWN_ARM), appearance=False)
-    groups = fatigue_groups(body)
-    assert {part: rows.tolist() for part, rows in groups.parts.items()} == {
-        "elbow": [0, 1],
-        "wrist_flexion": [2, 3],  # its shoulder has motors
-    }
-    assert all(full_name(name) == name for name in body.muscles)
-
-
-def test_full_names() -> None:
-    assert full_name("ANC") == "anconeus"
-    assert full_name("DELT1_r") == "deltoid anterior, right"
-    assert full_name("shoulder_l") == "shoulder, left"
-    assert full_name("biceps_r") == "biceps_r", "of an unknown body"
-    assert fatigue_measure("fatigue.DELT1").heading == "Fatigue of deltoid anterior (proportion)"
-
-
 def test_values_and_means_by_hand() -> None:
     groups = fatigue_groups(load_body("mobl_arms_wrist", appearance=False))
     worst = np.arange(32) / 100.0
@@ -85,6 +56,8 @@ def test_values_and_means_by_hand() -> None:
     assert values["fatigue.DELT1"] == 0.0 and values["fatigue.PQ"] == 0.31
     # ECRL, ECRB, ECU, FCR, FCU, PL are muscles 24 to 29.
     assert values["fatigue.wrist"] == pytest.approx(0.265)
+    assert full_name("DELT1_r") == "deltoid anterior, right"
+    assert full_name("biceps_r") == "biceps_r", "of an unknown body"
     told = {"condition": "easy", "steps": 1, "game_return": 0.0, "effort": 0.0, "log": {}}
     rounds = [
         replace(
@@ -119,36 +92,3 @@ def test_an_evaluation_measures_and_prints_them(
     assert row["fatigue.shoulder"] == played.values["fatigue.shoulder"] > 0.0
     told = found.data.dictionary.set_index("column")["description"]
     assert told["fatigue.ANC"] == "Fatigue of anconeus"
-    console = Console(width=100)
-    with console.capture() as capture:
-        console.print(results_table(found.summaries, found.facts, "title"))
-    printed = " ".join(capture.get().split())
-    assert f"Fatigue of shoulder {played.values['fatigue.shoulder']:.3f}" in printed
-    worst = muscles[int(np.argmax(of_muscles))].removeprefix("fatigue.")
-    assert f"Most fatigued muscle {MUSCLE_NAMES[worst]} {max(of_muscles):.3f}" in printed
-    # The report's parts of the body are those of the measures.
-    source = read_source(tmp_path)
-    loads = [load_of(group) for group in source.groups]
-    (figure,) = figures_of_body(source, loads, load_body("mobl_arms_wrist", appearance=False))
-    (parts,) = next(panel for panel in figure.panels if panel.title.startswith("By part")).layers
-    assert isinstance(parts, Heat)
-    for name, (value,) in zip(parts.rows, parts.values, strict=True):
-        assert value == pytest.approx(played.values[f"fatigue.{name}"], rel=1e-6), name
-
-
-def test_studies_name_them(trained: Path) -> None:
-    tree = {
-        "name": "tired",
-        "fixed": {"user": str(trained)},
-        "factors": {"what": {"key": "condition", "levels": ["easy", "hard"]}},
-        "measures": ["fatigue.shoulder", "fatigue.DELT1"],
-    }
-    plan = plan_of(parse_study(tree))
-    assert plan.measures == ("fatigue.shoulder", "fatigue.DELT1")
-    with pytest.raises(InputError, match=r"measures: got 'fatigue.shulder'.*'fatigue.shoulder'"):
-        plan_of(parse_study({**tree, "measures": ["fatigue.shulder"]}))
-    other = {**tree["fixed"], "env.user.effort.model": "neural"}
-    with pytest.raises(InputError, match=r"measures: got 'fatigue.shoulder', expected"):
-        plan_of(parse_study({**tree, "fixed": other}))
-    usual = plan_of(parse_study({**tree, "measures": None})).measures
-    assert not any(name.startswith("fatigue.") for name in usual)

@@ -8,9 +8,9 @@ import pytest
 from fake_simulation import FakeSimulation
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.client import Condition, GameFacts, describe_game
+from sim2vr_harness.client import GameFacts, describe_game
 from sim2vr_harness.evaluation.evaluate import Evaluation, Request, evaluate
-from sim2vr_harness.play.player import Job, Player, Watcher, jobs_for, play, reward_per_minute
+from sim2vr_harness.play.player import Job, Player, Watcher, play, reward_per_minute
 from sim2vr_harness.play.round import Round
 from sim2vr_harness.play.users import SimulatedUser
 from sim2vr_harness.policies.protocol import FunctionPolicy
@@ -53,14 +53,6 @@ def test_users_who_finish_early_rest_while_the_others_play_on() -> None:
         assert resting == [k for k, r in enumerate(results) if r.steps <= step]
 
 
-def test_jobs() -> None:
-    a, b = Condition("a", options={"x": 1}), Condition("b", options={"x": 2})
-    assert jobs_for([a, b], 2, 7) == [
-        Job("a", 0, 7, {"x": 1}), Job("a", 1, 8, {"x": 1}),
-        Job("b", 0, 7, {"x": 2}), Job("b", 1, 8, {"x": 2}),
-    ]  # fmt: skip
-
-
 class Still(FunctionPolicy, Watcher):
     """A policy that looks on itself."""
 
@@ -93,22 +85,6 @@ def test_watchers_measure_one_after_the_other_and_see_the_whole_round() -> None:
     assert {(one.values["both"], one.values["odd"]) for one in rounds} == {(2.0, None)}
     assert sorted(later.ends, key=lambda end: end[0]) == list(enumerate(rounds))
     assert [k for k, _ in later.ends] == sorted(range(3), key=lambda k: rounds[k].steps)
-
-
-def test_a_round_whose_app_failed_has_no_values() -> None:
-    failed = Round("easy", 0, 1, None, 5, "app_failed", {}, {}).with_values({"own": 1.0})
-    assert failed.values == {"own": None}
-
-
-def test_steps_are_played_as_they_are_asked_for() -> None:
-    simulation = FakeSimulation(n=2)
-    simulation.config = type("Config", (), {"action_frequency_hz": 20})
-    player = Player(simulation, still(2), WHACAMOLE)
-    player.begin([Job("easy", 0, 1), Job("easy", 1, 2)])
-    steps = player.steps()
-    rewards = [next(steps).reward for _ in range(3)]
-    assert (simulation.total_steps, player.step_count, player.seconds) == (3, 3, 0.15)
-    np.testing.assert_allclose(player.returns, np.sum(rewards, axis=0))
 
 
 def test_rewards_are_of_a_time_however_many_rounds_that_takes() -> None:
@@ -155,16 +131,6 @@ def test_two_persons_follow_a_script_each_for_itself(tmp_path: Path) -> None:
         sum(step.done for step in steps) for steps in (first, second)
     ]
     assert len(found.steps) == sum(one.steps for one in found.rounds)
-
-
-def test_without_a_folder_nothing_is_written(tmp_path: Path, monkeypatch: Any) -> None:
-    monkeypatch.chdir(tmp_path)
-    found = evaluate("still", Request(["big"], episodes=1, app=SHORT))
-    assert (found.files, list(tmp_path.iterdir())) == ([], [])
-    assert found.summaries["big"]["points"] == 0.0
-    for option in ("log", "record"):
-        with pytest.raises(InputError, match=rf"^--{option}: got it without --out, expected a fol"):
-            evaluate("still", Request(["big"], app=SHORT, **{option: True}))
 
 
 def test_who_plays_is_found_by_one_name() -> None:

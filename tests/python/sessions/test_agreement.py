@@ -1,11 +1,14 @@
 """The figures of a replay, worked out by hand for a handful of events."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from sim2vr_harness.client import ClockSettings
 from sim2vr_harness.sessions import AppIdentity, Session, SessionEvent
-from sim2vr_harness.sessions.agreement import Agreement, agreement_of, as_json, pooled, rounds_json
+from sim2vr_harness.sessions.agreement import Agreement, agreement_of, as_json, rounds_json
 from sim2vr_harness.sessions.logs import TargetEvent as Event
 
 V = (0.0, 0.0, 1.0)
@@ -37,75 +40,63 @@ def agreement(predicted: tuple[Event, ...]) -> Agreement:
     return agreement_of(session_of(RECORDED), session_of(predicted))
 
 
-def changed(index: int, event: Event | None) -> tuple[Event, ...]:
-    events = list(RECORDED)
-    if event is None:
-        del events[index]
-    else:
-        events[index] = event
-    return tuple(events)
+def changed(index: int, *events: Event) -> tuple[Event, ...]:
+    """The recorded events with others in place of one."""
+    return (*RECORDED[:index], *events, *RECORDED[index + 1 :])
 
 
-def test_the_same_events() -> None:
-    figures = as_json(agreement(RECORDED))
-    for name in ("outcome_agreement", "hit_recall_50ms", "hit_precision_100ms", "same_step"):
-        assert figures[name] == 1.0
-    assert (figures["mean_abs_dt_s"], figures["dv_median"]) == (0.0, 0.0)
-    assert (figures["targets"], figures["contacts_recorded"]) == (4, 1)
-    assert agreement(RECORDED).first_divergence_s is None
+SAME = {
+    "outcome_agreement": 1.0, "hit_recall_50ms": 1.0, "hit_precision_50ms": 1.0,
+    "hit_recall_100ms": 1.0, "hit_precision_100ms": 1.0, "same_step": 1.0, "mean_abs_dt_s": 0.0,
+    "dv_median": 0.0, "targets": 4, "contacts_recorded": 1,
+}  # fmt: skip
 
 
-def test_a_hit_one_fixed_step_late() -> None:
-    late = Event(1.514, "hit", 0, 4, (0.3, 0.0, 1.4))
-    part = agreement(changed(3, late))
-    figures = as_json(part)
-    assert figures["outcome_agreement"] == 1.0
-    assert figures["hit_recall_50ms"] == 1.0
-    assert figures["same_step"] == 0.5
-    assert figures["mean_abs_dt_s"] == pytest.approx(0.007)
-    assert figures["dv_median"] == pytest.approx(0.25)  # of 0 and |(0.3, 0, 0.4)| = 0.5
-    assert part.identical == 1.0  # 14 ms apart
-
-
-def test_a_hit_70_ms_early_counts_within_100_ms_only() -> None:
-    part = agreement(changed(5, Event(1.83, "hit", 1, 0, V)))
-    figures = as_json(part)
-    assert (figures["hit_recall_50ms"], figures["hit_recall_100ms"]) == (0.5, 1.0)
-    assert (figures["hit_precision_50ms"], figures["hit_precision_100ms"]) == (0.5, 1.0)
-    assert part.identical == 0.0
-    assert part.first_divergence_s == pytest.approx(1.33)  # from the first frame of play, 0.5 s
-
-
-def test_a_miss_instead_of_a_hit() -> None:
-    part = agreement(changed(3, Event(2.1, "miss", 0, 4)))
-    figures = as_json(part)
-    assert figures["outcome_agreement"] == 0.75
-    assert (figures["hit_recall_50ms"], figures["hit_precision_50ms"]) == (0.5, 1.0)
-    assert (figures["hits_recorded"], figures["hits_predicted"]) == (2, 1)
-    assert part.first_divergence_s == pytest.approx(1.0)
-
-
-def test_targets_alive_at_the_end_agree() -> None:
-    figures = as_json(agreement((*RECORDED, Event(3.0, "hit", 3, 1, V))))
-    assert figures["outcome_agreement"] == 0.75
-    assert figures["hit_precision_50ms"] == pytest.approx(2 / 3)
+@pytest.mark.parametrize(
+    ("predicted", "figures", "identical", "first_divergence_s"),
+    [
+        (RECORDED, SAME, 1.0, None),
+        (  # a fixed step late, which is 14 ms; dv is the median of 0 and |(0.3, 0, 0.4)|
+            changed(3, Event(1.514, "hit", 0, 4, (0.3, 0.0, 1.4))),
+            SAME | {"same_step": 0.5, "mean_abs_dt_s": 0.007, "dv_median": 0.25},
+            1.0,
+            None,
+        ),
+        (  # 70 ms early counts within 100 ms only; times from the first frame of play, 0.5 s
+            changed(5, Event(1.83, "hit", 1, 0, V)),
+            {"hit_recall_50ms": 0.5, "hit_precision_50ms": 0.5, "hit_recall_100ms": 1.0},
+            0.0,
+            1.33,
+        ),
+        (
+            changed(3, Event(2.1, "miss", 0, 4)),
+            {"outcome_agreement": 0.75, "hit_recall_50ms": 0.5, "hit_precision_50ms": 1.0},
+            0.0,
+            1.0,
+        ),
+        (  # a target that is alive at the end of the recording
+            (*RECORDED, Event(3.0, "hit", 3, 1, V)),
+            {"outcome_agreement": 0.75, "hit_precision_50ms": 2 / 3},
+            0.0,
+            2.5,
+        ),
+        (changed(4), {"outcome_agreement": 1.0}, 0.0, 1.1),  # a contact is missing
+    ],
+)
+def test_figures_by_hand(
+    predicted: Any, figures: dict[str, float], identical: float, first_divergence_s: float | None
+) -> None:
+    part = agreement(predicted)
+    found = as_json(part)
+    assert {name: found[name] for name in figures} == pytest.approx(figures)
+    assert part.identical == identical
+    assert part.first_divergence_s == pytest.approx(first_divergence_s)
 
 
 def test_another_cell_is_another_target() -> None:
-    elsewhere = tuple(
-        Event(e.time_s, e.kind, e.target, 7 if e.target == 0 else e.cell, e.velocity_mps)
-        for e in RECORDED
-    )
+    elsewhere = tuple(replace(e, cell=7) if e.target == 0 else e for e in RECORDED)
     figures = as_json(agreement(elsewhere))
-    assert figures["outcome_agreement"] == 0.75
-    assert figures["hit_recall_50ms"] == 0.5
-
-
-def test_a_missing_contact_is_a_difference() -> None:
-    part = agreement(changed(4, None))
-    assert part.identical == 0.0
-    assert part.first_divergence_s == pytest.approx(1.1)
-    assert as_json(part)["outcome_agreement"] == 1.0
+    assert (figures["outcome_agreement"], figures["hit_recall_50ms"]) == (0.75, 0.5)
 
 
 def test_totals_pool_the_targets_and_split_the_kinds() -> None:
@@ -127,8 +118,3 @@ def test_totals_pool_the_targets_and_split_the_kinds() -> None:
     assert total["constrained"]["identical"] == 0.5
     assert total["unconstrained"]["identical"] == 1.0
     assert rounds_json(rounds[:2], closed_loop=False)["total"]["unconstrained"] is None
-
-
-def test_nothing_to_pool() -> None:
-    with pytest.raises(ValueError, match="got no rounds"):
-        pooled([])

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from python.sessions.sessions_made import FRAMES, ROOT, full_session
-from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.sessions import Session, read_session, write_session
 from sim2vr_harness.sessions.frames import aim_of, composed, grip_of, relative, to_webxr
 from sim2vr_harness.sessions.privacy import personal_content, stripped
@@ -127,8 +126,3 @@ def test_strip_takes_joints_name_and_height() -> None:
     told, left = " ".join(personal_content(session)), " ".join(personal_content(bare))
     assert "hand joints" in told and "'p1'" in told
     assert "hand joints" not in left and "p1" not in left and "removed" in left
-
-
-def test_names_of_no_format() -> None:
-    with pytest.raises(InputError, match=r"a name that ends in \.jsonl, \.jsonl\.gz"):
-        write_session(full_session(), Path("round.xml"))

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 from python.sessions.sessions_made import ROOT, full_session
-from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.base.paths import app_executable
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.sessions import (
     Controller,
@@ -72,11 +70,6 @@ def test_causes_by_hand() -> None:
     assert found is not None and found.cause.startswith("frame rate: a frame before it lasts 64 ms")
 
 
-def test_a_session_without_an_app_asks_for_one() -> None:
-    with pytest.raises(InputError, match="the app to replay it in: --game NAME or --page FILE"):
-        replay_session(full_session())
-
-
 def test_strict_is_the_exit_status(tmp_path: Path, capsys: Any) -> None:
     session = read_session(ROUND)
     for name, each, status in (("same", session, 0), ("other", replace(session, seed=3), 1)):
@@ -113,13 +106,3 @@ def test_a_page_does_the_same_again_and_another_seed_does_not() -> None:
     assert again.session.events == first.events
     other = replay_session(replace(first, seed=6), app=PAGE).comparison
     assert not other.same and other.first is not None
-
-
-def test_a_game_over_a_server_does_the_same() -> None:
-    """With the condition's options; the server's own log has the events."""
-    session = read_session(ROUND)
-    assert session.app.condition == "hard"
-    place = {"transport": "protocol2", "executable": str(app_executable())}
-    replayed = replay_session(session, app=place)
-    assert replayed.comparison.same and replayed.comparison.recorded == 39
-    assert (replayed.values["Points"], replayed.values["Misses"]) == (7.0, 8.0)

@@ -14,9 +14,7 @@ from sim2vr_harness.statistics.significance import (
     holm,
     kruskal_wallis,
     mann_whitney,
-    normality,
     paired_t,
-    smallest_p,
     welch_t,
     wilcoxon,
 )
@@ -109,19 +107,6 @@ def test_holm_by_hand() -> None:
     assert holm([]) == []
 
 
-def test_normality_by_hand() -> None:
-    # Mean 0, SD sqrt(10 / 3): distribution at -2, -1, 1, 2 is .1367, .2919, .7081, .8633; the
-    # greatest distance is that of .7081 to .5 before it.
-    found = normality(np.array([-2.0, -1.0, 1.0, 2.0]))
-    assert found is not None
-    cdf = stats.norm.cdf(1.0 / np.sqrt(10.0 / 3.0))
-    assert found["statistic"] == pytest.approx(cdf - 0.5)
-    skewed = normality(np.exp(np.random.default_rng(1).normal(0, 2, 60)))
-    assert skewed is not None and skewed["p"] < 0.01
-    assert normality(np.ones(9)) is None
-    assert normality(np.arange(3.0)) is None
-
-
 def excludes_zero(interval: tuple[float | None, float | None]) -> bool:
     low, high = interval
     return (low is not None and low > 0.0) or (high is not None and high < 0.0)
@@ -158,13 +143,6 @@ def test_rank_intervals_by_hand() -> None:
     # Of four and four, U = 0 has p = 2 / 70 = .029 and U = 1 4 / 70 = .057.
     apart = mann_whitney(np.array([5.0, 6.0, 7.0, 9.0]), np.array([0.1, 1.2, 2.3, 3.4]))
     assert apart["interval"] == pytest.approx((5.0 - 3.4, 9.0 - 0.1))
-
-
-def test_the_smallest_p() -> None:
-    assert smallest_p("wilcoxon", 4, "two-sided") == 0.125
-    assert smallest_p("wilcoxon", 4, "less") == 0.0625
-    assert smallest_p("mann-whitney", [3, 3], "two-sided") == pytest.approx(2 / 20)
-    assert smallest_p("paired-t", 4, "two-sided") is None
 
 
 def test_how_many_units_a_difference_needs() -> None:

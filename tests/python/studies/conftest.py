@@ -41,3 +41,21 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     monkeypatch.setattr(work, "evaluate", play)
     return played
+
+
+@pytest.fixture
+def trainings(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, Path]]:
+    """Trains and plays with the stand-in; returns configurations and folders of trainings."""
+    begun: list[tuple[Any, Path]] = []
+    real = work.trainer.train
+
+    def train(config: Any, out: Path, **how: Any) -> Any:
+        begun.append((config, out))
+        return real(config, out, **how, simulation=lambda c: FakeSimulation(c.env, c.ppo.n_envs))
+
+    def play(user: str, request: Any) -> Any:
+        return evaluate(user, request, simulation=FakeSimulation)
+
+    monkeypatch.setattr(work.trainer, "train", train)
+    monkeypatch.setattr(work, "evaluate", play)
+    return begun

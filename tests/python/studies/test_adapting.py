@@ -10,13 +10,10 @@ from fake_simulation import FakeSimulation
 from test_runner import content
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.base.files import read_json
-from sim2vr_harness.evaluation.evaluate import evaluate
 from sim2vr_harness.policies.registry import new_network
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.studies import run_study
-from sim2vr_harness.studies import worker as work
 from sim2vr_harness.training.ppo.fine_tune import adapting
 from sim2vr_harness.training.run import trainer
 
@@ -39,24 +36,6 @@ def weights_of(run: Path | str) -> dict[str, torch.Tensor]:
     return {key: value.clone() for key, value in policy.state_dict().items()}
 
 
-@pytest.fixture
-def trainings(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """Trains and plays with the stand-in; returns the configurations that were trained."""
-    seen: list[Any] = []
-    real = trainer.train
-
-    def train(config: Any, out: Path, **how: Any) -> Any:
-        seen.append(config)
-        return real(config, out, **how, simulation=stand_in)
-
-    def play(user: str, request: Any) -> Any:
-        return evaluate(user, request, simulation=FakeSimulation)
-
-    monkeypatch.setattr(work.trainer, "train", train)
-    monkeypatch.setattr(work, "evaluate", play)
-    return seen
-
-
 def study(trained: Path, **changes: Any) -> dict[str, Any]:
     return {
         "name": "adapted",
@@ -69,47 +48,26 @@ def study(trained: Path, **changes: Any) -> dict[str, Any]:
     }
 
 
-def test_a_user_that_goes_on_in_the_place_of_a_run_begins_with_its_weights(
-    trained: Path, tmp_path: Path
-) -> None:
-    changed = adapting(find_user(trained), str(trained), ["ppo.learning_rate=0.01", *_small()])
-    trainer.train(changed, tmp_path / "run", timesteps=20, simulation=stand_in)
-    config = adapting(find_user(trained), str(trained), ["ppo.learning_rate=0.0", *_small()])
-    trainer.train(config, tmp_path / "run", overwrite=True, simulation=stand_in)
-    before, after = weights_of(trained), weights_of(tmp_path / "run")
-    assert all(torch.equal(before[key], after[key]) for key in before)
-
-
 def test_a_user_that_goes_on_begins_with_its_weights(trained: Path, tmp_path: Path) -> None:
-    config = adapting(find_user(trained), str(trained), ["ppo.learning_rate=0.0", *_small()])
-    trainer.train(config, tmp_path / "same", simulation=stand_in)
-    before, after = weights_of(trained), weights_of(tmp_path / "same")
-    assert before.keys() == after.keys()
-    assert all(torch.equal(before[key], after[key]) for key in before), "nothing was learned"
-    config = adapting(find_user(trained), str(trained), ["ppo.learning_rate=0.01", *_small()])
-    trainer.train(config, tmp_path / "other", timesteps=20, simulation=stand_in)
+    """Also in the folder of a run of another rate; noise is what was asked for."""
+    changes = ["ppo.learning_rate=0.01", *_small()]
+    other = adapting(find_user(trained), str(trained), changes)
+    trainer.train(other, tmp_path / "run", timesteps=20, simulation=stand_in)
     # It goes on from its own checkpoint, also when whom it began with is gone.
-    gone = config.model_copy(update={"from_user": str(tmp_path / "nowhere")})
-    RunFolder(tmp_path / "other").store_config(gone)
-    result = trainer.train(gone, tmp_path / "other", resume=True, simulation=stand_in)
-    assert result.step == 40
-    learned = weights_of(tmp_path / "other")
+    gone = other.model_copy(update={"from_user": str(tmp_path / "nowhere")})
+    RunFolder(tmp_path / "run").store_config(gone)
+    assert trainer.train(gone, tmp_path / "run", resume=True, simulation=stand_in).step == 40
+    before, learned = weights_of(trained), weights_of(tmp_path / "run")
     assert not all(torch.equal(before[key], learned[key]) for key in before)
     with pytest.raises(InputError, match=r"RUN: got .*nowhere"):
         trainer.train(gone, tmp_path / "new", simulation=stand_in)
     assert not (tmp_path / "new").exists()
-
-
-def test_a_user_that_goes_on_takes_the_noise_that_was_asked_for(
-    trained: Path, tmp_path: Path
-) -> None:
-    changes = ["ppo.learning_rate=0.0", "policy.log_std_init=-2.5", *_small()]
-    config = adapting(find_user(trained), str(trained), changes)
-    trainer.train(config, tmp_path / "run", simulation=stand_in)
-    before, after = weights_of(trained), weights_of(tmp_path / "run")
-    assert (after.pop("log_std") == -2.5).all()
-    assert (before.pop("log_std") != -2.5).all()
-    assert all(torch.equal(before[key], after[key]) for key in before)
+    same = ["ppo.learning_rate=0.0", "policy.log_std_init=-2.5", *_small()]
+    config = adapting(find_user(trained), str(trained), same)
+    trainer.train(config, tmp_path / "run", overwrite=True, simulation=stand_in)
+    after = weights_of(tmp_path / "run")
+    assert (after.pop("log_std") == -2.5).all() and (before.pop("log_std") != -2.5).all()
+    assert all(torch.equal(before[key], after[key]) for key in before), "nothing was learned"
 
 
 def _small() -> list[str]:
@@ -121,7 +79,7 @@ def test_a_study_adapts_its_user_to_what_it_plays(
     trained: Path, trainings: list[Any], tmp_path: Path
 ) -> None:
     found = run_study(study(trained), tmp_path / "one", jobs=1)
-    (config,) = trainings
+    ((config, _),) = trainings
     assert (config.recipe, config.total_timesteps, config.ppo.n_envs) == ("adapt", 40, 2)
     assert config.ppo.critic_first_updates == 0
     # What the cell plays: its options, those of its condition, no curriculum.
@@ -148,46 +106,19 @@ def test_a_study_adapts_its_user_to_what_it_plays(
     assert len(trainings) == 1
 
 
-def test_a_search_adapts_its_user_to_each_trial(
-    trained: Path, trainings: list[Any], tmp_path: Path
-) -> None:
-    tree = study(trained)
-    for key in ("factors", "measures", "comparisons"):
-        del tree[key]
-    del tree["fixed"][LIFE]
-    tree["fixed"]["adapt"] = 40
-    tree["optimise"] = {
-        "parameters": {"life": {"key": LIFE, "low": 0.5, "high": 1.5}},
-        "objectives": {"return": "max"},
-        "trials": 3,
-    }
-    found = run_study(tree, tmp_path, jobs=1)
-    tried = found.data.trials["parameter_life"].tolist()
-    assert [config.env.app.options["life_seconds"] for config in trainings] == tried
-    marks = [read_json(file, "") for file in tmp_path.glob("trainings/*/trained.json")]
-    assert [mark["checkpoint"] for mark in marks] == ["step_000000040.zip"] * 3
-
-
 @pytest.mark.parametrize(
     ("fixed", "message"),
     [
         ({"adapt": -1}, r"adapt: got -1, expected user steps, a whole number from 0"),
-        ({"adapt": True}, r"adapt: got True, expected user steps"),
-        ({"adapt": "many"}, r"adapt: got 'many', expected user steps"),
         # Another body senses and acts otherwise: that is another contract.
         (
             {"adapt": 40, "env.user.model": "mobl_arms_bimanual_motor"},
             r"environment: got user \"mobl_arms_bimanual_motor\".*, which the user in .* was tr",
         ),
         (
-            {"adapt": 40, "training.env.vision.width": 60},
-            r"environment: got image \[60, 80\].*, expected image \[120, 80\]",
-        ),
-        (
             {"adapt": 40, "training.policy.net_arch": [8]},
             r"policy\.net_arch: got \(8,\), expected \(16,\): the network of a user that goes on",
         ),
-        ({"adapt": 40, "training.ppo.n_stpes": 3}, r"ppo\.n_stpes: got an unknown key"),
     ],
 )
 def test_who_cannot_go_on_is_refused_before_anything_is_trained(
@@ -198,15 +129,3 @@ def test_who_cannot_go_on_is_refused_before_anything_is_trained(
     with pytest.raises(InputError, match=message):
         run_study(tree, tmp_path / "none", jobs=1)
     assert not trainings and not (tmp_path / "none").exists()
-
-
-def test_only_trained_users_go_on(trained: Path, tmp_path: Path) -> None:
-    tree = study(trained)
-    shutil.copy(trained / "config.yaml", tmp_path / "small.yaml")
-    tree["fixed"] = {"config": str(tmp_path / "small.yaml")}
-    with pytest.raises(InputError, match=r"adapt: got it together with config, expected a trained"):
-        run_study(tree, tmp_path / "none", jobs=1)
-    with pytest.raises(InputError, match=r"from_user: got none with recipe 'adapt', expected a tr"):
-        adapting(find_user(trained), str(trained), ["from_user=null"])
-    with pytest.raises(InputError, match=r"from_user: got .* with recipe 'ppo', expected a tr"):
-        adapting(find_user(trained), str(trained), ["recipe=ppo"])

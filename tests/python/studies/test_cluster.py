@@ -16,19 +16,19 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.studies.cluster import OnRay, _fetch
 
 
-def test_a_cluster_that_is_not_there_is_said(tmp_path: Path) -> None:
-    for address, message in [
+@pytest.mark.parametrize(
+    ("address", "message"),
+    [
         ("nonsense", r"^--ray: got 'nonsense', expected auto, or HOST:PORT of a running Ray"),
-        (
-            "127.0.0.1:1",
-            r"^--ray: got '127.0.0.1:1', where no one answers \(connection refused\)",
-        ),
-    ]:
-        with pytest.raises(InputError, match=message):
-            OnRay(tmp_path, address, 1)
+        ("127.0.0.1:1", r"^--ray: got '127.0.0.1:1', where no one answers \(connection refused\)"),
+    ],
+)
+def test_a_cluster_that_is_not_there_is_said(address: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=message):
+        OnRay(tmp_path, address, 1)
 
 
-@pytest.mark.parametrize("name", ["../../../out.txt", "data/../../b/x", "/etc/x", "..\\x", "c:x"])
+@pytest.mark.parametrize("name", ["data/../../b/x", "/etc/x", "..\\x"])
 def test_names_of_a_storage_stay_in_their_folder(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -69,9 +69,17 @@ def cluster(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
 
 @pytest.mark.slow
-def test_a_lost_node_s_tasks_run_again(cluster: Any, tmp_path: Path) -> None:
+def test_a_lost_node_s_tasks_run_again_and_results_come_through_a_storage(
+    cluster: Any, tmp_path: Path
+) -> None:
     made, nodes = cluster
-    tasks = [task(f"t{i}", "takes a while") for i in range(6)] + [task("c", "fails")]
+    storage, here = f"file://{tmp_path}/storage", tmp_path / "here"
+    with closing(OnRay(here, made.address, 1, storage=storage, work=pool_tasks.folder)) as pool:
+        pool.submit(task("a"))
+        assert pool.next().error is None
+    assert (here / "cells" / "a" / "cell.json").read_text() == "{}"
+    assert (here / "cells" / "a" / "data" / "x.csv").read_text() == "1"
+    tasks = [task(f"t{i}", "takes a while") for i in range(4)] + [task("c", "fails")]
     with closing(OnRay(tmp_path, made.address, 1, work=pool_tasks.work)) as pool:
         for one in tasks:
             pool.submit(one)
@@ -83,18 +91,5 @@ def test_a_lost_node_s_tasks_run_again(cluster: Any, tmp_path: Path) -> None:
         done += [pool.next() for _ in tasks[1:]]
     found = {one.task.key: one.error for one in done}
     assert found.pop("c") == "condition: got 'fails', expected another"
-    assert found == {f"t{i}": None for i in range(6)}
-    assert all((tmp_path / f"t{i}").is_file() for i in range(6))
-
-
-@pytest.mark.slow
-def test_results_come_through_a_storage(cluster: Any, tmp_path: Path) -> None:
-    made, _ = cluster
-    storage = f"file://{tmp_path}/storage"
-    with closing(
-        OnRay(tmp_path / "here", made.address, 1, storage=storage, work=pool_tasks.folder)
-    ) as pool:
-        pool.submit(task("a"))
-        assert pool.next().error is None
-    assert (tmp_path / "here" / "cells" / "a" / "cell.json").read_text() == "{}"
-    assert (tmp_path / "here" / "cells" / "a" / "data" / "x.csv").read_text() == "1"
+    assert found == {f"t{i}": None for i in range(4)}
+    assert all((tmp_path / f"t{i}").is_file() for i in range(4))

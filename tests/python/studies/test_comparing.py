@@ -75,45 +75,44 @@ def test_n_counts_persons_and_rounds_are_averaged_first() -> None:
     assert found["difference"]["low"] == pytest.approx(13.0 / 3.0 - 4.302653 / 3.0)
     assert found["difference"]["high"] == pytest.approx(13.0 / 3.0 + 4.302653 / 3.0)
     assert found["note"] is None
-
-
-def test_the_smallest_p_that_n_allows_is_said() -> None:
-    (found,) = compare(study_of(THREE), asked(test="wilcoxon"), ["coins"])
+    (rounds,) = compare(study_of(THREE), asked(unit="round"), ["coins"])
+    assert (rounds["unit"], rounds["n"]) == ("round", 6)
+    assert rounds["note"].startswith("n counts rounds of one policy, as in the publication")
     # Differences 4, 4, 5: all positive, 2 / 2^3 two-sided.
-    assert (found["test"], found["p"], found["effect"]) == ("wilcoxon", 0.25, 1.0)
-    assert found["note"] == "with n = 3 the smallest possible p is 0.25"
-    difference = found["difference"]
-    assert (difference["low"], difference["high"], difference["detectable"]) == (None, None, None)
+    (ranks,) = compare(study_of(THREE), asked(test="wilcoxon"), ["coins"])
+    assert (ranks["test"], ranks["p"], ranks["effect"]) == ("wilcoxon", 0.25, 1.0)
+    assert ranks["note"] == "with n = 3 the smallest possible p is 0.25"
     (greater,) = compare(study_of(THREE), asked(test="wilcoxon", alternative="greater"), ["coins"])
     assert greater["p"] == pytest.approx(0.125)
-    four = {key: [[value] for value in values] for key, values in FOUR.items()}
-    (found,) = compare(study_of(four), asked(test="wilcoxon"), ["coins"])
-    assert found["note"] == "with n = 4 the smallest possible p is 0.125"
 
 
-def test_pairs_that_differ_by_the_same_have_no_p() -> None:
-    values = {**THREE, ("hard", "A"): [[3.0], [5.0], [7.0]]}
-    (found,) = compare(study_of(values), asked(), ["coins"])
-    assert found["refused"] == "all pairs differ by the same: there is nothing to test"
-    assert found["difference"]["mean"] == 2.0
+NAN = float("nan")
 
 
-def test_holm_s_correction_runs_over_measures_strata_and_pairs() -> None:
-    four = {key: [[value] for value in values] for key, values in FOUR.items()}
-    data = study_of(four)
-    data.episodes["gems"] = data.episodes["coins"] ** 2
-    first, second = compare(data, asked(), ["coins", "gems"])
-    assert {first["family"], second["family"]} == {2}
-    low, high = sorted([first["p"], second["p"]])
-    assert sorted([first["p_holm"], second["p_holm"]]) == pytest.approx(
-        [2 * low, max(2 * low, high)]
-    )
-    assert first["p_holm"] != first["p"]
+@pytest.mark.parametrize(
+    ("easy", "hard", "test", "refused"),
+    [
+        (THREE["easy", "A"], [[3.0], [5.0], [7.0]], "auto", "all pairs differ by the same: there"),
+        ([[1.0], [2.0]], [[1.0], [2.0]], "auto", "no pair differs: there is nothing to test"),
+        ([[1.0], [2.0]], [[NAN], [NAN]], "auto", "no unit has a value in every level"),
+        ([[4.0, 6.0] * 25], [[1.0] * 50], "auto", "n = 1: one unit shows no variation between un"),
+        ([[4.0, 6.0]], [[1.0, 1.0]], "mixed", "n = 1: a mixed model tells units apart from rounds"),
+    ],
+)
+def test_without_a_sample_there_is_no_p(easy: Any, hard: Any, test: str, refused: str) -> None:
+    values = {("easy", "A"): easy, ("hard", "A"): hard}
+    (found,) = compare(study_of(values), asked(test=test, by=[]), ["coins"])
+    assert found["refused"].startswith(refused) and found.get("p") is None
 
 
 def test_the_difference_that_n_could_have_found() -> None:
-    four = {key: [[value] for value in values] for key, values in FOUR.items()}
-    (found,) = compare(study_of(four), asked(), ["coins"])
+    data = study_of({key: [[value] for value in values] for key, values in FOUR.items()})
+    data.episodes["gems"] = data.episodes["coins"] ** 2
+    both = compare(data, asked(), ["coins", "gems"])
+    low, high = sorted(one["p"] for one in both)
+    holm = [2 * low, max(2 * low, high)]
+    assert sorted(one["p_holm"] for one in both) == pytest.approx(holm)
+    (found,) = compare(data, asked(), ["coins"])
     detectable = found["difference"]["detectable"]
     # Noncentral t: with this mean difference a paired t test of four rejects 80 % of the time.
     shift = detectable / found["difference"]["sd"] * np.sqrt(4)
@@ -121,26 +120,6 @@ def test_the_difference_that_n_could_have_found() -> None:
     assert stats.nct.sf(limit, 3, shift) + stats.nct.cdf(-limit, 3, shift) == pytest.approx(
         0.8, abs=1e-3
     )
-
-
-def test_one_person_has_no_p_however_many_rounds() -> None:
-    one = {key: [units[0] * 50] for key, units in THREE.items()}
-    (found,) = compare(study_of(one), asked(), ["coins"])
-    assert found["p"] is None and found["n"] == 1
-    assert found["refused"] == (
-        "n = 1: one unit shows no variation between units, however many rounds it played, so there "
-        "is no p value; let persons play (people), or train with several seeds"
-    )
-    assert found["means"] == [5.0, 1.0]
-    assert found["difference"] == {
-        "mean": 4.0, "sd": None, "estimate": 4.0, "low": None, "high": None,
-    }  # fmt: skip
-
-
-def test_rounds_as_units_are_marked() -> None:
-    (found,) = compare(study_of(THREE), asked(unit="round"), ["coins"])
-    assert (found["unit"], found["n"]) == ("round", 6)
-    assert found["note"].startswith("n counts rounds of one policy, as in the publication")
 
 
 def test_three_levels_give_friedman_s_test_and_corrected_pairs() -> None:
@@ -166,35 +145,6 @@ def test_other_factors_are_looked_at_apart_or_together() -> None:
     (both,) = compare(study_of(values), asked(by=[]), ["coins"])
     # Person 0 at easy: rounds 4, 6 and 1.
     assert both["means"][0] == pytest.approx(((4 + 6 + 1) + (7 + 7 + 1) + (9 + 9 + 1)) / 9)
-
-
-def test_nothing_to_compare_is_said() -> None:
-    same = {("easy", "A"): [[1.0], [2.0]], ("hard", "A"): [[1.0], [2.0]]}
-    (found,) = compare(study_of(same), asked(), ["coins"])
-    assert found["refused"] == "no pair differs: there is nothing to test"
-    missing = {("easy", "A"): [[1.0], [2.0]], ("hard", "A"): [[float("nan")], [float("nan")]]}
-    (found,) = compare(study_of(missing), asked(), ["coins"])
-    assert found["refused"].startswith("no unit has a value in every level")
-
-
-def test_levels_that_one_user_plays_are_that_user_s() -> None:
-    levels = {
-        "easy": {"user": "A", "condition": "easy"},
-        "hard": {"user": "A", "condition": "hard"},
-        "other": {"user": "B", "condition": "hard"},
-    }
-    rows = [
-        {"factor_task": task, "unit": told["user"], "seed": seed, "coins": float(seed),
-         "ended": "finished", "design_cell": task}
-        for task, told in levels.items() for seed in (1, 2)
-    ]  # fmt: skip
-    study = parse_study({"name": "t", "factors": {"task": {"levels": levels}}})
-    data = StudyData(Path("nowhere"), study, {"unit": "user"})
-    data.__dict__.update(episodes=pd.DataFrame(rows), cells=pd.DataFrame(rows))
-    (own,) = compare(data, ComparisonConfig(factor="task", levels=("easy", "hard")), ["coins"])
-    assert (own["test"], own["n"], own["p"]) == ("paired-t", 1, None)
-    (other,) = compare(data, ComparisonConfig(factor="task", levels=("hard", "other")), ["coins"])
-    assert (other["test"], other["n"], other["p"]) == ("welch-t", [1, 1], None)
 
 
 def test_trainings_of_two_kinds_are_independent() -> None:
@@ -232,7 +182,7 @@ def _responses(rng: np.random.Generator, people: int, rounds: int, slope: float)
     return pd.DataFrame({"unit": unit, "factor_difficulty": level, "coins": value})
 
 
-@pytest.mark.parametrize(("people", "slope"), [(6, 1.0), (12, 1.0), (8, 0.0)])
+@pytest.mark.parametrize(("people", "slope"), [(6, 1.0), (8, 0.0)])
 def test_a_mixed_model_keeps_its_error_rate(people: int, slope: float) -> None:
     """Nothing differs on average; a random intercept alone rejects in 15 to 37 % of these."""
     rng = np.random.default_rng(70)
@@ -244,9 +194,9 @@ def test_a_mixed_model_keeps_its_error_rate(people: int, slope: float) -> None:
             [["easy", "hard"]],
         )["effects"][1]["p"]
         < 0.05
-        for _ in range(500)
+        for _ in range(300)
     ]
-    # Binomial: 0.05 of 500 have an SD of 0.01.
+    # Binomial: 0.05 of 300 have an SD of 0.0126.
     assert 0.02 < np.mean(rejected) < 0.08
 
 
@@ -278,16 +228,9 @@ def test_a_mixed_model_of_two_factors_by_hand() -> None:
         assert effects[name]["statistic"] == pytest.approx(expected.statistic)
         assert effects[name]["p"] == pytest.approx(expected.pvalue)
         assert effects[name]["low"] == pytest.approx(expected.confidence_interval().low)
-
-
-def test_a_mixed_model_needs_units() -> None:
-    one = {key: [units[0]] for key, units in THREE.items()}
-    (found,) = compare(study_of(one), asked(test="mixed", by=[]), ["coins"])
-    assert found["refused"].startswith("n = 1: a mixed model tells units apart from rounds")
-    values = {**THREE, ("hard", "A"): [[1.0], [np.nan], [3.0]]}
-    (found,) = compare(study_of(values), asked(test="mixed", by=[]), ["coins"])
+    data = study_of({**THREE, ("hard", "A"): [[1.0], [np.nan], [3.0]]})
+    (found,) = compare(data, asked(test="mixed", by=[]), ["coins"])
     assert (found["n"], found["units"], found["left_out"]) == (2, 3, ["person 1"])
-    assert "left out, because a condition has no coins of them: person 1" in found["note"]
 
 
 def test_who_has_no_value_is_said_with_the_reason() -> None:
@@ -301,19 +244,11 @@ def test_who_has_no_value_is_said_with_the_reason() -> None:
     assert (easy["n"], easy["units"], easy["notes"]) == (3, 3, [])
     assert (hard["n"], hard["units"]) == (2, 3)
     missing, few = hard["notes"]
-    assert missing == (
-        "1 of 3 have no throughput_bps (person 1): none of their 2 rounds has a block in which two "
-        "targets or more are selected one after the other; they hit 0 % of the targets, the others "
-        "100 %"
-    )
+    assert missing.startswith("1 of 3 have no throughput_bps (person 1): none of their 2 rounds")
+    assert missing.endswith("they hit 0 % of the targets, the others 100 %")
     assert few.startswith("throughput of 2 of 3 comes from one block of 9 movements or less")
     (found,) = compare(data, asked(), ["throughput_bps"])
-    assert (found["n"], found["units"]) == (2, 3)
-    assert (
-        "the test compares the 2 of 3 with a value in every level, so its means are of other units "
-        "than those of the conditions (3 in easy)"
-    ) in found["note"]
-    assert f"hard: {missing}" in found["note"]
+    assert (found["n"], found["units"]) == (2, 3) and f"hard: {missing}" in found["note"]
 
 
 def test_summaries_are_over_units() -> None:
@@ -321,5 +256,7 @@ def test_summaries_are_over_units() -> None:
     assert easy["levels"] == {"difficulty": "easy", "version": "A"}
     assert (easy["n"], easy["rounds"], easy["mean"]) == (3, 6, 7.0)
     assert easy["sd"] == pytest.approx(2.0)
+    # The quantile of two degrees of freedom is 4.302653; the error 2 / sqrt 3.
+    assert easy["high"] - easy["low"] == pytest.approx(2 * 4.302653 * 2.0 / np.sqrt(3))
     assert easy["rounds_sd"] == pytest.approx(np.std([4, 6, 7, 7, 9, 9], ddof=1))
     assert hard["mean"] == pytest.approx(8.0 / 3.0)

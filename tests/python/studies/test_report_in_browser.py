@@ -3,9 +3,6 @@
 import json
 from pathlib import Path
 
-import pytest
-import strange_game
-
 from chromium import Page
 from sim2vr_harness.figures.html import save_page, table
 from sim2vr_harness.studies.report import write_report
@@ -25,13 +22,8 @@ CUT_OFF = """JSON.stringify([...document.querySelectorAll('.plot')].flatMap(plot
 """Texts of figures that reach over the figure's edge."""
 
 
-@pytest.fixture(scope="module")
-def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = strange_game.write_tables(tmp_path_factory.mktemp("seen"))
-    return write_report(folder, stills=False).page
-
-
-def test_every_figure_is_drawn_and_nothing_is_cut_off(report: Path) -> None:
+def test_every_figure_is_drawn_and_nothing_is_cut_off(strange_folder: Path) -> None:
+    report = write_report(strange_folder, stills=False).page
     with Page() as page:
         for width in (1280, 390):
             page.open(report.as_uri(), width)
@@ -43,19 +35,13 @@ def test_every_figure_is_drawn_and_nothing_is_cut_off(report: Path) -> None:
             assert state["drawn"] == state["expected"] == there
             assert page.value("document.documentElement.scrollWidth") <= width
             assert json.loads(page.value(CUT_OFF)) == []
-
-
-def test_a_key_hides_and_shows_its_lines(report: Path) -> None:
-    with Page() as page:
-        page.open(report.as_uri(), 1280)
-        page.wait_for("window.reportState && reportState.drawn === reportState.expected")
-        visible = (
+        hidden = (  # a key hides and shows its lines
             "(() => { const key = document.querySelector('.keys button'); key.click(); "
             "const plot = key.closest('.panel').querySelector('.plot'); "
             "return plot.data.filter(t => t.visible === false).length; })()"
         )
-        assert page.value(visible) > 0
-        assert page.value(visible) == 0
+        assert page.value(hidden) > 0
+        assert page.value(hidden) == 0
 
 
 def test_a_small_page_draws_figures_whatever_their_names_are(tmp_path: Path) -> None:

@@ -1,8 +1,8 @@
 """Searches: what is chosen, told and kept; that a killed one goes on as if nothing had happened."""
 
 import json
+import re
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,16 +19,16 @@ from sim2vr_harness.base.files import read_json
 from sim2vr_harness.base.finite import NotFinite
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.figures.figure import Line
-from sim2vr_harness.studies import StudyConfig, read_study, run_study
+from sim2vr_harness.studies import StudyConfig, run_study
 from sim2vr_harness.studies import worker as work
 from sim2vr_harness.studies.config import StopConfig, parse_study
 from sim2vr_harness.studies.jobs import Pruning
 from sim2vr_harness.studies.report import write_report
 from sim2vr_harness.studies.report.search import figures_of_search, search_sentences, trial_table
 from sim2vr_harness.studies.report.source import read_source
-from sim2vr_harness.studies.search import Watch, reports_of
+from sim2vr_harness.studies.search import Watch
 
-LIFE, MARGIN = "env.app.options.life_seconds", "env.app.options.hammer_margin_m"
+LIFE = "env.app.options.life_seconds"
 
 
 def search(trained: Path, name: str = "found", **changes: Any) -> StudyConfig:
@@ -86,9 +86,9 @@ def formula(rounds: dict[str, Path], monkeypatch: pytest.MonkeyPatch) -> list[di
 def test_it_finds_the_best_that_keeps_the_limits(
     trained: Path, formula: list[dict[str, float]], tmp_path: Path
 ) -> None:
-    found = run_study(search(trained, trials=40), tmp_path, jobs=1)
+    found = run_study(search(trained, trials=30), tmp_path, jobs=1)
     trials = found.data.trials
-    assert trials["trial"].tolist() == list(range(1, 41))
+    assert trials["trial"].tolist() == list(range(1, 31))
     best = trials[trials["chosen"]]
     assert len(best) == 1 and bool(best["keeps_limits"].iloc[0])
     # At 0.8 s the limit of 8 hits is just kept; steps are 0.01 s.
@@ -101,18 +101,26 @@ def test_it_finds_the_best_that_keeps_the_limits(
     error = (trials["parameter_life"] - 0.8).abs()
     assert error[16:].median() < error[:10].median()
     # A search is a study: its trials are cells of it.
-    assert found.data.cells["factor_trial"].tolist() == [str(k) for k in range(1, 41)]
+    assert found.data.cells["factor_trial"].tolist() == [str(k) for k in range(1, 31)]
     own = found.data.of_cell(f"trial={best['trial'].iloc[0]}").episodes
     assert own["max_fatigued"].tolist() == best["max_fatigued"].tolist()
     columns = found.data.dictionary.query("table == 'trials'")["column"].tolist()
     assert columns == trials.columns.tolist()
+    # Another search in the folder begins anew; a limit that no trial keeps chooses none.
+    begin = [{"life": 1.0, "difficulty": "easy"}, {"difficulty": "hard"}]
+    limits = {"hits": {"least": 99.0}}
+    other = search(trained, begin=begin, trials=3, sampler="random", constraints=limits)
+    trials = run_study(other, tmp_path, jobs=1).data.trials
+    assert trials["parameter_life"].iloc[0] == 1.0
+    assert trials["parameter_difficulty"].tolist()[:2] == ["easy", "hard"]
+    assert not trials["chosen"].any() and not trials["keeps_limits"].any()
 
 
-@pytest.mark.parametrize("sampler", ["tpe", "gp", "nsga2"])
+@pytest.mark.parametrize("sampler", ["tpe", "gp"])
 def test_a_killed_search_goes_on_with_the_same_bytes(
     sampler: str, trained: Path, formula: list[dict[str, float]], tmp_path: Path
 ) -> None:
-    wanted = search(trained, trials=13, sampler=sampler)
+    wanted = search(trained, trials=12, sampler=sampler)
     run_study(wanted, tmp_path / "whole", jobs=1)
     whole = list(formula)
     formula.clear()
@@ -126,12 +134,10 @@ def test_a_killed_search_goes_on_with_the_same_bytes(
     if sampler != "tpe":
         return
     # One that goes on for longer is as if it had been longer from the beginning.
-    run_study(search(trained, trials=17, sampler=sampler), parted, jobs=1)
+    run_study(search(trained, trials=14, sampler=sampler), parted, jobs=1)
     assert formula[: len(whole)] == whole
-    run_study(search(trained, trials=17, sampler=sampler), tmp_path / "longer", jobs=1)
+    run_study(search(trained, trials=14, sampler=sampler), tmp_path / "longer", jobs=1)
     assert content(parted).items() >= content(tmp_path / "longer").items()
-    run_study(wanted, parted, jobs=1)
-    assert content(parted).items() >= content(tmp_path / "whole").items(), "and shorter again"
 
 
 def test_a_journal_may_end_anywhere(
@@ -142,7 +148,7 @@ def test_a_journal_may_end_anywhere(
     before, played = content(tmp_path), len(formula)
     journal = tmp_path / "search.journal"
     lines = journal.read_bytes().splitlines(keepends=True)
-    for kept in range(0, len(lines), 9):
+    for kept in range(0, len(lines), 20):
         journal.write_bytes(b"".join(lines[:kept]) + lines[kept][:20])
         Path(f"{journal}.lock").symlink_to(journal)  # of whoever was killed
         run_study(wanted, tmp_path, jobs=1)
@@ -153,21 +159,6 @@ def test_a_journal_may_end_anywhere(
     journal.unlink()
     run_study(wanted, tmp_path, jobs=1)
     assert content(tmp_path) == before and len(formula) == played
-
-
-def test_another_search_in_the_folder_begins_anew(
-    trained: Path, formula: list[dict[str, float]], tmp_path: Path
-) -> None:
-    run_study(search(trained, trials=4), tmp_path / "both", jobs=1)
-    other = search(trained, trials=4, constraints={})
-    run_study(other, tmp_path / "both", jobs=1)
-    played = len(formula)
-    trials = run_study(other, tmp_path / "alone", jobs=1).data.trials
-    assert trials.equals(read_study(tmp_path / "both").trials)
-    assert trials["parameter_life"].tolist() == [one["life_seconds"] for one in formula[played:]]
-    seeds = [search(trained, trials=4).model_copy(update={"seed": seed}) for seed in (1, 2)]
-    one, two = (run_study(s, tmp_path / str(s.seed), jobs=1).data.trials for s in seeds)
-    assert one["parameter_life"].tolist() != two["parameter_life"].tolist()
 
 
 def test_several_objectives_have_a_front(
@@ -183,8 +174,6 @@ def test_several_objectives_have_a_front(
     chosen = trials[trials["chosen"]].sort_values("max_fatigued")
     assert list(line.x) == chosen["max_fatigued"].tolist()
     assert list(line.y) == chosen["hits"].tolist()
-    assert len(source.groups) <= 6, "only some of the best are looked at closely"
-    assert next(search_sentences(source)).text.startswith(f"{len(chosen)} trials are the best com")
     front = trials[trials["chosen"]].sort_values("hits")
     # Hard costs nothing here, and every life of it is a compromise.
     hard = trials[trials["parameter_difficulty"] == "hard"]
@@ -205,123 +194,53 @@ def test_a_report_shows_what_was_tried(
     (line,) = (layer for layer in progress.layers if isinstance(layer, Line))
     # Nothing is the best before a trial keeps the limits; then it only falls.
     so_far = trials["max_fatigued"].where(trials["keeps_limits"]).cummin().ffill()
-    assert [value is None for value in line.y] == so_far.isna().tolist()
     assert [value for value in line.y if value is not None] == so_far.dropna().tolist()
-    assert len(figures["search_slices"].panels) == 4  # two parameters by two measures
-    parallel = figures["search_parallel"].panels[0]
-    assert len(parallel.layers) == 8
-    assert parallel.ticks is not None and parallel.ticks[1] == "difficulty: easy … hard"
-    for layer in parallel.layers:
-        assert isinstance(layer, Line) and all(v is None or 0 <= v <= 1 for v in layer.y)
-    first, second, *_ = search_sentences(source)
+    first, *_ = search_sentences(source)
     assert first.text == (
         f"Trial {best['trial']} has the least muscle fatigue with hits >= 8: life "
         f"{best['parameter_life']:.5g}, difficulty {best['parameter_difficulty']}."
     )
-    assert "8 trials by Optuna" in first.numbers and "luck" in second.text
-    rows = trial_table(source)
-    assert (
-        rows.count("<tr>") == 9 and rows.count("beyond a limit") == (~trials["keeps_limits"]).sum()
-    )
+    assert trial_table(source).count("beyond a limit") == (~trials["keeps_limits"]).sum()
     page = write_report(tmp_path, stills=False).page.read_text(encoding="utf-8")
     assert page.index('id="search_parallel"') < page.index('id="measures"')
 
 
-def test_it_begins_with_what_is_known(
-    trained: Path, formula: list[dict[str, float]], tmp_path: Path
+LIFE_BOUNDS = {"key": LIFE, "low": 0.5, "high": 1.5}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"objectives": {"hitz": "min"}}, "optimise.objectives: got 'hitz', expected one of hits"),
+        ({"objectives": {}}, "optimise.objectives: got 0, expected 1 to 4"),
+        (
+            {"parameters": {"life": {**LIFE_BOUNDS, "low": 1.5, "high": 0.5}}},
+            "optimise.parameters.life: got an empty range, low 1.5 and high 0.5, expected low",
+        ),
+        (
+            {"constraints": {"hits": {"least": 3, "most": 2}}},
+            "optimise.constraints.hits: got least 3 and most 2, which nothing can keep",
+        ),
+        ({"constraints": {"hits": {}}}, "constraints.hits: got no limit, expected least or most"),
+        ({"parameters": {"life": {**LIFE_BOUNDS, "low": -1.0}}}, "cell life=-1: env.app.options"),
+        ({"begin": [{"life": 9}]}, "begin.0.life: got 9, expected 0.5 to 1.5"),
+        (
+            {"stop": {"report": "rollout/return", "at": [10]}},
+            "optimise.stop: got it without a training",
+        ),
+    ],
+)
+def test_what_cannot_be_searched_for_is_said(
+    change: dict[str, Any], message: str, trained: Path, tmp_path: Path
 ) -> None:
-    begin = [{"life": 1.0, "difficulty": "easy"}, {"difficulty": "hard"}]
-    asked = search(trained, begin=begin, trials=3, sampler="random")
-    trials = run_study(asked, tmp_path, jobs=1).data.trials
-    assert trials["parameter_life"].iloc[0] == 1.0
-    assert trials["parameter_difficulty"].tolist()[:2] == ["easy", "hard"]
-
-
-def test_a_limit_that_no_trial_keeps_chooses_none(
-    trained: Path, formula: list[dict[str, float]], tmp_path: Path
-) -> None:
-    asked = search(trained, constraints={"hits": {"least": 99.0}}, trials=4)
-    trials = run_study(asked, tmp_path, jobs=1).data.trials
-    assert not trials["chosen"].any() and not trials["keeps_limits"].any()
-    assert set(trials["state"]) == {"measured"}
-
-
-def refused(change: Callable[[dict[str, Any]], None], trained: Path, tmp_path: Path) -> str:
     tree = search(trained).model_dump(mode="json", exclude_defaults=True)
-    change(tree)
-    with pytest.raises(InputError) as caught:
+    tree["optimise"] |= change
+    with pytest.raises(InputError, match=re.escape(message)):
         run_study(tree, tmp_path / "none", jobs=1)
     assert not list((tmp_path / "none" / "cells").glob("*")), "nothing was played"
-    return str(caught.value)
-
-
-def test_what_cannot_be_searched_for_is_said(
-    trained: Path, formula: list[dict[str, float]], tmp_path: Path
-) -> None:
-    def said(message: str, **optimise: Any) -> None:
-        def change(tree: dict[str, Any]) -> None:
-            tree["optimise"] |= optimise
-
-        text = refused(change, trained, tmp_path)
-        assert message in text, text
-
-    life = {"key": LIFE, "low": 0.5, "high": 1.5}
-    said("optimise.objectives: got 'hitz', expected one of hits", objectives={"hitz": "min"})
-    said("optimise.constraints: got 'hitz', expected", constraints={"hitz": {"least": 1}})
-    said(
-        "optimise.parameters.life: got an empty range, low 1.5 and high 0.5, expected low below",
-        parameters={"life": {**life, "low": 1.5, "high": 0.5}},
-    )
-    said(
-        "optimise.constraints.hit_rate: got least 1.2, which nothing can keep, expected a limit "
-        "between 0 and 1",
-        constraints={"hit_rate": {"least": 1.2}},
-    )
-    said(
-        "optimise.constraints.hits: got least 3 and most 2, which nothing can keep",
-        constraints={"hits": {"least": 3, "most": 2}},
-    )
-    said("constraints.hits: got no limit, expected least or most", constraints={"hits": {}})
-    said(
-        "did you mean 'life_seconds'",
-        parameters={"life": {**life, "key": "env.app.options.live_seconds"}},
-    )
-    said("cell life=-1: env.app.options", parameters={"life": {**life, "low": -1.0}})
-    said("optimise.parameters: got none, expected at least one", parameters={})
-    said("optimise.objectives: got 0, expected 1 to 4", objectives={})
-    said("objectives.hits: got 'least'", objectives={"hits": "least"})
-    said("begin.0.life: got 9, expected 0.5 to 1.5", begin=[{"life": 9}])
-    said("did you mean 'life'", begin=[{"lief": 1.0}])
-    said(
-        "optimise.stop: got it without a training",
-        stop={"report": "rollout/return", "at": [10]},
-    )
-
-    def with_factors(tree: dict[str, Any]) -> None:
-        tree["factors"] = {"d": {"key": "deterministic", "levels": [True]}}
-
-    text = refused(with_factors, trained, tmp_path)
-    assert "factors: got some, expected none together with optimise" in text
 
 
 # --- searches that train -------------------------------------------------------------------------
-
-
-@pytest.fixture
-def trainings(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
-    """Trains and plays the stand-in; returns what was trained, session by session."""
-    begun: list[Path] = []
-    real = work.trainer.train
-
-    def train(config: Any, out: Path, **how: Any) -> Any:
-        begun.append(out)
-        return real(config, out, **how, simulation=lambda c: FakeSimulation(c.env, c.ppo.n_envs))
-
-    monkeypatch.setattr(work.trainer, "train", train)
-    monkeypatch.setattr(
-        work, "evaluate", lambda user, r: evaluate(user, r, simulation=FakeSimulation)
-    )
-    return begun
 
 
 def tuning(trained: Path, folder: Path, **changes: Any) -> StudyConfig:
@@ -347,7 +266,7 @@ def tuning(trained: Path, folder: Path, **changes: Any) -> StudyConfig:
 
 
 def test_trainings_that_learn_little_are_stopped(
-    trained: Path, trainings: list[Path], tmp_path: Path
+    trained: Path, trainings: list[Any], tmp_path: Path
 ) -> None:
     asked = tuning(trained, tmp_path / "config")
     found = run_study(asked, tmp_path / "whole", jobs=1)
@@ -381,19 +300,6 @@ def test_trainings_that_learn_little_are_stopped(
     assert content(tmp_path / "whole") == before
 
 
-def test_reports_are_the_best_so_far_at_each_step() -> None:
-    rows = [
-        {"step": 20, "r": 1.0},
-        {"step": 40, "r": 3.0},
-        {"step": 60, "r": 2.0},
-        {"step": 80, "r": None},
-        {"step": 100},
-    ]
-    stop = StopConfig(report="r", at=(30, 60, 90, 110))
-    assert reports_of(rows, stop) == {30: 3.0, 60: 3.0, 90: 3.0}
-    assert reports_of(rows, StopConfig(report="r", at=(60,), better="lower")) == {60: 1.0}
-
-
 @pytest.mark.parametrize(
     ("own", "changes", "stopped_at"),
     [
@@ -424,7 +330,7 @@ def test_a_training_is_stopped_where_it_is_behind(
 
 
 def test_trainings_that_diverge_are_trials_without_a_number(
-    trained: Path, trainings: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    trained: Path, trainings: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stand_in = work.trainer.train
 
@@ -441,48 +347,3 @@ def test_trainings_that_diverge_are_trials_without_a_number(
     assert 0 < wild.sum() < 4
     assert (trials["state"] == "stopped").tolist() == wild.tolist()
     assert trials["return"].isna().tolist() == wild.tolist()
-
-
-def test_what_no_training_reports_is_said(
-    trained: Path, trainings: list[Path], tmp_path: Path
-) -> None:
-    stop = {"report": "rollout/ep_rew_maen", "at": [60]}
-    with pytest.raises(InputError, match=r"optimise\.stop\.report: got .*did you mean 'rollout/ep"):
-        run_study(tuning(trained, tmp_path, stop=stop, trials=1), tmp_path / "out", jobs=1)
-    with pytest.raises(InputError, match=r"optimise\.stop\.at: got 120 with a training of 120"):
-        stop = {"report": "rollout/ep_rew_mean", "at": [120]}
-        run_study(tuning(trained, tmp_path, stop=stop), tmp_path / "none", jobs=1)
-
-
-@pytest.mark.slow
-def test_a_real_training_is_tuned(tmp_path: Path) -> None:
-    """Three learning rates, 96 user steps each, then a round of 3 s."""
-    fixed = {
-        "config": "whacamole_constrained.yaml",
-        "condition": "easy",
-        "env.app.options.round_seconds": 3.0,
-        "training.env.app.options.round_seconds": 1.0,
-        "training.total_timesteps": 96,
-        **{
-            f"training.ppo.{key}": value
-            for key, value in {"n_envs": 2, "n_steps": 16, "batch_size": 16, "n_epochs": 1}.items()
-        },
-    }
-    key = "training.ppo.learning_rate.initial"
-    stop = {"report": "train/value_loss", "better": "lower", "at": [32], "earlier": 1}
-    optimise = {
-        "parameters": {"rate": {"key": key, "low": 1e-5, "high": 1e-2, "log": True}},
-        "objectives": {"return": "max"},
-        "trials": 3,
-        "at_once": 1,
-        "stop": stop,
-    }
-    study = {"name": "tuned", "fixed": fixed, "episodes": 1, "optimise": optimise}
-    trials = run_study(study, tmp_path, jobs=1).data.trials
-    losses = [json.loads(text)["32"] for text in trials["reported"]]
-    second = losses[1] > losses[0]
-    third = losses[2] > (losses[0] if second else np.median(losses[:2]))
-    expected = [False, second, third]
-    assert (trials["state"] == "stopped").tolist() == expected
-    assert len(set(losses)) == 3 and trials["chosen"].sum() == 1
-    assert trials["return"].notna().tolist() == [not stopped for stopped in expected]

@@ -6,8 +6,6 @@ import pytest
 
 from sim2vr_harness.client import GameFacts, ItemOutcome, LoggedItem, describe_game
 from sim2vr_harness.evaluation.data.items import (
-    EVENT_COLUMNS,
-    item_columns,
     item_rows,
     read_log,
 )
@@ -41,40 +39,17 @@ def rows_of(text: str, facts: GameFacts, folder: Path) -> list[dict[str, object]
 def test_items_by_hand(tmp_path: Path) -> None:
     first, second = rows_of(LOG, GAME, tmp_path)
     assert first == {
-        "episode": "a_seed1",
-        "item": "coin",
-        "item_id": 0,
-        "cell": 7,
-        "begin_s": 0.5,
-        "end_s": 2.0,
-        "latency_s": 1.5,
-        "outcome": "taken",
-        "success": True,
-        "x_m": 0.5,
-        "y_m": 1.25,
-        "z_m": -2.0,
+        "episode": "a_seed1", "item": "coin", "item_id": 0, "cell": 7, "begin_s": 0.5,
+        "end_s": 2.0, "latency_s": 1.5, "outcome": "taken", "success": True,
+        "x_m": 0.5, "y_m": 1.25, "z_m": -2.0,
         # |(2, -3, 6)| = 7; the brush's velocity decided nothing.
-        "speed_mps": 7.0,
-        "velocity_x_mps": 2.0,
-        "velocity_y_mps": -3.0,
-        "velocity_z_mps": 6.0,
-        "coin_brushed_count": 2,
-        "log_worth": 10.0,
-        "log_left": True,
-        "log_tint_x": 1.0,
+        "speed_mps": 7.0, "velocity_x_mps": 2.0, "velocity_y_mps": -3.0, "velocity_z_mps": 6.0,
+        "coin_brushed_count": 2, "log_worth": 10.0, "log_left": True, "log_tint_x": 1.0,
         "log_tint_y": 2.0,
-    }
+    }  # fmt: skip
     # Its end was cut off with the log: it has none.
     assert second["begin_s"] == 0.75 and second["x_m"] == 1.0
     assert "end_s" not in second and "outcome" not in second
-
-
-def test_columns_are_everybody_s_and_then_the_game_s(tmp_path: Path) -> None:
-    names = [column.name for column in item_columns(rows_of(LOG, GAME, tmp_path))]
-    assert names[: len(EVENT_COLUMNS)] == [column.name for column in EVENT_COLUMNS]
-    further = ["coin_brushed_count", "log_worth", "log_left", "log_tint_x", "log_tint_y"]
-    assert names[len(EVENT_COLUMNS) :] == further
-    assert len(item_columns([])) == len(EVENT_COLUMNS)
 
 
 @pytest.mark.parametrize(
@@ -84,11 +59,6 @@ def test_columns_are_everybody_s_and_then_the_game_s(tmp_path: Path) -> None:
             "whacamole",
             "1.1, target_hit, target ID 3, grid ID 1, velocity 0 3 4",
             {"item": "target", "item_id": 3, "cell": 1, "outcome": "hit", "speed_mps": 5.0},
-        ),
-        (
-            "beats",
-            "2.25, box_slice, number 2, level time 2.2, place -1 2 3, left, velocity 0 3 4",
-            {"item": "box", "outcome": "slice", "x_m": -1.0, "log_left": True, "speed_mps": 5.0},
         ),
         (
             "beats",
@@ -115,24 +85,14 @@ def test_columns_are_everybody_s_and_then_the_game_s(tmp_path: Path) -> None:
             {"item": "wall", "item_id": 1, "outcome": "avoided", "success": True},
         ),
         (
-            "beats",
-            "3, mine_hit, number 2, level time 3, place -1 2 3, right, velocity 0 0 1",
-            {"item": "mine", "item_id": 2, "outcome": "hit", "success": False},
-        ),
-        (
             "pointing",
             "4, target_error, target ID 5, grid ID 2, block 1, trial 3, place 0.1 0.2",
             {"item": "target", "outcome": "error", "cell": 2, "log_block": 1.0, "log_place_y": 0.2},
         ),
-        ("sample", "4, ball_touched, number 1", None),
     ],
 )
 def test_items_that_games_publish(
-    game: str, line: str, expected: dict[str, object] | None, tmp_path: Path
+    game: str, line: str, expected: dict[str, object], tmp_path: Path
 ) -> None:
-    rows = rows_of(line, describe_game(game), tmp_path)
-    if expected is None:
-        assert rows == [], "a game that publishes no items has none"
-        return
-    assert len(rows) == 1
-    assert {key: rows[0][key] for key in expected} == expected
+    (row,) = rows_of(line, describe_game(game), tmp_path)
+    assert expected.items() <= row.items()

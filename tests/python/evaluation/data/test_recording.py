@@ -78,22 +78,15 @@ def test_every_game_s_rounds_become_tables(game: str, tmp_path: Path) -> None:
                 # Pointing's sum has the frame of the reset, too, before the first step.
                 before = -0.1 if game == "pointing" and term.log_key == "DistanceReward" else 0.0
                 assert total == pytest.approx(told - before, abs=1e-3)
+    if game != "sample":  # which writes no log of poses; those of the others say the same
+        both = data.frames().merge(steps, on=["episode", "step"], suffixes=("", "_step"))
+        assert len(both) == 2 * STEPS
+        for name in ("head_x_m", "right_x_m", "right_z_m", "right_qw"):
+            np.testing.assert_array_equal(both[name], both[f"{name}_step"])
     told = data.dictionary
     for name, table in (("episodes", data.episodes), ("steps", steps)):
         assert told[told["table"] == name]["column"].tolist() == table.columns.tolist()
     assert (told["description"] != "").all()
-
-
-@pytest.mark.parametrize("game", ["whacamole", "beats", "pointing"])
-def test_steps_and_the_app_s_own_log_say_the_same(game: str, tmp_path: Path) -> None:
-    _, data, _ = played(game, tmp_path, episodes=1)
-    frames = data.frames()
-    both = frames.merge(data.steps(), on=["episode", "step"], suffixes=("", "_step"))
-    assert len(both) == STEPS
-    assert frames["step"].tolist() == list(range(STEPS + 1))
-    for name in ("head_x_m", "head_y_m", "right_x_m", "right_z_m", "right_qw"):
-        np.testing.assert_array_equal(both[name], both[f"{name}_step"])
-    np.testing.assert_allclose(both["time_s"], both["time_s_step"], atol=1e-5)
 
 
 def test_joints_muscles_and_fatigue(tmp_path: Path) -> None:
@@ -125,10 +118,3 @@ def test_items_of_a_round_agree_with_its_measures(tmp_path: Path) -> None:
     assert missed["latency_s"].between(0.25, 0.35).all()
     assert events["cell"].between(0, 8).all()
     assert events[["x_m", "y_m", "z_m"]].notna().all().all()
-
-
-def test_a_round_s_tables_do_not_depend_on_the_others(tmp_path: Path) -> None:
-    _, both, _ = played("whacamole", tmp_path / "both")
-    _, one, _ = played("whacamole", tmp_path / "one", episodes=1)
-    assert both.steps("any_seed1").equals(one.steps("any_seed1"))
-    assert both.frames("any_seed1").equals(one.frames("any_seed1"))

@@ -31,7 +31,7 @@ def test_rounds_of_an_evaluation_become_recordings_of_iwer(tmp_path: Path) -> No
     np.testing.assert_allclose(session.right.grip[:, :3], steps[columns], atol=2e-6)
 
 
-@pytest.mark.parametrize("form", [(), ("--csv",), ("--iwer",)])
+@pytest.mark.parametrize("form", [("--csv",), ("--iwer",)])
 def test_every_export_checks_the_names_of_episodes_first(
     form: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

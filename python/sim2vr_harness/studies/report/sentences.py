@@ -23,14 +23,13 @@ from sim2vr_harness.studies.report.source import (
     ReportSource,
     in_words,
     known,
+    level_name,
     some_of,
     summary_of,
 )
 
 _MOST_TESTS = 6
 """Of a kind that have a sentence each; the table of tests has all."""
-MOST_SENTENCES = 5
-"""Of the summary; what follows them is listed further down."""
 _SIGNIFICANT = 0.05
 _TESTS = {
     "paired-t": "paired t test",
@@ -52,19 +51,49 @@ class Sentence:
 
 
 def sentences_of(source: ReportSource, published: Published) -> list[Sentence]:
-    """Return the summary, most important first: the answer to the title, then what limits it.
+    """Return the answer to the title, what limits it, and all other answers.
 
-    The page shows the first :data:`MOST_SENTENCES`; only requested measures have some.
+    Only requested measures have some.
     """
     answers = list(_answers(source) if source.comparisons else _described(source))
-    limits = [*dropout_sentences(source), *(Sentence(text, "") for text in warnings_of(source))]
-    people = [Sentence(*words) for words in people_sentences(source, published, _asked(source))]
-    return [*answers[:1], *limits, n_sentence(source), *answers[1:], *people]
+    people = [Sentence(*words) for words in people_sentences(source, published, asked(source))]
+    return [*answers[:1], *limits_of(source), *answers[1:], *people]
+
+
+def limits_of(source: ReportSource) -> list[Sentence]:
+    """Return missing values, what users were not trained for, and what n allows to conclude."""
+    warned = [Sentence(text, "") for text in warnings_of(source)]
+    return [*dropout_sentences(source), *warned, n_sentence(source)]
+
+
+def headline(source: ReportSource) -> str:
+    """Return the answer in a sentence: where the first requested measure is lowest and highest."""
+    measure = asked(source)[0]
+    clear, unclear = {}, {}
+    for result in source.comparisons:
+        factor, means = str(result["factor"]), result.get("means") or (None,)
+        if result["measure"] != measure.name or result.get("p") is None or None in means:
+            continue
+        at = {
+            level_name(factor, level): mean
+            for level, mean in zip(result["levels"], means, strict=True)
+        }
+        low, high = min(at, key=at.__getitem__), max(at, key=at.__getitem__)
+        ends = [f"{name} ({_amount(at[name], measure)})" for name in (low, high)]
+        told = clear if _p(result) < _SIGNIFICANT else unclear
+        told.setdefault(factor, f"lowest with {ends[0]} and highest with {ends[1]}")
+    if clear:
+        more = [f"; {name} makes no clear difference" for name in unclear if name not in clear]
+        return f"{measure.label} is {', and '.join(clear.values())}{''.join(more)}."
+    if unclear:
+        return f"{measure.label} shows no clear difference: {', and '.join(unclear.values())}."
+    means = [(g.label, s.mean) for g in source.groups if (s := summary_of(g, measure.name))]
+    return f"{measure.label}: {some_of([f'{_amount(m, measure)} in {n}' for n, m in means])}."
 
 
 def dropout_sentences(source: ReportSource) -> Iterator[Sentence]:
     """Say whose requested measures are missing or rest on little, in a sentence per measure."""
-    for measure in _asked(source):
+    for measure in asked(source):
         told = [
             (group.label, note)
             for group in source.groups
@@ -91,7 +120,7 @@ def warnings_of(source: ReportSource) -> Iterator[str]:
         yield f"The users{where} were not trained for {_list(lines)}."
 
 
-def _asked(source: ReportSource) -> list[Measure]:
+def asked(source: ReportSource) -> list[Measure]:
     """Return the requested measures; the score if the study names none."""
     named = list(source.planned.get("measures") or ())
     for comparison in source.planned.get("comparisons", ()):
@@ -124,7 +153,7 @@ def n_sentence(source: ReportSource) -> Sentence:
 
 def _described(source: ReportSource) -> Iterator[Sentence]:
     """Describe the requested measures where nothing was compared."""
-    for measure in _asked(source):
+    for measure in asked(source):
         found = [(g, s) for g in source.groups if (s := summary_of(g, measure.name)) is not None]
         if not found:
             continue

@@ -33,12 +33,12 @@ def measure_table(source: ReportSource, published: Published) -> Markup:
             people = published.people_in(group.condition, measure.name)
             if people:
                 told = _pieces(*_people(people, measure), between="<br>")
-                text += Markup('<br><span class="people">people {}</span>').format(told)
+                text += Markup('<br><span class="small">people {}</span>').format(told)
             cells.append(text)
         heading = measure.heading
         if measure.better != "none":
             arrow = "↑" if measure.better == "higher" else "↓"
-            heading = Markup('{} <span class="people">{}</span>').format(heading, arrow)
+            heading = Markup('{} <span class="small">{}</span>').format(heading, arrow)
         rows.append([heading, *cells])
     counts = [
         f"{len(set(group.units))} × {len(group.episodes) // max(1, len(set(group.units)))}"
@@ -46,6 +46,15 @@ def measure_table(source: ReportSource, published: Published) -> Markup:
     ]
     rows.insert(0, ["Players × rounds", *counts])
     return table(["", *(group.label for group in source.groups)], rows)
+
+
+def group_table(source: ReportSource, measures: Sequence[Measure]) -> Markup:
+    """A row per group and a column per measure."""
+    rows = [
+        [g.label, *(_pieces(with_spread(summary_of(g, m.name), m)) for m in measures)]
+        for g in source.groups
+    ]
+    return table(["", *(measure.heading for measure in measures)], rows)
 
 
 def _pieces(*texts: str, between: str = " ") -> Markup:

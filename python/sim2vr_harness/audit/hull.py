@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count, product, repeat
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -21,7 +20,8 @@ from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
 from sim2vr_harness.envs.people_preset import with_people
 from sim2vr_harness.envs.resolved import ResolvedEnv
-from sim2vr_harness.figures.figure import Figure, Panel
+from sim2vr_harness.figures.figure import Figure, Layer, Panel
+from sim2vr_harness.figures.figure import Path as Path_
 from sim2vr_harness.figures.html import Part, drawn, image, save_page, table
 from sim2vr_harness.users import Body
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
@@ -45,6 +45,8 @@ _ROUNDS = 12
 _SHRINK, _SWELL = 0.5, -0.53
 """Taubin's two steps of smoothing, which together keep the volume."""
 _PICTURE = (1280, 720)
+_MOST_POINTS = 1500
+"""Of the surface of the reach, in space."""
 _BALL_M = 0.025
 _ROOM_RGBA, _INSIDE_RGBA, _OUTSIDE_RGBA = (
     (0.16, 0.45, 0.85, 0.20),
@@ -609,53 +611,32 @@ def write_page(found: Measured, picture: Path, file: Path) -> Path:
             table(["Target", "Within reach", "Right (m)", "Up (m)", "Ahead (m)"], rows, bad)
         )
     caption = "Turn it with the mouse or a finger; pointing at a target shows its name."
-    turned = drawn(Figure("hull", "Reach", caption, [Panel("", ())]), [_figure(found)], still=False)
+    turned = drawn(Figure("hull", "Reach", caption, [_space(found)]), still=False)
     title = f"What can {found.point.part} of {found.body.name} reach?"
     sections = [("What limits this answer", [words]), ("Reach in space", [turned])]
     return save_page(file, title, answer, first, sections)[0]
 
 
-def _figure(found: Measured) -> dict[str, Any]:
-    """Return the hull, the body's bones and the targets, for Plotly."""
-    vertices, triangles = shell(found.volume)
-    (right, up, ahead), (i, j, k) = position_to_app(vertices).round(4).T, triangles.T
-    room: dict[str, Any] = {
-        "type": "mesh3d",
-        "color": _ROOM,
-        "opacity": 0.22,
-        "name": "within reach",
-    }
-    room |= {"x": right, "y": ahead, "z": up, "i": i, "j": j, "k": k}
-    bones: dict[str, Any] = {
-        "type": "scatter3d",
-        "mode": "lines",
-        "name": "the body",
-        "hoverinfo": "skip",
-    }
-    bones |= {"line": {"color": _BONES, "width": 6}}
-    bones |= dict(zip("xyz", _bones(found.body), strict=True))
-    traces = [room | {"showlegend": True, "hoverinfo": "skip"}, bones]
+def _space(found: Measured) -> Panel:
+    """Return the surface of the reach, the body's bones and the targets in space."""
+
+    def places(name: str, at: FloatArray, colour: str, hover: Sequence[str] | None = None) -> Path_:
+        right, up, ahead = np.reshape(at, (-1, 3)).T
+        return Path_(name, right, ahead, up, colour, places=True, hover=hover)
+
+    surface = position_to_app(found.volume.surface())
+    layers: list[Layer] = [
+        places("within reach", surface[:: 1 + len(surface) // _MOST_POINTS], _ROOM),
+        Path_("the body", *_bones(found.body), _BONES),
+    ]
     for inside, colour, label in ((True, _INSIDE, "reached"), (False, _OUTSIDE, "not reached")):
         pairs = zip(found.targets, found.verdicts, strict=True)
         chosen = [(target, verdict) for target, verdict in pairs if verdict.inside == inside]
         if chosen:
-            right, up, ahead = np.array([target.place_m for target, _ in chosen]).T
-            trace: dict[str, Any] = {
-                "type": "scatter3d",
-                "mode": "markers",
-                "name": f"targets {label}",
-            }
-            trace |= {"x": right, "y": ahead, "z": up, "hovertemplate": "%{text}<extra></extra>"}
-            line = {"width": 1, "color": "white"}
-            trace["marker"] = {"size": 5, "color": colour, "line": line}
-            trace["text"] = [f"{t.name}: {margin_words(v.margin_m)}" for t, v in chosen]
-            traces.append(trace)
-    axes = {"xaxis": "right (m)", "yaxis": "ahead (m)", "zaxis": "up (m)"}
-    scene: dict[str, Any] = {name: {"title": {"text": label}} for name, label in axes.items()}
-    scene |= {"aspectmode": "data", "camera": {"eye": {"x": 1.5, "y": -1.5, "z": 0.8}}}
-    layout: dict[str, Any] = {"height": 640, "margin": dict.fromkeys("lrtb", 0), "scene": scene}
-    layout["legend"] = {"orientation": "h", "y": 0.0, "yanchor": "top"}
-    return {"data": traces, "layout": layout, "keys": []}
+            at = np.array([target.place_m for target, _ in chosen])
+            hover = [f"{t.name}: {margin_words(v.margin_m)}" for t, v in chosen]
+            layers.append(places(f"targets {label}", at, colour, hover))
+    return Panel("", layers, legend=True)
 
 
 def _bones(body: Body) -> tuple[list[float | None], ...]:

@@ -20,7 +20,7 @@ from sim2vr_harness.audit.remedies import GOAL
 from sim2vr_harness.audit.summary import EVERYONE, Audit, plain
 from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
-from sim2vr_harness.figures.figure import GREY, INK, Bars, Figure, Panel
+from sim2vr_harness.figures.figure import GREY, INK, Figure, Panel
 from sim2vr_harness.figures.figure import Path as Places
 from sim2vr_harness.figures.html import Part, drawn, image, listed, save_page, table
 from sim2vr_harness.figures.matplotlib_backend import write_figure
@@ -115,18 +115,6 @@ def headline(values: Mapping[str, Any]) -> str:
     return f"{missed} of {len(targets)} targets exclude more than 5 % of {who}; {everything}."
 
 
-def findings(values: Mapping[str, Any]) -> list[str]:
-    """Return a sentence per target that excludes more than 5 %, worst first."""
-    found = []
-    for target in _missed(values):
-        n = target["usable"]["n"]
-        why = ", ".join(f"{cause}: {count} of {n}" for cause, count in target["causes"].items())
-        offers = ", or ".join(_offers(target))
-        advice = f"To include 95 %: {offers}." if offers else f"{_NO_SHIFT} includes 95 %."
-        found.append(f"{target['name']}: {_percent(target['usable'])} can use it ({why}). {advice}")
-    return found
-
-
 def too_weak(values: Mapping[str, Any]) -> str:
     """Return a sentence about targets at which the model excludes people, not nature; or none."""
     names = [
@@ -191,7 +179,7 @@ def _share(share: Mapping[str, Any]) -> str:
     return f"{100.0 * share['share']:.0f} %"
 
 
-def _answers(values: Mapping[str, Any]) -> list[tuple[str, ...]]:
+def answers(values: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Return which persons are excluded from which target, why, and what would include them."""
     rows: list[tuple[str, ...]] = []
     for target in _missed(values):
@@ -220,7 +208,7 @@ def _answers(values: Mapping[str, Any]) -> list[tuple[str, ...]]:
 
 def _first(values: Mapping[str, Any], still: Path) -> list[Part]:
     """Return the picture and the table of the first screen."""
-    header, rows = _ANSWER, _answers(values)
+    header, rows = _ANSWER, answers(values)
     if not rows:
         header, columns = ("target", "can use it", "seen", "reached"), ("usable", "seen", "reached")
         hard = sorted(values["targets"], key=lambda each: each["usable"]["share"] or 0.0)
@@ -266,18 +254,7 @@ def _sections(
             shares.append((group["name"] + mark, str(group["n"]), *map(_percent, own)))
         header = ("group", "persons", *(["every target"] if first else []), *chosen)
         sections[-1][1].append(table(header, shares))
-    reached = [
-        each for each in values["targets"] if each["exertion"]["n"] and each["how"] != "look"
-    ]
-    medians = [each["exertion"]["share_of_activation"][1] for each in reached]
-    shown = [1.0 if each is None else min(each, 1.0) for each in medians]
-    bars = Bars("activation", [each["name"] for each in reached], shown, "#0072b2")
-    panel = Panel("", (bars,), y_label="share of maximum", y_range=(0.0, 1.0))
-    caption = (
-        "Median activation of the shoulder's muscles that hold the arm at each target; 1: too weak."
-    )
-    figures = [Figure("activation", "Activation", caption, [panel])] if reached else []
-    sections.append(("Exertion by target", [*figures, _exertion_table(values), _EXERTION]))
+    sections.append(("Exertion by target", [_exertion_table(values), _EXERTION]))
     if any(each["operated"] for each in values["targets"]):
         sections.append(("Acted out", [_operated_table(values), _OPERATED]))
     if values["paths"]:

@@ -144,7 +144,6 @@ class Panel:
         y_range: Least and greatest y; None: as the layers need it.
         legend: Whether to name the layers.
         wide: Whether it takes a whole line of the page.
-        rows: Height in lines of bars or of a table; 0: the usual height.
     """
 
     title: str
@@ -157,7 +156,11 @@ class Panel:
     y_range: tuple[float, float] | None = None
     legend: bool = False
     wide: bool = False
-    rows: int = 0
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of a table of colours; 0 without one."""
+        return max((len(x.rows) for x in self.layers if isinstance(x, Heat)), default=0)
 
     @property
     def categories(self) -> Sequence[str]:

@@ -2,7 +2,7 @@
 
 import base64
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -72,19 +72,14 @@ def image(content: bytes, about: str, kind: str = "png") -> Markup:
     return Markup('<img alt="{}" src="data:image/{};base64,{}">').format(about, kind, text)
 
 
-def drawn(figure: Figure, plots: Sequence[Mapping[str, Any]] = (), *, still: bool = True) -> Markup:
-    """Return a figure: its caption, plots for the screen and a still for paper.
-
-    Args:
-        plots: Plotly's data, layout and keys of each panel; none: as the panels say.
-        still: Whether it is on paper, too.
-    """
-    panels = zip(figure.panels, plots or map(plotly_of, figure.panels), strict=True)
+def drawn(figure: Figure, *, still: bool = True) -> Markup:
+    """Return a figure: its caption, plots for the screen and, if wanted, a still for paper."""
     content = png_of(figure) if still else b""
     # PNG: the width stands behind eight bytes of signature and eight of the first block.
     width = round(100 * min(1.0, int.from_bytes(content[16:20], "big") / _PAPER_PX))
     values = {"still": base64.b64encode(content).decode(), "width": width}
-    found = render("figures/figure.html.jinja", figure=figure, panels=list(panels), **values)
+    panels = [(panel, plotly_of(panel)) for panel in figure.panels]
+    found = render("figures/figure.html.jinja", figure=figure, panels=panels, **values)
     return found if still else Markup('<div class="screen">{}</div>').format(found)
 
 

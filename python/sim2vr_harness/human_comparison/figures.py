@@ -7,7 +7,6 @@ import numpy as np
 from sim2vr_harness.figures.figure import (
     GREY,
     Figure,
-    Heat,
     Layer,
     Line,
     Numbers,
@@ -18,7 +17,7 @@ from sim2vr_harness.figures.figure import (
 )
 from sim2vr_harness.human_comparison.comparing import ComparisonRow
 from sim2vr_harness.human_comparison.fitts import STUDIES, Spread
-from sim2vr_harness.human_comparison.measures import EVERY_MEASURE, FAMILIES, plain
+from sim2vr_harness.human_comparison.measures import plain
 from sim2vr_harness.human_comparison.persons import Cell, RecordedPerson
 from sim2vr_harness.human_comparison.reaction import Effect
 from sim2vr_harness.human_comparison.report import ComparisonReport
@@ -28,8 +27,6 @@ _BEYOND = 1.5
 """Of people's range, which is shown below and above it."""
 _MOST_ROWS = 12
 """Measures that are shown first where the game names none."""
-_FAR = 5.0
-"""The distance from where on colours are the same."""
 
 _MEAN = "mean ± SD over persons"
 
@@ -39,7 +36,7 @@ _Curve = Callable[[RecordedPerson], tuple[Numbers, Numbers] | None]
 def figures_of(report: ComparisonReport) -> list[Figure]:
     """Return the figures that have content; the first one is the answer."""
     found = (_beside(report), _movement_time(report), _time_to_hit(report), _latency(report))
-    return [each for each in (*found, _overview(report)) if each is not None]
+    return [each for each in found if each is not None]
 
 
 def main_rows(report: ComparisonReport) -> list[list[ComparisonRow | None]]:
@@ -216,40 +213,3 @@ def _straight(
     """MT = a + b ID over the indices that were played."""
     ends = [min(bits), max(bits)]
     return Line(name, ends, [a_s + b * end for end in ends], colour, dashed=dashed)
-
-
-def _overview(report: ComparisonReport) -> Figure | None:
-    """Return a figure with a row per measure: 0 in people's range, or distance from their mean."""
-    columns = [(c, cell) for c in report.compared for cell in _cells(report) if cell in c.persons]
-    if not columns or all(row.distance is None for row in report.rows()):
-        return None
-    found = {
-        (compared.name, row.group, row.condition, row.measure): row
-        for compared in report.compared
-        for row in compared.rows
-    }
-    rows: list[str] = []
-    values: list[list[float | None]] = []
-    for family in FAMILIES:
-        shown = [
-            m for m in EVERY_MEASURE if m.family == family and any(m == key[3] for key in found)
-        ]
-        for measure in shown:
-            beside = [found.get((compared.name, *cell, measure)) for compared, cell in columns]
-            values.append(
-                [
-                    None
-                    if row is None
-                    else (row.distance if row.inside is None or row.inside <= 0.5 else 0.0)
-                    for row in beside
-                ]
-            )
-        rows += [f"{family}: {measure.label}" for measure in shown]
-    labels = [f"{compared.name}: {', '.join(cell)}" for compared, cell in columns]
-    heat = Heat(values, labels, rows, 0.0, _FAR, digits=1)
-    panel = Panel("0: inside people's range", [heat], wide=True, rows=len(rows))
-    text = (
-        "Pale: like people. The number is the distance from people's mean in units of the distance "
-        "of one person from the others."
-    )
-    return Figure("overview", "Every measure", text, [panel])

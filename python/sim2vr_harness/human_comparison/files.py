@@ -181,7 +181,7 @@ def write_page(
     header = ("", *(compared.name for compared in report.compared), "people")
     sections: list[tuple[str, list[Part]]] = [(each.title, [each]) for each in figures[1:]]
     for compared in report.compared:
-        sections.append((f"All measures of {compared.name}", [_page_table(compared)]))
+        sections.append((f"All measures of {compared.name}", [_AWAY, _page_table(compared)]))
     return save_page(
         file,
         f"Does {names} act like people in {report.behaviour.game}?",
@@ -192,6 +192,10 @@ def write_page(
     )
 
 
+_AWAY = (
+    "Marked: outside people's range. Away: distance from people's mean, in units of the distance "
+    "of one person from the others."
+)
 _LIMIT = (
     "People's range is from the lowest to the highest of those who were recorded; few people have "
     "a narrow range."
@@ -230,12 +234,12 @@ def _page_table(compared: Compared) -> Markup:
             "" if row.people_mean is None else plain(row.people_mean),
             row.people_range if row.people > 1 else "",
             f"{row.persons}, {row.people}",
-            "" if row.inside is None else f"{row.inside:.2g}",
+            "" if row.distance is None else f"{row.distance:.1f}",
         )
         for row in compared.rows
     ]
     bad = [i for i, row in enumerate(compared.rows) if row.inside is not None and row.inside < 0.5]
-    return table(("measure", "unit", compared.name, "people", "range", "n", "inside"), rows, bad)
+    return table(("measure", "unit", compared.name, "people", "range", "n", "away"), rows, bad)
 
 
 def write_csv(report: ComparisonReport, folder: Path) -> list[Path]:

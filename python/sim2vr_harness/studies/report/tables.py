@@ -155,7 +155,7 @@ def test_table(source: ReportSource) -> Markup | None:
             f"{measure.label if measure else result['measure']}{place_of(result)}",
             sign.join(map(str, result.get("levels") or ())),
             means,
-            difference_words(result, measure, "[]"),
+            difference_words(result, measure),
             counted,
             str(result["test"]),
             *_outcome(result),

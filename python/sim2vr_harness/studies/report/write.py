@@ -42,7 +42,6 @@ from sim2vr_harness.studies.report.body import (
 from sim2vr_harness.studies.report.methods import BIBTEX, PlayedBy, methods_of, played_by
 from sim2vr_harness.studies.report.search import figures_of_search, search_sentences, trial_table
 from sim2vr_harness.studies.report.sentences import (
-    Sentence,
     asked,
     difference_words,
     headline,
@@ -76,10 +75,8 @@ _SECONDS = 10.0
 _POSTER_S = 3.0
 """Time after which the arms have risen from their hanging start posture, s."""
 _QUALITY = 30  # of H.264: larger is smaller
-_STRIP, _STRIP_WIDTH = 5, 640
 _MOST_BYTES = 3_000_000
-"""Of all excerpts together; those beyond become strips."""
-_MOST_STRIPS = 6
+"""Of all excerpts together."""
 
 
 @dataclass(frozen=True)
@@ -89,43 +86,30 @@ class Example:
     Attributes:
         label: Of the group.
         name: Of the whole film's file, relative to the report's folder.
-        video: An excerpt as MP4, Base64; None: too large, or it cannot be cut.
-        poster: What is shown before it plays, JPEG, Base64.
-        strip: Pictures from it, JPEG, Base64, from first to last.
+        video: An excerpt as MP4, Base64.
+        poster: What is shown before it plays, and on paper, JPEG, Base64.
     """
 
     label: str
     name: str
-    video: str | None
+    video: str
     poster: str
-    strip: Sequence[str]
 
 
 def examples_of(groups: Sequence[Group], root: Path) -> list[Example]:
-    """Return what was filmed (``--record``), a film per group."""
+    """Return what was filmed (``--record``), a film per group, as far as they are small."""
     found: list[Example] = []
     left = _MOST_BYTES
     for group in groups:
         film = _film_of(group)
-        if film is None:
+        video = None if film is None else _excerpt(film)
+        if film is None or video is None or len(video) > left:
             continue
-        video = _excerpt(film) if left > 0 else None
-        if video is not None and len(video) > left:
-            video = None
-        if video is None and len(found) >= _MOST_STRIPS:
-            continue
-        left -= len(video or b"")
+        left -= len(video)
         name = film.relative_to(root) if film.is_relative_to(root) else Path(film.name)
-        found.append(
-            Example(
-                group.label,
-                str(name),
-                None if video is None else base64.b64encode(video).decode(),
-                "" if video is None else _poster(film),
-                [] if video is not None else _strip(film),
-            )
-        )
-    return [example for example in found if example.video or example.strip]
+        text = base64.b64encode(video).decode()
+        found.append(Example(group.label, str(name), text, _poster(film)))
+    return found
 
 
 def _film_of(group: Group) -> Path | None:
@@ -149,20 +133,6 @@ def _poster(film: Path) -> str:
     how = ["-vf", f"select=gte(t\\,{_POSTER_S:g}),scale={_WIDTH}:-2", "-frames:v", "1", "-q:v", "6"]
     made = _ffmpeg(film, how, "poster.jpg")
     return base64.b64encode(made[0]).decode() if made else ""
-
-
-def _strip(film: Path) -> list[str]:
-    """Pictures from first to last."""
-    import imageio_ffmpeg
-
-    try:
-        frames, _ = imageio_ffmpeg.count_frames_and_secs(str(film))
-    except RuntimeError:
-        return []
-    every = max(1, int(frames) // _STRIP)
-    choose = f"select=not(mod(n\\,{every})),scale={_STRIP_WIDTH}:-2"
-    how = ["-vf", choose, "-vsync", "0", "-frames:v", str(_STRIP), "-q:v", "5"]
-    return [base64.b64encode(picture).decode() for picture in _ffmpeg(film, how, "%03d.jpg")]
 
 
 def _ffmpeg(film: Path, how: Sequence[str], name: str) -> list[bytes]:
@@ -488,7 +458,7 @@ def _shown_tests(source: ReportSource) -> Rows:
         rows.append([
             f"{measure.label if measure else one['measure']}{place_of(one)}",
             " – ".join(map(str, one.get("levels") or ())),
-            difference_words(one, measure, "[]"),
+            difference_words(one, measure),
             _count(one["n"]),
             str(one["test"]),
             "–" if p is None else p_words(p),
@@ -576,7 +546,7 @@ class Content:
 
     source: ReportSource
     published: Published
-    sentences: Sequence[Sentence]
+    sentences: Sequence[str]
     figures: Sequence[Figure]
     bodies: Sequence[BodyPicture]
     examples: Sequence[Example]
@@ -591,11 +561,7 @@ def write_page(content: Content, file: Path, *, printed: bool = False) -> list[P
     """
     source, published = content.source, content.published
     limits = limits_of(source)
-    answers = [
-        Markup('{}<br><span class="small">{}</span>').format(one.text, one.numbers)
-        for one in content.sentences
-        if one not in limits
-    ]
+    answers = [text for text in content.sentences if text not in limits]
     below = {
         "search_parallel": trial_table(source),
         "measures": measure_table(source, published),
@@ -604,9 +570,7 @@ def write_page(content: Content, file: Path, *, printed: bool = False) -> list[P
         content.figures,
         key=lambda figure: (not figure.key.startswith("search"), figure.key != "measures"),
     )
-    sections: list[tuple[str, list[Part]]] = [
-        ("What limits this answer", [listed(one.text for one in limits)])
-    ]
+    sections: list[tuple[str, list[Part]]] = [("What limits this answer", [listed(limits)])]
     for figure in figures:
         parts: list[Part] = [figure, below[figure.key]] if figure.key in below else [figure]
         if figure.key == "body" and content.bodies:
@@ -626,11 +590,10 @@ def write_page(content: Content, file: Path, *, printed: bool = False) -> list[P
         beside += [_heading("Why they differ"), listed(published.differences)]
     if len(beside) > 1:
         sections.append(("Beside people and publications", beside))
-    n = n_sentence(source)
     untested = "No comparison was requested: a study's file has them (sim2vr-harness study)."
     sections += [
-        ("Answers with their numbers", [listed(answers)]),
-        ("n and tests", [f"{n.text} {n.numbers}.", test_table(source) or untested]),
+        ("All answers", [listed(answers)]),
+        ("n and tests", [n_sentence(source), test_table(source) or untested]),
         ("Methods", [
             Markup('<p class="methods">{}</p>').format(content.methods),
             user_table(content.users), _heading("Measures"), glossary(source),
@@ -642,7 +605,7 @@ def write_page(content: Content, file: Path, *, printed: bool = False) -> list[P
         shown = [*shown, *(one for one in source.measures if one not in shown)]
     table = group_table(source, shown[:_MOST_MEASURES]) + _about(source)
     first = [_picture(source, published), table]
-    answer = headline(source) if source.search is None else content.sentences[0].text
+    answer = headline(source) if source.search is None else content.sentences[0]
     return save_page(file, source.title, answer, first, sections, printed=printed)
 
 

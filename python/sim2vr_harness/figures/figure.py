@@ -107,7 +107,6 @@ class Heat:
     low: float
     high: float
     digits: int = 2
-    labelled: bool = True
 
 
 @dataclass(frozen=True)

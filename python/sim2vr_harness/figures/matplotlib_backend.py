@@ -269,11 +269,8 @@ def _draw_flat(axes: Any, layer: Line | Points | Band | Ranges | Heat, flipped: 
             axes.bar(layer.x, lengths, bottom=layer.low, width=0.8, **look)
     else:
         values = np.array([_array(row) for row in layer.values])
-        drawn = axes.imshow(values, cmap="Blues", vmin=layer.low, vmax=layer.high, aspect="auto")
+        axes.imshow(values, cmap="Blues", vmin=layer.low, vmax=layer.high, aspect="auto")
         axes.set_yticks(range(len(layer.rows)), layer.rows)
-        if not layer.labelled:
-            axes.figure.colorbar(drawn, ax=axes)
-            return
         middle = (layer.low + layer.high) / 2
         for row, column in np.argwhere(np.isfinite(values)):
             value = values[row, column]

@@ -118,11 +118,9 @@ def _traces(layer: Layer, panel: Panel) -> list[dict[str, Any]]:
             "colorscale": _SCALE,
             "xgap": 2,
             "ygap": 1 if len(layer.rows) > 12 else 2,
-            "showscale": not layer.labelled,
+            "showscale": False,
             "hovertemplate": f"%{{hovertext}}: %{{z:.{layer.digits}f}}<extra></extra>",
         }
-        if not layer.labelled:
-            return [colours]
         told = {"texttemplate": "%{text}"}
         white = {"colorscale": _CLEAR, "hoverinfo": "skip", "hovertemplate": None}
         return [
@@ -216,7 +214,7 @@ def _layout(panel: Panel) -> dict[str, Any]:
 
 
 def _axis(label: str) -> dict[str, Any]:
-    return {"title": {"text": label}, "automargin": True}
+    return {"title": {"text": label.replace("\n", "<br>")}, "automargin": True}
 
 
 def _in_lines(name: str, letters: int) -> str:

@@ -184,7 +184,7 @@ def test_several_objectives_have_a_front(
     assert list(line.x) == chosen["max_fatigued"].tolist()
     assert list(line.y) == chosen["hits"].tolist()
     assert len(source.groups) <= 6, "only some of the best are looked at closely"
-    assert next(search_sentences(source)).text.startswith(f"{len(chosen)} trials are the best com")
+    assert next(search_sentences(source)).startswith(f"{len(chosen)} trials are the best com")
     front = trials[trials["chosen"]].sort_values("hits")
     # Hard costs nothing here, and every life of it is a compromise.
     hard = trials[trials["parameter_difficulty"] == "hard"]
@@ -213,12 +213,12 @@ def test_a_report_shows_what_was_tried(
     assert parallel.ticks is not None and parallel.ticks[1] == "difficulty: easy … hard"
     for layer in parallel.layers:
         assert isinstance(layer, Line) and all(v is None or 0 <= v <= 1 for v in layer.y)
-    first, second, *_ = search_sentences(source)
-    assert first.text == (
-        f"Trial {best['trial']} has the least muscle fatigue with hits >= 8: life "
-        f"{best['parameter_life']:.5g}, difficulty {best['parameter_difficulty']}."
+    first, second, third = search_sentences(source)
+    assert first.startswith(f"Trial {best['trial']} has the least muscle fatigue with hits >= 8, ")
+    assert first.endswith(
+        f": life {best['parameter_life']:.5g}, difficulty {best['parameter_difficulty']}."
     )
-    assert "8 trials by Optuna" in first.numbers and "luck" in second.text
+    assert second.startswith("8 trials by Optuna") and "luck" in third
     rows = trial_table(source)
     assert (
         rows.count("<tr>") == 9 and rows.count("beyond a limit") == (~trials["keeps_limits"]).sum()

@@ -393,29 +393,15 @@ def write_tables(source: ReportSource, folder: Path) -> Iterator[Path]:
                     [measure.name, measure.unit, group.label, *map(_text, measures_numbers)]
                 )
     measures_rows = [["", *(group.label for group in source.groups)]]
-    for measures_measure in source.measures:
-        cells = [
-            with_spread(
-                summary_of(group, measures_measure.name), measures_measure, len(set(group.units))
-            )
-            for group in source.groups
-        ]
-        measures_rows.append([measures_measure.heading, *cells])
+    for measure in source.measures:
+        found = ((g, summary_of(g, measure.name)) for g in source.groups)
+        cells = [with_spread(one, measure, len(set(group.units))) for group, one in found]
+        measures_rows.append([measure.heading, *cells])
     tables = {"table_measures": (rows, measures_rows)}
     if source.comparisons:
         tests_numbers = ("statistic", "p", "p_holm", "effect")
-        tests_rows = [
-            [
-                "measure",
-                "compared",
-                "within",
-                "n",
-                "test",
-                *_DIFFERENCE,
-                *tests_numbers,
-                "effect_name",
-            ]
-        ]
+        names = ["measure", "compared", "within", "n", "test", *_DIFFERENCE, *tests_numbers]
+        tests_rows = [[*names, "effect_name"]]
         for one in source.comparisons:
             difference = dict(one.get("difference") or {})
             difference.setdefault("estimate", difference.get("mean"))

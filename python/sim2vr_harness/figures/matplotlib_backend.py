@@ -102,7 +102,8 @@ def _drawn(figure: Figure) -> Any:
     most = max(len(panel.categories) for panel in panels)
     columns = figure.columns
     if not columns:
-        columns = 1 if len(panels) == 1 or most > 2 * _ROOMY else 2 if len(panels) < 5 else 3
+        few = len(panels) < 5 or any(panel.flipped for panel in panels)
+        columns = 1 if len(panels) == 1 or most > 2 * _ROOMY else 2 if few else 3
     lines = -(-len(panels) // columns)
     wide = panels[0].wide and not panels[0].in_space
     alone = len(panels) == 1 and not (wide or most > _ROOMY)

@@ -127,7 +127,7 @@ def test_every_mark_has_a_legend_and_nothing_is_cut(source: ReportSource) -> Non
     named = [text.get_text() for text in legend.get_texts()]
     assert "round" in named and any(name.startswith("mean") for name in named)
     points = Points("a", [0, 1], [0.9, 0.5], "#000000", spread=[0.4, 0.1], key="mean ± SD")
-    ticks = ["a long name of a", "another long name"]
+    ticks = ["a long name", "another long name"]
     figure = Figure("cut", "", "", [Panel("", [points], ticks=ticks, y_range=(0.0, 1.0))])
     (axes,) = matplotlib_backend._drawn(figure).axes
     assert axes.get_ylim()[0] == 0.0 and axes.get_ylim()[1] >= 1.3

@@ -153,7 +153,7 @@ _MOST_POINTS = 400
 _MOST_COUNTS = 6
 """Most counts that are listed one by one."""
 _GREY = " Grey: the range of the recorded people, and their mean (diamond)."
-_MOST_MEASURES = 5
+_MOST_MEASURES = 4
 """In the table of the first screen."""
 _SPREAD = 0.5
 """Of a group's rounds, in the distance of two groups."""
@@ -394,8 +394,10 @@ def write_tables(source: ReportSource, folder: Path) -> Iterator[Path]:
                 )
     measures_rows = [["", *(group.label for group in source.groups)]]
     for measure in source.measures:
-        found = ((g, summary_of(g, measure.name)) for g in source.groups)
-        cells = [with_spread(one, measure, len(set(group.units))) for group, one in found]
+        cells = [
+            with_spread(summary_of(group, measure.name), measure, len(set(group.units)))
+            for group in source.groups
+        ]
         measures_rows.append([measure.heading, *cells])
     tables = {"table_measures": (rows, measures_rows)}
     if source.comparisons:

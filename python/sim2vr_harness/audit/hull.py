@@ -613,7 +613,8 @@ def write_page(found: Measured, picture: Path, file: Path) -> Path:
     caption = "Turn it with the mouse or a finger; pointing at a target shows its name."
     turned = drawn(Figure("hull", "Reach", caption, [_space(found)]), still=False)
     title = f"What can {found.point.part} of {found.body.name} reach?"
-    sections = [("What limits this answer", [words]), ("Reach in space", [turned])]
+    sections: list[tuple[str, list[Part]]] = [("What limits this answer", [words])]
+    sections.append(("Reach in space", [turned]))
     return save_page(file, title, answer, first, sections)[0]
 
 
@@ -625,9 +626,10 @@ def _space(found: Measured) -> Panel:
         return Path_(name, right, ahead, up, colour, places=True, hover=hover)
 
     surface = position_to_app(found.volume.surface())
+    x, y, z = _bones(found.body)
     layers: list[Layer] = [
         places("within reach", surface[:: 1 + len(surface) // _MOST_POINTS], _ROOM),
-        Path_("the body", *_bones(found.body), _BONES),
+        Path_("the body", x, y, z, _BONES),
     ]
     for inside, colour, label in ((True, _INSIDE, "reached"), (False, _OUTSIDE, "not reached")):
         pairs = zip(found.targets, found.verdicts, strict=True)

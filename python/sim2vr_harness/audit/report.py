@@ -112,7 +112,8 @@ def headline(values: Mapping[str, Any]) -> str:
     everything = f"{100 * share:.0f} % can use every target"
     if not missed:
         return f"At least 95 % of {who} can use each of {len(targets)} targets; {everything}."
-    return f"{missed} of {len(targets)} targets exclude more than 5 % of {who}; {everything}."
+    verb = "excludes" if missed == 1 else "exclude"
+    return f"{missed} of {len(targets)} targets {verb} more than 5 % of {who}; {everything}."
 
 
 def too_weak(values: Mapping[str, Any]) -> str:
@@ -216,11 +217,8 @@ def _first(values: Mapping[str, Any], still: Path) -> list[Part]:
     kept = [number for number, _ in enumerate(header) if any(row[number] for row in rows)]
     rows = [tuple(row[number] for number in kept) for row in rows]
     picture = image(still.read_bytes(), "A person and the targets")
-    return [picture + _caption(), table([header[number] for number in kept], rows)]
-
-
-def _caption() -> Markup:
-    return Markup('<p class="caption">{}</p>').format(_CAPTION)
+    picture += Markup('<p class="caption">{}</p>').format(_CAPTION)
+    return [picture, table([header[number] for number in kept], rows)]
 
 
 def _sections(
@@ -278,7 +276,13 @@ def _sections(
 
 
 _NO_SHIFT = "No shift of up to 1.5 m"
-_ANSWER = ("who", "target", "can use it", "why not", "smallest change that includes 95 %")
+_ANSWER: tuple[str, ...] = (
+    "who",
+    "target",
+    "can use it",
+    "why not",
+    "smallest change that includes 95 %",
+)
 _OPERATED = (
     "Muscles and trunk bring the hand, or its ray, to the target and keep it there for "
     "0.15 s. An attempt takes up to 6 s. Predicted: those whose muscles suffice."

@@ -197,8 +197,7 @@ def test_the_command(tmp_path: Path, people: Path, capsys: pytest.CaptureFixture
     inside = sum(float(r["inside"]) for r in rows) / len(rows)
     assert inside == pytest.approx(total["inside"])
     assert found["left_out"]["constrained"]["persons"].keys() == {"a", "b", "c"}
-    for name in ("measures.png", "time_to_hit.png"):
-        assert (out / name).stat().st_size > 10_000
+    assert (out / "time_to_hit.png").stat().st_size > 10_000
     assert not (out / "latency.png").exists(), "no condition with one target at a time"
 
 
@@ -280,7 +279,7 @@ def test_a_study_s_users_are_put_beside_people(
         main(command)
     assert not ended.value.code
     assert ran == [(file, out / "studies" / "parts")]
-    assert "Compared, constrained" in capsys.readouterr().out
+    assert "Compared (*" in capsys.readouterr().out
     users = json.loads((out / "comparison.json").read_text())["users"]
     times = {
         name: next(row["value"] for row in user["measures"] if row["measure"] == "tth_median")

@@ -71,7 +71,7 @@ def test_a_page_on_paper_has_stills_and_no_plots(report: Path) -> None:
 
 
 def test_figures_are_drawn_whatever_their_names_are_and_as_dark_as_the_page(tmp_path: Path) -> None:
-    """Names that look like markup, in figures and in words; light text on a dark page."""
+    # Names that look like markup; light text on a dark page.
     names = ("<!--<script>", "</script>")
     figures = [Figure("a", "A", "", [Panel("", [Line(n, [1, 2], [1, 2], INK)])]) for n in names]
     (file,) = save_page(

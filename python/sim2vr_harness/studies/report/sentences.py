@@ -53,7 +53,8 @@ def limits_of(source: ReportSource) -> list[str]:
 def headline(source: ReportSource) -> str:
     """Return the answer in a sentence: where the first requested measure is lowest and highest."""
     measure = asked(source)[0]
-    clear, unclear = {}, {}
+    clear: dict[str, str] = {}
+    unclear: dict[str, str] = {}
     for result in source.comparisons:
         factor, means = str(result["factor"]), result.get("means") or (None,)
         if result["measure"] != measure.name or result.get("p") is None or None in means:

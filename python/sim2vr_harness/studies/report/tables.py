@@ -173,23 +173,14 @@ def _outcome(result: Mapping[str, Any]) -> list[str]:
     if result.get("refused"):
         reason = Markup('<span class="refused">no p value: {}</span>').format(result["refused"])
         return [reason, "", "", ""]
-    z, adjusted = result.get("z"), result.get("p_holm")
+    z, adjusted, value, effect = map(result.get, ("z", "p_holm", "statistic", "effect"))
+    statistic = "" if value is None else f"{value:.4g}"
     return [
-        _statistic(result) if z is None else f"Z = {z:.3f}",
+        statistic if z is None else f"Z = {z:.3f}",
         p_words(result["p"]) if result.get("p") is not None else "",
         "" if adjusted is None else f"{p_words(adjusted)} ({result.get('family', 1)})",
-        _effect(result),
+        "" if effect is None else f"{effect:.2f} ({result.get('effect_name', '')})",
     ]
-
-
-def _statistic(result: Mapping[str, Any]) -> str:
-    value = result.get("statistic")
-    return "" if value is None else f"{value:.4g}"
-
-
-def _effect(result: Mapping[str, Any]) -> str:
-    value, name = result.get("effect"), result.get("effect_name", "")
-    return "" if value is None else f"{value:.2f} ({name})"
 
 
 def user_table(users: Sequence[PlayedBy]) -> Markup:

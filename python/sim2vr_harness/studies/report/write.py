@@ -592,7 +592,7 @@ def write_page(content: Content, file: Path, *, printed: bool = False) -> list[P
     if len(shown) == 1:
         shown = [*shown, *(one for one in source.measures if one not in shown)]
     table = group_table(source, shown[:_MOST_MEASURES]) + _about(source)
-    first = [_picture(source, published), table]
+    first: list[Part] = [_picture(source, published), table]
     answer = headline(source) if source.search is None else content.sentences[0]
     return save_page(file, source.title, answer, first, sections, printed=printed)
 

@@ -224,7 +224,7 @@ def test_a_report_shows_what_was_tried(
         rows.count("<tr>") == 9 and rows.count("beyond a limit") == (~trials["keeps_limits"]).sum()
     )
     page = write_report(tmp_path, stills=False).page.read_text(encoding="utf-8")
-    assert page.index('id="search_parallel"') < page.index('id="measures"')
+    assert page.index("<h2>Parallel coordinates") < page.index("<h2>Measures")
 
 
 def test_it_begins_with_what_is_known(

@@ -202,7 +202,7 @@ def test_a_report_shows_what_was_tried(
     )
     assert trial_table(source).count("beyond a limit") == (~trials["keeps_limits"]).sum()
     page = write_report(tmp_path, stills=False).page.read_text(encoding="utf-8")
-    assert page.index('id="search_parallel"') < page.index('id="measures"')
+    assert page.index("<h2>Parallel coordinates") < page.index("<h2>Measures")
 
 
 LIFE_BOUNDS = {"key": LIFE, "low": 0.5, "high": 1.5}

@@ -18,7 +18,7 @@ from sim2vr_harness.audit.pacing import MODELS
 from sim2vr_harness.audit.population import FEWEST, MODEL
 from sim2vr_harness.audit.reaching import MIRROR
 from sim2vr_harness.audit.remedies import GOAL
-from sim2vr_harness.audit.summary import EVERYONE, Audit, plain
+from sim2vr_harness.audit.summary import CLAUSES, EVERYONE, Audit, plain
 from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.client import AppRefused
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
@@ -221,7 +221,10 @@ def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[
     parts: list[str | Panel] = [Markup("<p><b>{}</b></p>").format(headline(values))]
     rows = _answers(values)
     if rows:
-        rows = [(*row[:2], row[2].replace(" ", "\u00a0"), *row[3:]) for row in rows]
+        rows = [
+            (*row[:2], row[2].replace(" ", "\u00a0"), *row[3:], CLAUSES.get(row[3], ""))
+            for row in rows
+        ]
         parts.append(table(_ANSWER, rows, kind="words"))
     parts += [told for told in (too_weak(values), unanswered(values)) if told]
     case = worst_case(audit)
@@ -259,6 +262,17 @@ def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[
     bars = Bars("activation", [each["name"] for each in reached], shown, "#0072b2")
     title = "Median activation of the shoulder's muscles; 1: too weak"
     parts.append(Panel(title, (bars,), y_label="share of maximum"))
+    gazes = [(each["name"], each["gaze"]) for each in values["targets"]]
+    necks = [
+        (
+            name,
+            *(f"{each[key][1]:.0f}" for key in ("rotation_deg", "elevation_deg")),
+            f"{each['share_of_neck_strength'][1]:.2f}",
+            _percent(each["easy_elevation"]),
+        )
+        for name, each in gazes
+    ]
+    parts += [heading("Neck and eyes"), table(_NECK_HEADER, necks, kind="wrap"), _NECK]
     if any(each["operated"] for each in values["targets"]):
         parts += [heading("Acted out"), _operated_table(values), _OPERATED]
     if values["paths"]:
@@ -272,6 +286,7 @@ def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[
         (EVERYONE, "stature, segments, strength, handedness: docs/concepts/people.md", "yes"),
         ("field of view, neck", "90 degrees; Apti, Colak and Akcay 2023", "yes"),
         ("grip", GRIP.source, "no"),
+        ("neck and eyes", "Penumudi et al. 2020; Fice et al. 2014", "no"),
     ]
     sources += [
         (group["name"], group["source"], "yes" if group["verified"] else "no")
@@ -281,8 +296,28 @@ def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[
     return [*parts, heading("Sources"), table(("group", "source", "verified"), sources)]
 
 
+_NECK_HEADER = (
+    "target",
+    "degrees to the right",
+    "degrees up",
+    "of neck strength",
+    "between 30 degrees below and 15 above",
+)
+_NECK = (
+    "Medians, seen from the eyes at rest. The neck turns to the target within its limits; beyond "
+    "them the eyes do. People load their neck more when targets are more than 15 degrees above or "
+    "30 degrees below the eyes (Penumudi et al. 2020). Of neck strength: the torque of the weight "
+    "of head and headset in flexion (strength: Fice et al. 2014)."
+)
 _NO_SHIFT = "No shift of up to 1.5 m"
-_ANSWER = ("who", "target", "can use it", "why not", "smallest change that includes 95 %")
+_ANSWER = (
+    "who",
+    "target",
+    "can use it",
+    "why not",
+    "smallest change that includes 95 %",
+    "concerns",
+)
 _OPERATED = (
     "Muscles and trunk bring the hand, or its ray, to the target and keep it there for "
     "0.15 s. An attempt takes up to 6 s. Predicted: those whose muscles suffice."

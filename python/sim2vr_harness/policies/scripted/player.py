@@ -403,8 +403,9 @@ class Episode:
                 settled = settled + 1 if error <= near else 0
                 if isinstance(self.hand, PersonHand):
                     offs.append(self.hand.off_m(where, by))
-                    # People end on narrow targets when they see, late, that they are on them.
-                    seen = offs[: -self._follows][-2:]
+                    # People end on narrow targets when they see, late, that they are on them; after
+                    # a miss they recognise that first.
+                    seen = offs[self._decides : -self._follows][-2:]
                     on = not self.hand.narrow or (
                         len(seen) > 1 and max(seen) <= 0.5 * self.hand.width_m
                     )

@@ -17,7 +17,7 @@ from sim2vr_harness.audit.pacing import MODELS
 from sim2vr_harness.audit.population import FEWEST, MODEL
 from sim2vr_harness.audit.reaching import MIRROR
 from sim2vr_harness.audit.remedies import GOAL
-from sim2vr_harness.audit.summary import EVERYONE, Audit, plain
+from sim2vr_harness.audit.summary import CLAUSES, EVERYONE, Audit, plain
 from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
 from sim2vr_harness.figures.figure import GREY, INK, Figure, Panel
@@ -209,7 +209,8 @@ def answers(values: Mapping[str, Any]) -> list[tuple[str, ...]]:
 
 def _first(values: Mapping[str, Any], still: Path) -> list[Part]:
     """Return the picture and the table of the first screen."""
-    header, rows = _ANSWER, answers(values)
+    header = _ANSWER
+    rows = [(*row, CLAUSES.get(row[3], "")) for row in answers(values)]
     if not rows:
         header, columns = ("target", "can use it", "seen", "reached"), ("usable", "seen", "reached")
         hard = sorted(values["targets"], key=lambda each: each["usable"]["share"] or 0.0)
@@ -253,6 +254,16 @@ def _sections(
         header = ("group", "persons", *(["every target"] if first else []), *chosen)
         sections[-1][1].append(table(header, shares))
     sections.append(("Exertion by target", [_exertion_table(values), _EXERTION]))
+    necks = [
+        (
+            each["name"],
+            *(f"{each['gaze'][key][1]:.0f}" for key in ("rotation_deg", "elevation_deg")),
+            f"{each['gaze']['share_of_neck_strength'][1]:.2f}",
+            _percent(each["gaze"]["easy_elevation"]),
+        )
+        for each in values["targets"]
+    ]
+    sections.append(("Neck and eyes", [table(_NECK_HEADER, necks), _NECK]))
     if any(each["operated"] for each in values["targets"]):
         sections.append(("Acted out", [_operated_table(values), _OPERATED]))
     if values["paths"]:
@@ -266,6 +277,7 @@ def _sections(
         (EVERYONE, "stature, segments, strength, handedness: docs/concepts/people.md", "yes"),
         ("field of view, neck", "90 degrees; Apti, Colak and Akcay 2023", "yes"),
         ("grip", GRIP.source, "no"),
+        ("neck and eyes", "Penumudi et al. 2020; Fice et al. 2014", "no"),
     ]
     sources += [
         (group["name"], group["source"], "yes" if group["verified"] else "no")
@@ -275,6 +287,19 @@ def _sections(
     return [*sections, ("Sources", [table(("group", "source", "verified"), sources)])]
 
 
+_NECK_HEADER = (
+    "target",
+    "degrees to the right",
+    "degrees up",
+    "of neck strength",
+    "between 30 degrees below and 15 above",
+)
+_NECK = (
+    "Medians, seen from the eyes at rest. The neck turns to the target within its limits; beyond "
+    "them the eyes do. People load their neck more when targets are more than 15 degrees above or "
+    "30 degrees below the eyes (Penumudi et al. 2020). Of neck strength: the torque of the weight "
+    "of head and headset in flexion (strength: Fice et al. 2014)."
+)
 _NO_SHIFT = "No shift of up to 1.5 m"
 _ANSWER: tuple[str, ...] = (
     "who",
@@ -282,6 +307,7 @@ _ANSWER: tuple[str, ...] = (
     "can use it",
     "why not",
     "smallest change that includes 95 %",
+    "concerns",
 )
 _OPERATED = (
     "Muscles and trunk bring the hand, or its ray, to the target and keep it there for "

@@ -207,7 +207,7 @@ class WebXRApp(ForeignApp):
                     None if poses.right_controller is None else right[k],
                 ],
                 inputs[k].tolist(),
-                k == drawn,
+                k == drawn and self._wanted.renderer != "null",
             ]
             for k in range(len(times_ns))
         ]

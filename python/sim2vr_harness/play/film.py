@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,15 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.client import AppClient, AppReply, GameFacts, Measure, facts_of_outside
+from sim2vr_harness.client import (
+    AppClient,
+    AppError,
+    AppReply,
+    GameFacts,
+    Measure,
+    Observer,
+    facts_of_outside,
+)
 from sim2vr_harness.play.player import Job, Watcher
 from sim2vr_harness.play.round import Round
 from sim2vr_harness.sessions import Session
@@ -21,6 +30,8 @@ from sim2vr_harness.sessions import Session
 Picture = NDArray[np.uint8]
 
 PANEL_HEIGHT = 420
+_SCALE = 2
+"""Bodies are drawn that much larger, and reduced: edges are smooth without antialiasing."""
 _HEADER = 44
 _GAP = 6
 _BACKGROUND = (24, 26, 30)
@@ -34,55 +45,93 @@ _LABELS = {
 
 
 class PlainLooks:
-    """A body drawn without shadows and antialiasing: 7 times as fast without a GPU."""
+    """A body drawn without antialiasing, in any size.
+
+    Args:
+        body: The body.
+        size: Width and height, pixels.
+        shadows: Whether it has shadows: without them and antialiasing it is drawn in a seventh of
+            the time without a GPU.
+    """
 
     appearance = True
 
-    def __init__(self, body: Any) -> None:
-        self._body = body
+    def __init__(self, body: Any, size: tuple[int, int], shadows: bool) -> None:
+        self._body, self._size, self._shadows = body, size, shadows
         self.muscles = body.muscles
 
     def spec(self) -> Any:
-        """Return the body's specification without them."""
+        """Return the body's specification."""
         spec = self._body.spec()
-        spec.visual.quality.shadowsize = 0
+        if not self._shadows:
+            spec.visual.quality.shadowsize = 0
         spec.visual.quality.offsamples = 0
+        spec.visual.global_.offwidth, spec.visual.global_.offheight = self._size
         return spec
 
 
 class BodyPainter:
-    """Draws the bodies of a simulation's users, with the game's objects around them.
+    """Draws the bodies of a simulation's users in what their apps show, and their headset views.
 
-    Apps that do not tell of their scene (protocol 1) leave the body alone in its room.
+    An app with observers (a page) draws both views itself in the steps to come, and the body is put
+    into its picture by depth. Of other apps the objects are drawn around the body; apps that do not
+    report their scene (protocol 1) leave it alone in its room.
 
     Args:
         simulation: Whose users to draw.
-        width: Pixels.
-        height: Pixels.
-        fast: Leave out shadows and antialiasing, for films.
+        size: Width and height, pixels, of the picture of the body.
+        headset: Width and height of the headset view.
+        fast: Leave out shadows, for films.
+        users: Indices of those to draw; None: all.
     """
 
-    def __init__(self, simulation: Any, width: int, height: int, fast: bool = False) -> None:
+    def __init__(
+        self,
+        simulation: Any,
+        size: tuple[int, int],
+        headset: tuple[int, int],
+        fast: bool = False,
+        users: Sequence[int] | None = None,
+    ) -> None:
         from sim2vr_harness.users.rendering import UserRenderer
 
-        self._simulation = simulation
-        body: Any = PlainLooks(simulation.body) if fast else simulation.body
-        self._renderer = UserRenderer(body, width, height)
+        self._simulation, self._headset = simulation, headset
+        self._observing = [
+            simulation.apps[i]
+            for i in (range(simulation.n) if users is None else users)
+            if "observers" in simulation.apps[i].capabilities
+        ]
+        # MuJoCo's antialiasing mixes the body's edges with the black behind it.
+        self._scale = _SCALE if fast or self._observing else 1
+        width, height = size[0] * self._scale, size[1] * self._scale
+        looks: Any = simulation.body
+        if self._scale > 1:
+            looks = PlainLooks(looks, (width, height), shadows=not fast)
+        self._renderer = UserRenderer(looks, width, height)
+        for app in self._observing:
+            app.observe((self._renderer.observer("play", *size), Observer(*headset)))
 
-    def draw(self, index: int) -> Picture:
-        """Return user ``index``, (height, width, 3); colours show the muscles' activation."""
+    def draw(self, index: int) -> tuple[Picture, Picture]:
+        """Return user ``index``, with muscles coloured by activation, and its headset view."""
         users, app = self._simulation.users, self._simulation.apps[index]
-        scene = app.scene() if "scene" in app.capabilities else None
+        observed = app.observed() if app in self._observing else ()
+        drawn = not observed and "scene" in app.capabilities
         picture: Picture = self._renderer.render(
             users.qpos[index],
-            camera="third_person" if scene is None else "play",
+            camera="play" if observed or drawn else "third_person",
             activations=users.act[index],
-            scene=scene,
+            scene=app.scene() if drawn else None,
+            behind=observed[0] if observed else None,
         )
-        return picture
+        if self._scale > 1:
+            picture = np.asarray(Image.fromarray(picture).reduce(self._scale))
+        return picture, observed[1].rgb if observed else headset_view(app, self._headset)
 
     def close(self) -> None:
-        """Free the OpenGL context."""
+        """Free the OpenGL context, and let apps draw their users' views only."""
+        for app in self._observing:
+            with suppress(AppError):
+                app.observe(())
         self._renderer.close()
 
 
@@ -92,22 +141,23 @@ class Panels:
     Where the app draws no views (a SIM2VR app of others) the headset's picture is enlarged.
 
     Args:
+        users: Indices of those to draw.
         height: Height of every panel, pixels.
     """
 
-    def __init__(self, simulation: Any, height: int = PANEL_HEIGHT) -> None:
-        self._simulation = simulation
+    def __init__(self, simulation: Any, users: Sequence[int], height: int = PANEL_HEIGHT) -> None:
         vision = simulation.config.vision
         self.sizes = {
             "play": (round(height * 4 / 3 / 2) * 2, height),
             "headset": (round(height * vision.width / vision.height / 2) * 2, height),
         }
-        self._body = BodyPainter(simulation, *self.sizes["play"], fast=True)
+        self._body = BodyPainter(
+            simulation, self.sizes["play"], self.sizes["headset"], fast=True, users=users
+        )
 
     def draw(self, index: int) -> dict[str, Picture]:
         """Return the views of user ``index`` by name: ``play``, ``headset``."""
-        app = self._simulation.apps[index]
-        return {"play": self._body.draw(index), "headset": headset_view(app, self.sizes["headset"])}
+        return dict(zip(self.sizes, self._body.draw(index), strict=True))
 
     def close(self) -> None:
         """Free the OpenGL context of the body."""
@@ -283,7 +333,7 @@ class RoundFilmer(Watcher):
         chosen = [i for i, job in enumerate(jobs) if job.episode < self._rounds]
         if not chosen:
             return
-        self._panels = Panels(simulation)
+        self._panels = Panels(simulation, chosen)
         self._painter = Painter(self._panels.sizes)
         size = (self._painter.width, self._painter.height)
         for i in chosen:

@@ -347,7 +347,7 @@ def add_cameras(spec: mujoco.MjSpec) -> None:
         # turned up a little, so that an arm above the head stays in the picture.
         "third_person": ([1.2, -0.8, 0.95], [0.05, -0.05, 0.90], 54.0),
         # Over the right shoulder: body, hands and what they reach for.
-        "play": ([-0.72, -1.50, 1.55], [0.36, -0.05, 0.84], 46.0),
+        "play": ([-1.05, -1.65, 1.65], [0.62, -0.05, 0.92], 46.0),
     }
     for name, (position, target, fovy) in views.items():
         forward = np.subtract(target, position)

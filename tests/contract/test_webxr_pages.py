@@ -32,7 +32,9 @@ from webxr_pages import (
 
 pytestmark = NEEDS_BROWSER
 STEPS = 12
-CAPABILITIES = {"frames", "inputs", "left_controller", "haptics", "two_eyes", "scene"}
+CAPABILITIES = {
+    *("frames", "inputs", "left_controller", "haptics", "two_eyes", "scene", "observers")
+}
 VALUES = {
     "score": "app.score",
     "ticks": "app.ticks",

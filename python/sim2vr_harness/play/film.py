@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import lru_cache
@@ -16,13 +17,13 @@ from PIL import Image, ImageDraw, ImageFont
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import (
     AppClient,
-    AppError,
     AppReply,
     GameFacts,
     Measure,
     Observer,
     facts_of_outside,
 )
+from sim2vr_harness.client.tasks import CONDITION
 from sim2vr_harness.play.player import Job, Watcher
 from sim2vr_harness.play.round import Round
 from sim2vr_harness.sessions import Session
@@ -32,6 +33,11 @@ Picture = NDArray[np.uint8]
 PANEL_HEIGHT = 420
 _SCALE = 2
 """Bodies are drawn that much larger, and reduced: edges are smooth without antialiasing."""
+_GIF_S = 10
+_GIF_FILTER = (
+    "[0:v]fps=10,scale='min(iw,800)':-2,split[a][b];[a]palettegen=stats_mode=diff[p];"
+    "[b][p]paletteuse=dither=bayer:diff_mode=rectangle[gif]"
+)
 _HEADER = 44
 _GAP = 6
 _BACKGROUND = (24, 26, 30)
@@ -130,7 +136,7 @@ class BodyPainter:
     def close(self) -> None:
         """Free the OpenGL context, and let apps draw their users' views only."""
         for app in self._observing:
-            with suppress(AppError):
+            with suppress(RuntimeError):  # it may have ended
                 app.observe(())
         self._renderer.close()
 
@@ -214,27 +220,24 @@ def compose(panels: Mapping[str, Picture], title: str, text: str) -> Picture:
     return Painter(sizes).frame(panels, title, text)
 
 
-def score_text(
-    facts: GameFacts,
-    log: Mapping[str, float],
-    seconds: float,
-    total_return: float | None = None,
-) -> str:
-    """Return the header's numbers: ``Hits 3   Misses 1   return 12.3   t  4.5 s``.
+def round_title(facts: GameFacts, condition: str) -> str:
+    """Return the header's title: the game, and its condition where it has several."""
+    return facts.name if condition == CONDITION else f"{facts.name} {condition}".strip()
+
+
+def score_text(facts: GameFacts, log: Mapping[str, float], seconds: float) -> str:
+    """Return the header's numbers: ``Hits 3   Misses 1   Time 4.5 s``.
 
     Args:
         log: The game's log now.
         seconds: Since the round's start.
-        total_return: The user's return so far.
     """
     parts = [
         f"{measure.label.partition(' (')[0]} {_short(log[measure.log_key])}{_unit(measure)}"
         for measure in facts.with_log(log).counters
         if measure.log_key in log
     ]
-    if total_return is not None:
-        parts.append(f"return {total_return:.1f}")
-    return "   ".join([*parts, f"t {seconds:4.1f} s"])
+    return "   ".join([*parts, f"Time {seconds:4.1f} s"])
 
 
 def _short(value: float) -> str:
@@ -259,6 +262,8 @@ def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
 class Film:
     """An MP4 file (H.264, yuv420p) that appears under its name when it is complete.
 
+    Beside it are a poster frame of its middle (JPG) and a GIF of its first ten seconds.
+
     Args:
         path: The file.
         width: Even number of pixels.
@@ -272,7 +277,7 @@ class Film:
     def __init__(self, path: Path, width: int, height: int, fps: float) -> None:
         import imageio_ffmpeg
 
-        self.path = path
+        self.path, self._fps, self._frames = path, fps, 0
         path.parent.mkdir(parents=True, exist_ok=True)
         for abandoned in path.parent.glob(f".{path.stem}.*.mp4"):
             abandoned.unlink()
@@ -292,11 +297,22 @@ class Film:
     def add(self, frame: NDArray[np.uint8]) -> None:
         """Append a frame, (height, width, 3)."""
         self._writer.send(np.ascontiguousarray(frame))
+        self._frames += 1
 
     def finish(self) -> Path:
-        """Close the file and give it its name."""
+        """Close the file, give it its name, and write what belongs beside it."""
+        import imageio_ffmpeg
+
         self._writer.close()
         self._temporary.replace(self.path)
+        middle_s = self._frames // 2 / self._fps
+        poster, gif = self.path.with_suffix(".jpg"), self.path.with_suffix(".gif")
+        options = (
+            *("-y", "-loglevel", "error", "-i", self.path),
+            *("-ss", f"{middle_s:.3f}", "-map", "0:v", "-frames:v", "1", "-q:v", "3", poster),
+            *("-t", f"{_GIF_S}", "-filter_complex", _GIF_FILTER, "-map", "[gif]", gif),
+        )
+        subprocess.run([imageio_ffmpeg.get_ffmpeg_exe(), *options], check=True)
         return self.path
 
     def discard(self) -> None:
@@ -329,7 +345,6 @@ class RoundFilmer(Watcher):
         self.close()
         self._simulation, self._jobs = simulation, jobs
         self._steps = 0
-        self._returns = np.zeros(len(jobs))
         chosen = [i for i, job in enumerate(jobs) if job.episode < self._rounds]
         if not chosen:
             return
@@ -343,17 +358,15 @@ class RoundFilmer(Watcher):
     def stepped(self, reward: NDArray, infos: Sequence[Mapping[str, Any]]) -> None:
         """Draw a frame of every filmed round."""
         self._steps += 1
-        self._returns += reward
         if self._panels is None:
             return
         seconds = self._steps / self._simulation.config.action_frequency_hz
         for i, film in list(self._films.items()):
             if infos[i].get("termination") == "app_failed":
                 continue  # there is no app to draw the frame
-            text = score_text(
-                self._facts, infos[i].get("log", {}), seconds, float(self._returns[i])
-            )
-            film.add(self._painter.frame(self._panels.draw(i), self._jobs[i].condition, text))
+            text = score_text(self._facts, infos[i].get("log", {}), seconds)
+            title = round_title(self._facts, self._jobs[i].condition)
+            film.add(self._painter.frame(self._panels.draw(i), title, text))
             if self._seconds is not None and seconds >= self._seconds:
                 self.files.append(self._films.pop(i).finish())
 

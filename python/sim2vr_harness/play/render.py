@@ -13,7 +13,15 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import naming
 from sim2vr_harness.client import AppDied
 from sim2vr_harness.play.environment import make_simulation
-from sim2vr_harness.play.film import BodyPainter, Film, Painter, Picture, compose, score_text
+from sim2vr_harness.play.film import (
+    BodyPainter,
+    Film,
+    Painter,
+    Picture,
+    compose,
+    round_title,
+    score_text,
+)
 from sim2vr_harness.play.player import Job, Player
 from sim2vr_harness.play.users import SimulatedUser
 
@@ -77,7 +85,7 @@ def snapshot(
     env = who.env(app, overrides, game=game, trust_app=trust_app)
     who.require_contract(env)
     facts = env.facts
-    title = f"{facts.name} {condition or facts.condition_of(env.config.app.options)}".strip()
+    title = round_title(facts, condition or facts.condition_of(env.config.app.options))
     env = env.with_condition(condition)
     config = env.config
     with closing(simulation(env, 1)) as users:
@@ -93,7 +101,7 @@ def snapshot(
                 painter = BodyPainter(users, size, size)
         with closing(painter or BodyPainter(users, size, size)) as painter:
             pictures = _draw(users, painter, size)
-    text = score_text(facts, player.logs[0], player.seconds, player.returns[0])
+    text = score_text(facts, player.logs[0], player.seconds)
     panels = {"play": pictures["body"], "headset": pictures["headset"]}
     out.mkdir(parents=True, exist_ok=True)
     files = []
@@ -154,15 +162,13 @@ class _Seat:
         self._player = Player(self._users, policy, self.facts, deterministic=mean)
         self._player.begin([Job("", 0, seed)])
         self.steps: Iterator[Any] = self._player.steps()
-        self._body = stack.enter_context(
-            closing(BodyPainter(self._users, _VIEW, _VIEW, fast=True))
-        )
+        self._body = stack.enter_context(closing(BodyPainter(self._users, _VIEW, _VIEW, fast=True)))
 
     def picture(self) -> Picture:
         """The body in its game above the headset view; how it stands between them."""
         body, headset = self._body.draw(0)
         player = self._player
-        text = score_text(self.facts, player.logs[0], player.seconds, player.returns[0])
+        text = score_text(self.facts, player.logs[0], player.seconds)
         line = Image.new("RGB", (_VIEW[0], 28), (24, 26, 30))
         ImageDraw.Draw(line).text(
             (8, 14), text, (236, 236, 236), ImageFont.load_default(15), anchor="lm"
@@ -218,7 +224,7 @@ def film_comparison(
             got = f"users of {', '.join(f'{rate:g}' for rate in sorted(rates))} Hz"
             raise InputError("RUN", got, "users who act equally often")
         steps = round(seconds * rates.pop())
-        title = f"{seats[0].facts.name} {seats[0].condition}".strip()
+        title = round_title(seats[0].facts, seats[0].condition)
         # The same user may be there twice.
         names = [f"{place}  {seat.name}" for place, seat in enumerate(seats, start=1)]
         pictures: dict[str, Picture] = {}

@@ -141,7 +141,7 @@ class UserRenderer:
             qpos: (nq,) posture in rad, e.g. `batch.qpos[i]`, or an MjData of the body's model,
                 whose activations then colour the muscles.
             camera: one of `cameras`, or a view of one's own.
-            activations: (M,) muscle activations in [0, 1] that colour the muscles, blue to red.
+            activations: (M,) muscle activations in [0, 1] that colour the muscles, skin to red.
             scene: of the app that the user plays in, to be drawn around the user.
             behind: the app's own picture from this camera (:meth:`observer`), in the place of the
                 room; the image is a whole number of times as large. The user covers what is further
@@ -204,6 +204,25 @@ class UserRenderer:
         )
         nearer = (depth[::-1] < 1.0) & (depth_m < far_m)
         return np.where(nearer[..., None], image[::-1], rgb)
+
+    def project(self, places: NDArray[np.floating], view: OrbitView) -> NDArray[np.float64]:
+        """Return where places are in a picture of a view, pixels from its left and top.
+
+        Args:
+            places: (N, 3) MuJoCo's world, m, in front of the camera.
+            view: as drawn.
+
+        Returns:
+            (N, 2).
+        """
+        a, e = np.radians([view.azimuth_deg, view.elevation_deg])
+        ahead = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+        right = np.array([np.sin(a), -np.cos(a), 0.0])
+        axes = np.stack([right, -np.cross(right, ahead), ahead], axis=1)
+        aside, down, depth = ((places - view.towards_m) @ axes + [0.0, 0.0, view.distance_m]).T
+        scale = 0.5 * self.height / np.tan(np.radians(self._model.vis.global_.fovy) / 2.0)
+        middle = np.array([self.width, self.height]) / 2.0
+        return middle + scale * np.stack([aside, down], axis=1) / depth[:, None]
 
     def _pose(
         self,

@@ -54,18 +54,23 @@ def test_frames_hold_the_panels_side_by_side() -> None:
 
 def test_score_text() -> None:
     log = {"Points": 3.0, "Misses": 1.0, "Contacts": 2.0}
-    assert pictures.score_text(WHACAMOLE, log, 4.55, 12.34) == (
-        "Hits 3   Misses 1   Contacts 2   return 12.3   t  4.5 s"
+    assert pictures.score_text(WHACAMOLE, log, 4.55) == (
+        "Hits 3   Misses 1   Contacts 2   Time  4.5 s"
     )
     sample = describe_game("sample")
     text = pictures.score_text(sample, {"Points": 2.0, "Distance": 0.25}, 1.0)
-    assert text == "Points 2   Distance to the ball 0.25 m   t  1.0 s"
-    assert pictures.score_text(WHACAMOLE, {}, 0.0, 0.0) == "return 0.0   t  0.0 s"
+    assert text == "Points 2   Distance to the ball 0.25 m   Time  1.0 s"
+    assert pictures.round_title(WHACAMOLE, "medium") == "whacamole medium"
+    assert pictures.round_title(GameFacts("shop"), "standard") == "shop"
 
 
 def size_of(file: Path) -> tuple[int, int]:
     with Image.open(file) as image:
         return image.size
+
+
+def beside(folder: Path) -> set[str]:
+    return {file.name for file in folder.iterdir()}
 
 
 def probe(file: Path) -> str:
@@ -87,7 +92,11 @@ def test_films_are_h264_at_the_users_rate(fake_body: None, tmp_path: Path) -> No
     filmer.ended(1, done)
     filmer.close()
     assert filmer.files == [tmp_path / "medium_0.mp4"]
-    assert list(tmp_path.iterdir()) == filmer.files
+    assert beside(tmp_path) == {"medium_0.mp4", "medium_0.jpg", "medium_0.gif"}
+    assert size_of(tmp_path / "medium_0.jpg") == (1196, 464)
+    with Image.open(tmp_path / "medium_0.gif") as gif:
+        # 10 pictures a second of a film of half a second, 800 pixels wide.
+        assert (gif.size[0], gif.n_frames) == (800, 5)
     assert imageio_ffmpeg.count_frames_and_secs(str(filmer.files[0])) == (10, 0.5)
     report = probe(filmer.files[0])
     for part in ("h264", "yuv420p", "1196x464", "20 fps"):
@@ -105,7 +114,7 @@ def test_a_film_may_be_shorter_than_its_round(fake_body: None, tmp_path: Path) -
                         effort=0.0, info={}, log={})  # fmt: skip
     filmer.ended(0, done)
     filmer.close()
-    assert list(tmp_path.iterdir()) == filmer.files
+    assert beside(tmp_path) == {"medium_0.mp4", "medium_0.jpg", "medium_0.gif"}
 
 
 def test_an_unfinished_film_is_deleted(fake_body: None, tmp_path: Path) -> None:

@@ -6,8 +6,8 @@ from io import BytesIO
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 from numpy.typing import NDArray
+from PIL import Image
 
 from sim2vr_harness.client.base import AppReply, Float64Array, Int64Array, OptionValue
 from sim2vr_harness.client.devices import DevicePoses, HapticPulse
@@ -290,7 +290,7 @@ class WebXRApp(ForeignApp):
             if one.pose is not None:
                 mm = pixels[one.height :, :, :2].astype(np.uint16) @ np.array([256, 1], np.uint16)
                 depth_m = np.where(mm == _NOTHING_MM, np.inf, mm / 1000.0)
-                if not rgb.any() and np.isinf(depth_m).all():  # it draws the eyes' views only
+                if np.isinf(depth_m).all() and (rgb == rgb[0, 0]).all():  # it draws the eyes' only
                     return ()
             found.append(Observed(rgb, depth_m))
         return tuple(found)

@@ -513,23 +513,19 @@ def write_picture(audit: Audit, file: Path) -> None:
     draw, font = ImageDraw.Draw(image), ImageFont.load_default(22)
     taken: list[tuple[float, float, float, float]] = []
 
-    def write_label(x: float, y: float, text: str, *anchors: tuple[float, float, str]) -> None:
-        for dx, dy, anchor in anchors:
-            box = draw.textbbox((x + dx, y + dy), text, font, anchor)
-            inside = box[0] >= 0 and box[2] <= _PICTURE[0] and box[3] <= _PICTURE[1] - _LEGEND
-            free = all(
-                box[2] < b[0] or b[2] < box[0] or box[3] < b[1] or b[3] < box[1] for b in taken
-            )
-            if inside and free:
-                taken.append(box)
-                draw.rectangle((box[0] - 4, box[1] - 3, box[2] + 4, box[3] + 3), _PAPER)
-                draw.text((x + dx, y + dy), text, INK, font, anchor)
-                return
-
     for i in np.argsort(usable, kind="stable"):  # where there is no room, the worst have labels
         text = f"{audit.targets[i].name} {100.0 * usable[i]:.0f} %"
-        x, y = at[i].tolist()
-        write_label(x, y, text, (20, 0, "lm"), (-20, 0, "rm"), (0, -26, "mb"), (0, 26, "mt"))
+        for dx, dy, anchor in ((20, 0, "lm"), (-20, 0, "rm"), (0, -26, "mb"), (0, 26, "mt")):
+            place = (at[i, 0] + dx, at[i, 1] + dy)
+            box = draw.textbbox(place, text, font, anchor)
+            inside = box[0] >= 0 and box[2] <= _PICTURE[0] and box[3] <= _PICTURE[1] - _LEGEND
+            if inside and all(
+                box[2] < b[0] or b[2] < box[0] or box[3] < b[1] or b[3] < box[1] for b in taken
+            ):
+                taken.append(box)
+                draw.rectangle((box[0] - 4, box[1] - 3, box[2] + 4, box[3] + 3), _PAPER)
+                draw.text(place, text, INK, font, anchor)
+                break
     draw.rectangle((0, _PICTURE[1] - _LEGEND, *_PICTURE), _PAPER)
     for k, number in enumerate(sorted(set(classes))):
         x, y = 24 + k * _PICTURE[0] / 4, _PICTURE[1] - _LEGEND / 2

@@ -278,7 +278,22 @@
     'clearBufferfi', 'blitFramebuffer',
   ], (original, name) => function (...args) {
     if (unseen(this)) return;
-    const draw = () => Reflect.apply(original, this, args);
+    // Babylon.js clears the depth before each view: that of the views before it is still to be read.
+    const within = name === 'clear' && sim.session?._observers.length && inLayer(this)
+      && !this.isEnabled(this.SCISSOR_TEST) && !(args[0] & this.COLOR_BUFFER_BIT);
+    const draw = () => {
+      if (!within) {
+        Reflect.apply(original, this, args);
+        return;
+      }
+      const box = this.getParameter(this.SCISSOR_BOX);
+      const area = this.getParameter(this.VIEWPORT);
+      this.enable(this.SCISSOR_TEST);
+      this.scissor(area[0], area[1], area[2], area[3]);
+      Reflect.apply(original, this, args);
+      this.disable(this.SCISSOR_TEST);
+      this.scissor(box[0], box[1], box[2], box[3]);
+    };
     if (sim.drawing && inLayer(this)) sim.drawSolid(this, layers.get(this), name, args, draw);
     else draw();
   });

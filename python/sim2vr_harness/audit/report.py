@@ -327,7 +327,7 @@ _PATHS = (
 
 
 _CAPTION = (
-    "Targets for a person of median stature; the greener a target, the more people can use it."
+    "A person of median stature among the targets; colours say how many people can use a target."
 )
 _TURN = (
     "The same in space: turn it with the mouse or a finger. Lines: eyes, shoulders, and the way "
@@ -542,7 +542,9 @@ def write_picture(audit: Audit, file: Path) -> None:
     taken: list[tuple[float, float, float, float]] = []
 
     for i in np.argsort(usable, kind="stable"):  # where there is no room, the worst have labels
-        text = f"{audit.targets[i].name} {100.0 * usable[i]:.0f} %"
+        text = audit.targets[i].name
+        if len(audit.subjects) >= FEWEST:
+            text += f" {100.0 * usable[i]:.0f} %"
         for dx, dy, anchor in ((20, 0, "lm"), (-20, 0, "rm"), (0, -26, "mb"), (0, 26, "mt")):
             place = (at[i, 0] + dx, at[i, 1] + dy)
             box = draw.textbbox(place, text, font, anchor)

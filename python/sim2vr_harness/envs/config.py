@@ -38,6 +38,7 @@ __all__ = [
     "AppConfig",
     "EffortConfig",
     "EnvConfig",
+    "FoveaConfig",
     "FoveationConfig",
     "NoiseConfig",
     "SenseConfig",
@@ -213,6 +214,24 @@ class FoveationConfig(Settings):
     """Full vertical angle of the app's headset picture."""
 
 
+class FoveaConfig(Settings):
+    """A second, narrow picture around the gaze, in more detail (docs/reference/senses.md).
+
+    The defaults are a window of 17 degrees; at arm's length, 0.7 m, a pixel is 3 mm wide.
+    """
+
+    width: int = Field(default=72, ge=8, le=1024)
+    """Width, pixels."""
+    height: int = Field(default=72, ge=8, le=1024)
+    """Height, pixels."""
+    magnification: float = Field(default=6.0, ge=1.0, le=100.0)
+    """Pixels of the headset image, on a plane across the view, per pixel of this one."""
+    gaze: Literal["ahead", "moves"] = "ahead"
+    """``moves``: two more actions, the last ones, direct it: right and up."""
+    gaze_range_deg: float = Field(default=45.0, ge=0.1, le=55.0)
+    """Rotation of the eyes from straight ahead, to every side, for an action of 1."""
+
+
 class VisionConfig(Settings):
     """The headset image as the user sees it."""
 
@@ -226,15 +245,21 @@ class VisionConfig(Settings):
     """2: a picture for each eye; the channels of the left one come first."""
     foveation: FoveationConfig | None = None
     """Off by default: sharp all over."""
-    zoom: Literal[1, 3, 5] = 1
-    """Factor by which the images that apps draw are wider and higher. The sense ``vision`` samples
-    every ``zoom``-th pixel, which gives the same image as without zoom (except for single pixels at
-    edges); the sense ``fovea`` has every pixel of the middle, as many pixels as ``vision``."""
+    fovea: FoveaConfig | None = None
+    """Off by default; a :attr:`foveation` excludes it. The senses ``fovea`` and ``fovea_depth``
+    observe it. ``train --people`` sets it where the app can draw it."""
+
+    @model_validator(mode="after")
+    def _one_gaze(self) -> VisionConfig:
+        if self.fovea is not None and self.foveation is not None:
+            raise ValueError("fovea: got it together with foveation, expected one of the two")
+        return self
 
     @property
-    def drawn(self) -> tuple[int, int]:
-        """Width and height of the picture that apps draw."""
-        return self.zoom * self.width, self.zoom * self.height
+    def fovea_pixel_m(self) -> float:
+        """Width of a pixel of the fovea at a depth of 1 m."""
+        assert self.fovea is not None
+        return 2.0 / (self.height * self.fovea.magnification)
 
 
 DEFAULT_SENSES = tuple(SenseConfig(sense=name) for name in ("vision", "proprioception", "time"))
@@ -400,7 +425,13 @@ class EnvConfig(Settings):
     @property
     def gaze_moves(self) -> bool:
         """Return whether two of the actions direct the gaze."""
-        return self.vision.foveation is not None and self.vision.foveation.gaze == "moves"
+        return self.gaze_range_deg > 0.0
+
+    @property
+    def gaze_range_deg(self) -> float:
+        """Return the rotation range of the eyes, degrees; 0: they do not move."""
+        eyes = self.vision.fovea or self.vision.foveation
+        return 0.0 if eyes is None or eyes.gaze == "ahead" else eyes.gaze_range_deg
 
 
 def with_options(config: EnvConfig, options: Mapping[str, OptionValue]) -> EnvConfig:

@@ -5,7 +5,7 @@ import pytest
 from perception_fakes import SUBSTEPS, World
 
 from sim2vr_harness.perception import Foveation, channel_indices, pick_channels
-from sim2vr_harness.perception.vision import fovea, vision
+from sim2vr_harness.perception.vision import vision
 
 
 def test_channels_are_picked_in_order() -> None:
@@ -45,30 +45,6 @@ def test_what_is_seen_is_a_copy_of_the_newest_picture() -> None:
 def test_wrong_channels(channels: tuple[str, ...], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         channel_indices(channels)
-
-
-# --- zoom ---------------------------------------------------------------------------------------
-
-
-def test_of_a_larger_picture_all_is_seen_coarsely_and_the_middle_in_detail() -> None:
-    """Drawn 3 x 2 by 3 x 4 pixels, each with its own number: row times 20, plus column."""
-    drawn = (20 * np.arange(6)[:, None] + np.arange(12)).astype(np.uint8)
-    sizes = {"channels": ("red",), "eyes": 1, "height": 2, "width": 4, "frame_grid": SUBSTEPS}
-    senses = (vision("vision", 1, **sizes, zoom=3), fovea("fovea", 1, **sizes, zoom=3))
-    world = World(1, *senses, pictures=(1, 6, 12))
-    world.moment.pictures[:] = drawn
-    world.reset([0])
-    world.moment.pictures[:] = drawn
-    world.perception.take(world.moment, None)
-    seen = world.perception.observe()
-    assert seen["vision"][0, 0].tolist() == [[21, 24, 27, 30], [81, 84, 87, 90]]
-    assert seen["fovea"][0, 0].tolist() == [[44, 45, 46, 47], [64, 65, 66, 67]]
-
-
-def test_there_is_no_fovea_of_a_picture_that_is_drawn_as_it_is_seen() -> None:
-    sizes = {"channels": ("red",), "eyes": 1, "height": 2, "width": 4, "frame_grid": SUBSTEPS}
-    with pytest.raises(ValueError, match=r"senses: got 'fovea', expected vision.zoom: 3 or 5"):
-        fovea("fovea", 1, **sizes, zoom=1)
 
 
 # --- foveation --------------------------------------------------------------------------------

@@ -125,7 +125,7 @@ def test_it_learns_to_look_at_a_square_and_to_read_it_anywhere(
     ("changes", "field", "got"),
     [
         (["recipe=skills"], "policy.attention_crops", "some with recipe 'skills'"),
-        (["env.vision.zoom=5"], "env.vision.zoom", "5"),
+        (["env.vision.fovea.magnification=5"], "env.vision.fovea.magnification", "5"),
         (["env.senses=[{sense: proprioception}]"], "policy.attention_crops", "none"),
         (
             ["env.senses=[{sense: vision, delay_ms: 100}, {sense: proprioception}]"],

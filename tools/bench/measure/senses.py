@@ -7,7 +7,8 @@ from sim2vr_harness.perception import SENSES, WRAPPERS
 from sim2vr_harness.runs.config import TrainingConfig
 
 _NEEDS: dict[str, dict[str, Any]] = {
-    "fovea": {"vision": {"zoom": 3}},
+    "fovea": {"vision": {"fovea": {}}},
+    "fovea_depth": {"vision": {"fovea": {}}},
     "fingers": {"user": {"inputs": ["right.trigger"]}},
     "gaze": {"vision": {"foveation": {"gaze": "moves"}}},
     "head": {"user": {"head": "reflex"}},

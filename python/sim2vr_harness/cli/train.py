@@ -146,22 +146,14 @@ def _of_people(settings: TrainingConfig, count: int | None = None) -> TrainingCo
     env = settings.env
     known = {sense.sense for sense in env.senses}
     names, vision = ["headset", "person"], env.vision
-    if "vision" not in known or vision.fovea is not None or vision.foveation is not None:
-        pass
-    elif "fovea" in transport_named(env.app.transport).capabilities:
+    if "fovea" in transport_named(env.app.transport).capabilities and vision.foveation is None:
         vision = vision.model_copy(update={"fovea": FoveaConfig(gaze="moves")})
         names += ["fovea", "fovea_depth", "gaze"]
     else:
-        say(
-            "note: persons see the headset's picture only; the transport "
-            f"{env.app.transport!r} draws no second one around the gaze"
-        )
+        say("note: persons see the headset's picture only, without a second one around the gaze")
     more = [SenseConfig(sense=name) for name in names if name not in known]
-    update = {
-        "user": as_population(env.user, count),
-        "senses": (*env.senses, *more),
-        "vision": vision,
-    }
+    senses = (*env.senses, *more)
+    update = {"user": as_population(env.user, count), "senses": senses, "vision": vision}
     skills = settings.skills.model_copy(update={"user": "person"})
     changed = settings.model_copy(update={"env": env.model_copy(update=update), "skills": skills})
     return type(settings).model_validate(changed.model_dump())

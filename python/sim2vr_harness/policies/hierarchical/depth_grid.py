@@ -121,65 +121,20 @@ class DepthGrid:
         """
         row0 = (cells // self.columns * CELL_PX).flatten()
         column0 = (cells % self.columns * CELL_PX).flatten()
-        windows = _windows(pictures[:, :4], cells.shape[1], row0, column0)
+        windows, pixel_m = _windows(pictures[:, :4], cells.shape[1], row0, column0), 2 / self.height
         depth = _metres(windows[:, 3]).masked_fill(windows[:, 3] >= _NOTHING, torch.inf)
         own = _AROUND_PX + torch.stack([_MIDDLE_FIRST // CELL_PX, _MIDDLE_FIRST % CELL_PX])
         inner = (own[0] * windows.shape[-1] + own[1]).expand(len(windows), -1)
-        row, column, far, pixels, _ = _things(windows[:, :3], depth, inner, _SAME_DEPTH_M)
-        up = 0.5 * self.height - (row0 - _AROUND_PX + row + 0.5)
-        left = 0.5 * self.width - (column0 - _AROUND_PX + column + 0.5)
-        focal = 0.5 * self.height
-        ahead = torch.stack([torch.ones_like(up), left / focal, up / focal], 1)
-        width = 2.0 * (pixels / torch.pi).sqrt() * far / focal
+        # (K, 2) where the middles of cells meet a plane 1 m ahead, right and up.
+        right, up = column0 - 0.5 * (self.width - CELL_PX), 0.5 * (self.height - CELL_PX) - row0
+        middle = torch.stack([right, up], 1) * pixel_m
+        given = windows[:, :3], depth, middle, pixel_m, inner, _SAME_DEPTH_M
+        ahead, far, width, _ = _things(*given, torch.ones_like(inner, dtype=torch.bool))
         if fovea is not None:
-            self._measure(fovea, cells.shape[1], row0, column0, ahead, far, width)
+            _measure(fovea, cells.shape[1], middle, CELL_PX * pixel_m, ahead, far, width)
         local = (ahead * far.clamp(max=FAR_M)[:, None]).reshape(*cells.shape, 3)
         placed = torch.einsum("nij,nhj->nhi", turned, local) + head[:, None]
         return placed, width.clamp(*WIDTHS_M).reshape(cells.shape)
-
-    def _measure(
-        self,
-        fovea: Fovea,
-        hands: int,
-        row0: Tensor,
-        column0: Tensor,
-        ahead: Tensor,
-        far: Tensor,
-        width: Tensor,
-    ) -> None:
-        """Put what the fovea shows of cells in the place of rays, depths and widths (K, ...).
-
-        Of a thing that the fovea does not show whole only the depth is taken.
-        """
-        user = torch.arange(len(fovea.depth)).repeat_interleave(hands)
-        size, middle = fovea.depth.shape[1:], fovea.middle[user]
-        # Points of the cells, those next to the middle first, in pixels of the fovea.
-        at = (torch.arange(_POINTS) + 0.5) * CELL_PX / _POINTS
-        rows, columns = (each.flatten() for each in torch.meshgrid(at, at, indexing="ij"))
-        order = ((rows - 0.5 * CELL_PX) ** 2 + (columns - 0.5 * CELL_PX) ** 2).argsort()
-        up = (0.5 * self.height - row0[:, None] - rows[order]) / (0.5 * self.height)
-        right = (column0[:, None] + columns[order] - 0.5 * self.width) / (0.5 * self.height)
-        row = (0.5 * size[0] - (up - middle[:, 1:]) / fovea.pixel_m).floor().long()
-        column = (0.5 * size[1] + (right - middle[:, :1]) / fovea.pixel_m).floor().long()
-        inside = (row >= 0) & (row < size[0]) & (column >= 0) & (column < size[1])
-        depth = fovea.depth[user]
-        shows = (inside.float().mean(1) >= 0.5) & (depth > 0.0).flatten(1).any(1)
-        if not shows.any():
-            return
-        flat = row.clamp(0, size[0] - 1) * size[1] + column.clamp(0, size[1] - 1)
-        depth = depth[shows].masked_fill(depth[shows] >= _FAR_OFF_M, torch.inf)
-        colour = fovea.pictures[user[shows], :3].float()
-        row_px, column_px, deep, pixels, whole = _things(
-            colour, depth, flat[shows], _FINE_DEPTH_M, inside[shows]
-        )
-        found = deep.isfinite()
-        up_m = middle[shows, 1] + (0.5 * size[0] - row_px - 0.5) * fovea.pixel_m
-        right_m = middle[shows, 0] + (column_px + 0.5 - 0.5 * size[1]) * fovea.pixel_m
-        finer = torch.stack([torch.ones_like(deep), -right_m, up_m], 1)
-        ahead[shows] = torch.where((found & whole)[:, None], finer, ahead[shows])
-        wide = 2.0 * (pixels / torch.pi).sqrt() * deep * fovea.pixel_m
-        width[shows] = torch.where(found & whole, wide, width[shows])
-        far[shows] = torch.where(found, deep, far[shows])
 
     def something(self, depth: Tensor) -> Tensor:
         """Return (N, cells) True for cells with a surface within ``FAR_M``.
@@ -246,20 +201,70 @@ def _salient(colour: Tensor, there: Tensor, inner: Tensor, valid: Tensor) -> Ten
     return inner.gather(1, best[:, None])[:, 0]
 
 
+def _measure(
+    fovea: Fovea,
+    hands: int,
+    cells: Tensor,
+    cell_m: float,
+    ahead: Tensor,
+    far: Tensor,
+    width: Tensor,
+) -> None:
+    """Put what the fovea shows of cells in the place of rays, depths and widths (K, ...).
+
+    Of a thing that the fovea does not show whole only the depth is taken.
+
+    Args:
+        cells: (K, 2) where their middles meet a plane 1 m ahead, m.
+        cell_m: their width there.
+    """
+    user = torch.arange(len(fovea.depth)).repeat_interleave(hands)
+    high, wide = fovea.depth.shape[1:]
+    line = ((torch.arange(_POINTS) + 0.5) / _POINTS - 0.5) * cell_m
+    points = torch.cartesian_prod(line, line)
+    points = cells[:, None] + points[points.square().sum(1).argsort()]
+    off = (points - fovea.middle[user, None]) / fovea.pixel_m
+    row, column = (
+        (0.5 * high - off[..., 1]).floor().long(),
+        (0.5 * wide + off[..., 0]).floor().long(),
+    )
+    inside = (row >= 0) & (row < high) & (column >= 0) & (column < wide)
+    depth = fovea.depth[user]
+    shows = (inside.float().mean(1) >= 0.5) & (depth > 0.0).flatten(1).any(1)
+    if not shows.any():
+        return
+    inner = row.clamp(0, high - 1) * wide + column.clamp(0, wide - 1)
+    depth = depth[shows].masked_fill(depth[shows] >= _FAR_OFF_M, torch.inf)
+    colour, middle = fovea.pictures[user[shows], :3].float(), fovea.middle[user[shows]]
+    given = colour, depth, middle, fovea.pixel_m, inner[shows], _FINE_DEPTH_M, inside[shows]
+    finer, deep, fine_m, whole = _things(*given)
+    found = deep.isfinite()
+    ahead[shows] = torch.where((found & whole)[:, None], finer, ahead[shows])
+    width[shows] = torch.where(found & whole, fine_m, width[shows])
+    far[shows] = torch.where(found, deep, far[shows])
+
+
 def _things(
-    colour: Tensor, depth: Tensor, inner: Tensor, same_m: float, valid: Tensor | None = None
-) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-    """(K,) of what stands out in windows: middle (row, column, depth), pixels, seen as a whole.
+    colour: Tensor,
+    depth: Tensor,
+    middle: Tensor,
+    pixel_m: float,
+    inner: Tensor,
+    same_m: float,
+    valid: Tensor,
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """What stands out in windows: (K, 3) rays, (K,) depths and widths, m, and if seen as a whole.
 
     Args:
         colour: (K, 3, h, w), 0 to 255.
         depth: (K, h, w) m, infinite where nothing is.
+        middle: (K, 2) where the windows' middles meet a plane 1 m ahead, right and up, m.
+        pixel_m: width of a pixel there.
         inner: (K, P) and ``valid``: as of :func:`_salient`.
         same_m: difference in depth up to which pixels show the same thing.
-        valid: (K, P); None: all are.
+        valid: (K, P).
     """
     which, (height, width) = torch.arange(len(depth)), depth.shape[1:]
-    valid = torch.ones_like(inner, dtype=torch.bool) if valid is None else valid
     number = _salient(colour, depth.isfinite(), inner, valid)
     start = (which, number // width, number % width)
     own = colour.permute(0, 2, 3, 1)[start][:, :, None, None]
@@ -275,16 +280,16 @@ def _things(
     at = (which, row.round().long(), column.round().long())
     around = functional.avg_pool2d(thing[:, None].float(), 3, 1, 1)[:, 0][at]
     hollow = ~thing[at] & (around < 0.5)
-    mean = (torch.where(thing, depth, torch.zeros(()))).sum((1, 2)) / count
-    far = torch.where(hollow, depth[start], mean)
-    edge = thing[:, [0, -1]].flatten(1).any(1) | thing[:, :, [0, -1]].flatten(1).any(1)
-    return (
-        torch.where(hollow, start[1], row),
-        torch.where(hollow, start[2], column),
-        far,
-        count,
-        ~edge,
+    far = torch.where(thing, depth, torch.zeros(())).sum((1, 2)) / count
+    row, column, far = (
+        torch.where(hollow, one, other)
+        for one, other in zip((start[1], start[2], depth[start]), (row, column, far), strict=True)
     )
+    right = middle[:, 0] + (column + 0.5 - 0.5 * width) * pixel_m
+    up = middle[:, 1] - (row + 0.5 - 0.5 * height) * pixel_m
+    edge = thing[:, [0, -1]].flatten(1).any(1) | thing[:, :, [0, -1]].flatten(1).any(1)
+    wide = 2.0 * (count / torch.pi).sqrt() * far * pixel_m
+    return torch.stack([torch.ones_like(far), -right, up], 1), far, wide, ~edge
 
 
 def _shaded_alike(colour: Tensor, own: Tensor) -> Tensor:

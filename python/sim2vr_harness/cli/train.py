@@ -146,7 +146,7 @@ def _of_people(settings: TrainingConfig, count: int | None = None) -> TrainingCo
     env = settings.env
     known = {sense.sense for sense in env.senses}
     names, vision = ["headset", "person"], env.vision
-    if "fovea" in transport_named(env.app.transport).capabilities and vision.foveation is None:
+    if "fovea" in transport_named(env.app.transport).capabilities:
         vision = vision.model_copy(update={"fovea": FoveaConfig(gaze="moves")})
         names += ["fovea", "fovea_depth", "gaze"]
     else:

@@ -94,20 +94,18 @@ class Actions(RowState):
         pressed = (pressing > PRESS) | ((self.input_values > 0.0) & (pressing >= RELEASE))
         self.input_values[...] = np.where(self._digital, pressed, analogue)
         if self._gaze_range_deg:
-            self._turn(extra[:, len(self._inputs) :] * self._gaze_range_deg)
+            # Pursue what is wanted, or go on with the saccade that has begun.
+            wanted_deg = extra[:, len(self._inputs) :] * self._gaze_range_deg
+            far = np.linalg.norm(wanted_deg - self.gaze_deg, axis=1)
+            free = self._saccade_s <= 0.0
+            self._goal_deg[free] = wanted_deg[free]
+            jumps = free & (far > PURSUIT_DEG_S * self._step_s)
+            self._saccade_s[jumps] = SACCADE_S + SACCADE_S_PER_DEG * far[jumps]
+            share = np.minimum(1.0, self._step_s / np.maximum(self._saccade_s, 1e-9))
+            self.gaze_deg += share[:, None] * (self._goal_deg - self.gaze_deg)
+            self._saccade_s[...] = np.maximum(self._saccade_s - self._step_s, 0.0)
+            self.blind[...] = self._saccade_s > 0.0
         return given[:, : self._body]
-
-    def _turn(self, wanted_deg: FloatArray) -> None:
-        """Move the gaze for a user step, to (N, 2) or on with the saccade that has begun."""
-        far = np.linalg.norm(wanted_deg - self.gaze_deg, axis=1)
-        free = self._saccade_s <= 0.0
-        self._goal_deg[free] = wanted_deg[free]
-        jumps = free & (far > PURSUIT_DEG_S * self._step_s)
-        self._saccade_s[jumps] = SACCADE_S + SACCADE_S_PER_DEG * far[jumps]
-        share = np.minimum(1.0, self._step_s / np.maximum(self._saccade_s, 1e-9))
-        self.gaze_deg += share[:, None] * (self._goal_deg - self.gaze_deg)
-        self._saccade_s[...] = np.maximum(self._saccade_s - self._step_s, 0.0)
-        self.blind[...] = self._saccade_s > 0.0
 
     def remember(self, actions: ArrayLike) -> None:
         """Store the actions of a user step, (N, A)."""

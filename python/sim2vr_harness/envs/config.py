@@ -39,7 +39,6 @@ __all__ = [
     "EffortConfig",
     "EnvConfig",
     "FoveaConfig",
-    "FoveationConfig",
     "NoiseConfig",
     "SenseConfig",
     "UserConfig",
@@ -198,22 +197,6 @@ def people_of(config: UserConfig) -> Population | None:
     return None if config.people is None else Population(config.people, config.person)
 
 
-class FoveationConfig(Settings):
-    """Resolution that falls with the angle from where the eyes look (docs/reference/senses.md)."""
-
-    gaze: Literal["ahead", "moves"] = "ahead"
-    """``moves``: two more actions, the last ones, direct it: right and up."""
-    gaze_range_deg: float = Field(default=45.0, ge=0.1, le=90.0)
-    """Rotation of the eyes from straight ahead, to every side, for an action of 1; people's turn by
-    40 to 55 degrees (Guitton and Volle 1987)."""
-    e2_deg: float = Field(default=2.3, ge=0.01, le=180.0)
-    """Eccentricity at which the smallest detail is twice the fovea's."""
-    detail_deg: float | None = Field(default=None, ge=1e-4, le=90.0)
-    """Smallest detail at the fovea; None: a pixel in the picture's middle. A person's is 1/60."""
-    vertical_fov_deg: float = Field(default=90.0, ge=1.0, le=179.0)
-    """Full vertical angle of the app's headset picture."""
-
-
 class FoveaConfig(Settings):
     """A second, narrow picture around the gaze, in more detail (docs/reference/senses.md).
 
@@ -229,7 +212,8 @@ class FoveaConfig(Settings):
     gaze: Literal["ahead", "moves"] = "ahead"
     """``moves``: two more actions, the last ones, direct it: right and up."""
     gaze_range_deg: float = Field(default=45.0, ge=0.1, le=55.0)
-    """Rotation of the eyes from straight ahead, to every side, for an action of 1."""
+    """Rotation of the eyes from straight ahead, to every side, for an action of 1; people's turn by
+    40 to 55 degrees (Guitton and Volle 1987)."""
 
 
 class VisionConfig(Settings):
@@ -243,17 +227,9 @@ class VisionConfig(Settings):
     """Channels of the observed image."""
     eyes: Literal[1, 2] = 1
     """2: a picture for each eye; the channels of the left one come first."""
-    foveation: FoveationConfig | None = None
-    """Off by default: sharp all over."""
     fovea: FoveaConfig | None = None
-    """Off by default; a :attr:`foveation` excludes it. The senses ``fovea`` and ``fovea_depth``
-    observe it. ``train --people`` sets it where the app can draw it."""
-
-    @model_validator(mode="after")
-    def _one_gaze(self) -> VisionConfig:
-        if self.fovea is not None and self.foveation is not None:
-            raise ValueError("fovea: got it together with foveation, expected one of the two")
-        return self
+    """Off by default. The senses ``fovea`` and ``fovea_depth`` observe it. ``train --people`` sets
+    it where the app can draw it."""
 
     @property
     def fovea_pixel_m(self) -> float:
@@ -430,7 +406,7 @@ class EnvConfig(Settings):
     @property
     def gaze_range_deg(self) -> float:
         """Return the rotation range of the eyes, degrees; 0: they do not move."""
-        eyes = self.vision.fovea or self.vision.foveation
+        eyes = self.vision.fovea
         return 0.0 if eyes is None or eyes.gaze == "ahead" else eyes.gaze_range_deg
 
 

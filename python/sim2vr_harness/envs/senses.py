@@ -12,7 +12,6 @@ from sim2vr_harness.envs.actions import Actions
 from sim2vr_harness.envs.app_group import AppGroup
 from sim2vr_harness.envs.config import EnvConfig, people_of
 from sim2vr_harness.perception import (
-    Foveation,
     OwnDelays,
     Perception,
     Proprioception,
@@ -61,15 +60,7 @@ def make_perception(
     Raises:
         ValueError: a setting that cannot be used; names it, the given and the expected value.
     """
-    vision, foveation = config.vision, None
-    if (fovea := config.vision.foveation) is not None:
-        foveation = Foveation(
-            vision.height,
-            vision.width,
-            vertical_fov_deg=fovea.vertical_fov_deg,
-            e2_deg=fovea.e2_deg,
-            detail_deg=fovea.detail_deg,
-        )
+    vision = config.vision
     around = Surroundings(
         n=n,
         proprioception=proprioception,
@@ -81,7 +72,6 @@ def make_perception(
         height=vision.height,
         width=vision.width,
         fovea=None if vision.fovea is None else (vision.fovea.height, vision.fovea.width),
-        foveation=foveation,
         inputs=config.user.inputs,
         gaze_range_deg=config.gaze_range_deg,
         actions=actions,

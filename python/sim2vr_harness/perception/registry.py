@@ -12,7 +12,6 @@ from pydantic import Field, field_validator
 from sim2vr_harness.base.errors import unknown_name
 from sim2vr_harness.base.settings import Settings, Weight
 from sim2vr_harness.perception.events import Haptics, Hearing
-from sim2vr_harness.perception.foveation import Foveation
 from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.perception.sense import (
     IntArray,
@@ -42,7 +41,6 @@ class Surroundings:
         eyes: 1 or 2.
         height: height of the images, pixels.
         width: width of the images, pixels.
-        foveation: decrease of the resolution with the angle from the gaze, or None.
         fovea: height and width of the pictures around the gaze, pixels; None: there are none.
         inputs: names of the inputs that the fingers operate, in the order of the actions.
         gaze_range_deg: largest angle of the eyes from straight ahead; 0: fixed eyes.
@@ -61,7 +59,6 @@ class Surroundings:
     eyes: int
     height: int
     width: int
-    foveation: Foveation | None = None
     fovea: tuple[int, int] | None = None
     inputs: tuple[str, ...] = ()
     gaze_range_deg: float = 0.0
@@ -151,7 +148,6 @@ def _vision(name: str, around: Surroundings) -> Sense:
         height=around.height,
         width=around.width,
         frame_grid=around.frame_grid,
-        foveation=around.foveation,
     )
 
 
@@ -194,7 +190,7 @@ _SEEN, _FELT = "visual_delay_s", "proprioceptive_delay_s"
 
 _FLOAT_MAX = float(np.finfo(np.float32).max)
 _FINGERS = "inputs", "'fingers', expected user.inputs for them to work"
-_GAZE = "gaze_range_deg", "'gaze', expected vision.fovea or vision.foveation with gaze: moves"
+_GAZE = "gaze_range_deg", "'gaze', expected vision.fovea with gaze: moves"
 _HEAD = "head_moves", "'head', expected user.head: reflex for it to move"
 
 SENSES: dict[str, SenseKind] = {

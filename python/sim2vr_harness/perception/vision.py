@@ -7,7 +7,6 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from sim2vr_harness.perception.foveation import Foveation
 from sim2vr_harness.perception.sense import IntArray, Sensed, StepContext, rows_of
 
 CHANNELS: tuple[str, ...] = ("red", "green", "blue", "depth")
@@ -26,7 +25,6 @@ def vision(
     height: int,
     width: int,
     frame_grid: int,
-    foveation: Foveation | None = None,
 ) -> Sensed:
     """The sense of N headset pictures.
 
@@ -43,7 +41,6 @@ def vision(
         height: of the pictures, pixels.
         width: of the pictures, pixels.
         frame_grid: physics steps between app frames.
-        foveation: how the resolution falls towards the edge; None: it does not.
 
     Raises:
         ValueError: unknown or repeated channels.
@@ -51,11 +48,7 @@ def vision(
     channel_indices(channels)
 
     def look(moment: StepContext, ids: IntArray | None) -> UInt8Array:
-        pictures = moment.pictures[rows_of(ids)]
-        if foveation is None:
-            return pictures
-        gaze = moment.gaze_deg[rows_of(ids)] if moment.gaze_deg.size else None
-        return foveation.look(pictures, gaze)
+        return moment.pictures[rows_of(ids)]
 
     space: spaces.Box[Any] = spaces.Box(0, 255, (eyes * len(channels), height, width), np.uint8)
     needs = "two_eyes" if eyes == 2 else None

@@ -122,8 +122,8 @@ def test_names_with_line_breaks_and_escape_codes(capsys: Any) -> None:
 
 def test_a_group_that_is_off_is_switched_on_by_its_keys() -> None:
     off = defaults()
-    assert off.env.vision.foveation is None
-    on = defaults(["env.vision.foveation=null", "env.vision.foveation.gaze=ahead"])
-    assert on.env.vision.foveation is not None
-    assert on.env.vision.foveation.gaze == "ahead"
-    assert json.loads(json.dumps(on.model_dump(mode="json")))["env"]["vision"]["foveation"]
+    assert off.env.vision.fovea is None
+    on = defaults(["env.vision.fovea=null", "env.vision.fovea.gaze=ahead"])
+    assert on.env.vision.fovea is not None
+    assert on.env.vision.fovea.gaze == "ahead"
+    assert json.loads(json.dumps(on.model_dump(mode="json")))["env"]["vision"]["fovea"]

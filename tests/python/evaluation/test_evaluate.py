@@ -271,18 +271,18 @@ def test_what_was_never_practised_is_said(trained: Path) -> None:
 def test_another_way_of_sensing_was_never_practised() -> None:
     config = TrainingConfig(name="test")
     senses = [{"sense": "vision", "delay_ms": 100}, {"sense": "proprioception"}, {"sense": "time"}]
-    vision = {"foveation": {"gaze": "ahead"}}
+    vision = {"fovea": {"gaze": "ahead"}}
     env = EnvConfig.model_validate({"senses": senses, "vision": vision})
     own, resolved = ResolvedEnv(config.env), ResolvedEnv(env)
     assert unpractised(config, own, own, []) == []
     assert unpractised(config, own, resolved, []) == [
         "vision.delay_ms = 100.0 (trained: 0.0)",
-        "vision.foveation = yes",
+        "vision.fovea = yes",
     ]
-    softer = EnvConfig.model_validate({"senses": senses, "vision": {"foveation": {"e2_deg": 5}}})
+    finer = EnvConfig.model_validate({"senses": senses, "vision": {"fovea": {"magnification": 8}}})
     config = config.model_copy(update={"env": env})
-    assert unpractised(config, resolved, ResolvedEnv(softer), []) == [
-        "vision.foveation.e2_deg = 5.0 (trained: 2.3)"
+    assert unpractised(config, resolved, ResolvedEnv(finer), []) == [
+        "vision.fovea.magnification = 8.0 (trained: 6.0)"
     ]
 
 

@@ -129,8 +129,8 @@ def require_senses(env: EnvConfig) -> None:
     why = "by which a user decides"
     vision = env.vision
     got = [str(channel) for channel in vision.channels]
-    if got != ["red", "green", "blue", "depth"] or vision.eyes != 1 or vision.foveation is not None:
-        wanted = "[red, green, blue, depth] of one eye, without foveation"
+    if got != ["red", "green", "blue", "depth"] or vision.eyes != 1:
+        wanted = "[red, green, blue, depth] of one eye"
         raise InputError("env.vision", f"{got}", f"{wanted}, {why}")
     senses = {sense.sense: sense for sense in env.senses}
     if env.user.head != "fixed" and "headset" not in senses:
@@ -352,21 +352,20 @@ class HierarchicalPolicy(nn.Module):
             body = self._drive(moment, goals, memory)
             fingers = self.primitives.inputs(memory.choice, moment.placed[0])
             if self._gaze_range_deg:
-                self._look(moment, memory)
-        gaze = memory.gaze.numpy() if self._gaze_range_deg else np.zeros((len(body), 0), np.float32)
-        return np.concatenate([body, fingers, gaze], 1)
-
-    def _look(self, moment: Moment, memory: Memory) -> None:
-        """Direct the gaze to the target of the hand that is farthest from its own."""
-        choice, head = memory.choice, moment.head
-        active = choice.move >= 0
-        left = (choice.seen - self.primitives.tips(*moment.placed)[0]).norm(dim=-1)
-        hand = left.masked_fill(~active, -1.0).argmax(1)
-        way = choice.seen[torch.arange(len(hand)), hand] - head[:, :3, 3]
-        ahead, to_left, up = torch.einsum("nji,nj->in", head[:, :3, :3], way)
-        gaze = torch.stack([torch.atan2(-to_left, ahead), torch.atan2(up, ahead.hypot(to_left))], 1)
-        gaze = (torch.rad2deg(gaze) / self._gaze_range_deg).clamp(-1.0, 1.0)
-        memory.gaze = torch.where(active.any(1, keepdim=True), gaze, memory.gaze)
+                # Look at the target of the hand that is farthest from its own.
+                choice, head, active = memory.choice, moment.head, memory.choice.move >= 0
+                left = (choice.seen - self.primitives.tips(*moment.placed)[0]).norm(dim=-1)
+                hand = left.masked_fill(~active, -1.0).argmax(1)
+                way = choice.seen[torch.arange(len(hand)), hand] - head[:, :3, 3]
+                ahead, to_left, up = torch.einsum("nji,nj->in", head[:, :3, :3], way)
+                gaze = torch.atan2(
+                    torch.stack([-to_left, up], 1), torch.stack([ahead, ahead.hypot(to_left)], 1)
+                )
+                gaze = (torch.rad2deg(gaze) / self._gaze_range_deg).clamp(-1.0, 1.0)
+                memory.gaze = torch.where(active.any(1, keepdim=True), gaze, memory.gaze)
+        if not self._gaze_range_deg:
+            return np.concatenate([body, fingers], 1)
+        return np.concatenate([body, fingers, memory.gaze.numpy()], 1)
 
     def _drive(self, moment: Moment, goals: MotorGoals, memory: Memory) -> NDArray[np.float32]:
         """(N, A) actions of the bodies."""

@@ -109,7 +109,7 @@ class SkillsConfig(Settings):
     completes each action that it has selected. ``person``: the same with the limits of people:
     vision is delayed, decisions take time, and the human motor policy of the body moves it; ``train
     GAME --people`` sets it."""
-    instruction: Literal["accurate", "balanced", "fast"] = "balanced"
+    instruction: Literal["accurate", "balanced", "fast"] = "fast"
     """What persons are asked to be. Outcomes below zero weigh :data:`LOSS_AVERSION` times as much
     as gains; the same as gains for ``fast``, and by its square for ``accurate``."""
     motor: str | None = None

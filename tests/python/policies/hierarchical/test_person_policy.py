@@ -40,8 +40,9 @@ def policy() -> Following:
 
 def seeing(policy: Following, height: float = 0.0) -> dict[str, np.ndarray]:
     """Return what one person senses whose picture has this number everywhere."""
-    vision = policy._wanted["vision"]
+    vision, eyes = policy._wanted["vision"], ("fovea", "fovea_depth", "gaze")
     return {
+        **{key: np.zeros((1, *policy._wanted[key]), np.float32) for key in eyes},
         "vision": np.full((1, 2 * vision[0], *vision[1:]), height, dtype=np.float32),
         "proprioception": np.zeros((1, len(Proprioception(policy.layer.body).names)), "f4"),
         "person": np.zeros((1, len(FEATURES)), np.float32),
@@ -71,7 +72,7 @@ def test_a_decision_takes_time(policy: Following) -> None:
 
 
 def test_people_work_the_inputs_of_a_game(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The panel's trigger is the last of their actions; no choice points, and it is at rest."""
+    """The panel's trigger comes before two actions of the gaze; no choice points: it is at rest."""
     given: list[TrainingConfig] = []
 
     def keep(settings: TrainingConfig, *others: Any, **named: Any) -> None:
@@ -86,8 +87,10 @@ def test_people_work_the_inputs_of_a_game(monkeypatch: pytest.MonkeyPatch) -> No
     assert given[0].env.user.inputs == ("right.trigger",)
     policy = Following(given[0])
     action = policy.act(seeing(policy), policy.begin(1), [None])[0]
-    assert len(action) == len(policy.layer.body.action_names) + 1
-    assert action[-1] == -1.0
+    assert len(action) == len(policy.layer.body.action_names) + 3
+    assert action[-3] == -1.0
+    # 0.4 m ahead of the world's origin and at its height, seen by eyes that are far above.
+    assert action[-1] == -1.0 and abs(action[-2]) < 1.0
 
 
 @pytest.mark.parametrize("together", [1, 6])

@@ -312,9 +312,7 @@ class PyAppBatch {
     const auto [width, height] = batch().settings().fovea_size;
     return view(batch().foveaDepth(), {batch().size(), height, width});
   }
-  py::array_t<float> gaze() const {
-    return view<float>(batch().gaze(), {batch().size(), 2}, true);
-  }
+  py::array_t<float> gaze() const { return view<float>(batch().gaze(), {batch().size(), 2}, true); }
   py::array_t<float> rewards() const { return view(batch().rewards(), {batch().size()}); }
   py::array_t<std::uint8_t> finished() const { return view(batch().finished(), {batch().size()}); }
   py::array_t<float> timeFeatures() const { return view(batch().timeFeatures(), {batch().size()}); }
@@ -408,7 +406,8 @@ void bindAppBatch(py::module_& module) {
            "options: JSON object. share_renderer: the first thread draws with the renderer that "
            "the process shares. log_dirs: root of each app's episode logs; [] for no logs. The "
            "times are those of TimeSettings in core/clock.hpp. vision_channels: what `vision` "
-           "holds, 0 red, 1 green, 2 blue, 3 depth. fovea_*: size in pixels of `fovea`, 0: none, and "
+           "holds, 0 red, 1 green, 2 blue, 3 depth. fovea_*: size in pixels of `fovea`, 0: none, "
+           "and "
            "width of a pixel at a depth of 1 m.")
       .def("reset", &PyAppBatch::reset, py::arg("indices"), py::arg("seeds"), py::arg("options"),
            py::arg("head"), py::arg("left_controller") = py::none(),

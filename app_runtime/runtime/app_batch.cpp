@@ -238,15 +238,11 @@ void AppBatch::addFovea(int index, std::vector<render::ViewRequest>& views) {
   const double half_y = 0.5 * size.height * settings_.fovea_pixel_m;
   const double right = gaze_[2 * row], up = gaze_[2 * row + 1];
   const std::size_t pixels = size.pixels();
-  apps_[row]->addWindow(views,
-                        {.left = right - half_x,
-                         .right = right + half_x,
-                         .down = up - half_y,
-                         .up = up + half_y},
-                        size,
-                        std::span(fovea_).subspan(row * pixels * kImageChannels,
-                                                  pixels * kImageChannels),
-                        std::span(fovea_depth_).subspan(row * pixels, pixels));
+  apps_[row]->addWindow(
+      views,
+      {.left = right - half_x, .right = right + half_x, .down = up - half_y, .up = up + half_y},
+      size, std::span(fovea_).subspan(row * pixels * kImageChannels, pixels * kImageChannels),
+      std::span(fovea_depth_).subspan(row * pixels, pixels));
 }
 
 void AppBatch::separateChannels(int index) {

@@ -27,7 +27,7 @@ ALL_OPTIONS = envs.EnvConfig(
         {"sense": "proprioception", "delay_ms": 30, "noise": 0.01},
         {"sense": "time"},
         {"sense": "gaze"},
-        {"sense": "fovea_depth"},
+        {"sense": "fovea"},
     ],
 )
 

@@ -77,7 +77,8 @@ class AppBatch {
   /// N x (eyes * channels) x height x width bytes, the left eye's channels first: what a policy
   /// looks at, separated by the threads that drew.
   std::span<const std::uint8_t> vision() const { return vision_; }
-  /// N x height x width x 4 bytes: a window of the headset's picture around the gaze, drawn with it.
+  /// N x height x width x 4 bytes: a window of the headset's picture around the gaze, drawn with
+  /// it.
   std::span<const std::uint8_t> fovea() const { return fovea_; }
   /// N x height x width: its depths, m (ViewRequest::depth_m).
   std::span<const float> foveaDepth() const { return fovea_depth_; }

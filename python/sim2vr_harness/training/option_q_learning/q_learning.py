@@ -243,8 +243,9 @@ class ValueLearner(State):
     def _scene(self, rows: NDArray[np.int64], users: NDArray[np.int64]) -> OptionScene:
         """Return the scenes of decisions (K,) of users (K,)."""
         pictures, *others = (self.decisions.read(name, rows, users) for name in SCENE)
-        seen = [torch.from_numpy(each) for each in (pictures.transpose(0, 3, 1, 2), *others)]
-        return OptionScene(self.net.sight, *seen, fovea=None)
+        seen = (pictures.transpose(0, 3, 1, 2), *others)
+        parts: list[Any] = [torch.from_numpy(each) for each in seen]
+        return OptionScene(self.net.sight, *parts)
 
     @staticmethod
     def _worth(values: Tensor, chosen: Tensor) -> Tensor:

@@ -184,7 +184,7 @@ def _percent(share: Mapping[str, Any]) -> str:
 
 
 def _share(share: Mapping[str, Any]) -> str:
-    return f"{100.0 * share['share']:.0f} %"
+    return "-" if share["share"] is None else f"{100.0 * share['share']:.0f} %"
 
 
 def answers(values: Mapping[str, Any]) -> list[tuple[str, ...]]:

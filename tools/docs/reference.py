@@ -1,15 +1,16 @@
-"""Writes docs/reference/settings.md and command_line.md from the package.
+"""Writes docs/reference/settings.md, command_line.md and measures.md from the package.
 
 Run: make reference
 """
 
 import ast
 import inspect
+import json
 import math
 import re
 import sys
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -23,12 +24,15 @@ from pydantic.fields import FieldInfo
 
 from sim2vr_harness.cli.command import HEADINGS
 from sim2vr_harness.cli.main import app
+from sim2vr_harness.client import describe_game, list_games, list_options
 from sim2vr_harness.games.registry import imagined_games, imagined_settings
+from sim2vr_harness.human_comparison.measures import EVERY_MEASURE
 from sim2vr_harness.runs.config import TrainingConfig
 
 ROOT = Path(__file__).resolve().parents[2]
 SETTINGS = ROOT / "docs/reference/settings.md"
 COMMAND_LINE = ROOT / "docs/reference/command_line.md"
+MEASURES = ROOT / "docs/reference/measures.md"
 
 INTRODUCTION = """\
 # Settings
@@ -371,7 +375,50 @@ def command_line_page() -> str:
     return "\n".join(parts)
 
 
-PAGES = {SETTINGS: settings_page, COMMAND_LINE: command_line_page}
+# ---------------------------------------------------------------- games and measures
+
+MEASURES_INTRODUCTION = """\
+# Conditions, options and measures
+
+Set an option with `--set env.app.options.NAME=VALUE`. The page of a game explains its options.
+`make reference` writes this page from the games and measures; edit their descriptions, not this
+file.
+"""
+
+
+def rows(head: str, cells: Iterable[Sequence[object]]) -> str:
+    """Return a Markdown table; `head` has the names of its columns, separated by commas."""
+    names = head.split(", ")
+    lines = [names, ["---"] * len(names), *cells]
+    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines) + "\n"
+
+
+def measures_page() -> str:
+    """Return the page of the games' facts and of the measures of behaviour."""
+    parts = [MEASURES_INTRODUCTION]
+    for facts in map(describe_game, sorted(list_games())):
+        parts.append(f"## `{facts.name}`\n\n{facts.description}.\n")
+        conditions = [(f"`{each.name}`", each.description) for each in facts.conditions]
+        parts.append(rows("Condition, Content", conditions))
+        measures = [
+            (f"`{m.name}`", m.unit, m.better, m.description or m.label) for m in facts.measures
+        ]
+        parts.append(rows("Measure, Unit, Better, Meaning", measures) if measures else "")
+        options = [
+            (f"`{each.name}`", each.type, f"`{json.dumps(each.default)}`", each.range)
+            for each in list_options(facts.name)
+        ]
+        parts.append(rows("Option, Type, Default, Range", options))
+    parts.append("## Measures of behaviour\n\n`compare` computes them ([method](human_measures.md)).\n")
+    found = [
+        (f"`{m.name}`", m.family, m.unit, m.where.value, m.label.replace("|", "\\|"))
+        for m in EVERY_MEASURE
+    ]
+    parts.append(rows("Measure, Family, Unit, Where, Meaning", found))
+    return "\n".join(parts)
+
+
+PAGES = {SETTINGS: settings_page, COMMAND_LINE: command_line_page, MEASURES: measures_page}
 """Page -> the function that writes it."""
 
 

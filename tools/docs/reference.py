@@ -409,7 +409,7 @@ def measures_page() -> str:
             for each in list_options(facts.name)
         ]
         parts.append(rows("Option, Type, Default, Range", options))
-    parts.append("## Measures of behaviour\n\n`compare` computes them ([method](human_measures.md)).\n")
+    parts.append("## Measures of behaviour\n\nThe [method](human_measures.md) of `compare`.\n")
     found = [
         (f"`{m.name}`", m.family, m.unit, m.where.value, m.label.replace("|", "\\|"))
         for m in EVERY_MEASURE

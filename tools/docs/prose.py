@@ -29,6 +29,7 @@ EXEMPT = (
     "docs/reference/settings.md",
     "docs/reference/command_line.md",
     "docs/reference/measures.md",
+    "docs/reference/files.md",
 )
 """Pages of figures and generated pages."""
 

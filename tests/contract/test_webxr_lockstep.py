@@ -66,7 +66,6 @@ button('Enter VR', (event) => {
 
 @pytest.fixture
 def busy() -> Iterator[None]:
-    """Three processes that never rest."""
     processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(3)]
     yield
     for process in processes:

@@ -5,11 +5,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count, product, repeat
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
-from markupsafe import Markup
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 from scipy.sparse import coo_matrix
@@ -22,7 +20,9 @@ from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
 from sim2vr_harness.envs.people_preset import with_people
 from sim2vr_harness.envs.resolved import ResolvedEnv
-from sim2vr_harness.figures.html import heading, save_page, table
+from sim2vr_harness.figures.figure import Figure, Layer, Panel
+from sim2vr_harness.figures.figure import Path as Path_
+from sim2vr_harness.figures.html import Part, drawn, image, save_page, table
 from sim2vr_harness.users import Body
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 from sim2vr_harness.users.kinematics.inverse import CLOSE_M, solve
@@ -45,6 +45,8 @@ _ROUNDS = 12
 _SHRINK, _SWELL = 0.5, -0.53
 """Taubin's two steps of smoothing, which together keep the volume."""
 _PICTURE = (1280, 720)
+_MOST_POINTS = 1500
+"""Of the surface of the reach, in space."""
 _BALL_M = 0.025
 _ROOM_RGBA, _INSIDE_RGBA, _OUTSIDE_RGBA = (
     (0.16, 0.45, 0.85, 0.20),
@@ -522,7 +524,8 @@ def write(found: Measured, out: Path) -> list[Path]:
         with naming(out / name), (out / name).open("w", newline="") as stream:
             csv.writer(stream).writerows([titles, *values])
         files.append(out / name)
-    return [*files, write_page(found, out / "hull.html"), write_picture(found, out / "hull.png")]
+    picture = write_picture(found, out / "hull.png")
+    return [*files, write_page(found, picture, out / "hull.html"), picture]
 
 
 def write_picture(found: Measured, file: Path) -> Path:
@@ -579,82 +582,63 @@ def ball_scene(
     return AppScene((*objects, placed(1, np.zeros(3), 1.0, _ROOM_RGBA)), (ball, room))
 
 
-def write_page(found: Measured, file: Path) -> Path:
-    """Write the page.
+def write_page(found: Measured, picture: Path, file: Path) -> Path:
+    """Write the page, with the picture on its first screen.
 
     Raises:
         InputError: Plotly is not installed.
     """
     names = found.missed
     low, high = found.extent_m
-    where = Markup("<b>{}</b> of <b>{}</b>").format(found.point.part, found.body.name)
-    words = Markup("<p>Everywhere that {} can be brought {}</p>").format(
-        where,
-        f"within the limits of {len(found.reach.linkage.joints)} joints: "
-        f"{found.volume.litres:,.0f} litres, from {low[0]:.2f} to {high[0]:.2f} m to the right, "
-        f"{low[1]:.2f} to {high[1]:.2f} m up and {low[2]:.2f} to {high[2]:.2f} m ahead. Origin: "
-        "the floor below the body. Collisions with oneself and strength do not count.",
+    words = (
+        f"Reach is everywhere that {found.point.part} can be brought within the limits of "
+        f"{len(found.reach.linkage.joints)} joints, from {low[0]:.2f} to {high[0]:.2f} m to the "
+        f"right, {low[1]:.2f} to {high[1]:.2f} m up and {low[2]:.2f} to {high[2]:.2f} m ahead. "
+        "Origin: the floor below the body. Collisions with oneself and strength do not count."
     )
-    parts: list[str | Any] = [words]
+    answer = f"{found.volume.litres:,.0f} litres are within reach."
+    first: list[Part] = [image(picture.read_bytes(), "The body and its reach")]
     if found.targets:
-        answer = f"All {len(found.targets)} targets can be reached"
+        answer = f"All {len(found.targets)} targets can be reached."
         if names:
-            answer = f"{len(names)} of {len(found.targets)} targets cannot be reached"
-        parts.append(Markup("<p><b>{}.</b></p>").format(answer))
-    parts.append(_figure(found))
-    if found.targets:
+            answer = f"{len(names)} of {len(found.targets)} targets cannot be reached."
         rows, pairs = [], zip(found.targets, found.verdicts, strict=True)
         for target, verdict in pairs:
             place = [f"{value:.3f}" for value in target.place_m]
-            rows.append([target.name, *place, margin_words(verdict.margin_m)])
+            rows.append([target.name, margin_words(verdict.margin_m), *place])
         bad = [i for i, verdict in enumerate(found.verdicts) if not verdict.inside]
-        header = ["Target", "Right (m)", "Up (m)", "Ahead (m)", "Within reach"]
-        parts += [heading("Targets"), table(header, rows, bad)]
-    title = f"Reach of {found.body.name}, {found.point.part}"
-    return save_page(file, title, parts)
+        first.append(
+            table(["Target", "Within reach", "Right (m)", "Up (m)", "Ahead (m)"], rows, bad)
+        )
+    caption = "Turn it with the mouse or a finger; pointing at a target shows its name."
+    turned = drawn(Figure("hull", "Reach", caption, [_space(found)]), still=False)
+    title = f"What can {found.point.part} of {found.body.name} reach?"
+    sections: list[tuple[str, list[Part]]] = [("What limits this answer", [words])]
+    sections.append(("Reach in space", [turned]))
+    return save_page(file, title, answer, first, sections)[0]
 
 
-def _figure(found: Measured) -> dict[str, Any]:
-    """Return the hull, the body's bones and the targets, for Plotly."""
-    vertices, triangles = shell(found.volume)
-    (right, up, ahead), (i, j, k) = position_to_app(vertices).round(4).T, triangles.T
-    room: dict[str, Any] = {
-        "type": "mesh3d",
-        "color": _ROOM,
-        "opacity": 0.22,
-        "name": "within reach",
-    }
-    room |= {"x": right, "y": ahead, "z": up, "i": i, "j": j, "k": k}
-    bones: dict[str, Any] = {
-        "type": "scatter3d",
-        "mode": "lines",
-        "name": "the body",
-        "hoverinfo": "skip",
-    }
-    bones |= {"line": {"color": _BONES, "width": 6}}
-    bones |= dict(zip("xyz", _bones(found.body), strict=True))
-    traces = [room | {"showlegend": True, "hoverinfo": "skip"}, bones]
+def _space(found: Measured) -> Panel:
+    """Return the surface of the reach, the body's bones and the targets in space."""
+
+    def places(name: str, at: FloatArray, colour: str, hover: Sequence[str] | None = None) -> Path_:
+        right, up, ahead = np.reshape(at, (-1, 3)).T
+        return Path_(name, right, ahead, up, colour, places=True, hover=hover)
+
+    surface = position_to_app(found.volume.surface())
+    x, y, z = _bones(found.body)
+    layers: list[Layer] = [
+        places("within reach", surface[:: 1 + len(surface) // _MOST_POINTS], _ROOM),
+        Path_("the body", x, y, z, _BONES),
+    ]
     for inside, colour, label in ((True, _INSIDE, "reached"), (False, _OUTSIDE, "not reached")):
         pairs = zip(found.targets, found.verdicts, strict=True)
         chosen = [(target, verdict) for target, verdict in pairs if verdict.inside == inside]
         if chosen:
-            right, up, ahead = np.array([target.place_m for target, _ in chosen]).T
-            trace: dict[str, Any] = {
-                "type": "scatter3d",
-                "mode": "markers",
-                "name": f"targets {label}",
-            }
-            trace |= {"x": right, "y": ahead, "z": up, "hovertemplate": "%{text}<extra></extra>"}
-            line = {"width": 1, "color": "white"}
-            trace["marker"] = {"size": 5, "color": colour, "line": line}
-            trace["text"] = [f"{t.name}: {margin_words(v.margin_m)}" for t, v in chosen]
-            traces.append(trace)
-    axes = {"xaxis": "right (m)", "yaxis": "ahead (m)", "zaxis": "up (m)"}
-    scene: dict[str, Any] = {name: {"title": {"text": label}} for name, label in axes.items()}
-    scene |= {"aspectmode": "data", "camera": {"eye": {"x": 1.5, "y": -1.5, "z": 0.8}}}
-    layout: dict[str, Any] = {"height": 640, "margin": dict.fromkeys("lrtb", 0), "scene": scene}
-    layout["legend"] = {"orientation": "h", "y": 0.0, "yanchor": "top"}
-    return {"data": traces, "layout": layout}
+            at = np.array([target.place_m for target, _ in chosen])
+            hover = [f"{t.name}: {margin_words(v.margin_m)}" for t, v in chosen]
+            layers.append(places(f"targets {label}", at, colour, hover))
+    return Panel("", layers, legend=True)
 
 
 def _bones(body: Body) -> tuple[list[float | None], ...]:

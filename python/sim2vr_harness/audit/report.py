@@ -3,7 +3,6 @@
 import json
 import logging
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +19,10 @@ from sim2vr_harness.audit.reaching import MIRROR
 from sim2vr_harness.audit.remedies import GOAL
 from sim2vr_harness.audit.summary import EVERYONE, Audit, plain
 from sim2vr_harness.base.files import write_atomically
-from sim2vr_harness.client import AppRefused
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
-from sim2vr_harness.client.webxr.browser import print_page
-from sim2vr_harness.figures.figure import GREY, INK, Bars, Figure, Panel
+from sim2vr_harness.figures.figure import GREY, INK, Figure, Panel
 from sim2vr_harness.figures.figure import Path as Places
-from sim2vr_harness.figures.html import heading, save_page, table
+from sim2vr_harness.figures.html import Part, drawn, image, listed, save_page, table
 from sim2vr_harness.figures.matplotlib_backend import write_figure
 from sim2vr_harness.play.film import Film
 from sim2vr_harness.users import load_body
@@ -84,8 +81,8 @@ def write(audit: Audit, out: Path, *, film: bool = True) -> list[Path]:
     file = out / "audit.json"
     text = json.dumps(values, indent=1, ensure_ascii=False, allow_nan=False)
     write_atomically(file, text.encode() + b"\n")
-    figure = Figure("targets", "Targets", _CAPTION, (_space(audit),))
-    worst = None
+    worst, still = None, out / "targets.png"
+    write_figure(Figure("targets", "Targets", _CAPTION, (_space(audit),)), still)
     if film:
         (out / "worst.mp4").unlink(missing_ok=True)
         try:
@@ -93,11 +90,11 @@ def write(audit: Audit, out: Path, *, film: bool = True) -> list[Path]:
         except RuntimeError as error:  # no OpenGL, or no ffmpeg
             logging.getLogger(__name__).info("no film: %s", error)
     title = f"Who can use {audit.title}?"
-    page = save_page(out / "report.html", title, _parts(audit, values, worst))
-    files = [page, file, write_figure(figure, out / "targets.png")]
-    with suppress(AppRefused):
-        files.append(print_page(page, out / "report.pdf"))
-    return files + ([] if worst is None else [worst])
+    first, sections = _first(values, still), _sections(audit, values, worst)
+    page, *pdf = save_page(
+        out / "report.html", title, headline(values), first, sections, printed=True
+    )
+    return [page, file, still, *pdf, *([] if worst is None else [worst])]
 
 
 def headline(values: Mapping[str, Any]) -> str:
@@ -108,26 +105,15 @@ def headline(values: Mapping[str, Any]) -> str:
         return (
             f"{every['n']} persons are too few to judge {len(targets)} targets: {FEWEST} at least."
         )
-    first = (
-        f"{_percent(every['reach_every_target'])} of {values['people']} {values['stance']} persons "
-        "see and reach every target."
-    )
-    held = f"{_percent(every['every_target'])} can also hold each long enough (*)."
+    who = f"{values['people']} {values['stance']} virtual people"
+    share = every["every_target"]["share"]
+    if share == 1.0:
+        return f"All {who} can see, reach and hold all {len(targets)} targets."
+    everything = f"{100 * share:.0f} % can use every target"
     if not missed:
-        return f"{first} {held} Each of the {len(targets)} targets includes at least 95 %."
-    return f"{first} {held} {missed} of {len(targets)} targets exclude more than 5 %."
-
-
-def findings(values: Mapping[str, Any]) -> list[str]:
-    """Return a sentence per target that excludes more than 5 %, worst first."""
-    found = []
-    for target in _missed(values):
-        n = target["usable"]["n"]
-        why = ", ".join(f"{cause}: {count} of {n}" for cause, count in target["causes"].items())
-        offers = ", or ".join(_offers(target))
-        advice = f"To include 95 %: {offers}." if offers else f"{_NO_SHIFT} includes 95 %."
-        found.append(f"{target['name']}: {_percent(target['usable'])} can use it ({why}). {advice}")
-    return found
+        return f"At least 95 % of {who} can use each of {len(targets)} targets; {everything}."
+    verb = "excludes" if missed == 1 else "exclude"
+    return f"{missed} of {len(targets)} targets {verb} more than 5 % of {who}; {everything}."
 
 
 def too_weak(values: Mapping[str, Any]) -> str:
@@ -190,14 +176,18 @@ def _percent(share: Mapping[str, Any]) -> str:
     return f"{100.0 * share['share']:.0f} % [{low:.0f}, {high:.0f}]"
 
 
-def _answers(values: Mapping[str, Any]) -> list[tuple[str, ...]]:
+def _share(share: Mapping[str, Any]) -> str:
+    return f"{100.0 * share['share']:.0f} %"
+
+
+def answers(values: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Return which persons are excluded from which target, why, and what would include them."""
     rows: list[tuple[str, ...]] = []
     for target in _missed(values):
         why = next(iter(target["causes"]), "")
         change = ", or ".join(_offers(target)) or _NO_SHIFT
         change = change[:1].upper() + change[1:]
-        rows.append((EVERYONE, target["name"], _percent(target["usable"]), why, change))
+        rows.append((EVERYONE, target["name"], _share(target["usable"]), why, change))
     # Groups that are excluded from more than everyone.
     every = values["groups"][0]["targets"]
     for group in values["groups"][1:]:
@@ -211,63 +201,67 @@ def _answers(values: Mapping[str, Any]) -> list[tuple[str, ...]]:
         for name, share in worse[:_MOST]:
             why = next(iter(group["causes"][name]), "")
             change = "Let one hand do it" if why == "needs two hands" else ""
-            rows.append((group["name"], name, _percent(share), why, change))
+            rows.append((group["name"], name, _share(share), why, change))
         if len(worse) > _MOST:
             rows.append((group["name"], f"{len(worse) - _MOST} more", "", "", ""))
     return rows
 
 
-def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[str | Panel]:
-    parts: list[str | Panel] = [Markup("<p><b>{}</b></p>").format(headline(values))]
-    rows = _answers(values)
-    if rows:
-        rows = [(*row[:2], row[2].replace(" ", "\u00a0"), *row[3:]) for row in rows]
-        parts.append(table(_ANSWER, rows, kind="words"))
-    parts += [told for told in (too_weak(values), unanswered(values)) if told]
+def _first(values: Mapping[str, Any], still: Path) -> list[Part]:
+    """Return the picture and the table of the first screen."""
+    header, rows = _ANSWER, answers(values)
+    if not rows:
+        header, columns = ("target", "can use it", "seen", "reached"), ("usable", "seen", "reached")
+        hard = sorted(values["targets"], key=lambda each: each["usable"]["share"] or 0.0)
+        rows = [(each["name"], *(_share(each[one]) for one in columns)) for each in hard[:_SHOWN]]
+    kept = [number for number, _ in enumerate(header) if any(row[number] for row in rows)]
+    rows = [tuple(row[number] for number in kept) for row in rows]
+    picture = image(still.read_bytes(), "A person and the targets")
+    picture += Markup('<p class="caption">{}</p>').format(_CAPTION)
+    return [picture, table([header[number] for number in kept], rows)]
+
+
+def _sections(
+    audit: Audit, values: Mapping[str, Any], worst: Path | None
+) -> list[tuple[str, list[Part]]]:
+    told = [text for text in (unanswered(values), too_weak(values)) if text]
+    sections: list[tuple[str, list[Part]]] = [
+        ("What limits this answer", [listed([*told, *LIMITS])])
+    ]
+    figure = drawn(Figure("targets", "Targets", _TURN, (_space(audit),)), still=False)
+    sections.append(("Where the targets are", [figure]))
     case = worst_case(audit)
     if worst is not None and case is not None:
         person, column = audit.subjects[case[0]], audit.targets[case[1]].name
         who = f"a {'man' if person.man else 'woman'} of {person.person.stature_m:.2f} m"
         link = Markup('<p>Worst case: {}, by {} (<a href="{}">film</a>).</p>')
-        parts.append(link.format(column, who, worst.name))
-    limits = Markup().join(Markup("<li>{}</li>").format(text) for text in LIMITS)
-    parts.append(Markup('<div class="warn">Limits of the model:<ul>{}</ul></div>').format(limits))
-    parts += [heading("Where the targets are"), _space(audit), _CAPTION]
-    parts += [heading("By target"), _target_table(values)]
-    if told := [[each["name"], each["in_app"]] for each in values["targets"] if each["in_app"]]:
-        parts += [heading("Operated in the app"), table(["target", "reaction"], told, kind="wrap")]
+        sections[-1][1].append(link.format(column, who, worst.name))
+    sections.append(("By target", [_target_table(values)]))
+    if rows := [[each["name"], each["in_app"]] for each in values["targets"] if each["in_app"]]:
+        sections.append(("Operated in the app", [table(["target", "reaction"], rows)]))
     # Groups by targets, some targets a table, so that it fits a page.
-    parts.append(heading("By group"))
+    sections.append(("By group", [_GROUPS]))
     names = [each["name"] for each in values["targets"]]
     for begin in range(0, len(names), _ABREAST):
         chosen, first = names[begin : begin + _ABREAST], begin == 0
-        rows = []
+        shares = []
         for group in values["groups"]:
-            shares = [group["every_target"]] if first else []
-            shares += [group["targets"][name] for name in chosen]
-            cells = [_percent(each).replace(" ", "\u00a0") for each in shares]
+            own = [group["every_target"]] if first else []
+            own += [group["targets"][name] for name in chosen]
             mark = "" if group["verified"] else " *"
-            rows.append((group["name"] + mark, str(group["n"]), *cells))
+            shares.append((group["name"] + mark, str(group["n"]), *map(_percent, own)))
         header = ("group", "persons", *(["every target"] if first else []), *chosen)
-        parts.append(table(header, rows, kind="wrap"))
-    parts += [_GROUPS, heading("Exertion by target"), _exertion_table(values), _EXERTION]
-    reached = [
-        each for each in values["targets"] if each["exertion"]["n"] and each["how"] != "look"
-    ]
-    medians = [each["exertion"]["share_of_activation"][1] for each in reached]
-    shown = [1.0 if each is None else min(each, 1.0) for each in medians]
-    bars = Bars("activation", [each["name"] for each in reached], shown, "#0072b2")
-    title = "Median activation of the shoulder's muscles; 1: too weak"
-    parts.append(Panel(title, (bars,), y_label="share of maximum"))
+        sections[-1][1].append(table(header, shares))
+    sections.append(("Exertion by target", [_exertion_table(values), _EXERTION]))
     if any(each["operated"] for each in values["targets"]):
-        parts += [heading("Acted out"), _operated_table(values), _OPERATED]
+        sections.append(("Acted out", [_operated_table(values), _OPERATED]))
     if values["paths"]:
         paths = [
             (f"{path['start']} to {path['end']}", f"{path['mean']:.2f}", f"{path['peak']:.2f}")
             for path in values["paths"]
         ]
         path_table = table(("path", "mean", "peak"), paths)
-        parts += [heading("Exertion between targets"), path_table, _PATHS]
+        sections.append(("Exertion between targets", [path_table, _PATHS]))
     sources = [
         (EVERYONE, "stature, segments, strength, handedness: docs/concepts/people.md", "yes"),
         ("field of view, neck", "90 degrees; Apti, Colak and Akcay 2023", "yes"),
@@ -278,11 +272,17 @@ def _parts(audit: Audit, values: Mapping[str, Any], worst: Path | None) -> list[
         for group in values["groups"]
         if group["source"] != "sampled"
     ]
-    return [*parts, heading("Sources"), table(("group", "source", "verified"), sources)]
+    return [*sections, ("Sources", [table(("group", "source", "verified"), sources)])]
 
 
 _NO_SHIFT = "No shift of up to 1.5 m"
-_ANSWER = ("who", "target", "can use it", "why not", "smallest change that includes 95 %")
+_ANSWER: tuple[str, ...] = (
+    "who",
+    "target",
+    "can use it",
+    "why not",
+    "smallest change that includes 95 %",
+)
 _OPERATED = (
     "Muscles and trunk bring the hand, or its ray, to the target and keep it there for "
     "0.15 s. An attempt takes up to 6 s. Predicted: those whose muscles suffice."
@@ -294,8 +294,11 @@ _PATHS = (
 
 
 _CAPTION = (
-    "Targets for a person of median stature, coloured by the share of people who can use them. "
-    "Lines: eyes, shoulders, and the way down to the floor."
+    "Targets for a person of median stature; the greener a target, the more people can use it."
+)
+_TURN = (
+    "The same in space: turn it with the mouse or a finger. Lines: eyes, shoulders, and the way "
+    "down to the floor."
 )
 _GROUPS = (
     "Share who can use a target, with Wilson's 95 % interval. Groups of fewer than "
@@ -314,6 +317,8 @@ _EXERTION = (
 
 _MOST = 4
 """Targets that the answer names for a group."""
+_SHOWN = 10
+"""Targets on the first screen, the hardest first."""
 _ABREAST = 5
 """Number of targets in a row."""
 
@@ -326,11 +331,11 @@ def _target_table(values: Mapping[str, Any]) -> Markup:
         why = ", ".join(f"{cause} {count}" for cause, count in each["causes"].items())
         how = each["how"] + (", both hands" if each["hand"] == "both" else "")
         columns = ("usable", "seen", "reached", "held", "leans", "muscles_suffice")
-        parts = [_percent(each[part]).replace(" ", "\u00a0") for part in columns]
+        parts = [_percent(each[part]) for part in columns]
         rows.append([each["name"], how, *parts, why])
         if each["remedy"] is not None:
             bad.append(number)
-    return table(header, rows, bad, kind="wrap")
+    return table(header, rows, bad)
 
 
 def _exertion_table(values: Mapping[str, Any]) -> Markup:
@@ -349,7 +354,7 @@ def _exertion_table(values: Mapping[str, Any]) -> Markup:
         for each in values["targets"]
         if each["how"] != "look"
     ]
-    return table(["target", *keys], rows, kind="wrap")
+    return table(["target", *keys], rows)
 
 
 def _spread(target: Mapping[str, Any], key: str) -> str:
@@ -399,15 +404,14 @@ def _space(audit: Audit) -> Panel:
         layer("eyes and shoulders", audit.landmarks_m, GREY),
     ]
     names = np.array([each.name for each in audit.targets])
-    labels = np.array(labels_of(places, names.tolist()))
+    labels = np.array(labels_of(places, names.tolist(), figure))
     for number, (least, name, colour) in enumerate(_CLASSES):
         most = np.inf if number == 0 else _CLASSES[number - 1][0]
         chosen = (usable >= least) & (usable < most)
         if chosen.any():
             told = {"text": labels[chosen].tolist(), "hover": names[chosen].tolist()}
             layers.append(layer(name, places[chosen], colour, **told))
-    title = "Share of people who can use each target"
-    return Panel(title, tuple(layers), legend=True, square=True, wide=True)
+    return Panel("", tuple(layers), legend=True, square=True, wide=True)
 
 
 def worst_case(audit: Audit) -> tuple[int, int] | None:
@@ -474,7 +478,9 @@ def screen(places: FloatArray, azimuth_deg: float, elevation_deg: float) -> Floa
     return np.stack([aside, upward], axis=1)
 
 
-def labels_of(places: FloatArray, names: Sequence[str]) -> list[str]:
+def labels_of(
+    places: FloatArray, names: Sequence[str], beside: FloatArray | None = None
+) -> list[str]:
     """Return a label for each place, empty if another place's label includes it.
 
     Places whose labels would overlap share one: "key 1 and 8 more".
@@ -482,8 +488,10 @@ def labels_of(places: FloatArray, names: Sequence[str]) -> list[str]:
     Args:
         places: (N, 3) right, up, ahead, m.
         names: Of the places.
+        beside: (M, 3) what else is in the picture.
     """
-    extent = max(float(np.ptp(places, axis=0).max(initial=0.0)), 1e-9) if len(places) else 1.0
+    whole = places if beside is None else np.concatenate([places, beside])
+    extent = max(float(np.ptp(whole, axis=0).max(initial=0.0)), 1e-9) if len(whole) else 1.0
     seen = [screen(places, *view) / extent for view in VIEWS]
     groups = [[i] for i in range(len(names))]
 

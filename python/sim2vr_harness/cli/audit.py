@@ -84,13 +84,12 @@ def _of_user(request: AuditRequest, out: Path) -> None:
 
 def _tell(done: Any, out: Path) -> None:
     """Print what was found, and write the report."""
-    from sim2vr_harness.audit.report import findings, headline, unanswered, write
+    from sim2vr_harness.audit.report import answers, headline, unanswered, write
     from sim2vr_harness.audit.summary import plain
 
     values = plain(done)
-    for sentence in (headline(values), *findings(values), unanswered(values)):
-        if sentence:
-            typer.echo(sentence)
+    rows = (", ".join(filter(None, row)) for row in answers(values))
+    typer.echo("\n".join(filter(None, (headline(values), *rows, unanswered(values)))))
     print_written(write(done, out))
 
 

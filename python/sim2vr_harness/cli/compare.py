@@ -76,7 +76,8 @@ def compare(request: CompareRequest) -> None:
         sim2vr-harness compare whacamole_people --recordings recordings
         sim2vr-harness compare 'touch ball' --recordings round.jsonl --page game.html
     """
-    from sim2vr_harness.human_comparison.figures import draw
+    from sim2vr_harness.figures.matplotlib_backend import write_figure
+    from sim2vr_harness.human_comparison.figures import figures_of
     from sim2vr_harness.human_comparison.files import as_json, write_csv, write_json, write_page
     from sim2vr_harness.human_comparison.report import ComparisonReport
     from sim2vr_harness.human_comparison.sources import read_sources
@@ -126,9 +127,10 @@ def compare(request: CompareRequest) -> None:
     named = [replace(source, name=name) for (_, source), name in zip(read, names, strict=True)]
     report = ComparisonReport(found.behaviour, found.people, named)
     files = [write_json(report, request.out / "comparison.json"), *write_csv(report, request.out)]
-    drawn = draw(report, request.out) if request.figures else []
+    figures = figures_of(report) if request.figures else []
+    files += [write_figure(each, request.out / f"{each.key}.png") for each in figures]
     notes = (*(() if report.behaviour.aimed else (SETTLING,)), *missing_values(report))
-    files += [*drawn, write_page(report, drawn, request.out / "comparison.html", notes)]
+    files += write_page(report, figures, request.out / "comparison.html", notes)
     if request.json:
         print_json(as_json(report))
         return

@@ -20,13 +20,15 @@ class ReportRequest:
         shown="FOLDER/report.html",
         place="file to write",
     )
-    figures: bool = option("Write figures as PNG and PDF, and tables as CSV and LaTeX.", True)
+    figures: bool = option(
+        "Write page and figures as PDF, figures as PNG, tables as CSV and LaTeX.", True
+    )
 
 
 def report(request: ReportRequest) -> None:
     """Write a report of an evaluation or a study.
 
-    It is one HTML file that opens offline, with figures as PNG and PDF beside it.
+    It is one HTML file that opens offline, and a PDF, with figures as PNG and PDF beside it.
 
     Examples:
         sim2vr-harness report studies/my_study
@@ -35,6 +37,7 @@ def report(request: ReportRequest) -> None:
     from sim2vr_harness.studies.report import write_report
 
     found = write_report(request.folder, request.out, stills=request.figures)
-    typer.echo(f"Written: {found.page}")
+    for page in filter(None, (found.page, found.pdf)):
+        typer.echo(f"Written: {page}")
     if found.figures:
         typer.echo(f"Written: {found.figures[0].parent} ({len(found.figures)} files)")

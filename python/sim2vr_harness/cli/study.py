@@ -60,7 +60,7 @@ class StudyRequest(TrustedApp, Checked, ChangedEnvironment, PageOptions):
         names="players",
     )
     jobs: int | None = option("Cells and trainings at a time.", shown="one per two cores")
-    report: bool = option("Write report.html at the end.", True)
+    report: bool = option("Write report.html and report.pdf at the end.", True)
     ray: str | None = option(
         "Let a running Ray cluster do them, one core a task.", metavar="auto|ADDRESS"
     )
@@ -260,7 +260,8 @@ def _tell(found: Any, report: bool) -> None:
     if report:
         from sim2vr_harness.studies.report import write_report
 
-        typer.echo(f"Written: {write_report(found.data.root).page}")
+        written = write_report(found.data.root)
+        typer.echo(f"Written: {written.page}{f', {written.pdf}' if written.pdf else ''}")
 
 
 def _effects(request: StudyRequest, *, asked: bool) -> int:

@@ -1,7 +1,7 @@
 """Figures as plain data: panels of a few kinds of layers.
 
-A panel is drawn twice: by Plotly in the page (:mod:`interactive`) and by Matplotlib into PNG and
-PDF (:mod:`stills`). Both know these layers and nothing of games or muscles.
+A panel is drawn twice: by Plotly on the screen (:mod:`plotly_backend`) and by Matplotlib on paper
+(:mod:`matplotlib_backend`). Both know these layers and nothing of games or muscles.
 """
 
 from collections.abc import Sequence
@@ -16,8 +16,8 @@ COLOURS = (
     *("#8c510a", "#1f2a6b", "#a6b727", "#e3211c", "#00b8c4", "#f28cb1", "#4d6b2f", "#b39ddb"),
 )
 """Okabe and Ito's, which colour-blind people can tell apart, and others behind them."""
-_CROWDED = 8
-"""Categories that have room for their names in a panel of the usual width."""
+_CROWDED, _LETTERS = 8, 36
+"""Categories, and letters of their names, that have room below a panel on a telephone."""
 INK = "#444444"
 """Of marks that stand for all groups."""
 GREY = "#9aa0a6"
@@ -107,7 +107,6 @@ class Heat:
     low: float
     high: float
     digits: int = 2
-    labelled: bool = True
 
 
 @dataclass(frozen=True)
@@ -140,12 +139,10 @@ class Panel:
         x_label, y_label: With units.
         ticks: Names of x = 0, 1, 2 ...; None: numbers.
         stacked: Whether bars are put on each other.
-        sideways: Whether bars lie, categories on the left.
         square: Whether a metre is as long in both directions.
         y_range: Least and greatest y; None: as the layers need it.
         legend: Whether to name the layers.
         wide: Whether it takes a whole line of the page.
-        rows: Height in lines of bars or of a table; 0: the usual height.
     """
 
     title: str
@@ -154,21 +151,40 @@ class Panel:
     y_label: str = ""
     ticks: Sequence[str] | None = None
     stacked: bool = False
-    sideways: bool = False
     square: bool = False
     y_range: tuple[float, float] | None = None
     legend: bool = False
     wide: bool = False
-    rows: int = 0
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of a table of colours; 0 without one."""
+        return max((len(x.rows) for x in self.layers if isinstance(x, Heat)), default=0)
+
+    @property
+    def categories(self) -> Sequence[str]:
+        """Names along one axis, which is the horizontal one unless they have no room there."""
+        if self.ticks is not None:
+            return self.ticks
+        named = (layer for layer in self.layers if isinstance(layer, (Bars, Heat)))
+        first = next(named, None)
+        return () if first is None else first.x if isinstance(first, Bars) else first.columns
+
+    @property
+    def many(self) -> bool:
+        """True if there are more categories than columns have room for."""
+        return len(self.categories) > _CROWDED
 
     @property
     def crowded(self) -> bool:
-        """True if the panel has to be wider because of its many categories."""
-        counts = [len(self.ticks or ())]
-        if not self.sideways:
-            counts += [len(layer.x) for layer in self.layers if isinstance(layer, Bars)]
-        counts += [len(layer.columns) for layer in self.layers if isinstance(layer, Heat)]
-        return max(counts) > _CROWDED
+        """True if names of categories have no room beside each other."""
+        return self.many or sum(len(name) + 2 for name in self.categories) > _LETTERS
+
+    @property
+    def flipped(self) -> bool:
+        """True if the categories are on the vertical axis, where each has a line for its name."""
+        heat = any(isinstance(layer, Heat) for layer in self.layers)
+        return self.crowded and not heat
 
     @property
     def in_space(self) -> bool:

@@ -1,15 +1,21 @@
-"""One HTML file that opens without a network: words, tables, figures, all inside."""
+"""One HTML file that opens without a network: answer, picture, table, then everything else."""
 
+import base64
+import re
 from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.base.optional import needed
-from sim2vr_harness.figures.figure import Panel
+from sim2vr_harness.client import AppRefused
+from sim2vr_harness.client.webxr.browser import print_page
+from sim2vr_harness.figures.figure import Figure
+from sim2vr_harness.figures.matplotlib_backend import png_of
 from sim2vr_harness.figures.plotly_backend import plotly_of
 
 _TEMPLATES = Environment(
@@ -20,6 +26,12 @@ _TEMPLATES = Environment(
     lstrip_blocks=True,
 )
 _TEMPLATES.policies["json.dumps_kwargs"] = {"separators": (",", ":")}
+_NUMBER = re.compile(r"[-+−–<>]?\s*[\d.]|-$|–$|$")
+_PAPER_PX = 1440.0
+"""Width of a still that fills a page."""
+
+Part = str | Figure
+"""Of a page: text is a paragraph, :class:`Markup` stays as it is."""
 
 
 def render(template: str, **values: Any) -> Markup:
@@ -28,64 +40,88 @@ def render(template: str, **values: Any) -> Markup:
 
 
 def table(
-    header: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    bad: Collection[int] = (),
-    kind: Literal["", "wrap", "words"] = "",
+    header: Sequence[str], rows: Iterable[Sequence[str]], bad: Collection[int] = ()
 ) -> Markup:
-    """Return an HTML table.
+    """Return an HTML table, numbers at the right and texts at the left.
 
     Args:
         bad: Numbers of rows to point out.
-        kind: ``wrap``: texts take several lines, so that a wide table fits; ``words``: they do,
-            and begin at the left.
     """
-    return render("figures/table.html.jinja", header=header, rows=rows, bad=bad, kind=kind)
+    rows = list(rows)
+    columns = zip(*(map(_plain, row) for row in rows), strict=True)
+    numbers = [all(map(_NUMBER.match, column)) and any(column) for column in columns]
+    kinds = ["number" if number else "text" for number in numbers] or [""] * len(header)
+    kinds[0] = ""
+    return render("figures/table.html.jinja", header=header, rows=rows, bad=bad, kinds=kinds)
 
 
-def heading(text: str) -> Markup:
-    """Return a heading within a page."""
-    return Markup("<h2>{}</h2>").format(text)
+def _plain(cell: str) -> str:
+    return cell.striptags() if isinstance(cell, Markup) else cell
 
 
-def save_page(file: Path, title: str, parts: Iterable[str | Panel | Any]) -> Path:
-    """Write a page.
+def listed(texts: Iterable[str]) -> Markup:
+    """Return a list of sentences."""
+    return Markup("<ul>{}</ul>").format(
+        Markup().join(Markup("<li>{}</li>").format(text) for text in texts)
+    )
+
+
+def image(content: bytes, about: str, kind: str = "png") -> Markup:
+    """Return a picture; ``about`` says what is to be seen."""
+    text = base64.b64encode(content).decode()
+    return Markup('<img alt="{}" src="data:image/{};base64,{}">').format(about, kind, text)
+
+
+def drawn(figure: Figure, *, still: bool = True) -> Markup:
+    """Return a figure: its caption, plots for the screen and, if wanted, a still for paper."""
+    content = png_of(figure) if still else b""
+    # PNG: the width stands behind eight bytes of signature and eight of the first block.
+    width = round(100 * min(1.0, int.from_bytes(content[16:20], "big") / _PAPER_PX))
+    values = {"still": base64.b64encode(content).decode(), "width": width}
+    panels = [(panel, plotly_of(panel)) for panel in figure.panels]
+    found = render("figures/figure.html.jinja", figure=figure, panels=panels, **values)
+    return found if still else Markup('<div class="screen">{}</div>').format(found)
+
+
+def save_page(
+    file: Path,
+    title: str,
+    answer: str,
+    first: Iterable[Part] = (),
+    sections: Iterable[tuple[str, Iterable[Part]]] = (),
+    *,
+    printed: bool = False,
+) -> list[Path]:
+    """Write a page, and return its files.
 
     Args:
         file: The HTML file.
-        title: Of the page.
-        parts: From top to bottom: paragraphs of text, HTML (:class:`Markup`), panels, or Plotly's
-            figures; both fill the width.
+        title: The question.
+        answer: One sentence, which stands first.
+        first: What else is on the first screen: a picture and a table.
+        sections: Headings and what is below them.
+        printed: Whether to write a PDF of the same name, too, which needs a browser.
 
     Raises:
         InputError: Plotly is not installed.
     """
-    shown: list[Markup] = []
-    drawn = 0
-    for part in parts:
-        if isinstance(part, Markup):
-            shown.append(part)
-        elif isinstance(part, str):
-            shown.append(Markup("<p>{}</p>").format(part))
-        else:
-            drawn += 1
-            figure = needed("plotly.io", "studies", "--out").to_html(
-                _with_title(part) if isinstance(part, Panel) else part,
-                config={"responsive": True, "displaylogo": False},
-                include_plotlyjs=drawn == 1,
-                full_html=False,
-                div_id=f"figure{drawn}",
-                validate=False,
-            )
-            shown.append(Markup('<div class="figure">{}</div>').format(Markup(figure)))
-    page = render("figures/page.html.jinja", title=title, parts=shown)
+
+    def shown(part: Part) -> Markup:
+        if isinstance(part, Figure):
+            return drawn(part)
+        return part if isinstance(part, Markup) else Markup("<p>{}</p>").format(part)
+
+    top = [shown(part) for part in first]
+    rest = [(heading, [shown(part) for part in parts]) for heading, parts in sections]
+    plotted = any(
+        '<div class="plot"' in part for part in (*top, *(p for _, own in rest for p in own))
+    )
+    library = needed("plotly.offline", "studies", "report").get_plotlyjs() if plotted else ""
+    values = {"title": title, "answer": answer, "first": top, "sections": rest}
+    page = render("figures/page.html.jinja", plotly=Markup(library), **values)
     write_atomically(file, page.encode())
-    return file
-
-
-def _with_title(panel: Panel) -> dict[str, Any]:
-    """A panel with its title and legend, for Plotly."""
-    found = plotly_of(panel)
-    layout = found["layout"] | {"title": {"text": panel.title}, "showlegend": panel.legend}
-    layout["margin"] |= {"t": 50}
-    return {"data": found["data"], "layout": layout}
+    files = [file]
+    if printed:
+        with suppress(AppRefused):
+            files.append(print_page(file, file.with_suffix(".pdf")))
+    return files

@@ -1,5 +1,6 @@
 """The same panels by Matplotlib, as PNG and PDF for papers and slides."""
 
+import io
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path as FilePath
@@ -59,6 +60,16 @@ def write_stills(figures: Sequence[Figure], folder: FilePath) -> list[FilePath]:
     ]
 
 
+def png_of(figure: Figure) -> bytes:
+    """Return a figure as PNG, for pages on paper."""
+    from matplotlib import rc_context
+
+    stream = io.BytesIO()
+    with rc_context(PRINT):
+        _drawn(figure).savefig(stream, format="png", dpi=_DPI, metadata={"Software": None})
+    return stream.getvalue()
+
+
 def write_figure(figure: Figure, file: FilePath) -> FilePath:
     """Write a figure, as wide as one or two columns of a paper.
 
@@ -88,15 +99,16 @@ def _drawn(figure: Figure) -> Any:
     from matplotlib.figure import Figure as Canvas
 
     panels = figure.panels
-    most = max(len(_categories(panel)) for panel in panels)
+    most = max(len(panel.categories) for panel in panels)
     columns = figure.columns
     if not columns:
-        columns = 1 if len(panels) == 1 or most > 2 * _ROOMY else 2 if len(panels) < 5 else 3
+        few = len(panels) < 5 or any(panel.flipped for panel in panels)
+        columns = 1 if len(panels) == 1 or most > 2 * _ROOMY else 2 if few else 3
     lines = -(-len(panels) // columns)
     wide = panels[0].wide and not panels[0].in_space
     alone = len(panels) == 1 and not (wide or most > _ROOMY)
     width = _COLUMN_INCHES if alone else _PAGE_INCHES
-    rows = [max(p.rows, len(_categories(p)) if _flipped(p) else 0) for p in panels]
+    rows = [max(p.rows, len(p.categories) if p.flipped else 0) for p in panels]
     tall = [
         max(_PANEL_INCHES, _COLUMN_INCHES * panel.in_space, 0.7 + _ROW_INCHES * count)
         for panel, count in zip(panels, rows, strict=True)
@@ -143,34 +155,15 @@ def _add_legends(canvas: Any, panels: Sequence[Panel], width: float) -> None:
         canvas.set_size_inches(wide, high + 0.15 * -(-len(handles) // columns))
 
 
-def _categories(panel: Panel) -> Sequence[str]:
-    """Names on the horizontal axis, as long as nothing is turned over."""
-    if panel.ticks is not None:
-        return panel.ticks
-    for layer in panel.layers:
-        if isinstance(layer, Heat):
-            return layer.columns
-        if isinstance(layer, Bars):
-            return () if panel.sideways else layer.x
-    return ()
-
-
-def _flipped(panel: Panel) -> bool:
-    """Return whether categories that do not fit beside each other move to the vertical axis."""
-    heat = any(isinstance(layer, Heat) for layer in panel.layers)
-    return len(_categories(panel)) > _ROOMY and not heat
-
-
 def _draw(axes: Any, panel: Panel, width: float) -> None:
     grounds: dict[str, dict[str, float]] = {"up": {}, "down": {}}
     bars = [layer for layer in panel.layers if isinstance(layer, Bars)]
-    flipped = _flipped(panel)
+    flipped = panel.flipped
     if not bars:
         axes.use_sticky_edges = False  # the end of a range is seen
     for layer in panel.layers:
         if isinstance(layer, Bars):
-            lying = panel.sideways or flipped
-            _draw_bars(axes, layer, panel.stacked, lying, grounds, bars.index(layer), len(bars))
+            _draw_bars(axes, layer, panel.stacked, flipped, grounds, bars.index(layer), len(bars))
         elif isinstance(layer, Path):
             x, y, z = (_array(values) for values in (layer.x, layer.y, layer.z))
             if layer.places:
@@ -191,19 +184,17 @@ def _draw(axes: Any, panel: Panel, width: float) -> None:
     labels = (panel.y_label, panel.x_label) if flipped else (panel.x_label, panel.y_label)
     axes.set_xlabel(labels[0])
     axes.set_ylabel(labels[1])
-    names = _categories(panel)
+    names = panel.categories
     if flipped:
         axes.set_yticks(range(len(names)), names)
         axes.set_ylim(len(names) - 0.4, -0.6)
-    elif panel.crowded:
+    elif panel.many:
         axes.set_xticks(range(len(names)), names, rotation=90)
     elif names:
         letters = max(5, int(0.8 * width / len(names) / _LETTER_INCHES))
         axes.set_xticks(range(len(names)), [fill(name, letters) for name in names])
         if panel.ticks is not None:
             axes.set_xlim(-0.6, len(names) - 0.4)
-    if panel.sideways:
-        axes.invert_yaxis()
     if panel.y_range is not None:
         _limit(axes, panel.y_range, flipped)
     if panel.square:
@@ -279,11 +270,8 @@ def _draw_flat(axes: Any, layer: Line | Points | Band | Ranges | Heat, flipped: 
             axes.bar(layer.x, lengths, bottom=layer.low, width=0.8, **look)
     else:
         values = np.array([_array(row) for row in layer.values])
-        drawn = axes.imshow(values, cmap="Blues", vmin=layer.low, vmax=layer.high, aspect="auto")
+        axes.imshow(values, cmap="Blues", vmin=layer.low, vmax=layer.high, aspect="auto")
         axes.set_yticks(range(len(layer.rows)), layer.rows)
-        if not layer.labelled:
-            axes.figure.colorbar(drawn, ax=axes)
-            return
         middle = (layer.low + layer.high) / 2
         for row, column in np.argwhere(np.isfinite(values)):
             value = values[row, column]

@@ -1,6 +1,7 @@
 """Panels as Plotly's plain data: no library writes it, the page's own Plotly draws it."""
 
 import math
+import textwrap
 from collections.abc import Iterable
 from typing import Any
 
@@ -17,12 +18,13 @@ from sim2vr_harness.figures.figure import (
     keys_of,
 )
 
-_HEIGHT, _HEIGHT_IN_SPACE, _ROW = 300, 460, 17
+_HEIGHT, _HEIGHT_IN_SPACE, _ROW, _GROUP_ROW = 300, 460, 17, 34
 _HEIGHT_NAMED, _FARTHER = 640, 1.15
 """In space with names beside places, which need room: height, and the camera's distance."""
 _SLANTED = 60
 """More height for names of many categories."""
-_INK, _FAINT, _GRID = "#24292f", "#57606a", "#e3e6ea"
+_ROW_LETTERS, _NAME_LETTERS, _LINE_LETTERS = 32, 20, 42
+"""Letters of a row's name, of a line of a group's name, and of all names below a panel."""
 _SCALE = [[0, "#f7fbff"], [0.35, "#9ecae1"], [0.7, "#3182bd"], [1, "#08306b"]]
 """Of tables of colours: pale is little."""
 _CLEAR = [[0, "rgba(0,0,0,0)"], [1, "rgba(0,0,0,0)"]]
@@ -39,8 +41,18 @@ _DARK = 0.72
 
 
 def plotly_of(panel: Panel) -> dict[str, Any]:
-    """Return ``data``, ``layout`` and ``keys`` (name, colour) of a panel, ready for JSON."""
+    """Return ``data``, ``layout`` and ``keys`` (name, colour) of a panel, ready for JSON.
+
+    Colours of text, lines and ground are the page's, which may be dark.
+    """
     traces = [trace for layer in panel.layers for trace in _traces(layer, panel)]
+    if panel.flipped:
+        turned = {"x": "y", "y": "x", "error_y": "error_x", "base": "base"}
+        traces = [{turned.get(key, key): value for key, value in t.items()} for t in traces]
+        for trace in traces:
+            trace |= {"orientation": "h"} if trace["type"] == "bar" else {}
+            if "shape" in (line := trace.get("line", {})):
+                line["shape"] = line["shape"].replace("hv", "vh")
     return {"data": traces, "layout": _layout(panel), "keys": keys_of(panel)}
 
 
@@ -90,10 +102,8 @@ def _traces(layer: Layer, panel: Panel) -> list[dict[str, Any]]:
              "hoverinfo": "text" if layer.text else "skip", **look}
         ]  # fmt: skip
     if isinstance(layer, Bars):
-        names, values = list(layer.x), _plain(layer.y)
-        places = {"x": values, "y": names} if panel.sideways else {"x": names, "y": values}
-        turn = {"orientation": "h"} if panel.sideways else {}
-        return [{**common, "type": "bar", **places, **turn, "marker": {"color": layer.colour}}]
+        bar = {"type": "bar", "x": list(layer.x), "y": _plain(layer.y)}
+        return [{**common, **bar, "marker": {"color": layer.colour}}]
     if isinstance(layer, Heat):
         # The colours with black numbers where they are pale, then white numbers where they are
         # dark.
@@ -101,17 +111,16 @@ def _traces(layer: Layer, panel: Panel) -> list[dict[str, Any]]:
             "type": "heatmap",
             "z": [_plain(row) for row in layer.values],
             "x": list(layer.columns),
-            "y": list(layer.rows),
+            "y": list(range(len(layer.rows))),
+            "hovertext": [[f"{row}, {column}" for column in layer.columns] for row in layer.rows],
             "zmin": layer.low,
             "zmax": layer.high,
             "colorscale": _SCALE,
             "xgap": 2,
             "ygap": 1 if len(layer.rows) > 12 else 2,
-            "showscale": not layer.labelled,
-            "hovertemplate": f"%{{y}}, %{{x}}: %{{z:.{layer.digits}f}}<extra></extra>",
+            "showscale": False,
+            "hovertemplate": f"%{{hovertext}}: %{{z:.{layer.digits}f}}<extra></extra>",
         }
-        if not layer.labelled:
-            return [colours]
         told = {"texttemplate": "%{text}"}
         white = {"colorscale": _CLEAR, "hoverinfo": "skip", "hovertemplate": None}
         return [
@@ -152,12 +161,12 @@ def _layout(panel: Panel) -> dict[str, Any]:
     height = _HEIGHT_IN_SPACE if panel.in_space else _HEIGHT
     if panel.rows:
         height = max(180, 112 + _ROW * panel.rows)
+    elif panel.flipped:
+        height = max(180, 80 + _GROUP_ROW * len(panel.categories))
     layout: dict[str, Any] = {
         "height": height,
-        "font": {"family": "system-ui, sans-serif", "size": 12, "color": _INK},
-        "margin": {"l": 56, "r": 16, "t": 30, "b": 48},
-        "paper_bgcolor": "#ffffff",
-        "plot_bgcolor": "#ffffff",
+        "font": {"family": "system-ui, sans-serif", "size": 12},
+        "margin": {"l": 40, "r": 16, "t": 12, "b": 30},
         "hovermode": "closest",
         "showlegend": False,
         "barmode": "relative" if panel.stacked else "group",
@@ -166,48 +175,51 @@ def _layout(panel: Panel) -> dict[str, Any]:
     if any(isinstance(layer, Ranges) for layer in panel.layers):
         layout["barmode"] = "overlay"
     if panel.in_space:
-        layout |= {"scene": _SCENE, "margin": {"l": 0, "r": 0, "t": 30, "b": 0}}
+        layout |= {"scene": _SCENE, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}}
         if any(isinstance(layer, Path) and layer.text is not None for layer in panel.layers):
             eye = {axis: _FARTHER * value for axis, value in _EYE.items()}
             camera = {"eye": eye, "center": _CENTER}
             layout |= {"height": _HEIGHT_NAMED, "scene": _SCENE | {"camera": camera}}
         return layout
-    heat = any(isinstance(layer, Heat) for layer in panel.layers)
     x_axis, y_axis = _axis(panel.x_label), _axis(panel.y_label)
-    if panel.crowded:
-        x_axis["tickangle"] = -45
-        layout["height"] += _SLANTED
+    count = len(panel.categories)
+    letters = _NAME_LETTERS if panel.flipped else max(8, _LINE_LETTERS // max(1, count))
+    names = [_in_lines(name, letters) for name in panel.categories]
     if panel.ticks is not None:
-        x_axis |= {"tickvals": list(range(len(panel.ticks))), "ticktext": list(panel.ticks)}
-        x_axis |= {"range": [-0.6, len(panel.ticks) - 0.4], "showgrid": False}
-    if heat or panel.sideways:
-        y_axis |= {"autorange": "reversed", "showgrid": False}
-        if panel.rows > 12:
-            y_axis["tickfont"] = {"size": 10}
-        if panel.rows:
-            y_axis |= {"dtick": 1}
-    if heat:
-        x_axis |= {"showgrid": False, "type": "category"}
-        y_axis |= {"type": "category"}
-    if any(isinstance(layer, Bars) for layer in panel.layers):
-        # Also where the names of groups are numbers.
-        (y_axis if panel.sideways else x_axis)["type"] = "category"
+        x_axis |= {"tickvals": list(range(count)), "ticktext": names}
+        ends = [-0.6, count - 0.4]
+        x_axis |= {"range": ends[::-1] if panel.flipped else ends, "showgrid": False}
+    elif count:
+        # Every name, also where the names of groups are numbers.
+        x_axis |= {"type": "category", "showgrid": False}
+        x_axis |= {"tickvals": list(panel.categories), "ticktext": names}
+        if panel.flipped:
+            x_axis["autorange"] = "reversed"
+    for layer in panel.layers:
+        if isinstance(layer, Heat):
+            rows = [textwrap.shorten(row, _ROW_LETTERS, placeholder=" …") for row in layer.rows]
+            y_axis |= {"autorange": "reversed", "showgrid": False}
+            y_axis |= {"tickvals": list(range(len(rows))), "ticktext": rows}
+            y_axis |= {"tickfont": {"size": 10}} if len(rows) > 12 else {}
+            if panel.many:
+                x_axis |= {"tickangle": -45, "ticktext": list(panel.categories)}
+                layout["height"] += _SLANTED
     if panel.y_range is not None:
         y_axis["range"] = list(panel.y_range)
     if panel.square:
         y_axis |= {"scaleanchor": "x", "scaleratio": 1}
+    if panel.flipped:
+        x_axis, y_axis = y_axis, x_axis
     return layout | {"xaxis": x_axis, "yaxis": y_axis}
 
 
 def _axis(label: str) -> dict[str, Any]:
-    title = {"text": label, "font": {"color": _FAINT}}
-    return {
-        "title": title,
-        "automargin": True,
-        "gridcolor": _GRID,
-        "zerolinecolor": _GRID,
-        "linecolor": _GRID,
-    }
+    return {"title": {"text": label.replace("\n", "<br>")}, "automargin": True}
+
+
+def _in_lines(name: str, letters: int) -> str:
+    """Return a name in lines of at most so many letters, where its words allow it."""
+    return "<br>".join(textwrap.wrap(name, letters, break_on_hyphens=False)) or " "
 
 
 def _plain(values: Iterable[float | None]) -> list[float | None]:

@@ -1,15 +1,12 @@
 """Figures of a comparison: latency, time to hit, and measures relative to people's range."""
 
-from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
-from textwrap import fill
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from sim2vr_harness.figures.figure import (
     GREY,
     Figure,
-    Heat,
     Layer,
     Line,
     Numbers,
@@ -18,33 +15,49 @@ from sim2vr_harness.figures.figure import (
     Ranges,
     colour_of,
 )
-from sim2vr_harness.figures.matplotlib_backend import write_figure
-from sim2vr_harness.human_comparison.comparing import Compared, ComparisonRow
+from sim2vr_harness.human_comparison.comparing import ComparisonRow
 from sim2vr_harness.human_comparison.fitts import STUDIES, Spread
-from sim2vr_harness.human_comparison.measures import EVERY_MEASURE, FAMILIES
+from sim2vr_harness.human_comparison.measures import plain
 from sim2vr_harness.human_comparison.persons import Cell, RecordedPerson
 from sim2vr_harness.human_comparison.reaction import Effect
 from sim2vr_harness.human_comparison.report import ComparisonReport
 from sim2vr_harness.human_comparison.sources import Source
 
-_FAR = 5.0
-"""The distance from where on colours are the same."""
+_BEYOND = 1.5
+"""Of people's range, which is shown below and above it."""
+_MOST_ROWS = 12
+"""Measures that are shown first where the game names none."""
 
 _MEAN = "mean ± SD over persons"
 
 _Curve = Callable[[RecordedPerson], tuple[Numbers, Numbers] | None]
 
 
-def draw(report: ComparisonReport, folder: Path) -> list[Path]:
-    """Write ``latency``, ``time_to_hit``, ``measures``, ``movement_time``, ``overview``.png.
+def figures_of(report: ComparisonReport) -> list[Figure]:
+    """Return the figures that have content; the first one is the answer."""
+    found = (_beside(report), _movement_time(report), _time_to_hit(report), _latency(report))
+    return [each for each in found if each is not None]
 
-    Those without content are left out.
-    """
-    figures = (
-        *(_latency(report), _time_to_hit(report), _headlines(report)),
-        *(_movement_time(report), _overview(report)),
-    )
-    return [write_figure(each, folder / f"{each.key}.png") for each in figures if each is not None]
+
+def main_rows(report: ComparisonReport) -> list[list[ComparisonRow | None]]:
+    """Return the main measures, each with an entry per user."""
+    rows = [
+        {(row.group, row.condition, row.measure.name): row for row in compared.rows}
+        for compared in report.compared
+    ]
+    keys = dict.fromkeys(key for own in rows for key in own)
+    main = [key for place in report.behaviour.headlines for key in keys if key[1:] == place]
+    return [[own.get(key) for own in rows] for key in (main or list(keys)[:_MOST_ROWS])]
+
+
+def row_name(row: ComparisonRow, report: ComparisonReport) -> str:
+    """Return a measure's short name, with condition and group where there are several."""
+    name = row.measure.label.partition(":")[0].partition(";")[0]
+    rows = report.rows()
+    for part in ("condition", "group"):
+        if len({getattr(each, part) for each in rows}) > 1:
+            name += f", {getattr(row, part)}"
+    return name
 
 
 def _cells(report: ComparisonReport) -> list[Cell]:
@@ -86,7 +99,11 @@ def _latency(report: ComparisonReport) -> Figure | None:
                 panels.append(Panel(", ".join(cell), layers, x, y, legend=True))
     if not panels:
         return None
-    return Figure("latency", "Visuomotor latency", "", panels, same_axes=True)
+    text = (
+        "How strongly the target's place steers the hand, after it came up: the earlier a curve "
+        "rises, the faster the reaction. Grey: people."
+    )
+    return Figure("latency", "Visuomotor latency", text, panels, same_axes=True)
 
 
 def _time_to_hit(report: ComparisonReport) -> Figure | None:
@@ -99,41 +116,47 @@ def _time_to_hit(report: ComparisonReport) -> Figure | None:
         for cell in _cells(report)
         if (layers := _layers(report, cell, curve, stepped=True))
     ]  # fmt: skip
-    return Figure("time_to_hit", "Time to hit", "", panels, same_axes=True) if panels else None
+    text = "A curve further to the left is of faster hits; a line per person. Grey: people."
+    return Figure("time_to_hit", "Time to hit", text, panels, same_axes=True) if panels else None
 
 
-def _headlines(report: ComparisonReport) -> Figure | None:
-    """Return the figure of sessions' headline measures, with people's range behind the points."""
-
-    def both(rows: Sequence[ComparisonRow]) -> Iterator[tuple[int, tuple[Compared, ComparisonRow]]]:
-        return enumerate(zip(report.compared, rows, strict=True))
-
-    panels = []
-    for condition, name in report.behaviour.headlines if report.behaviour.any_app else ():
-        rows = [
-            row
-            for compared in report.compared
-            for row in compared.rows
-            if (row.condition, row.measure.name) == (condition, name)
-        ]
-        if len(rows) != len(report.compared):
-            continue
-        first, n = rows[0], len(rows)
-        places = [float(i) for i in range(n + 1)]
-        assert first.people_low is not None and first.people_high is not None
-        assert first.people_mean is not None
-        low, high = [first.people_low] * (n + 1), [first.people_high] * (n + 1)
-        layers: list[Layer] = [Ranges("people", places, low, high)]
-        layers += [Points(c.name, [i], [r.value], colour_of(i)) for i, (c, r) in both(rows)]
-        layers.append(Points("people", [n], [first.people_mean], GREY))
-        unit = f" ({first.measure.unit})" if first.measure.unit else ""
-        ticks = [*(compared.name for compared in report.compared), "people"]
-        panels.append(
-            Panel(condition, layers, "", f"{fill(first.measure.label, 30)}{unit}", ticks=ticks)
-        )
-    return (
-        Figure("measures", "Measures of users and people's range", "", panels) if panels else None
+def _beside(report: ComparisonReport) -> Figure | None:
+    """Return the main measures of all users on a scale from people's least to their greatest."""
+    rows = [
+        (first, own)
+        for own in main_rows(report)
+        if (first := next(row for row in own if row is not None)).people_low is not None
+        and first.people_high is not None
+        and first.people_high > first.people_low
+    ]
+    if not rows:
+        return None
+    places = [float(place) for place in range(len(rows))]
+    ranges = [f"people: {first.people_range}" for first, _ in rows]
+    layers: list[Layer] = [
+        Ranges("people", places, [0.0] * len(rows), [1.0] * len(rows), text=ranges)
+    ]
+    for index, compared in enumerate(report.compared):
+        at, values, texts = [], [], []
+        for place, (first, own) in zip(places, rows, strict=True):
+            if (row := own[index]) is not None:
+                low, high = first.people_low or 0.0, first.people_high or 0.0
+                at.append(place)
+                values.append(
+                    float(np.clip((row.value - low) / (high - low), -_BEYOND, 1 + _BEYOND))
+                )
+                texts.append(f"{compared.name}: {plain(row.value)} {row.measure.unit}")
+        layers.append(Points(compared.name, at, values, colour_of(index), 11, text=texts))
+    names = [row_name(first, report) for first, _ in rows]
+    panel = Panel(
+        "", layers, "", "people's range: 0 to 1", ticks=names, legend=True,
+        y_range=(-_BEYOND, 1 + _BEYOND),
+    )  # fmt: skip
+    caption = (
+        "A dot on the grey bar lies between the lowest (0) and the highest (1) of the recorded "
+        "people; one at an end of the scale may lie further out."
     )
+    return Figure("measures", "Users and people's range", caption, [panel])
 
 
 def _movement_time(report: ComparisonReport) -> Figure | None:
@@ -173,11 +196,15 @@ def _movement_time(report: ComparisonReport) -> Figure | None:
     ]
     x = "index of difficulty (bits)"
     panels = [
-        Panel("", times, x, "movement time (s)", y_range=(0.0, 0.0), legend=True),
-        Panel("", throughputs, x, "throughput of a block (bits/s)", y_range=(0.0, 0.0)),
-        Panel("", rates, x, "proportion of errors", y_range=(-0.03, 1.03)),
+        Panel("Movement time", times, x, "movement time (s)", y_range=(0.0, 0.0), legend=True),
+        Panel("Throughput", throughputs, x, "throughput of a block (bits/s)", y_range=(0.0, 0.0)),
+        Panel("Errors", rates, x, "proportion of errors", y_range=(-0.03, 1.03)),
     ]
-    return Figure("movement_time", "Aimed movements", "", panels)
+    text = (
+        "Harder targets (more bits) take longer; users on a dashed line take as long as the people "
+        "of that publication."
+    )
+    return Figure("movement_time", "Aimed movements", text, panels)
 
 
 def _straight(
@@ -186,37 +213,3 @@ def _straight(
     """MT = a + b ID over the indices that were played."""
     ends = [min(bits), max(bits)]
     return Line(name, ends, [a_s + b * end for end in ends], colour, dashed=dashed)
-
-
-def _overview(report: ComparisonReport) -> Figure | None:
-    """Return a figure with a row per measure: 0 in people's range, or distance from their mean."""
-    columns = [(c, cell) for c in report.compared for cell in _cells(report) if cell in c.persons]
-    if not columns or all(row.distance is None for row in report.rows()):
-        return None
-    found = {
-        (compared.name, row.group, row.condition, row.measure): row
-        for compared in report.compared
-        for row in compared.rows
-    }
-    rows: list[str] = []
-    values: list[list[float | None]] = []
-    for family in FAMILIES:
-        shown = [
-            m for m in EVERY_MEASURE if m.family == family and any(m == key[3] for key in found)
-        ]
-        for measure in shown:
-            beside = [found.get((compared.name, *cell, measure)) for compared, cell in columns]
-            values.append(
-                [
-                    None
-                    if row is None
-                    else (row.distance if row.inside is None or row.inside <= 0.5 else 0.0)
-                    for row in beside
-                ]
-            )
-        rows += [f"{family}: {measure.label}" for measure in shown]
-    labels = [f"{compared.name}: {', '.join(cell)}" for compared, cell in columns]
-    heat = Heat(values, labels, rows, 0.0, _FAR, digits=1)
-    panel = Panel("0: inside people's range", [heat], wide=True, rows=len(rows))
-    title = "Distance from people's mean, relative to a person's from the others"
-    return Figure("overview", title, "", [panel])

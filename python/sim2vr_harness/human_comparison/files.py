@@ -1,6 +1,5 @@
 """A comparison as JSON and CSV."""
 
-import base64
 import csv
 import io
 import json
@@ -13,7 +12,8 @@ import numpy as np
 from markupsafe import Markup
 
 from sim2vr_harness.base.files import write_atomically
-from sim2vr_harness.figures.html import heading, save_page, table
+from sim2vr_harness.figures.figure import Figure
+from sim2vr_harness.figures.html import Part, listed, save_page, table
 from sim2vr_harness.human_comparison.comparing import (
     Compared,
     ComparisonRow,
@@ -23,6 +23,7 @@ from sim2vr_harness.human_comparison.comparing import (
     total,
 )
 from sim2vr_harness.human_comparison.contrasts import ContrastRow
+from sim2vr_harness.human_comparison.figures import main_rows, row_name
 from sim2vr_harness.human_comparison.fitts import STUDIES
 from sim2vr_harness.human_comparison.measures import plain
 from sim2vr_harness.human_comparison.report import ComparisonReport, aimed_of
@@ -162,33 +163,65 @@ def write_json(report: ComparisonReport, file: Path) -> Path:
 
 
 def write_page(
-    report: ComparisonReport,
-    figures: Sequence[Path],
-    file: Path,
-    notes: Iterable[str] = (),
-) -> Path:
-    """Write a page that opens without a network: the results, every measure, the figures.
+    report: ComparisonReport, figures: Sequence[Figure], file: Path, notes: Iterable[str] = ()
+) -> list[Path]:
+    """Write a page that opens without a network, and a PDF: the answer, every measure, the figures.
 
     Args:
-        figures: PNG files.
+        figures: The first one is on the first screen.
         file: The page.
-        notes: Sentences on what is left out, which are placed first.
+        notes: Sentences on what limits the answer.
     """
-    parts: list[str] = [*notes]
+    names = " and ".join(compared.name for compared in report.compared)
+    rows = [
+        (row_name(first, report), *(_with_unit(row) for row in own), first.people_range)
+        for own in main_rows(report)
+        if (first := next(row for row in own if row is not None))
+    ]
+    header = ("", *(compared.name for compared in report.compared), "people")
+    sections: list[tuple[str, list[Part]]] = [(each.title, [each]) for each in figures[1:]]
+    for compared in report.compared:
+        sections.append((f"All measures of {compared.name}", [_AWAY, _page_table(compared)]))
+    return save_page(
+        file,
+        f"Does {names} act like people in {report.behaviour.game}?",
+        _answer(report),
+        [*figures[:1], table(header, rows)],
+        [("What limits this answer", [listed([_LIMIT, *notes])]), *sections],
+        printed=True,
+    )
+
+
+_AWAY = (
+    "Marked: outside people's range. Away: distance from people's mean, in units of the distance "
+    "of one person from the others."
+)
+_LIMIT = (
+    "People's range is from the lowest to the highest of those who were recorded; few people have "
+    "a narrow range."
+)
+
+
+def _answer(report: ComparisonReport) -> str:
+    """Return in how many measures users are inside people's range; else Fitts' law of each."""
+    told = []
     for compared in report.compared:
         found = total(compared.rows)
-        text = f"{compared.name}: {len(compared.rows)} measures"
         if found is not None and found.inside is not None:
-            text += f", {100 * found.inside:.0f} % of them inside people's range"
-        elif any(row.people for row in compared.rows):
-            text += "; one person was recorded, who has no range"
-        parts += [heading(text), _page_table(compared)]
-    for figure in figures:
-        content = base64.b64encode(figure.read_bytes()).decode()
-        title = figure.stem.replace("_", " ").capitalize()
-        image = Markup('<img class="figure" src="data:image/png;base64,{}">').format(content)
-        parts += [heading(title), image]
-    return save_page(file, f"Users and people: {report.behaviour.game}", parts)
+            told.append(f"{100 * found.inside:.0f} % of {found.cells} measures of {compared.name}")
+    if told:
+        return f"Inside the range of the recorded people: {', '.join(told)}."
+    lines = ((name, law.line) for name, law in report.laws.items())
+    told = [
+        f"{name} takes {line.a_s:.2f} s and {line.b_s_per_bit:.2f} s per bit of difficulty"
+        for name, line in lines
+        if line is not None
+    ]
+    return f"{'; '.join(told) or 'One person was recorded, who has no range'}."
+
+
+def _with_unit(row: ComparisonRow | None) -> str:
+    return "" if row is None else f"{plain(row.value)} {row.measure.unit}".strip()
 
 
 def _page_table(compared: Compared) -> Markup:
@@ -201,12 +234,12 @@ def _page_table(compared: Compared) -> Markup:
             "" if row.people_mean is None else plain(row.people_mean),
             row.people_range if row.people > 1 else "",
             f"{row.persons}, {row.people}",
-            "" if row.inside is None else f"{row.inside:.2g}",
+            "" if row.distance is None else f"{row.distance:.1f}",
         )
         for row in compared.rows
     ]
     bad = [i for i, row in enumerate(compared.rows) if row.inside is not None and row.inside < 0.5]
-    return table(("measure", "unit", compared.name, "people", "range", "n", "inside"), rows, bad)
+    return table(("measure", "unit", compared.name, "people", "range", "n", "away"), rows, bad)
 
 
 def write_csv(report: ComparisonReport, folder: Path) -> list[Path]:

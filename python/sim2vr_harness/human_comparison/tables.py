@@ -18,6 +18,7 @@ from sim2vr_harness.human_comparison.comparing import (
     total,
 )
 from sim2vr_harness.human_comparison.contrasts import COMPARED, ContrastRow
+from sim2vr_harness.human_comparison.figures import main_rows, row_name
 from sim2vr_harness.human_comparison.files import as_json
 from sim2vr_harness.human_comparison.fitts import STUDIES
 from sim2vr_harness.human_comparison.grid import SETTLING_S
@@ -44,18 +45,10 @@ def report_tables(report: ComparisonReport, *, every: bool = False) -> Renderabl
     if any(row.distance is not None for row in report.rows()):
         parts.append(_totals(report))
     if len(report.users) > 1:
-        parts += _in_one_table(report)
+        parts.append(_in_one_table(report))
     for index, compared in enumerate(report.compared):
-        wanted = report.behaviour.headlines
-        rows = {(row.group, row.condition, row.measure.name): row for row in compared.rows}
-        found = [
-            rows[group, *pair]
-            for group in compared.groups
-            for pair in wanted
-            if (group, *pair) in rows
-        ]
-        headlines = _table(f"{compared.name}: main measures", found)
-        parts.append(headlines)
+        found = [row for own in main_rows(report) if (row := own[index]) is not None]
+        parts.append(_table(f"{compared.name}: main measures", found))
         parts += _fatigue(report, index)
         parts += _cells(report, index)
         if not aimed:
@@ -171,37 +164,21 @@ def _totals(report: ComparisonReport) -> Table:
     return table
 
 
-def _in_one_table(report: ComparisonReport) -> Iterator[RenderableType]:
-    """Yield the first table: the headline measures, a column for each user."""
-    for group in report.behaviour.groups:
-        users = [each for each in report.compared if group in each.groups]
-        if len(users) < 2:
-            continue
-        table = Table(
-            title=f"Compared, {group} (* outside people's range)",
-            box=box.SIMPLE_HEAD,
-            title_justify="left",
-        )
-        table.add_column("")
-        for each in users:
-            table.add_column(each.name, justify="right")
-        table.add_column("People", justify="right", no_wrap=True)
-        rows = [
-            {(r.condition, r.measure.name): r for r in e.rows if r.group == group} for e in users
-        ]
-        for place in report.behaviour.headlines:
-            known = [own[place] for own in rows if place in own]
-            if not known:
-                continue
-            unit = f" ({known[0].measure.unit})" if known[0].measure.unit else ""
-            cells = [_value(own.get(place)) for own in rows]
-            table.add_row(
-                f"{known[0].measure.label}, {place[0]}{unit}", *cells, known[0].people_range
-            )
-        totals = [total(list(own.values())) for own in rows]
-        table.add_row("cells inside", *("" if t is None else _digits(t.inside, 3) for t in totals))
-        table.add_row("distance", *("" if t is None else _digits(t.distance, 2) for t in totals))
-        yield table
+def _in_one_table(report: ComparisonReport) -> Table:
+    """Return the first table: the main measures, a column for each user."""
+    title = "Compared (* outside people's range)"
+    table = Table("", title=title, box=box.SIMPLE_HEAD, title_justify="left")
+    for each in report.compared:
+        table.add_column(each.name, justify="right")
+    table.add_column("People", justify="right", no_wrap=True)
+    for own in main_rows(report):
+        first = next(row for row in own if row is not None)
+        unit = f" ({first.measure.unit})" if first.measure.unit else ""
+        table.add_row(row_name(first, report) + unit, *map(_value, own), first.people_range)
+    totals = [total(each.rows) for each in report.compared]
+    table.add_row("cells inside", *("" if t is None else _digits(t.inside, 3) for t in totals))
+    table.add_row("distance", *("" if t is None else _digits(t.distance, 2) for t in totals))
+    return table
 
 
 def _value(row: ComparisonRow | None) -> str:

@@ -379,8 +379,7 @@ def _write(out: Path, found: Sequence[EffectResult], user: str | None) -> None:
         f"| {line} |" for line in lines
     )])  # fmt: skip
     write_atomically(out / "effects.md", (text + "\n").encode())
-    parts = [score(found), html.table(HEADER, rows, kind="words")]
-    html.save_page(out / "effects.html", title, parts)
+    html.save_page(out / "effects.html", title, score(found), [html.table(HEADER, rows)])
     told = [
         {**asdict(each), "sign_found": each.sign_found, "size_found": each.size_found}
         for each in found

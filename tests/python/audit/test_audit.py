@@ -20,7 +20,7 @@ from sim2vr_harness.audit.postures import BALANCE, Balancer
 from sim2vr_harness.audit.reaching import Crowd, Rows
 from sim2vr_harness.audit.remedies import GOAL, remedy
 from sim2vr_harness.audit.report import (
-    findings,
+    answers,
     headline,
     unanswered,
     write,
@@ -598,7 +598,7 @@ def test_processes_change_no_result_and_the_same_seed_writes_the_same_files(tmp_
     for file in ("report.html", "audit.json"):
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
     assert headline(values) == "1 persons are too few to judge 2 targets: 30 at least."
-    assert findings(values) == []
+    assert answers(values) == []
     page = (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
     for text in ("Limits of the model", "&lt;near&gt;", '"mode":"markers+text"'):
         assert text in page

@@ -320,7 +320,7 @@ def found(reach: Reach) -> Measured:
 
 
 def test_tables_and_page(found: Measured, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hull, "write_picture", lambda found, file: file)
+    monkeypatch.setattr(hull, "write_picture", lambda found, file: (file.write_bytes(b""), file)[1])
     written = [file.name for file in hull.write(found, tmp_path)]
     assert written == ["targets.csv", "hull.csv", "hull.html", "hull.png"]
     with (tmp_path / "targets.csv").open() as table:

@@ -81,7 +81,7 @@ def test_timers_run_in_the_order_in_which_they_are_due() -> None:
     expected.insert(4, ["every", 24, 24])
     assert found["log"] == [*expected, ["every", 36, 36], ["frame", 45]]
     assert found["errors"] == ["Error: odd"]
-    # The clock stands still for 100,000 reads in a turn, and then moves by 0.01 ms with each.
+    # Still for 100,000 reads in a turn, then 0.01 ms with each.
     assert found["moved"] == pytest.approx((100_102 - 100_000) * 0.01, abs=0.03)
 
 

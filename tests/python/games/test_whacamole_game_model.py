@@ -7,7 +7,15 @@ from shapings import shaped
 
 from sim2vr_harness.games.whacamole import settings as model_settings
 from sim2vr_harness.games.whacamole.game import FIELDS, ImaginedWhacAMole, points
-from sim2vr_harness.games.whacamole.rules import AREA_M, BEHIND, FRAME_S, STRIKE, UP, area_of
+from sim2vr_harness.games.whacamole.rules import (
+    AREA_M,
+    BEHIND,
+    FRAME_S,
+    GROWING_FRAMES,
+    STRIKE,
+    UP,
+    area_of,
+)
 from sim2vr_harness.games.whacamole.settings import GameModelSettings, Relaxation
 
 SOFT = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0)
@@ -85,6 +93,10 @@ def test_only_coming_in_fast_enough_is_a_hit() -> None:
     game.play(place[:, None], SOFT)
     assert game._age[:, 4].tolist() == [-1, 7, 7, 2]
     assert game.counts[0, 1].tolist() == [0, 0, 0, 0, 1, 0, 0, 0, 0]
+    game, place = game_at_a_target()
+    game._age[:, 4] = GROWING_FRAMES - 1  # grown when it is hit
+    game.play(place[:, None], SOFT)
+    assert game._hit[:, 4].tolist() == [True, False, False, True]
 
 
 def test_hits_may_be_looked_for_once_a_step() -> None:

@@ -180,15 +180,11 @@ def test_a_user_of_a_damaged_checkpoint_is_refused_and_another_offered(tmp_path:
 # --- leftovers, and others at work ------------------------------------------------------------
 
 
-def dead_number() -> int:
-    child = subprocess.Popen([sys.executable, "-c", ""])
-    child.wait()
-    return child.pid
-
-
 def test_only_dead_trainings_leftovers_are_swept(tmp_path: Path) -> None:
     child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
-    dead = dead_number()
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    dead = ended.pid
     stage = tmp_path / "student"
     stage.mkdir()
     left = [tmp_path / f".run.json.{dead}.tmp", stage / f".state.pt.{dead}.tmp"]

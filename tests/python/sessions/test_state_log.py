@@ -23,10 +23,8 @@ PLAIN = TITLE + HEADER + row("0") + row("0.05")
 SAVED_BY_OTHERS = {
     "trailing commas": PLAIN.replace("\n", ",,,\n"),
     "CR LF": PLAIN.replace("\n", "\r\n"),
-    "tabs": PLAIN.replace(", ", "\t"),
     "byte order mark": "\ufeff" + PLAIN,
     "cut off": PLAIN + "0.1, 0, 0",
-    "no last line end": PLAIN[:-1],
 }
 
 

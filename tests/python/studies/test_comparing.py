@@ -260,3 +260,6 @@ def test_summaries_are_over_units() -> None:
     assert easy["high"] - easy["low"] == pytest.approx(2 * 4.302653 * 2.0 / np.sqrt(3))
     assert easy["rounds_sd"] == pytest.approx(np.std([4, 6, 7, 7, 9, 9], ddof=1))
     assert hard["mean"] == pytest.approx(8.0 / 3.0)
+    data = study_of(THREE)  # rounds whose app failed count nowhere
+    data.episodes.loc[0, ["ended", "coins"]] = "app_failed", 99.0
+    assert summaries(data, ["coins"])[0]["mean"] == pytest.approx((6.0 + 7.0 + 9.0) / 3.0)

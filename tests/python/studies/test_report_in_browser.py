@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 from chromium import Page
+from sim2vr_harness.figures.figure import INK, Figure, Line, Panel
 from sim2vr_harness.figures.html import save_page, table
 from sim2vr_harness.studies.report import write_report
 from webxr_pages import NEEDS_BROWSER
@@ -44,23 +45,34 @@ def test_every_figure_is_drawn_and_nothing_is_cut_off(strange_folder: Path) -> N
         assert page.value(hidden) == 0
 
 
-def test_a_small_page_draws_figures_whatever_their_names_are(tmp_path: Path) -> None:
-    """As ``audit`` writes them, with names that look like markup, in figures and in words."""
-    from plotly import graph_objects as go
+def test_a_page_on_paper_has_stills_and_no_plots(report: Path) -> None:
+    seen = "JSON.stringify(['.still', '.plot', 'nav', 'figure'].map(kind => [...document"
+    seen += ".querySelectorAll(kind)].filter(e => e.getBoundingClientRect().height > 0).length))"
+    with Page() as page:
+        page.call("Emulation.setEmulatedMedia", media="print")
+        page.open(report.as_uri(), 1280)
+        page.wait_for("document.readyState === 'complete'")
+        stills, plots, links, figures = json.loads(page.value(seen))
+        assert stills == figures > 3 and plots == links == 0
 
+
+def test_figures_are_drawn_whatever_their_names_are_and_as_dark_as_the_page(tmp_path: Path) -> None:
+    # Names that look like markup; light text on a dark page.
     names = ("<!--<script>", "</script>")
-    figures = [go.Figure(go.Scatter(x=[1, 2], y=[1, 2], name=name)) for name in names]
-    file = save_page(
-        tmp_path / "page.html", "Names", ["first", *figures, table(["<b>"], [["last<i>"]])]
+    figures = [Figure("a", "A", "", [Panel("", [Line(n, [1, 2], [1, 2], INK)])]) for n in names]
+    (file,) = save_page(
+        tmp_path / "page.html", "Names", "<i>", figures, [("<u>", [table(["<b>"], [["last<i>"]])])]
     )
     with Page() as page:
+        dark = [{"name": "prefers-color-scheme", "value": "dark"}]
+        page.call("Emulation.setEmulatedMedia", features=dark)
         page.open(file.as_uri(), 1280)
-        page.wait_for("document.querySelectorAll('.figure .svg-container').length === 2")
-        plots = "[...document.querySelectorAll('.js-plotly-plot')]"
-        drawn = f"JSON.stringify({plots}.map(f => f.data[0].name))"
-        assert json.loads(page.value(drawn)) == list(names)
-        assert page.value("document.body.lastElementChild.textContent").split() == [
-            "<b>",
-            "last<i>",
-        ]
+        page.wait_for("window.reportState && reportState.drawn === 2")
+        names_of = "[...document.querySelectorAll('.plot')].map(f => f.data[0].name)"
+        assert json.loads(page.value(f"JSON.stringify({names_of})")) == list(names)
+        assert page.value("document.querySelector('.answer').textContent") == "<i>"
+        cells = page.value("document.querySelector('section').innerText").split()
+        assert cells == ["<u>", "<b>", "last<i>"]
+        tick = "getComputedStyle(document.querySelector('.xtick text')).fill"
+        assert page.value(tick) == "rgb(230, 233, 237)"
         assert page.errors == []

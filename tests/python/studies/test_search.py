@@ -26,7 +26,7 @@ from sim2vr_harness.studies.jobs import Pruning
 from sim2vr_harness.studies.report import write_report
 from sim2vr_harness.studies.report.search import figures_of_search, search_sentences, trial_table
 from sim2vr_harness.studies.report.source import read_source
-from sim2vr_harness.studies.search import Watch
+from sim2vr_harness.studies.search import Watch, reports_of
 
 LIFE = "env.app.options.life_seconds"
 
@@ -202,7 +202,7 @@ def test_a_report_shows_what_was_tried(
     )
     assert trial_table(source).count("beyond a limit") == (~trials["keeps_limits"]).sum()
     page = write_report(tmp_path, stills=False).page.read_text(encoding="utf-8")
-    assert page.index('id="search_parallel"') < page.index('id="measures"')
+    assert page.index("<h2>Parallel coordinates") < page.index("<h2>Measures")
 
 
 LIFE_BOUNDS = {"key": LIFE, "low": 0.5, "high": 1.5}
@@ -298,6 +298,12 @@ def test_trainings_that_learn_little_are_stopped(
     again = run_study(asked, tmp_path / "whole", jobs=1)
     assert (again.played, len(trainings)) == (0, 6)
     assert content(tmp_path / "whole") == before
+
+
+def test_reports_are_the_best_so_far_at_each_step() -> None:
+    rows = [{"step": step, "r": r} for step, r in ((20, 1.0), (40, 3.0), (60, 2.0), (80, None))]
+    assert reports_of(rows, StopConfig(report="r", at=(30, 60, 90))) == {30: 3.0, 60: 3.0}
+    assert reports_of(rows, StopConfig(report="r", at=(60,), better="lower")) == {60: 1.0}
 
 
 @pytest.mark.parametrize(

@@ -347,6 +347,7 @@ def print_page(page: Path, file: Path, *, timeout_s: float = 60.0) -> Path:
     with Browser(find_browser(), timeout_s) as browser:
         tab = open_tab(browser, timeout_s)
         tab.ask("Page.enable", timeout_s)
+        tab.ask("Emulation.setEmulatedMedia", timeout_s, media="print")
         tab.ask("Page.navigate", timeout_s, url=page.resolve().as_uri())
         tab.ask("Runtime.evaluate", timeout_s, expression=_LOADED, awaitPromise=True)
         paper = {"paperWidth": 8.27, "paperHeight": 11.69, "scale": 0.75}

@@ -2,7 +2,7 @@
 
 import base64
 import io
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.figures.figure import COLOURS, Bars, Figure, Heat, Layer, Line, Panel, colour_of
+from sim2vr_harness.figures.figure import Figure, Heat, Layer, Line, Panel, colour_of
 from sim2vr_harness.play.exertion import muscles_by_part
 from sim2vr_harness.play.fatigue import full_name
 from sim2vr_harness.play.users import name_of
@@ -146,13 +146,11 @@ def figures_of_body(
     high = float(max(load.values.max() for _, load in told)) or 1.0
     rows = [full_name(first.names[i]) for i in order]
     values = [[float(load.values[i]) for _, load in told] for i in order]
-    panels = [Panel(f"Each: {first.what}", [Heat(values, labels, rows, 0.0, high)], rows=len(rows))]
+    panels = [Panel(f"Each: {first.what}", [Heat(values, labels, rows, 0.0, high)])]
     if parts:
         table = [[float(load.values[own].mean()) for _, load in told] for own in parts.values()]
-        panels.append(
-            Panel("By part of the body (mean)", [Heat(table, labels, list(parts), 0.0, high)],
-                  rows=max(4, 2 * len(parts)))
-        )  # fmt: skip
+        heat = Heat(table, labels, list(parts), 0.0, high)
+        panels.append(Panel("By part of the body (mean)", [heat]))
     over_time = list(_over_time(source.groups))
     if over_time:
         panels.append(
@@ -160,7 +158,6 @@ def figures_of_body(
                   "proportion of fatigued motor units", legend=True)
         )  # fmt: skip
     kind = "Muscle fatigue" if first.fatigue else "Load"
-    panels += _effort_split(told, parts)
     caption = "Means over rounds; the most loaded first." + (
         " A muscle counts to every part of the body that it moves, so the proportions of parts "
         "may add up to more than 1."
@@ -182,34 +179,6 @@ def _over_time(groups: Sequence[Group]) -> Iterator[Layer]:
             at = np.linspace(curves[0][0][0], end, _OVER_TIME)
             mean = np.mean([np.interp(at, *curve) for curve in curves], axis=0)
             yield Line(group.label, at, mean, colour_of(index))
-
-
-def _effort_split(
-    told: Sequence[tuple[Group, Load]], parts: Mapping[str, NDArray[np.int64]]
-) -> Iterator[Panel]:
-    """Yield panels of squared activations, or torques, by body part."""
-    shares = []
-    for group, load in told:
-        known = group.columns("steps")
-        prefix = "act_" if f"act_{load.names[0]}" in known else "force_"
-        columns = [f"{prefix}{name}" for name in load.names]
-        squares = [
-            (rows[columns].to_numpy(np.float64) ** 2).sum(axis=0)
-            for rows in group.moments("steps", columns)
-        ]
-        total = np.sum(squares, axis=0)
-        shares.append(total / total.sum() if total.sum() > 0 else total)
-    shown = parts or {name: np.array([i]) for i, name in enumerate(told[0][1].names)}
-    if len(shown) > 2 * len(COLOURS):
-        return
-    what = "squared activations" if prefix == "act_" else "squared torques"
-    labels = [group.label for group, _ in told]
-    layers = [
-        Bars(part, labels, [float(share[own].sum()) for share in shares], colour_of(index))
-        for index, (part, own) in enumerate(shown.items())
-    ]
-    yield Panel(f"Proportion of {what}", layers, y_label="proportion", stacked=not parts,
-                legend=True, y_range=(0.0, 1.02))  # fmt: skip
 
 
 def body_pictures(

@@ -1,6 +1,6 @@
 """Figures of a search: progress or Pareto front, slices, parallel coordinates."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,6 @@ from sim2vr_harness.client import Measure
 from sim2vr_harness.figures.figure import GREY, Figure, Layer, Line, Panel, Points, colour_of
 from sim2vr_harness.figures.html import table
 from sim2vr_harness.studies.config import ParameterConfig
-from sim2vr_harness.studies.report.sentences import Sentence
 from sim2vr_harness.studies.report.source import ReportSource, Search, in_words
 from sim2vr_harness.studies.search import parameter_column
 
@@ -233,46 +232,40 @@ def _parallel(search: Search, axes: Sequence[_Axis]) -> Panel:
     )
 
 
-def search_sentences(source: ReportSource) -> Iterator[Sentence]:
+def search_sentences(source: ReportSource) -> Iterator[str]:
     """Yield sentences about the result of a search."""
     search = source.search
     if search is None:
         return
     trials, limits = search.trials, _limits(search)
     best = trials[trials["chosen"]]
-    kept = int(trials["keeps_limits"].sum())
-    counts = f"{len(trials)} trials by {search.sampler}, {kept} keep the limits"
-    stopped = int((trials["state"] == "stopped").sum())
-    if stopped:
-        counts += f", {stopped} trainings were stopped early"
-    if not len(best):
-        yield Sentence(f"No trial keeps the limits ({limits}): nothing was found.", counts)
-        return
+    kept, stopped = int(trials["keeps_limits"].sum()), int((trials["state"] == "stopped").sum())
     wanted = {
-        name: source.measure(name) or Measure(name, name, digits=3)
-        for name in (*search.wanted.objectives, *search.wanted.constraints)
+        name: measure.label.lower() if (measure := source.measure(name)) else name
+        for name in search.wanted.objectives
     }
-    if len(search.wanted.objectives) == 1:
+    if not len(best):
+        yield f"No trial keeps the limits ({limits}): nothing was found."
+    elif len(wanted) == 1:
         ((name, way),) = search.wanted.objectives.items()
         row = best.iloc[0]
         least = "least" if way == "min" else "greatest"
         where = f" with {limits}" if limits else ""
-        yield Sentence(
-            f"Trial {row['trial']} has the {least} {wanted[name].label.lower()}{where}: "
-            f"{_settings(search, row)}.",
-            f"{_measured(row, wanted)}; {counts}",
+        value = _value(row[name], source.measure(name))
+        yield (
+            f"Trial {row['trial']} has the {least} {wanted[name]}{where}, {value}: "
+            f"{_settings(search, row)}."
         )
     else:
-        names = " and ".join(wanted[name].label.lower() for name in search.wanted.objectives)
-        yield Sentence(
-            f"{len(best)} trials are the best compromises between {names}.",
-            f"trials {', '.join(map(str, best['trial']))}; {counts}",
+        names = " and ".join(wanted.values())
+        yield f"{len(best)} trials are the best compromises between {names}."
+    counts = f"{len(trials)} trials by {search.sampler}, {kept} keep the limits"
+    yield f"{counts}{f', {stopped} trainings were stopped early' if stopped else ''}."
+    if len(best):
+        yield (
+            "The best of many trials owes something to luck: played again, with other seeds, "
+            "expect it to be a little less good."
         )
-    yield Sentence(
-        "The best of many trials owes something to luck: played again, with other seeds, expect it "
-        "to be a little less good.",
-        f"rounds of a trial: {source.planned.get('episodes', 10)}",
-    )
 
 
 def _settings(search: Search, row: Any) -> str:
@@ -291,13 +284,6 @@ def _value(value: Any, measure: Measure | None) -> str:
     if value is None or not np.isfinite(value):
         return "–"
     return in_words(float(value), measure) if measure else f"{value:.4g}"
-
-
-def _measured(row: Any, measures: Mapping[str, Measure]) -> str:
-    return ", ".join(
-        f"{measure.label.lower()} {_value(row[name], measure)}"
-        for name, measure in measures.items()
-    )
 
 
 def trial_table(source: ReportSource) -> Markup:

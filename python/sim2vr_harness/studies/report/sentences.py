@@ -1,8 +1,7 @@
-"""The summary of a report: answers to what was asked, each with its numbers."""
+"""The sentences of a report: answers to what was asked, and what limits them."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -23,48 +22,63 @@ from sim2vr_harness.studies.report.source import (
     ReportSource,
     in_words,
     known,
+    level_name,
     some_of,
     summary_of,
 )
 
 _MOST_TESTS = 6
 """Of a kind that have a sentence each; the table of tests has all."""
-MOST_SENTENCES = 5
-"""Of the summary; what follows them is listed further down."""
 _SIGNIFICANT = 0.05
-_TESTS = {
-    "paired-t": "paired t test",
-    "welch-t": "Welch's t test",
-    "wilcoxon": "Wilcoxon's signed-rank test",
-    "mann-whitney": "Mann and Whitney's test",
-    "friedman": "Friedman's test",
-    "kruskal-wallis": "Kruskal and Wallis' test",
-    "mixed": "mixed model with random slopes",
-}
 
 
-@dataclass(frozen=True)
-class Sentence:
-    """A statement, and the numbers behind it."""
+def sentences_of(source: ReportSource, published: Published) -> list[str]:
+    """Return the answer to the title, what limits it, and all other answers.
 
-    text: str
-    numbers: str
-
-
-def sentences_of(source: ReportSource, published: Published) -> list[Sentence]:
-    """Return the summary, most important first: the answer to the title, then what limits it.
-
-    The page shows the first :data:`MOST_SENTENCES`; only requested measures have some.
+    Only requested measures have some.
     """
     answers = list(_answers(source) if source.comparisons else _described(source))
-    limits = [*dropout_sentences(source), *(Sentence(text, "") for text in warnings_of(source))]
-    people = [Sentence(*words) for words in people_sentences(source, published, _asked(source))]
-    return [*answers[:1], *limits, n_sentence(source), *answers[1:], *people]
+    people = [
+        f"{text.removesuffix('.')} ({numbers})."
+        for text, numbers in people_sentences(source, published, asked(source))
+    ]
+    return [*answers[:1], *limits_of(source), *answers[1:], *people]
 
 
-def dropout_sentences(source: ReportSource) -> Iterator[Sentence]:
+def limits_of(source: ReportSource) -> list[str]:
+    """Return missing values, what users were not trained for, and what n allows to conclude."""
+    return [*dropout_sentences(source), *warnings_of(source), n_sentence(source)]
+
+
+def headline(source: ReportSource) -> str:
+    """Return the answer in a sentence: where the first requested measure is lowest and highest."""
+    measure = asked(source)[0]
+    clear: dict[str, str] = {}
+    unclear: dict[str, str] = {}
+    for result in source.comparisons:
+        factor, means = str(result["factor"]), result.get("means") or (None,)
+        if result["measure"] != measure.name or result.get("p") is None or None in means:
+            continue
+        at = {
+            level_name(factor, level): mean
+            for level, mean in zip(result["levels"], means, strict=True)
+        }
+        low, high = min(at, key=at.__getitem__), max(at, key=at.__getitem__)
+        ends = [f"{name} ({_amount(at[name], measure)})" for name in (low, high)]
+        told = clear if _p(result) < _SIGNIFICANT else unclear
+        told.setdefault(factor, f"lowest with {ends[0]} and highest with {ends[1]}")
+    if clear:
+        more = [f"; {name} makes no clear difference" for name in unclear if name not in clear]
+        return f"{measure.label} is {', and '.join(clear.values())}{''.join(more)}."
+    if unclear:
+        return f"{measure.label} shows no clear difference: {', and '.join(unclear.values())}."
+    means = [(g.label, s.mean) for g in source.groups if (s := summary_of(g, measure.name))]
+    return f"{measure.label}: {some_of([f'{_amount(m, measure)} in {n}' for n, m in means])}."
+
+
+def dropout_sentences(source: ReportSource) -> Iterator[str]:
     """Say whose requested measures are missing or rest on little, in a sentence per measure."""
-    for measure in _asked(source):
+    for measure in asked(source):
         told = [
             (group.label, note)
             for group in source.groups
@@ -72,7 +86,7 @@ def dropout_sentences(source: ReportSource) -> Iterator[Sentence]:
         ]
         if told:
             text = some_of([f"in {label} {note}" for label, note in told])
-            yield Sentence(f"{measure.label} rests on few values: {text}.", "")
+            yield f"{measure.label} rests on few values: {text}."
 
 
 def warnings_of(source: ReportSource) -> Iterator[str]:
@@ -91,7 +105,7 @@ def warnings_of(source: ReportSource) -> Iterator[str]:
         yield f"The users{where} were not trained for {_list(lines)}."
 
 
-def _asked(source: ReportSource) -> list[Measure]:
+def asked(source: ReportSource) -> list[Measure]:
     """Return the requested measures; the score if the study names none."""
     named = list(source.planned.get("measures") or ())
     for comparison in source.planned.get("comparisons", ()):
@@ -100,31 +114,28 @@ def _asked(source: ReportSource) -> list[Measure]:
     return found or [source.score]
 
 
-def n_sentence(source: ReportSource) -> Sentence:
+def n_sentence(source: ReportSource) -> str:
     """Return a sentence that states n and the conclusions that it allows."""
-    n, rounds = len(source.units), sum(len(group.episodes) for group in source.groups)
+    n = len(source.units)
     who = {"person": "simulated person", "user": "trained user"}.get(source.unit)
     what = f"levels of {source.unit}" if who is None else counted(n, who).partition(" ")[2]
     if n == 1:
-        text = (
+        return (
             f"n is 1: one {who or f'level of {source.unit}'}, whose rounds show how much it "
             "varies, not how much other users or people do, so there is no p value for differences "
             "between conditions."
         )
-    elif source.unit == "user":
-        text = (
+    if source.unit == "user":
+        return (
             f"n is {n} trained users, each in its own right: differences between them are shown, "
             "but not whether another training of the same kind would have the same."
         )
-    else:
-        text = f"n is {n} {what}; rounds of one of them count as one value, their mean."
-    groups = counted(len(source.groups), "group")
-    return Sentence(text, f"n = {n}, {counted(rounds, 'round')} in {groups}")
+    return f"n is {n} {what}; rounds of one of them count as one value, their mean."
 
 
-def _described(source: ReportSource) -> Iterator[Sentence]:
+def _described(source: ReportSource) -> Iterator[str]:
     """Describe the requested measures where nothing was compared."""
-    for measure in _asked(source):
+    for measure in asked(source):
         found = [(g, s) for g in source.groups if (s := summary_of(g, measure.name)) is not None]
         if not found:
             continue
@@ -132,19 +143,10 @@ def _described(source: ReportSource) -> Iterator[Sentence]:
         text = f"{measure.label}: {some_of(told)}"
         if len(found) > 1:
             text += "; whether the groups differ was not tested, as no comparison was requested"
-        spreads = [
-            "" if s.spread is None else f"SD {s.spread:.{measure.digits}f}, " for _, s in found
-        ]
-        yield Sentence(
-            f"{text}.",
-            some_of([
-                f"{group.label}: {spread}{counted(s.n, 'unit')}, {counted(s.rounds, 'round')}"
-                for (group, s), spread in zip(found, spreads, strict=True)
-            ]),
-        )  # fmt: skip
+        yield f"{text}."
 
 
-def _answers(source: ReportSource) -> Iterator[Sentence]:
+def _answers(source: ReportSource) -> Iterator[str]:
     """Answer the comparisons: the first requested one, then differences, then the others."""
     results = sorted(source.comparisons, key=lambda r: not source.leads(str(r["measure"])))
     questions = [one for result in results for one in _questions(result)]
@@ -155,7 +157,7 @@ def _answers(source: ReportSource) -> Iterator[Sentence]:
     for part, words in ((different, "show a difference"), (alike, "are inconclusive")):
         if len(part) > _MOST_TESTS:
             more = counted(len(part) - _MOST_TESTS, "more comparison")
-            yield Sentence(f"{more} {words}: see the table of tests.", "")
+            yield f"{more} {words}: see the table of tests."
     refused: dict[str, list[str]] = {}
     for result in results:
         if result.get("refused"):
@@ -163,8 +165,7 @@ def _answers(source: ReportSource) -> Iterator[Sentence]:
             question = f"{label} in {_list(result['levels'])}{place_of(result)}"
             refused.setdefault(str(result["refused"]), []).append(question)
     for reason, unanswered in refused.items():
-        text = f"Whether there is a difference was not tested: {reason}."
-        yield Sentence(text, some_of(unanswered))
+        yield f"Whether there is a difference was not tested: {reason} ({some_of(unanswered)})."
 
 
 def _questions(result: Mapping[str, Any]) -> list[Mapping[str, Any]]:
@@ -187,7 +188,7 @@ def _label(result: Mapping[str, Any], measure: Measure | None) -> str:
     return measure.label if measure else str(result["measure"])
 
 
-def _answer(result: Mapping[str, Any], measure: Measure | None) -> Sentence:
+def _answer(result: Mapping[str, Any], measure: Measure | None) -> str:
     """Answer a question as one would say it: the finding, both values, the interval and n."""
     difference = result.get("difference") or {}
     label, levels = _label(result, measure), list(map(str, result["levels"]))
@@ -220,8 +221,7 @@ def _answer(result: Mapping[str, Any], measure: Measure | None) -> Sentence:
             text = f"Inconclusive: {_lower(label)} in {_list(levels)}{place}, {values}"
     if any(end is not None for end in ends):
         text += f", 95 % interval {_ends(ends, measure)}"
-    text = f"{text}, {counted_units(result)}."
-    return Sentence(text, test_numbers(result, measure))
+    return f"{text}, {counted_units(result)}."
 
 
 def _means(result: Mapping[str, Any]) -> tuple[float | None, float | None]:
@@ -269,37 +269,12 @@ def place_of(result: Mapping[str, Any]) -> str:
     return f" ({by})" if by else ""
 
 
-def test_numbers(result: Mapping[str, Any], measure: Measure | None) -> str:
-    """The numbers of a test, and what to know of them, in a line."""
-    parts = [_TESTS.get(str(result["test"]), str(result["test"]))]
-    difference = difference_words(result, measure, "()")
-    parts += [f"difference {difference}"] if difference else []
-    if result.get("z") is not None:
-        parts.append(f"Z = {result['z']:.3f}")
-    elif result.get("df") is not None:
-        letter = "t" if str(result["test"]).endswith("-t") else "chi square"
-        parts.append(f"{letter}({result['df']:.3g}) = {result['statistic']:.3f}")
-    tests = result.get("family", 1)
-    if result.get("p") is not None:
-        p = f"p {_equal(p_words(_p(result)))}"
-        parts.append(p if tests == 1 else f"{p} after Holm's correction for {tests} tests")
-        parts += [f"uncorrected p {_equal(p_words(result['p']))}"] if tests > 1 else []
-    if result.get("effect") is not None:
-        parts.append(f"{result.get('effect_name', 'effect')} {result['effect']:.2f}")
-    detectable = (result.get("difference") or {}).get("detectable")
-    if detectable is not None:
-        parts.append(f"a difference of {number(detectable, measure)} is found with power .8")
-    return "; ".join([", ".join(parts), *([str(result["note"])] if result.get("note") else [])])
-
-
 def number(value: float, measure: Measure | None) -> str:
     """A number of a measure, with as many digits as the measure has."""
     return f"{value:.3g}" if measure is None else f"{value:,.{measure.digits}f}"
 
 
-def difference_words(
-    result: Mapping[str, Any], measure: Measure | None, brackets: Literal["[]", "()"]
-) -> str:
+def difference_words(result: Mapping[str, Any], measure: Measure | None) -> str:
     """The difference of a comparison with its interval; empty without one."""
     difference = result.get("difference")
     if not difference:
@@ -310,11 +285,11 @@ def difference_words(
         for end in ("low", "high")
     )
     if low is None and high is None:
-        return f"{text} [no interval]" if brackets == "[]" else f"{text}, without a 95 % interval"
+        return f"{text} [no interval]"
     inside = f"{low} to {high}"
     if low is None or high is None:
         inside = f"at most {high}" if low is None else f"at least {low}"
-    return f"{text} [{inside}]" if brackets == "[]" else f"{text}, 95 % interval {inside}"
+    return f"{text} [{inside}]"
 
 
 def counted_units(result: Mapping[str, Any]) -> str:

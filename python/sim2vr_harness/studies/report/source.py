@@ -276,7 +276,9 @@ def _of_study(root: Path) -> ReportSource:
     factors = [c for c in study.cells if c.startswith("factor_") and c != unit_column]
     shown = [name for name in factors if study.cells[name].nunique() > 1] or factors
     cells = study.cells
-    labels = [", ".join(_level(name, row[name]) for name in shown) for _, row in cells.iterrows()]
+    labels = [
+        ", ".join(level_name(name, row[name]) for name in shown) for _, row in cells.iterrows()
+    ]
     about = study.about.get("search")
     if about is None:
         search = None
@@ -316,7 +318,7 @@ def _of_study(root: Path) -> ReportSource:
     )
 
 
-def _level(column: str, label: Any) -> str:
+def level_name(column: str, label: Any) -> str:
     """A level's label; where it is a number alone, with its factor: ``weight 0.01``."""
     try:
         float(label)

@@ -228,10 +228,9 @@ def _distributions(groups: Sequence[Group], published: Published) -> Iterator[Fi
         text = (
             "Cumulative proportions: the curve that rises earlier belongs to faster times, or "
             "slower speeds; where it crosses 0.5 is the median (dot)."
-            " Diamonds: people's medians, one each."
-            if any(published.people_in(group.condition, "latency_s") for group in groups)
-            else ""
         )
+        if any(published.people_in(group.condition, "latency_s") for group in groups):
+            text += " Diamonds: people's medians, one each."
         yield Figure("times", "Times and speeds", text, panels)
 
 

@@ -33,12 +33,12 @@ def measure_table(source: ReportSource, published: Published) -> Markup:
             people = published.people_in(group.condition, measure.name)
             if people:
                 told = _pieces(*_people(people, measure), between="<br>")
-                text += Markup('<br><span class="people">people {}</span>').format(told)
+                text += Markup('<br><span class="small">people {}</span>').format(told)
             cells.append(text)
         heading = measure.heading
         if measure.better != "none":
             arrow = "↑" if measure.better == "higher" else "↓"
-            heading = Markup('{} <span class="people">{}</span>').format(heading, arrow)
+            heading = Markup('{} <span class="small">{}</span>').format(heading, arrow)
         rows.append([heading, *cells])
     counts = [
         f"{len(set(group.units))} × {len(group.episodes) // max(1, len(set(group.units)))}"
@@ -46,6 +46,15 @@ def measure_table(source: ReportSource, published: Published) -> Markup:
     ]
     rows.insert(0, ["Players × rounds", *counts])
     return table(["", *(group.label for group in source.groups)], rows)
+
+
+def group_table(source: ReportSource, measures: Sequence[Measure]) -> Markup:
+    """A row per group and a column per measure."""
+    rows = [
+        [g.label, *(_pieces(with_spread(summary_of(g, m.name), m)) for m in measures)]
+        for g in source.groups
+    ]
+    return table(["", *(measure.heading for measure in measures)], rows)
 
 
 def _pieces(*texts: str, between: str = " ") -> Markup:
@@ -146,7 +155,7 @@ def test_table(source: ReportSource) -> Markup | None:
             f"{measure.label if measure else result['measure']}{place_of(result)}",
             sign.join(map(str, result.get("levels") or ())),
             means,
-            difference_words(result, measure, "[]"),
+            difference_words(result, measure),
             counted,
             str(result["test"]),
             *_outcome(result),
@@ -164,23 +173,14 @@ def _outcome(result: Mapping[str, Any]) -> list[str]:
     if result.get("refused"):
         reason = Markup('<span class="refused">no p value: {}</span>').format(result["refused"])
         return [reason, "", "", ""]
-    z, adjusted = result.get("z"), result.get("p_holm")
+    z, adjusted, value, effect = map(result.get, ("z", "p_holm", "statistic", "effect"))
+    statistic = "" if value is None else f"{value:.4g}"
     return [
-        _statistic(result) if z is None else f"Z = {z:.3f}",
+        statistic if z is None else f"Z = {z:.3f}",
         p_words(result["p"]) if result.get("p") is not None else "",
         "" if adjusted is None else f"{p_words(adjusted)} ({result.get('family', 1)})",
-        _effect(result),
+        "" if effect is None else f"{effect:.2f} ({result.get('effect_name', '')})",
     ]
-
-
-def _statistic(result: Mapping[str, Any]) -> str:
-    value = result.get("statistic")
-    return "" if value is None else f"{value:.4g}"
-
-
-def _effect(result: Mapping[str, Any]) -> str:
-    value, name = result.get("effect"), result.get("effect_name", "")
-    return "" if value is None else f"{value:.2f} ({name})"
 
 
 def user_table(users: Sequence[PlayedBy]) -> Markup:

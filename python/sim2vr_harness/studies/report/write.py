@@ -5,7 +5,7 @@ import csv
 import subprocess
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from sim2vr_harness.base.errors import InputError, counted
-from sim2vr_harness.base.files import naming, write_atomically
-from sim2vr_harness.base.optional import needed
+from sim2vr_harness.base.files import naming
 from sim2vr_harness.client import Measure
 from sim2vr_harness.figures.figure import (
     GREY,
@@ -29,9 +28,8 @@ from sim2vr_harness.figures.figure import (
     Ranges,
     colour_of,
 )
-from sim2vr_harness.figures.html import render
+from sim2vr_harness.figures.html import Part, listed, render, save_page
 from sim2vr_harness.figures.matplotlib_backend import write_stills
-from sim2vr_harness.figures.plotly_backend import plotly_of
 from sim2vr_harness.games.published import Published, published_of
 from sim2vr_harness.studies.report.body import (
     BodyPicture,
@@ -44,9 +42,10 @@ from sim2vr_harness.studies.report.body import (
 from sim2vr_harness.studies.report.methods import BIBTEX, PlayedBy, methods_of, played_by
 from sim2vr_harness.studies.report.search import figures_of_search, search_sentences, trial_table
 from sim2vr_harness.studies.report.sentences import (
-    MOST_SENTENCES,
-    Sentence,
+    asked,
     difference_words,
+    headline,
+    limits_of,
     n_sentence,
     p_words,
     place_of,
@@ -64,6 +63,7 @@ from sim2vr_harness.studies.report.strategy import figures_of_strategy
 from sim2vr_harness.studies.report.tables import (
     beside_tables,
     glossary,
+    group_table,
     measure_table,
     published_tests,
     test_table,
@@ -75,10 +75,8 @@ _SECONDS = 10.0
 _POSTER_S = 3.0
 """Time after which the arms have risen from their hanging start posture, s."""
 _QUALITY = 30  # of H.264: larger is smaller
-_STRIP, _STRIP_WIDTH = 5, 640
 _MOST_BYTES = 3_000_000
-"""Of all excerpts together; those beyond become strips."""
-_MOST_STRIPS = 6
+"""Of all excerpts together."""
 
 
 @dataclass(frozen=True)
@@ -88,43 +86,30 @@ class Example:
     Attributes:
         label: Of the group.
         name: Of the whole film's file, relative to the report's folder.
-        video: An excerpt as MP4, Base64; None: too large, or it cannot be cut.
-        poster: What is shown before it plays, JPEG, Base64.
-        strip: Pictures from it, JPEG, Base64, from first to last.
+        video: An excerpt as MP4, Base64.
+        poster: What is shown before it plays, and on paper, JPEG, Base64.
     """
 
     label: str
     name: str
-    video: str | None
+    video: str
     poster: str
-    strip: Sequence[str]
 
 
 def examples_of(groups: Sequence[Group], root: Path) -> list[Example]:
-    """Return what was filmed (``--record``), a film per group."""
+    """Return what was filmed (``--record``), a film per group, as far as they are small."""
     found: list[Example] = []
     left = _MOST_BYTES
     for group in groups:
         film = _film_of(group)
-        if film is None:
+        video = None if film is None else _excerpt(film)
+        if film is None or video is None or len(video) > left:
             continue
-        video = _excerpt(film) if left > 0 else None
-        if video is not None and len(video) > left:
-            video = None
-        if video is None and len(found) >= _MOST_STRIPS:
-            continue
-        left -= len(video or b"")
+        left -= len(video)
         name = film.relative_to(root) if film.is_relative_to(root) else Path(film.name)
-        found.append(
-            Example(
-                group.label,
-                str(name),
-                None if video is None else base64.b64encode(video).decode(),
-                "" if video is None else _poster(film),
-                [] if video is not None else _strip(film),
-            )
-        )
-    return [example for example in found if example.video or example.strip]
+        text = base64.b64encode(video).decode()
+        found.append(Example(group.label, str(name), text, _poster(film)))
+    return found
 
 
 def _film_of(group: Group) -> Path | None:
@@ -150,20 +135,6 @@ def _poster(film: Path) -> str:
     return base64.b64encode(made[0]).decode() if made else ""
 
 
-def _strip(film: Path) -> list[str]:
-    """Pictures from first to last."""
-    import imageio_ffmpeg
-
-    try:
-        frames, _ = imageio_ffmpeg.count_frames_and_secs(str(film))
-    except RuntimeError:
-        return []
-    every = max(1, int(frames) // _STRIP)
-    choose = f"select=not(mod(n\\,{every})),scale={_STRIP_WIDTH}:-2"
-    how = ["-vf", choose, "-vsync", "0", "-frames:v", str(_STRIP), "-q:v", "5"]
-    return [base64.b64encode(picture).decode() for picture in _ffmpeg(film, how, "%03d.jpg")]
-
-
 def _ffmpeg(film: Path, how: Sequence[str], name: str) -> list[bytes]:
     """Files that ffmpeg makes of a film, in the order of their names; none where it fails."""
     import imageio_ffmpeg
@@ -181,6 +152,9 @@ _MOST_POINTS = 400
 """Of items in a panel; more would only cover each other."""
 _MOST_COUNTS = 6
 """Most counts that are listed one by one."""
+_GREY = " Grey: the range of the recorded people, and their mean (diamond)."
+_MOST_MEASURES = 4
+"""In the table of the first screen."""
 _SPREAD = 0.5
 """Of a group's rounds, in the distance of two groups."""
 
@@ -193,9 +167,7 @@ def figures_of_outcomes(source: ReportSource, published: Published) -> Iterator[
         if any(any(known(group.values(measure.name))) for group in source.groups)
     ]
     if panels:
-        people = " Grey: the range of the people, and their mean (diamond)." if _people(
-            source, published
-        ) else ""  # fmt: skip
+        people = _GREY if _people(source, published) else ""
         yield Figure(
             "measures",
             "Measures",
@@ -421,29 +393,17 @@ def write_tables(source: ReportSource, folder: Path) -> Iterator[Path]:
                     [measure.name, measure.unit, group.label, *map(_text, measures_numbers)]
                 )
     measures_rows = [["", *(group.label for group in source.groups)]]
-    for measures_measure in source.measures:
+    for measure in source.measures:
         cells = [
-            with_spread(
-                summary_of(group, measures_measure.name), measures_measure, len(set(group.units))
-            )
+            with_spread(summary_of(group, measure.name), measure, len(set(group.units)))
             for group in source.groups
         ]
-        measures_rows.append([measures_measure.heading, *cells])
+        measures_rows.append([measure.heading, *cells])
     tables = {"table_measures": (rows, measures_rows)}
     if source.comparisons:
         tests_numbers = ("statistic", "p", "p_holm", "effect")
-        tests_rows = [
-            [
-                "measure",
-                "compared",
-                "within",
-                "n",
-                "test",
-                *_DIFFERENCE,
-                *tests_numbers,
-                "effect_name",
-            ]
-        ]
+        names = ["measure", "compared", "within", "n", "test", *_DIFFERENCE, *tests_numbers]
+        tests_rows = [[*names, "effect_name"]]
         for one in source.comparisons:
             difference = dict(one.get("difference") or {})
             difference.setdefault("estimate", difference.get("mean"))
@@ -486,7 +446,7 @@ def _shown_tests(source: ReportSource) -> Rows:
         rows.append([
             f"{measure.label if measure else one['measure']}{place_of(one)}",
             " – ".join(map(str, one.get("levels") or ())),
-            difference_words(one, measure, "[]"),
+            difference_words(one, measure),
             _count(one["n"]),
             str(one["test"]),
             "–" if p is None else p_words(p),
@@ -574,7 +534,7 @@ class Content:
 
     source: ReportSource
     published: Published
-    sentences: Sequence[Sentence]
+    sentences: Sequence[str]
     figures: Sequence[Figure]
     bodies: Sequence[BodyPicture]
     examples: Sequence[Example]
@@ -582,34 +542,87 @@ class Content:
     methods: str
 
 
-def page_of(content: Content) -> str:
-    """Return the page: figures of a search come first, then the measures."""
+def write_page(content: Content, file: Path, *, printed: bool = False) -> list[Path]:
+    """Write the page, and as PDF, too, if it is to be printed.
+
+    Figures of a search come first, then the measures; the tables of statistics are last.
+    """
     source, published = content.source, content.published
-    rounds = counted(sum(len(group.episodes) for group in source.groups), "round")
-    about = f"{source.facts.description}. " if source.facts.description else ""
+    limits = limits_of(source)
+    answers = [text for text in content.sentences if text not in limits]
+    below = {
+        "search_parallel": trial_table(source),
+        "measures": measure_table(source, published),
+    }
     figures = sorted(
         content.figures,
         key=lambda figure: (not figure.key.startswith("search"), figure.key != "measures"),
     )
-    return render(
-        "studies/report/page.html.jinja",
-        **vars(content) | {"figures": figures, "users": user_table(content.users)},
-        title=source.title,
-        lead=f"{about}{rounds} of {source.facts.name} by {', '.join(source.users)}.",
-        most=MOST_SENTENCES,
-        tables={
-            "search_parallel": trial_table(source),
-            "measures": measure_table(source, published),
-        },
-        beside=list(beside_tables(source, published)),
-        tests_of_others=published_tests(published),
-        n=n_sentence(source),
-        tests=test_table(source),
-        measures=glossary(source),
-        bibtex=BIBTEX,
-        drawn=[plotly_of(panel) for figure in figures for panel in figure.panels],
-        plotly=Markup(needed("plotly.offline", "studies", "report").get_plotlyjs()),
-    )
+    sections: list[tuple[str, list[Part]]] = [("What limits this answer", [listed(limits)])]
+    for figure in figures:
+        parts: list[Part] = [figure, below[figure.key]] if figure.key in below else [figure]
+        if figure.key == "body" and content.bodies:
+            left_out = len(source.groups) - len(content.bodies)
+            parts.insert(0, _media(bodies=content.bodies, left_out=left_out))
+        sections.append((figure.title, parts))
+    if content.examples:
+        sections.append(("Examples", [_media(examples=content.examples)]))
+    beside: list[Part] = []
+    if people := published.people:
+        beside.append(f"{people.title}: {people.citation}.")
+    for measure, rows in beside_tables(source, published):
+        beside += [_heading(measure), rows]
+    if tests := published_tests(published):
+        beside += [_heading("Published tests"), tests]
+    if published.differences:
+        beside += [_heading("Why they differ"), listed(published.differences)]
+    if len(beside) > 1:
+        sections.append(("Beside people and publications", beside))
+    untested = "No comparison was requested: a study's file has them (sim2vr-harness study)."
+    sections += [
+        ("All answers", [listed(answers)]),
+        ("n and tests", [n_sentence(source), test_table(source) or untested]),
+        ("Methods", [
+            Markup('<p class="methods">{}</p>').format(content.methods),
+            user_table(content.users), _heading("Measures"), glossary(source),
+            _heading("BibTeX"), Markup("<pre>{}</pre>").format(BIBTEX),
+        ]),
+    ]  # fmt: skip
+    shown = asked(source)
+    if len(shown) == 1:
+        shown = [*shown, *(one for one in source.measures if one not in shown)]
+    table = group_table(source, shown[:_MOST_MEASURES]) + _about(source)
+    first: list[Part] = [_picture(source, published), table]
+    answer = headline(source) if source.search is None else content.sentences[0]
+    return save_page(file, source.title, answer, first, sections, printed=printed)
+
+
+def _media(**values: Any) -> Markup:
+    values = {"bodies": (), "left_out": 0, "examples": ()} | values
+    return render("studies/report/media.html.jinja", **values)
+
+
+def _heading(text: str) -> Markup:
+    return Markup("<h3>{}</h3>").format(text)
+
+
+def _picture(source: ReportSource, published: Published) -> Figure:
+    """Return the figure of the first screen: the measure that the report answers for."""
+    measure = asked(source)[0]
+    panel = _measure_panel(source.groups, measure, published)
+    better = {"lower": " Less is better.", "higher": " More is better."}.get(measure.better, "")
+    lines = any(isinstance(layer, Line) for layer in panel.layers)
+    caption = f"{measure.label}: small dots are rounds, large ones their means.{better}"
+    caption += " A line joins the rounds of one person or user." if lines else ""
+    caption += _GREY if _people(source, published) else ""
+    return Figure("answer", measure.label, caption, [replace(panel, title="", wide=True)])
+
+
+def _about(source: ReportSource) -> Markup:
+    rounds = counted(sum(len(group.episodes) for group in source.groups), "round")
+    text = f"{rounds} of {source.facts.name} by {', '.join(source.users)}; mean ± SD."
+    about = f" {source.facts.description}." if source.facts.description else ""
+    return Markup('<p class="small">{}{}</p>').format(text, about)
 
 
 PAGE = "report.html"
@@ -622,11 +635,13 @@ class StudyReport:
 
     Attributes:
         page: The HTML file.
+        pdf: The same on paper; None without a browser.
         figures: PNG and PDF files, and tables as CSV and LaTeX, in the folder ``figures`` beside
             ``report.html``, ``NAME_figures`` beside a page of another name.
     """
 
     page: Path
+    pdf: Path | None
     figures: tuple[Path, ...]
 
 
@@ -638,7 +653,7 @@ def write_report(
     Args:
         folder: Of the evaluation or the study.
         out: The HTML file; None: ``report.html`` in the folder.
-        stills: Whether to write figures as PNG and PDF, too.
+        stills: Whether to write the page as PDF and figures as PNG and PDF, too.
 
     Raises:
         InputError: There are no tables, or ``out`` is no HTML file.
@@ -671,9 +686,9 @@ def write_report(
         users,
         methods_of(source, users),
     )
-    write_atomically(page, page_of(content).encode())
+    _, *pdf = write_page(content, page, printed=stills)
     # Two reports in a folder do not share their figures.
     name = "figures" if page.name == PAGE else f"{page.stem}_figures"
     beside = page.with_name(name)
     drawn = [*write_stills(figures, beside), *write_tables(source, beside)] if stills else []
-    return StudyReport(page, tuple(drawn))
+    return StudyReport(page, next(iter(pdf), None), tuple(drawn))

@@ -84,7 +84,7 @@ def _muscles(tracked: Tracked) -> Panel:
         Bars("mean", names, [load.mean for load in loads], colour_of(1)),
         Bars("95 % of the time below", names, [load.most for load in loads], colour_of(4)),
     ]
-    return Panel("Most loaded muscles", bars, "activation", sideways=True, legend=True)
+    return Panel("Most loaded muscles", bars, "", "activation", legend=True)
 
 
 FloatArray = NDArray[np.float64]

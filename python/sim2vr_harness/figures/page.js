@@ -4,12 +4,15 @@ const state = (window.reportState = { expected: 0, drawn: 0, errors: [] });
 window.addEventListener("error", (event) => state.errors.push(String(event.message)));
 window.addEventListener("unhandledrejection", (event) => state.errors.push(String(event.reason)));
 
-const panels = JSON.parse(document.getElementById("panels").textContent);
-state.expected = panels.length;
-/** Two buttons: keep the picture, see everything again. */
-function configOf(panel) {
-  const reset = panel.layout.scene ? "resetCameraDefault3d" : "resetScale2d";
-  return { responsive: true, displaylogo: false, modeBarButtons: [["toImage", reset]] };
+/** The page's colours, for a figure; a finger scrolls the page, it does not zoom. */
+function template() {
+  const css = getComputedStyle(document.documentElement);
+  const [ink, faint, line] = ["--ink", "--faint", "--line"].map((name) => css.getPropertyValue(name).trim());
+  const axis = { gridcolor: line, zerolinecolor: line, linecolor: line, title: { font: { color: faint } } };
+  const dragmode = matchMedia("(pointer: coarse)").matches ? false : "zoom";
+  const none = "rgba(0,0,0,0)";
+  return { layout: { font: { color: ink }, paper_bgcolor: none, plot_bgcolor: none, dragmode, xaxis: axis, yaxis: axis,
+    scene: { dragmode: "turntable", xaxis: axis, yaxis: axis, zaxis: axis } } };
 }
 
 /** The key that a trace belongs to: its own name, or else the longest before a comma. */
@@ -38,12 +41,15 @@ function addKeys(panel, plot) {
   }
 }
 
-const plots = document.querySelectorAll(".plot");
-panels.forEach((panel, i) => {
-  const plot = plots[i];
+// On paper there are stills instead.
+const plots = matchMedia("print").matches ? [] : [...document.querySelectorAll(".plot")];
+state.expected = plots.length;
+for (const plot of plots) {
+  const panel = JSON.parse(plot.firstElementChild.textContent);
   addKeys(panel, plot);
-  Plotly.newPlot(plot, panel.data, panel.layout, configOf(panel)).then(
+  Plotly.newPlot(plot, panel.data, { ...panel.layout, template: template() }, { responsive: true, displayModeBar: false }).then(
     () => { state.drawn += 1; plot.dataset.drawn = "yes"; },
     (error) => state.errors.push(String(error)),
   );
-});
+}
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => plots.forEach((plot) => Plotly.relayout(plot, { template: template() })));
